@@ -49,7 +49,7 @@ def whole_feet_bear(plant):
     for index in range(plant.data.ncon):
         mujoco.mj_contactForce(plant.model, plant.data, index, force)
         borne |= dict.fromkeys((int(geom) for geom in plant.data.contact[index].geom), force[0])
-    feet = [geom for geoms in plant.touch.geoms.values() for geom in geoms]
+    feet = [geom for geoms in plant.contact_forces.geoms.values() for geom in geoms]
     balls = [geom for geom in feet if plant.model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE]
     return all(borne.get(geom, 0.0) > LOAD for geom in balls)
 
@@ -125,7 +125,7 @@ def test_a_squat_beyond_what_the_knees_can_do_keeps_them_within_their_limits_wit
     model, controller = robot.model, robot.controller
     plant = Plant(model, robot.settings)
     plant.hold(False, ramp=0.0)
-    plant._model.jnt_limited[:] = 0  # so that nothing but the torques stops a joint
+    plant.model.jnt_limited[:] = 0  # so that nothing but the torques stops a joint
     board = make_board(robot.settings, controller)
     controller.dynamics.update(*plant.state())
     board.reset(controller.dynamics, 0.0)

@@ -108,11 +108,6 @@ def test_no_configuration_is_shipped_that_is_not_tested():
     assert set(shipped_configurations()) == {"g1", "talos", "go2"}
 
 
-def test_a_name_that_is_not_shipped_suggests_one():
-    with pytest.raises(ConfigurationError, match=r"'tallos'; did you mean 'talos'\? Valid: g1, go2, talos"):
-        find_configuration("tallos")
-
-
 def test_defaults():
     settings = parse_settings(MINIMAL, "x")
     assert settings.robot.base == "floating"
@@ -152,6 +147,9 @@ def _with(key, value):
         place = place.setdefault(section, {})
     place[last] = value
     return content
+
+
+CURVE = "limits.torque_speed.actuators.a"
 
 
 @pytest.mark.parametrize(
@@ -205,41 +203,17 @@ def test_ranges(key, low, high):
         ("tasks.com.maks", [], "tasks.com.maks: unknown key; did you mean 'mask'?"),
         ("tasks.com.mask", [True], "tasks.com.mask = [True]: list should have at least 3 items"),
         ("contacts.foot.vertices", [[0, 0], [0.1, 0], [0, 0.1]], "contacts.foot.half_length = 0.1: a surface takes"),
-        (
-            "contacts.foot.half_width",
-            None,
-            "contacts.foot.half_width = None: a surface takes half_length and half_width, or",
-        ),
-        (
-            "contacts.foot.vertices",
-            [[0.0, 2.0]],
-            "contacts.foot.vertices.0.1 = 2.0: input should be less than or equal",
-        ),
-        (
-            "contacts.toe.normal",
-            [0, 0, 0],
-            "contacts.toe.normal = [0, 0, 0]: must have a length (Outward normal of the touched surface",
-        ),
+        ("contacts.foot.half_width", None, "contacts.foot.half_width = None: a surface takes half_length and half_wid"),
+        ("contacts.foot.vertices", [[0.0, 2.0]], "contacts.foot.vertices.0.1 = 2.0: input should be less than or equa"),
+        ("contacts.toe.normal", [0, 0, 0], "contacts.toe.normal = [0, 0, 0]: must have a length (Outward normal of th"),
         ("contacts.toe.normal", [0, 0], "contacts.toe.normal = [0, 0]: list should have at least 3 items"),
-        (
-            "contacts.grip.mask",
-            [False] * 6,
-            "contacts.grip.mask = [False, False, False, False, False, False]: it holds",
-        ),
+        ("contacts.grip.mask", [False] * 6, "contacts.grip.mask = [False, False, False, False, False, False]: it hold"),
         ("contacts.grip.max_moment", None, "contacts.grip.max_moment = None: it is required, as the mask holds a rot"),
         ("contacts.wheel.axis", [0, 0, 0], "contacts.wheel.axis = [0, 0, 0]: must have a length (Direction"),
         ("loops.bar.stifness", 1.0, "loops.bar.stifness: unknown key; did you mean 'stiffness'?"),
         ("loops.bar.stiffness", -1.0, "loops.bar.stiffness = -1.0: input should be greater than or equal to 0 ("),
-        (
-            "loops.bar.mask",
-            [False] * 6,
-            "loops.bar.mask = [False, False, False, False, False, False]: it holds no axis",
-        ),
-        (
-            "loops.foot",
-            {"frame_a": "f", "frame_b": "g"},
-            "loops: 'foot' is the name of a contact too; take another one",
-        ),
+        ("loops.bar.mask", [False] * 6, "loops.bar.mask = [False, False, False, False, False, False]: it holds no axi"),
+        ("loops.foot", {"frame_a": "f", "frame_b": "g"}, "loops: 'foot' is the name of a contact too; take another on"),
         ("mock.floor_normal", [0, 0, 0], "mock.floor_normal = [0, 0, 0]: must have a length (Normal of the floor"),
         ("contacts.foot.type", "sufrace", "contacts.foot.type: unknown type 'sufrace'; did you mean 'surface'?"),
         ("contacts.foot.type", None, "contacts.foot.type: this key is missing; Valid: fixed, point, rolling, surface"),
@@ -247,26 +221,22 @@ def test_ranges(key, low, high):
         (
             "tasks.com.stiffness",
             [1.0, 2.0],
-            "tasks.com.stiffness = [1.0, 2.0]: has 2 values; it takes one number, or a list with one for each of the "
-            "task's 3 axes",
+            "tasks.com.stiffness = [1.0, 2.0]: has 2 values; it takes one number, or a list",
         ),
         ("tasks.spin.stiffness", 1.0, "tasks.spin.stiffness: unknown key; Valid: damping, enabled, level, mask"),
-        (
-            "tasks.spin.damping",
-            [1.0],
-            "tasks.spin.damping = [1.0]: has 1 values; it takes one number, or a list with one",
-        ),
-        (
-            "tasks.steady.gain",
-            [1.0] * 3,
-            "tasks.steady.gain = [1.0, 1.0, 1.0]: has 3 values; it takes one number, or a",
-        ),
+        ("tasks.spin.damping", [1.0], "tasks.spin.damping = [1.0]: has 1 values; it takes one number, or a list with"),
+        ("tasks.steady.gain", [1.0] * 3, "tasks.steady.gain = [1.0, 1.0, 1.0]: has 3 values; it takes one number, or"),
         ("tasks.steady.mask", [True] * 3, "tasks.steady.mask = [True, True, True]: list should have at most 2 items"),
         ("tasks.hand.damping", [], "tasks.hand.damping = []: has 0 values; it takes one number, or a list with one"),
         ("tasks.hand.damping", [1.0] * 5 + [-1.0], "tasks.hand.damping.5 = -1.0: input should be greater than or"),
         ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
         ("robot.posture", [float("nan")], "robot.posture.0 = nan: must be finite (Nominal position of each joint"),
         ("robot.joints", [], "robot.joints = []: list should have at least 1 item"),
+        ("limits.torque_speed.cornr", 0.5, "limits.torque_speed.cornr: unknown key; did you mean 'corner'? Valid: ac"),
+        ("limits.torque_speed.corner", 1.2, "limits.torque_speed.no_load = 1.0: must be above corner = 1.2"),
+        (CURVE, {"corner": 3.0, "no_load": 2.0}, f"{CURVE}.no_load = 2.0: must be above corner = 3.0"),
+        (f"{CURVE}.corner", 3.0, f"{CURVE}.no_load: this key is missing (Speed at which no torque is"),
+        (CURVE, {"corner": 3.0, "no_load": 5.0, "x": 1}, f"{CURVE}.x: unknown key; Valid: corner, no_load"),
     ],
 )
 def test_each_error_names_the_whole_key_the_value_and_what_is_valid(key, value, said):
@@ -305,6 +275,7 @@ def test_every_error_of_a_file_is_said_at_once():
         ("- 1", "holds list, not a mapping"),
         ("wbc: {}", "has no key 'wbc_controller' (found: 'wbc')"),
         ("wbc_controller: {robot: {}}", "no mapping 'ros__parameters'"),
+        (b"\xff\xfe\x00", "cannot be read"),
         ("a: \x00", "not valid YAML"),
         ("[1, 2]: 3", "not valid YAML"),
         ("a: 2001-99-99", "not valid YAML: month must be in 1..12"),
@@ -317,18 +288,11 @@ def test_every_error_of_a_file_is_said_at_once():
 )
 def test_a_file_of_another_form_is_refused_in_words(tmp_path, text, said):
     path = tmp_path / "file.yaml"
-    path.write_text(text, encoding="utf-8")
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(ConfigurationError) as error:
         load_settings(path)
     assert str(error.value).startswith(str(path))
     assert said in str(error.value)
-
-
-def test_a_file_that_is_no_text_is_refused_in_words(tmp_path):
-    path = tmp_path / "file.yaml"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigurationError, match="cannot be read"):
-        load_settings(path)
 
 
 @pytest.mark.parametrize("node", ["wbc_controller", "/**"])
@@ -357,31 +321,6 @@ def test_every_setting_says_what_it_is():
         for name, field in section.model_fields.items():
             if name not in Settings.model_fields:
                 assert field.description, name
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"cornr": 0.5}, "limits.torque_speed.cornr: unknown key; did you mean 'corner'? Valid: actuators, corner"),
-        ({"corner": 1.2}, "limits.torque_speed.no_load = 1.0: must be above corner = 1.2"),
-        (
-            {"actuators": {"a": {"corner": 3.0, "no_load": 2.0}}},
-            "actuators.a.no_load = 2.0: must be above corner = 3.0",
-        ),
-        (
-            {"actuators": {"a": {"corner": 3.0}}},
-            "actuators.a.no_load: this key is missing (Speed at which no torque is",
-        ),
-        (
-            {"actuators": {"a": {"corner": 3.0, "no_load": 5.0, "x": 1}}},
-            "actuators.a.x: unknown key; Valid: corner, no_load",
-        ),
-    ],
-)
-def test_a_mistake_inside_of_a_nested_section_is_said_as_everywhere(given, said):
-    with pytest.raises(ConfigurationError) as error:
-        parse_settings(MINIMAL | {"limits": {"torque_speed": given}}, "file")
-    assert said in str(error.value)
 
 
 BOMB = "a0: &a0 {b: 1}\n" + "".join(f"a{i}: &a{i} {{x: *a{i - 1}, y: *a{i - 1}}}\n" for i in range(1, 30))
@@ -454,9 +393,15 @@ def test_a_path_that_no_file_can_have_is_refused_in_words(urdf, said, monkeypatc
     assert len(str(error.value)) < 1200
 
 
-@pytest.mark.parametrize("name", ["x" * 5000, "x" * 5000 + ".yaml", "a/" + "x" * 5000])
-def test_a_configuration_name_that_no_file_can_have_is_refused_in_words(name):
-    with pytest.raises(ConfigurationError, match=r"\(5\d\d\d characters\)"):
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("tallos", r"'tallos'; did you mean 'talos'\? Valid: g1, go2, talos"),
+        *((name, r"\(5\d\d\d characters\)") for name in ("x" * 5000, "x" * 5000 + ".yaml", "a/" + "x" * 5000)),
+    ],
+)
+def test_a_configuration_name_without_a_file_is_refused_in_words(name, said):
+    with pytest.raises(ConfigurationError, match=said):
         find_configuration(name)
 
 

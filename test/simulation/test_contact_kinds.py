@@ -3,6 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from stepping import simulate
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
@@ -14,7 +15,7 @@ from wbc_controller.records import JointCommand, RobotState, frozen
 from wbc_controller.settings import LoopSettings, Settings
 from wbc_controller.settings.config import load
 from wbc_controller.settings.files import find_configuration, load_settings
-from wbc_controller.simulation.grips import HINGE_LENGTH, closures_of, points_of
+from wbc_controller.simulation.attachments import HINGE_LENGTH, closures_of, points_of
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.simulation import Simulation
 
@@ -154,8 +155,7 @@ def test_a_grip_holds_the_hand_where_it_is_and_lets_it_go():
     def moved(seconds):
         dynamics.update(*plant.state())
         before = dynamics.placement(hand).copy()
-        for _ in range(round(seconds / plant.step_seconds)):
-            plant.step()
+        simulate(plant, round(seconds / plant.step_seconds))
         dynamics.update(*plant.state())
         return np.linalg.norm(before.translation - dynamics.placement(hand).translation)
 

@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import pytest
 from peer import Peer
+from stepping import step
 
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.middleware import codec as messages
@@ -40,11 +41,9 @@ def stand(go2):
 
 def test_a_fault_by_topic_acts_from_its_arrival_for_its_duration(stand):
     robot, peer = stand
-    for _ in range(3):
-        robot.step_period()
+    step(robot, 3)
     peer.fault("{kind: odom_jump, size: 1.0, start: 0.004, duration: 0.006}")
-    for _ in range(9):
-        robot.step_period()
+    step(robot, 9)
     off = [abs(content.pose.pose.position.x) + abs(content.pose.pose.position.y) > 0.5 for content in peer.all("odom")]
     # It arrives in the period that begins at 0.006 s, so that it acts from 0.010 s on: sample 5.
     assert np.flatnonzero(off).tolist() == [5, 6, 7]
@@ -53,13 +52,11 @@ def test_a_fault_by_topic_acts_from_its_arrival_for_its_duration(stand):
 def test_clear_ends_every_fault(stand):
     robot, peer = stand
     peer.fault("[{kind: joint_missing, duration: 10.0}, {kind: message_dropout, stream: odom, duration: 10.0}]")
-    for _ in range(3):
-        robot.step_period()
+    step(robot, 3)
     assert robot.faults.busy
     assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (1, 11)
     peer.fault("clear")
-    for _ in range(2):
-        robot.step_period()
+    step(robot, 2)
     assert not robot.faults.busy
     assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (2, 12)
 
@@ -69,7 +66,7 @@ def test_clear_ends_every_fault(stand):
     [
         ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
         ("{kind: odom_jump, size: 50.0}", "odom_jump.size = 50.0: input should be less than or equal to 3"),
-        ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "joint 'knee' is unknown"),
+        ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "unknown joint 'knee'"),
         ("stop", "'stop' is no mapping"),
     ],
 )
@@ -77,7 +74,7 @@ def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, t
     robot, peer = stand
     with caplog.at_level(logging.WARNING):
         peer.fault(text)
-        robot.step_period()
+        step(robot)
     (record,) = caplog.records
     assert record.getMessage().startswith("fault refused: ")
     assert said in record.getMessage()
@@ -89,7 +86,7 @@ def test_commands_are_lost_and_torques_are_changed_on_their_way(stand):
     applied = []
     peer.fault("[{kind: actuator_gain, actuator: FL_calf_joint, factor: 0.5, duration: 0.006}, "
                "{kind: command_loss, share: 1.0, start: 0.006, duration: 1.0}]")  # fmt: skip
-    robot.step_period()
+    step(robot)
     for number in range(1, 5):
         robot.publish()
         peer.effort(np.full(12, float(number)))
@@ -114,8 +111,7 @@ def test_what_is_sent_is_told_with_the_true_time_of_what_it_tells(stand):
     sent = []
     robot.sent = lambda stream, taken: sent.append((stream, taken))
     robot.plan(read_faults("{kind: message_delay, stream: joint_states, delay: 0.004, duration: 1.0}", "x"))
-    for _ in range(4):
-        robot.step_period()
+    step(robot, 4)
     assert [taken for stream, taken in sent if stream == "joint_states"] == [2_000_000, 4_000_000]
     assert [taken for stream, taken in sent if stream == "odom"] == [2_000_000, 4_000_000, 6_000_000, 8_000_000]
 
@@ -125,7 +121,7 @@ def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
     for name in ("pass_time", "spoil", "post", "torques"):
         monkeypatch.setattr(robot.faults, name, lambda *arguments, name=name: pytest.fail(f"{name} was called"))
     peer.effort(np.ones(12))
-    robot.step_period()
+    step(robot)
 
 
 @pytest.mark.parametrize("kind", ["message_dropout", "stamp_zero", "command_loss"])
@@ -155,11 +151,7 @@ def test_a_script_acts_at_its_times(go2, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [
-        ("- {kind: kick}", "'at'"),
-        ("- {at: 1.0, kind: payload, link: x}", "link 'x' is unknown"),
-        ("{", "not valid YAML"),
-    ],
+    [("- {kind: kick}", "'at'"), ("- {at: 1.0, kind: payload, link: x}", "unknown link 'x'"), ("{", "not valid YAML")],
 )
 def test_a_script_that_cannot_be_used_is_an_error_with_its_path(go2, tmp_path, text, said):
     _, settings = go2

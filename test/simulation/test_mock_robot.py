@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from peer import Peer
 from starved import StarvedThread
+from stepping import step
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware import codec as messages
@@ -63,7 +64,7 @@ def test_a_period_publishes_the_state_with_one_stamp(make, go2):
     model, settings = go2
     robot, peer = make()
     assert [content.data for content in peer.all("robot_description")] == [model.urdf]
-    robot.step_period()
+    step(robot)
     keys = [key for key, _, _ in peer.received]
     assert keys.index("odom") < keys.index("joint_states")
     (odom,), (joints,), (imu,) = peer.all("odom"), peer.all("joint_states"), peer.all("imu")
@@ -77,7 +78,7 @@ def test_a_period_publishes_the_state_with_one_stamp(make, go2):
     assert joints.name == list(model.joints)
     np.testing.assert_array_equal(joints.position, model.posture)
     assert {subject for key, subject, _ in peer.received if key == "contact_wrench"} == set(settings.contacts)
-    robot.step_period()
+    step(robot)
     assert stamp_of(peer.all("joint_states")[1]) == 4_000_000
 
 
@@ -91,8 +92,7 @@ def test_a_late_subscriber_is_given_the_description(go2):
 def test_contact_wrenches_come_at_their_own_rate(make, go2):
     _, settings = go2
     robot, peer = make()
-    for _ in range(10):
-        robot.step_period()
+    step(robot, 10)
     assert len(peer.all("contact_wrench")) == 2 * len(settings.contacts)
 
 
@@ -115,16 +115,15 @@ def test_old_torques_give_way_to_damping(make, go2):
     peer.effort(tau)
     periods = round(settings.mock.command_timeout * settings.control.rate)
     for _ in range(periods):
-        robot.step_period()
+        step(robot)
         np.testing.assert_array_equal(robot.plant.applied_torques, tau)
-    for _ in range(3):
-        robot.step_period()
+    step(robot, 3)
     _, v = robot.plant.state()
     damped = robot.plant.applied_torques
     assert (damped != tau).all()
     assert damped @ v[model.v_index] < 0.0
     peer.effort(tau)
-    robot.step_period()
+    step(robot)
     np.testing.assert_array_equal(robot.plant.applied_torques, tau)
 
 
@@ -135,11 +134,11 @@ def test_old_torques_give_way_to_damping(make, go2):
 def test_unusable_torques_are_refused_and_the_joints_damped(make, caplog, tau, said):
     robot, peer = make()
     peer.effort(np.ones(12))
-    robot.step_period()
+    step(robot)
     with caplog.at_level(logging.WARNING):
         for _ in range(3):
             peer.effort(tau)
-            robot.step_period()
+            step(robot)
     assert [said in record.getMessage() for record in caplog.records] == [True]  # said once
     assert (robot.plant.applied_torques != 1.0).all()
 
@@ -149,19 +148,17 @@ def test_bytes_that_are_no_message_are_refused(make, caplog):
     for key in ("effort", "push", "hold"):
         peer.raw(key, b"\x00\x01\x00\x00")
     with caplog.at_level(logging.WARNING):
-        robot.step_period()
+        step(robot)
     assert sum("are not a" in record.getMessage() for record in caplog.records) == 3
 
 
 def test_the_base_is_held_until_it_is_let_go(make):
     robot, peer = make()
-    for _ in range(200):
-        robot.step_period()
+    step(robot, 200)
     assert robot.plant.held
     assert robot.plant.state()[0][2] == pytest.approx(0.3348, abs=1e-3)
     peer.hold(False)
-    for _ in range(500):
-        robot.step_period()
+    step(robot, 500)
     assert not robot.plant.held
     assert robot.plant.state()[0][2] < 0.3
 
@@ -170,8 +167,7 @@ def test_the_base_is_held_until_it_is_let_go(make):
 def test_the_joints_are_braked_until_the_first_torques_or_until_it_is_let_down(make, let_down):
     robot, peer = make()
     posture = robot.plant.state()[0][7:]
-    for _ in range(300):
-        robot.step_period()
+    step(robot, 300)
     np.testing.assert_allclose(robot.plant.state()[0][7:], posture, atol=2e-3)
     (imu,) = peer.all("imu")[-1:]
     force = imu.linear_acceleration
@@ -180,8 +176,7 @@ def test_the_joints_are_braked_until_the_first_torques_or_until_it_is_let_down(m
         peer.hold(False)
     else:
         peer.effort(np.zeros(robot._robot.na))
-    for _ in range(150):
-        robot.step_period()
+    step(robot, 150)
     assert np.abs(robot.plant.state()[0][7:] - posture).max() > 0.01
 
 
@@ -191,8 +186,7 @@ def test_grips_by_topic(make, caplog):
     close, loose = (messages.encode(messages.message("std_msgs/msg/Bool", data=held)) for held in (True, False))
     peer.raw("grip", close, "grip")
     peer.hold(False)
-    for _ in range(300):
-        robot.step_period()
+    step(robot, 300)
     assert robot.plant.state()[0][2] == pytest.approx(0.3333, abs=0.03)  # it hangs from one hip
     last = [content for key, subject, content in peer.received if (key, subject) == ("contact_wrench", "grip")][-1]
     assert last.header.frame_id == "grip"
@@ -200,8 +194,7 @@ def test_grips_by_topic(make, caplog):
     peer.raw("grip", loose, "grip")
     with caplog.at_level(logging.WARNING):
         peer.raw("grip", close, "front_left_foot")
-        for _ in range(200):
-            robot.step_period()
+        step(robot, 200)
     assert robot.plant.state()[0][2] < 0.25
     assert any("a grip at 'front_left_foot'" in record.getMessage() for record in caplog.records)
 
@@ -209,17 +202,16 @@ def test_grips_by_topic(make, caplog):
 def test_pushes_by_topic(make, caplog):
     robot, peer = make()
     peer.hold(False)
-    for _ in range(160):
-        robot.step_period()
+    step(robot, 160)
     for frame in ("", "FR_foot"):
         before = robot.plant.acceleration()[0]
         peer.push(frame, 100.0)
-        robot.step_period()
+        step(robot)
         assert robot.plant.acceleration()[0] > before + 0.5
     with caplog.at_level(logging.WARNING):
         peer.push("FR_fot", 100.0)
         peer.push("base", np.inf)
-        robot.step_period()
+        step(robot)
     said = [record.getMessage() for record in caplog.records]
     assert "did you mean 'FR_foot'" in said[0]
     assert "finite" in said[1]
@@ -236,7 +228,7 @@ def test_lockstep_answers_within_the_publication(make, go2):
 
     peer.reactions["joint_states"] = controller
     for index in range(50):
-        assert robot.step_period()
+        step(robot)
         np.testing.assert_array_equal(robot.plant.applied_torques, torques[index])
     assert len(torques) == 50
 
@@ -278,7 +270,7 @@ def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, nam
     robot, peer = make(lockstep=True)
     peer.reactions["joint_states"] = lambda content: peer.answer(stamp_of(content), model.joints[names], tau)
     with caplog.at_level(logging.WARNING):
-        assert robot.step_period()
+        step(robot)
     assert said in caplog.records[0].getMessage()
     assert (np.abs(robot.plant.applied_torques) < 0.9).all()
 
@@ -296,8 +288,7 @@ def test_lockstep_runs_are_the_same_bit_for_bit(make, go2):
 
         peer.reactions["joint_states"] = controller
         peer.hold(False)
-        for _ in range(100):
-            robot.step_period()
+        step(robot, 100)
         return seen
 
     assert run() == run()
@@ -403,7 +394,7 @@ def test_torques_are_taken_though_the_transport_s_thread_is_starved(make, go2):
     tau = np.full(go2[0].na, 0.5)
     for _ in range(2 * round(go2[1].mock.command_timeout * go2[1].control.rate)):
         peer.effort(tau)
-        robot.step_period()
+        step(robot)
         assert robot.plant.applied_torques == pytest.approx(tau)
 
 
@@ -420,8 +411,7 @@ def test_absolute_poses_come_at_their_rate_and_late(robot_of, changed):
     robot = MockRobot(model, changed(settings, {"mock": mock}), MemoryTransport(bus))
     (row,) = [each for each in endpoints(MOCK_TOPICS, "mock_robot") if each.key == "pose"]
     MemoryTransport(bus).subscribe(row, lambda payload: heard.append((robot.stamp, messages.decode(payload, row.type))))
-    for _ in range(200):
-        robot.step_period()
+    step(robot, 200)
     truth = robot.plant.state()[0]
     assert [round(1e-6 * (at - messages.nanoseconds(pose.header.stamp))) for at, pose in heard] == [100] * len(heard)
     assert len(heard) == 6  # in 0.4 s, the first after 0.1 s

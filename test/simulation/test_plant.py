@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
+from stepping import simulate
 
 import wbc_controller as wbc
 from wbc_controller.errors import ConfigurationError, InputRefused
@@ -138,8 +139,7 @@ def test_a_held_robot_without_torques_stays(any_robot):
     plant = Plant(model, settings)
     start, _ = plant.state()
     plant.damp(2.0)
-    for _ in range(300):
-        plant.step()
+    simulate(plant, 300)
     q, _ = plant.state()
     np.testing.assert_allclose(q[:7], start[:7], atol=1e-4)
     assert plant.penetration() < 1e-3
@@ -182,8 +182,7 @@ def test_contact_wrenches_explain_the_acceleration(any_robot):
     plant.hold(False, ramp=0.0)
     tau = 0.2 * plant.effort_limits * np.sin(np.arange(model.na))
     plant.apply(tau)
-    for _ in range(3):
-        plant.step()
+    simulate(plant, 3)
     q, v = plant.state()
     data = model.pinocchio.createData()
     pin.forwardKinematics(model.pinocchio, data, q)
@@ -303,8 +302,7 @@ def test_joints_stop_at_their_limits(go2):
         model.configuration(model.posture, pin.SE3(np.eye(3), np.array([0.0, 0.0, IN_THE_AIR]))), np.zeros(model.nv)
     )
     plant.apply(0.5 * plant.effort_limits)
-    for _ in range(500):
-        plant.step()
+    simulate(plant, 500)
     q, _ = plant.state()
     assert (q[model.q_index] <= model.position_upper + 0.02).all()
     assert (q[model.q_index] > model.position_upper - 0.02).any()
@@ -320,8 +318,7 @@ def test_damping_of_any_size_is_stable_and_saturates(go2):
     assert (plant.applied_torques < 0.0).all()
     assert (plant.applied_torques >= -plant.effort_limits).all()
     assert (plant.applied_torques == -plant.effort_limits).any()
-    for _ in range(200):
-        plant.step()
+    simulate(plant, 200)
     assert np.abs(plant.state()[1]).max() < 0.05
 
 
@@ -331,8 +328,7 @@ def test_the_hoist_carries_a_fallen_robot_back(go2):
     start, _ = plant.state()
     plant.damp(2.0)
     plant.hold(False)
-    for _ in range(2000):
-        plant.step()
+    simulate(plant, 2000)
     assert plant.fallen
     plant.hold(True)
     assert plant.held
@@ -402,8 +398,7 @@ def test_what_an_imu_measures_adds_up_to_the_velocity(go2, standing, frame):
     for _ in range(100):
         plant.apply(control(plant))
         turned = pin.Quaternion(plant.imu(frame)[0]).matrix()
-        for _ in range(plant.steps_per_period):
-            plant.step()
+        simulate(plant, plant.steps_per_period)
         _, omega, force = plant.imu(frame)
         middle = turned @ pin.exp3(0.5 * period * omega)
         total += period * (middle @ force + model.pinocchio.gravity.linear)
@@ -421,8 +416,7 @@ def test_a_joint_moves_again_when_all_its_locks_are_gone(go2):
     def moved():
         start = plant.state()[0][place]
         plant.apply(np.where(np.array(model.joints) == "FL_calf_joint", -20.0, 0.0))
-        for _ in range(20):
-            plant.step()
+        simulate(plant, 20)
         return abs(plant.state()[0][place] - start)
 
     first, second = plant.lock("FL_calf_joint"), plant.lock("FL_calf_joint")
@@ -442,8 +436,7 @@ def test_an_imu_on_no_link_is_refused(go2):
 def test_time_is_counted_in_steps(go2):
     model, settings = go2
     plant = Plant(model, settings)
-    for _ in range(7):
-        plant.step()
+    simulate(plant, 7)
     assert plant.stamp == 7_000_000
     settings = settings.model_copy(update={"control": settings.control.model_copy(update={"rate": 300.0})})
     plant = Plant(model, settings)
@@ -644,5 +637,5 @@ def test_an_inertia_that_no_body_has_is_balanced_and_named(caplog):
         assert not caplog.text
         plant = Plant(build_model(ARM.replace("IXX", "9"), joints, [0.0, 0.0], floating_base=False), settings)
     assert "no body has the inertia of lower: " in caplog.text
-    body = plant._model.body("lower")
+    body = plant.model.body("lower")
     np.testing.assert_allclose(body.inertia, (9.0 + 0.1 + 0.01) / 3.0)

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from stepping import simulate
 
 import wbc_controller as wbc
 from wbc_controller.controller.build.robot import make_model
@@ -58,7 +59,7 @@ def test_a_sole_that_is_configured_at_the_ankle_is_that_high_above_the_floor():
 
 def test_the_robots_stand_with_their_lowest_point_on_the_floor(any_robot):
     plant = Plant(*any_robot)
-    assert plant.touch.height(plant.data, plant.touch.on_the_floor) == pytest.approx(0.0, abs=1e-6)
+    assert plant.contact_forces.height(plant.data, plant.contact_forces.on_the_floor) == pytest.approx(0.0, abs=1e-6)
 
 
 def made(collision: str, contacts: dict | None = None) -> Plant:
@@ -86,8 +87,7 @@ def collision(shape: str, xyz: str = "0 0 0") -> str:
 def test_primitives_touch_as_they_are(shape, height):
     plant = made(collision(shape, "0.01 0.02 0.03"))
     assert plant.state()[0][2] == pytest.approx(height - 0.03, abs=1e-6)
-    for _ in range(100):
-        plant.step()
+    simulate(plant, 100)
     assert plant.contact_wrenches()["sole"][2] == pytest.approx(6.0 * 9.81, rel=0.02)  # the ball rolls
 
 
@@ -98,8 +98,7 @@ def test_a_mesh_stands_on_its_hull(tmp_path):
     (tmp_path / "foot.obj").write_text("\n".join(lines))
     plant = made(collision(f'<mesh filename="{tmp_path}/foot.obj"/>', "-0.02 -0.02 -0.1"))
     assert plant.state()[0][2] == pytest.approx(0.1, abs=1e-6)
-    for _ in range(200):
-        plant.step()
+    simulate(plant, 200)
     wrench = plant.contact_wrenches()["sole"]
     assert wrench[2] == pytest.approx(6.0 * 9.81, rel=1e-3)
     assert plant.state()[0][2] == pytest.approx(0.1, abs=1e-4)
@@ -110,15 +109,14 @@ def test_where_the_links_have_no_shape_the_log_says_so_and_the_configuration_hol
         plant = made("")
     assert [record.message for record in caplog.records if "contacts sole have no collision element" in record.message]
     assert plant.state()[0][2] == pytest.approx(0.0, abs=1e-6)
-    assert len(plant.touch.geoms["sole"]) == 4
+    assert len(plant.contact_forces.geoms["sole"]) == 4
 
 
 def test_a_touch_belongs_to_the_nearest_contact_of_the_link():
     part = SURFACE | {"half_length": 0.05}
     feet = {name: part | {"translation": [x, 0.0, -0.05]} for name, x in (("toe", 0.1), ("heel", -0.1))}
     plant = made(collision('<box size="0.4 0.1 0.1"/>'), feet)
-    for _ in range(100):
-        plant.step()
+    simulate(plant, 100)
     wrenches = plant.contact_wrenches()
     assert [wrench[2] for wrench in wrenches.values()] == pytest.approx([3.0 * 9.81] * 2, rel=1e-2)
 

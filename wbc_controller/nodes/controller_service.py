@@ -96,12 +96,7 @@ def run_controller(
             node=full_name,
         )
         _log.info("%s: %d joints, waiting for 'activate' on %s/command", node, controller.model.nj, full_name)
-        loop.run(
-            stop,
-            controller.period,
-            triggered=settings.control.trigger == "joint_states",
-            activate=activate,
-        )
+        loop.run(stop, controller.period, triggered=settings.control.trigger == "joint_states", activate=activate)
 
 
 def make_loop(

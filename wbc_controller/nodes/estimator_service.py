@@ -11,7 +11,6 @@ import math
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -148,10 +147,8 @@ class EstimatorService:
         values |= {f"note/{name}": note for name, note in notes.items()} | dict(about)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         level = _WARN if estimator.base is None or estimator.slipping or refused else _OK
-        self._publish["diagnostics"](self._encoded(level, text, values))
-
-    def _encoded(self, level: int, text: str, values: Mapping[str, str]) -> Any:
-        return encode(diagnostics(time.time_ns(), level, self._name, text, self._hardware, values))
+        content = diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
+        self._publish["diagnostics"](encode(content))
 
     def run(self, stop: threading.Event) -> None:
         """Run until stopped."""

@@ -61,11 +61,7 @@ class Processes:
         self._folder, self._own_sessions = folder, own_sessions
         self.configuration = folder / "robot.yaml"
         self.configuration.write_text(config.to_yaml(), encoding="utf-8")
-        self._environment = {
-            **os.environ,
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }
+        self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def close(self) -> None:

@@ -9,11 +9,7 @@ from pydantic import Field, model_validator
 
 from wbc_controller.settings.contacts import (
     ContactSettings,
-    Coordinate,
-    Corners,
-    Direction,
     FixedContact,
-    Length,
     LoopSettings,
     PointContact,
     RollingContact,
@@ -26,7 +22,7 @@ from wbc_controller.settings.limits import (
     SelfCollisionSettings,
     TorqueSpeedSettings,
 )
-from wbc_controller.settings.robot import JointLimitSettings, PassiveJointSettings, RobotSettings, TransmissionSettings
+from wbc_controller.settings.robot import RobotSettings
 from wbc_controller.settings.service import (
     AuditSettings,
     ControlSettings,
@@ -43,9 +39,7 @@ from wbc_controller.settings.tasks import (
     CapturePointTask,
     ComTask,
     ContactWrenchTask,
-    FrameOrientationTask,
     FramePoseTask,
-    FramePositionTask,
     GazeTask,
     LinearMomentumTask,
     PostureTask,
@@ -53,7 +47,7 @@ from wbc_controller.settings.tasks import (
     TaskSettings,
     TorqueTask,
 )
-from wbc_controller.settings.values import LIST, NUMBER, Name, Section
+from wbc_controller.settings.values import Name, Section
 
 NODE_NAME = "wbc_controller"
 
@@ -84,49 +78,31 @@ class Settings(Section):
 
 
 __all__ = [
-    "LIST",
     "NODE_NAME",
-    "NUMBER",
     "ActuatorTorqueSpeed",
     "AngularMomentumTask",
-    "AuditSettings",
     "AxisAlignmentTask",
     "CapturePointTask",
     "ComTask",
     "ContactSettings",
     "ContactWrenchTask",
-    "ControlSettings",
-    "Coordinate",
-    "Corners",
-    "Direction",
-    "EstimationSettings",
     "FixedContact",
-    "FrameOrientationTask",
     "FramePoseTask",
-    "FramePositionTask",
     "GazeTask",
-    "GuardSettings",
-    "JointLimitSettings",
-    "Length",
     "LimitSettings",
     "LinearMomentumTask",
     "LoopSettings",
     "MockSettings",
-    "PassiveJointSettings",
     "PointContact",
     "PostureTask",
     "RealtimeSettings",
-    "RecorderSettings",
     "RelativePoseTask",
     "RobotSettings",
     "RollingContact",
-    "SafetySettings",
     "SelfCollisionSettings",
     "Settings",
-    "SolverSettings",
     "SurfaceContact",
     "TaskSettings",
     "TorqueSpeedSettings",
     "TorqueTask",
-    "TransmissionSettings",
 ]

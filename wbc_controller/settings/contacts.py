@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from wbc_controller.settings.values import Finite, Gain, NonNegative, Positive, Section, Vector3
+from wbc_controller.settings.values import Finite, Gain, NonNegative, Positive, Section, Vector3, axes_mask
 
 #: Half side or radius of a contact, m: a larger value was probably meant in centimetres or millimetres.
 Length = Annotated[Positive, Field(le=1.0)]
@@ -112,12 +112,7 @@ class RollingContact(_PushingContact):
     radius: Length = Field(description="Radius of the wheel, m. The contact's origin is the wheel's centre.")
 
 
-_MASK = Field(
-    [True] * 6,
-    min_length=6,
-    max_length=6,
-    description="Axes that are held: translation along x, y, z, then rotation about x, y, z. The others are free.",
-)
+_MASK = axes_mask(6, "Axes that are held: translation along x, y, z, then rotation about x, y, z. The others are free.")
 
 
 class FixedContact(_Contact):

@@ -11,8 +11,9 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from wbc_controller.errors import ConfigurationError, valid_choices
-from wbc_controller.settings import LIST, NODE_NAME, NUMBER, ContactSettings, Settings, TaskSettings
+from wbc_controller.settings import NODE_NAME, ContactSettings, Settings, TaskSettings
 from wbc_controller.settings.resources import PACKAGE_SCHEME, is_file, read_text, share_folder, shown
+from wbc_controller.settings.values import LIST, NUMBER
 
 #: Longest configuration file, in characters.
 _LARGEST_FILE = 1_000_000

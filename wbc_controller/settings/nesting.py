@@ -36,13 +36,8 @@ def _graft(tree: dict[str, Any], branch: Mapping[str, Any], name: str, above: st
         elif isinstance(there, dict) and isinstance(value, Mapping):
             _graft(there, value, name, f"{above}{key}.")
         else:
-            raise ConfigurationError(
-                f"parameter {above}{key} = {_shown(there, value)!r}: there is a parameter {name} too"
-            )
-
-
-def _shown(there: Any, value: Any) -> Any:
-    return value if isinstance(there, dict) else there
+            shown = value if isinstance(there, dict) else there
+            raise ConfigurationError(f"parameter {above}{key} = {shown!r}: there is a parameter {name} too")
 
 
 def _plain(value: Any) -> Any:

@@ -17,11 +17,7 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
     """Find a file given by path, or as ``package://<distribution>/<path below its share folder>``.
 
     The distribution is a Python one, such as ``example-robot-data``, with its files below ``share/<distribution>/``, or
-    a ROS 2 package on ``AMENT_PREFIX_PATH``.
-
-    Args:
-        uri: path or ``package://`` address of the file.
-        key: the configuration key that names the file, for the error.
+    a ROS 2 package on ``AMENT_PREFIX_PATH``. Errors name the configuration key of the file.
 
     Raises:
         ConfigurationError: if there is no such file.
@@ -43,12 +39,7 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
 
 
 def read_text(path: Path, subject: str, largest: int) -> str:
-    """Read a text file.
-
-    Args:
-        path: the file.
-        subject: what names the file, for the error.
-        largest: length of the longest text that is read, in characters.
+    """Read a text file of at most `largest` characters; errors begin with the subject.
 
     Raises:
         ConfigurationError: if the file cannot be read, is no UTF-8, or is longer.
@@ -64,7 +55,7 @@ def read_text(path: Path, subject: str, largest: int) -> str:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is such a file; False also where the system refuses the name, such as one that is too long."""
+    """Return True if there is such a file; False also for a name that the system refuses, such as a very long one."""
     try:
         return path.is_file()
     except OSError:
@@ -72,7 +63,7 @@ def is_file(path: Path) -> bool:
 
 
 def shown(name: str | Path) -> str:
-    """A name for an error message, in quotes if it is a string, and with its middle left out if it is very long."""
+    """Return a name for an error message, in quotes if it is a string, without its middle if it is very long."""
     text = repr(name) if isinstance(name, str) else str(name)
     return text if len(text) <= _LONGEST_NAME else f"{text[:100]}…{text[-100:]} ({len(text)} characters)"
 

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from wbc_controller.settings.values import Finite, Gains, NonNegative, Section, Vector3
+from wbc_controller.settings.values import Finite, Gains, NonNegative, Section, Vector3, axes_mask
 
 
 class _Task(Section):
@@ -67,7 +67,7 @@ class ComTask(_MotionTask):
     """Centre of mass, m, world frame."""
 
     type: Literal["com"]
-    mask: list[bool] = Field([True, True, True], min_length=3, max_length=3, description="World axes of the task.")
+    mask: list[bool] = axes_mask(3, "World axes of the task.")
 
 
 class _FrameTask(_MotionTask):
@@ -80,23 +80,21 @@ class FramePoseTask(_FrameTask):
     axes: ClassVar[int] = 6
 
     type: Literal["frame_pose"]
-    mask: list[bool] = Field(
-        [True] * 6, min_length=6, max_length=6, description="World axes of the task: position, then orientation."
-    )
+    mask: list[bool] = axes_mask(6, "World axes of the task: position, then orientation.")
 
 
 class FramePositionTask(_FrameTask):
     """Position of a frame's origin, world frame."""
 
     type: Literal["frame_position"]
-    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes of the task.")
+    mask: list[bool] = axes_mask(3, "World axes of the task.")
 
 
 class FrameOrientationTask(_FrameTask):
     """Orientation of a frame, world frame."""
 
     type: Literal["frame_orientation"]
-    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes of the task.")
+    mask: list[bool] = axes_mask(3, "World axes of the task.")
 
 
 class RelativePoseTask(_FrameTask):
@@ -106,12 +104,7 @@ class RelativePoseTask(_FrameTask):
 
     type: Literal["relative_pose"]
     reference_frame: str = Field(description="The frame of the URDF in whose axes the pose of `frame` is given.")
-    mask: list[bool] = Field(
-        [True] * 6,
-        min_length=6,
-        max_length=6,
-        description="Axes of `reference_frame` used by the task: position, then orientation.",
-    )
+    mask: list[bool] = axes_mask(6, "Axes of `reference_frame` used by the task: position, then orientation.")
 
 
 class _AlignmentTask(_FrameTask):
@@ -137,7 +130,7 @@ class _MomentumTask(_Task):
         10.0,
         description="Decay rate of the error, 1/s; one number, or a list with one per axis. There is no stiffness.",
     )
-    mask: list[bool] = Field([True] * 3, min_length=3, max_length=3, description="World axes of the task.")
+    mask: list[bool] = axes_mask(3, "World axes of the task.")
 
 
 class LinearMomentumTask(_MomentumTask):
@@ -160,7 +153,7 @@ class CapturePointTask(_Task):
     type: Literal["capture_point"]
     gain: Gains = Field(4.0, description="Decay rate of the error, 1/s; one number, or a list with one per axis.")
     support_height: Finite = Field(0.0, description="Height of the supporting surface in the world, m.")
-    mask: list[bool] = Field([True] * 2, min_length=2, max_length=2, description="World axes of the task: x, y.")
+    mask: list[bool] = axes_mask(2, "World axes of the task: x, y.")
 
 
 class ContactWrenchTask(_Task):
@@ -173,9 +166,7 @@ class ContactWrenchTask(_Task):
     target: list[Finite] = Field(
         [0.0] * 6, min_length=6, max_length=6, description="Wrench until a setpoint is commanded: force, then moment."
     )
-    mask: list[bool] = Field(
-        [True] * 6, min_length=6, max_length=6, description="Contact axes of the task: force, then moment."
-    )
+    mask: list[bool] = axes_mask(6, "Contact axes of the task: force, then moment.")
 
 
 class TorqueTask(_Task):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
@@ -42,6 +42,11 @@ Gains = Annotated[
     Annotated[Gain, Tag(NUMBER)] | Annotated[list[Gain], Tag(LIST)],
     Discriminator(lambda value: LIST if isinstance(value, list) else NUMBER),
 ]
+
+
+def axes_mask(count: int, description: str) -> Any:
+    """Define a list of switches, one per axis, all on by default."""
+    return Field([True] * count, min_length=count, max_length=count, description=description)
 
 
 class Section(BaseModel):

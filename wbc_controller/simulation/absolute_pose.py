@@ -1,4 +1,4 @@
-"""Absolute poses as motion capture or SLAM would tell them: at a rate of their own, noisy, and late."""
+"""Absolute poses of motion capture or SLAM: at a rate of their own, noisy, and late."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PoseSource:
         """Find the frame.
 
         Raises:
-            ConfigurationError: where the robot has no such frame.
+            ConfigurationError: if the robot has no such frame.
         """
         mock = settings.mock
         self._pinocchio, self._data = model.pinocchio, model.pinocchio.createData()
@@ -37,7 +37,7 @@ class PoseSource:
         self._late: deque[tuple[float, int, bytes]] = deque()
 
     def measure(self, measured: Measurement, q: Array, time: float) -> None:
-        """Measure the frame, where that is due."""
+        """Measure the frame in a true configuration, (nq,), if it is due at the simulated time, s."""
         if time < self._due - _SAME:
             return
         self._due = max(self._due + self._period, time)
@@ -51,7 +51,7 @@ class PoseSource:
         measured.silent.discard("pose")
 
     def late(self, time: float, taken: int, payload: bytes | None) -> list[tuple[int, bytes]]:
-        """Keep a new message, if there is one, and give those that are due: the true time of what each tells, ns."""
+        """Keep a new message, if any, and return the due ones, each with the true time of its content, ns."""
         if payload is not None:
             self._late.append((time + self._delay, taken, payload))
         due = []

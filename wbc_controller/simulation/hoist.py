@@ -24,7 +24,7 @@ class Hoist:
     """
 
     def __init__(self, model: Any, data: Any, start: pin.SE3) -> None:
-        """Hold the base at `start`, at full strength."""
+        """Hold the base at `start`, at full strength, by the weld in MuJoCo's model."""
         self.start = start
         self._model = model
         self._data = data
@@ -36,16 +36,11 @@ class Hoist:
 
     @property
     def held(self) -> bool:
-        """Whether it holds the base, or is being engaged."""
+        """True if it holds the base, or is being engaged."""
         return self._rate > 0.0 or (self._rate == 0.0 and self._strength == 1.0)
 
     def take(self, base: pin.SE3, ramp: float) -> None:
-        """Engage at the present placement of the base, and carry it to the start.
-
-        Args:
-            base: present placement of the base in the world.
-            ramp: time until full strength, s; 0 for at once.
-        """
+        """Engage at the present placement of the base within `ramp`, s, and carry it to the start."""
         self._from, self._way = base, 0.0
         way = pin.log6(base.actInv(self.start)).vector
         seconds = max(np.linalg.norm(way[:3]) / SPEED, np.linalg.norm(way[3:]) / TURN)
@@ -53,7 +48,7 @@ class Hoist:
         self._set_off(1.0, ramp)
 
     def let_go(self, ramp: float) -> None:
-        """Release the base within `ramp` seconds; 0 for at once."""
+        """Release the base within `ramp`, s."""
         self._set_off(-1.0, ramp)
 
     def advance(self) -> None:

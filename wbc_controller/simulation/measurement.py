@@ -1,4 +1,4 @@
-"""What the mock robot's sensors measure at one instant, and the messages that say so."""
+"""The measurements of the mock robot's sensors at one instant, and their messages."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ class Measurement:
 
     Attributes:
         taken: true simulated time, ns.
-        stamps: time that each stream's message tells, ns; of the clock the time that it shows.
+        stamps: stamp of each stream's message, ns; of the clock, its time.
         names: names of the joints.
         position: of the joints, (nj,) in rad.
         velocity: of the joints, (nj,) in rad/s.
         effort: of the joints, (nj,) in N·m.
-        base: name of the link whose pose the odometry tells.
+        base: name of the link of the odometry.
         pose: its position and quaternion in the world, (7,).
         twist: its twist in its own axes, (6,).
         imu_frame: frame of the inertial measurement unit.
         orientation: of that frame, quaternion, (4,).
         angular_velocity: likewise, (3,) in rad/s.
         specific_force: likewise, (3,) in m/s².
-        absent: names of joints that the joint states lack.
+        absent: names of joints that are missing in the joint states.
         absolute: absolute pose of the robot, position and quaternion in the world, (7,).
         vagueness: standard deviations of its position and its turns, m and rad.
-        silent: streams that send nothing this time.
-        tells_velocity: whether the joint states have velocities.
+        silent: streams without a message at this instant.
+        tells_velocity: True if the joint states have velocities.
     """
 
     taken: int
@@ -64,14 +64,14 @@ class Measurement:
     tells_velocity: bool = True
 
     def message(self, stream: str) -> Any:
-        """The message of one of the `STREAMS`."""
+        """Make the message of one of the `STREAMS`."""
         stamp = self.stamps[stream]
         if stream == "clock":
             return messages.message("rosgraph_msgs/msg/Clock", clock=messages.stamp(stamp))
         if stream == "odom":
             return odometry(stamp, WORLD_FRAME, self.base, self.pose, self.twist)
         if stream == "imu":
-            return imu_message(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
+            return _imu(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
         if stream == "pose":
             return pose_with_covariance(stamp, WORLD_FRAME, self.absolute, *self.vagueness)
         values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
@@ -86,35 +86,30 @@ class Measurement:
 
 
 def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Measurement:
-    """Measure the present state exactly.
-
-    Args:
-        robot: the robot.
-        plant: its physics.
-        stamp: simulated time, ns.
-        imu_frame: frame of the inertial measurement unit, whose axes its data have.
-    """
+    """Measure the present state exactly, at a simulated time, ns."""
     q, v = plant.state()
+    orientation, angular_velocity, specific_force = plant.imu(imu_frame)
     silent = {"pose"} if robot.floating_base else {"odom", "pose"}  # absolute poses are measured more rarely
     return Measurement(
-        stamp,
-        dict.fromkeys(STREAMS, stamp),
-        list(robot.joints),
-        q[robot.q_index],
-        v[robot.v_index],
-        robot.actuation.at_joints(plant.applied_torques),
-        robot.base_link,
-        q[:7],
-        v[:6],
-        imu_frame,
-        *plant.imu(imu_frame),
-        np.array(q[:7]),
-        silent,
+        taken=stamp,
+        stamps=dict.fromkeys(STREAMS, stamp),
+        names=list(robot.joints),
+        position=q[robot.q_index],
+        velocity=v[robot.v_index],
+        effort=robot.actuation.at_joints(plant.applied_torques),
+        base=robot.base_link,
+        pose=q[:7],
+        twist=v[:6],
+        imu_frame=imu_frame,
+        orientation=orientation,
+        angular_velocity=angular_velocity,
+        specific_force=specific_force,
+        absolute=np.array(q[:7]),
+        silent=silent,
     )
 
 
-def imu_message(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
-    """Make an Imu message without covariances."""
+def _imu(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
     exact = np.zeros(9)
     return messages.message(
         "sensor_msgs/msg/Imu",

@@ -27,8 +27,8 @@ from wbc_controller.settings import (
     RollingContact,
     SurfaceContact,
 )
-from wbc_controller.simulation.grips import Attachment, add_attachment, frame_on_joint
-from wbc_controller.simulation.joints import couple, gear, lock, spring
+from wbc_controller.simulation.attachments import Attachment, add_attachment, frame_on_joint
+from wbc_controller.simulation.joint_models import couple, gear, lock, spring
 from wbc_controller.simulation.shapes import CORNER_RADIUS, Shape, add_shape
 
 _log = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ SLAB, SLAB_DEPTH = 0.15, 0.01
 #: Mass of a link between two joints at one place, as a share of the robot's, and its moments of inertia over its mass,
 #: m²: MuJoCo refuses none.
 _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
-#: Collision bit of the floor, and of what touches it.
+#: Collision bit of the floor and the geoms that touch it.
 ON_THE_FLOOR = 1
 #: Stiffness of friction relative to the normal direction: soft friction would let a standing foot creep.
 FRICTION_STIFFNESS = 10.0
@@ -71,14 +71,7 @@ def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tup
 
 
 def rub(model: Any, dof: Any, friction: float, step: float) -> None:
-    """Give joints of a compiled model dry friction that holds them where it can.
-
-    Args:
-        model: MuJoCo's model, changed in place.
-        dof: index of a joint's velocity, or several.
-        friction: N·m.
-        step: time step of the simulation, s.
-    """
+    """Give joints of a compiled model, by their velocity indices, dry friction, N·m, which also holds them at rest."""
     model.dof_frictionloss[dof] = friction
     # MuJoCo's own friction is soft: a joint that rests would creep.
     model.dof_solref[dof] = STIFF_STEPS * step, 1.0
@@ -102,7 +95,7 @@ def balls_of(contact: ContactSettings) -> tuple[Array, Array]:
 
 
 def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
-    """Height of a contact's lowest point along a normal, m, for a placement of its frame in the world."""
+    """Return the height of a contact's lowest point along a normal, m, for a placement of its frame in the world."""
     centres, axes = balls_of(contact)
     rotation = frame.rotation @ _axle_frame(contact)
     reach = np.linalg.norm(axes * (rotation.T @ normal))
@@ -110,14 +103,14 @@ def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
 
 
 def _axle_frame(contact: ContactSettings) -> Array:
-    """Axes of the touching shape in the contact frame: z along a wheel's axle."""
+    """Return the axes of the touching shape in the contact frame: z along a wheel's axle."""
     if not isinstance(contact, RollingContact):
         return np.eye(3)
     return rotation_to(np.array(contact.axis))
 
 
 def rotation_to(direction: Array) -> Array:
-    """A rotation that takes z to a direction of any length, (3, 3)."""
+    """Return a rotation that takes z to a direction of any length, (3, 3)."""
     rotation: Array = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).toRotationMatrix()
     return rotation
 
@@ -245,7 +238,7 @@ def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int
 
 
 def _touch(geom: Any, friction: float, solref: list[float], solimp: list[float]) -> None:
-    """Let a geom, and not the one that it touches, say how: without priority MuJoCo takes the larger friction."""
+    """Give a geom's friction and stiffness priority: without it MuJoCo takes the larger friction of both geoms."""
     geom.priority = 1
     geom.condim = 3
     geom.friction = [friction, 0.0, 0.0]

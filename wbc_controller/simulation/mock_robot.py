@@ -18,6 +18,7 @@ import math
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -38,7 +39,6 @@ from wbc_controller.simulation.absolute_pose import PoseSource
 from wbc_controller.simulation.faults.catalogue import read_faults
 from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.simulation.faults.injector import Injector
-from wbc_controller.simulation.inbox import Inbox
 from wbc_controller.simulation.measurement import STREAMS, WORLD_FRAME, measure
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
@@ -67,12 +67,12 @@ class MockRobot:
     """Publishes the plant's state every control period, and applies the controller's torques.
 
     The caller's thread takes the torques: their age is compared with the simulated time, and no other thread may delay
-    them. The transport's callbacks only store the other serialized messages in an inbox.
+    them. The transport's callbacks only store the other serialized messages.
 
     Attributes:
         plant: the physics.
-        faults: what goes wrong; planned by `plan`, or on the topic ``fault``.
-        sent: where it is set, called with the stream of each message sent and the true time of what it tells, ns.
+        faults: the faults; planned by `plan`, or on the topic ``fault``.
+        sent: if set, called with the stream of each message sent and the true time of its content, ns.
         rebased: how often the real-time schedule was late by more than `MAX_LATE`, and restarted.
     """
 
@@ -96,16 +96,16 @@ class MockRobot:
             settings: the configuration that the model was built from.
             transport: carries the messages; the caller closes it.
             real_time_factor: simulated seconds per second; unused in lockstep.
-            lockstep: whether each period waits for the command for its own state, on the topic ``joint_commands``;
-                otherwise it uses the newest torques on the topic ``effort``.
-            patient: whether simulated time waits for a controller that is late.
+            lockstep: wait in each period for the command for its state, on the topic ``joint_commands``; otherwise use
+                the newest torques on the topic ``effort``.
+            patient: let simulated time wait for a controller that is late.
             clock: monotonic wall time, s.
             namespace: namespace of the node, starting with a slash.
             remappings: as in `middleware.topics.resolve`.
 
         Raises:
             ConfigurationError: if the plant cannot be built, the real-time factor is not positive, or the robot has no
-                frame of the name of the IMU's.
+                frame with the name of the IMU's.
             TransportError: if a topic cannot be opened.
         """
         if not (0.0 < real_time_factor < float("inf")):
@@ -136,7 +136,10 @@ class MockRobot:
         self._tau_time = 0.0
         self._heard = math.inf  # simulated time when torques came last; infinite where nobody sends any
         self._last_refusal: dict[str, str] = {}
-        self._inbox = Inbox()
+        # Stored by the transport's threads; bounded, because they are not emptied while the robot waits.
+        self._answers: deque[bytes] = deque(maxlen=10)
+        self._requests: deque[tuple[str, str, bytes]] = deque(maxlen=100)
+        self._answer_arrived = threading.Event()
         self._efforts: Stream | None = None  # torques, which lockstep does not read
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
@@ -193,26 +196,12 @@ class MockRobot:
             self.advance()
 
     def _wait_for_torques(self) -> None:
-        """Let time stand still while a controller that has sent torques is late."""
+        """Stop simulated time while a controller that has sent torques is late."""
         late = self.plant.time - self._heard >= max(AHEAD, 2.0 * self._period)
         if self._efforts is not None and self._efforts.wait(PATIENCE if late else 0.0):
             self._heard = self.plant.time
         elif late:
             self._heard = math.inf
-
-    def step_period(self, stop: threading.Event | None = None) -> bool:
-        """Run one period as fast as possible: publish, in lockstep wait for the command, advance.
-
-        If messages are delivered within ``publish()``, as in memory, the controller's command is used at once.
-
-        Returns:
-            Whether the period was completed; False if `stop` was set before a command arrived.
-        """
-        self.publish()
-        if self._lockstep and not self.wait_for_answer(stop):
-            return False
-        self.advance()
-        return True
 
     def publish(self) -> None:
         """Publish the time and the present state. The joint states come last, as they trigger a control cycle."""
@@ -249,17 +238,13 @@ class MockRobot:
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
         """Wait, in lockstep, for the command for the present state, and publish the state again until it arrives.
 
-        Args:
-            stop: event that ends the wait, within `REPUBLISH_AFTER`.
-
-        Returns:
-            Whether a command arrived; False if `stop` was set.
+        Returns False if `stop` was set before a command arrived, which is noticed within `REPUBLISH_AFTER`.
         """
         due = self._clock() + REPUBLISH_AFTER
         while not self._answered():
             if stop is not None and stop.is_set():
                 return False
-            self._inbox.wait_for_answer(max(0.0, due - self._clock()))
+            self._answer_arrived.wait(max(0.0, due - self._clock()))
             if self._clock() >= due:
                 self.publish()
                 due = self._clock() + REPUBLISH_AFTER
@@ -272,7 +257,8 @@ class MockRobot:
             WbcError: if the simulation has diverged.
         """
         uses = {"push": self._push, "hold": self._hold, "fault": self._fault}
-        for key, contact, payload in self._inbox.take_requests():
+        for _ in range(len(self._requests)):
+            key, contact, payload = self._requests.popleft()
             self._try(key, payload, uses.get(key, partial(self._grip, contact)))
         if self._efforts is not None:
             newest = next(iter(self._efforts.take()), None)
@@ -297,10 +283,10 @@ class MockRobot:
         self._brakes = []
 
     def plan(self, faults: Sequence[Fault], since: float = 0.0) -> None:
-        """Plan faults, whose starts count from the simulated time `since`, s.
+        """Plan faults; `since` is the simulated time from which their starts count, s.
 
         Raises:
-            InputRefused: where they do not fit the robot, or cannot happen in lockstep.
+            InputRefused: if they do not fit the robot, or cannot happen in lockstep.
         """
         if self._lockstep:
             late = [fault.kind() for fault in faults if fault.place in _NOT_IN_LOCKSTEP]
@@ -319,17 +305,21 @@ class MockRobot:
             return
         self._types[key] = endpoint.type
         if key in ("push", "hold", "grip", "fault"):
-            transport.subscribe(endpoint, lambda payload: self._inbox.put_request(key, endpoint.subject, payload))
+            transport.subscribe(endpoint, lambda payload: self._requests.append((key, endpoint.subject, payload)))
         elif key == "joint_commands" and self._lockstep:
-            transport.subscribe(endpoint, self._inbox.put_answer)
+            transport.subscribe(endpoint, self._store_answer)
         elif key == "effort" and not self._lockstep:
             self._efforts = transport.stream(endpoint, 1)
+
+    def _store_answer(self, payload: bytes) -> None:
+        self._answers.append(payload)
+        self._answer_arrived.set()
 
     def _publish(self, key: str, subject: str, content: Any) -> None:
         self._publishers[key, subject](messages.encode(content))
 
     def _send(self, stream: str, taken: int, payload: bytes) -> None:
-        """Send what was measured at a time, ns."""
+        """Send a message of a stream whose content was measured at a time, ns."""
         self._publishers[stream, ""](payload)
         if self.sent is not None:
             self.sent(stream, taken)
@@ -370,8 +360,10 @@ class MockRobot:
         self._tau, self._tau_time = tau, self.plant.time
 
     def _answered(self) -> bool:
-        """Take the command for the present state from the inbox, if it has arrived; older commands are dropped."""
-        for payload in self._inbox.take_answers():
+        """Use the command for the present state, if it has arrived; older commands are dropped."""
+        self._answer_arrived.clear()
+        while self._answers:
+            payload = self._answers.popleft()
             try:
                 answers = messages.nanoseconds(messages.decode(payload, self._types["joint_commands"]).header.stamp)
             except InputRefused:

@@ -1,4 +1,4 @@
-"""The mock robot's service, on any transport."""
+"""The service of the mock robot, on any transport."""
 
 from __future__ import annotations
 
@@ -35,18 +35,9 @@ def run_mock(
     patient: bool = False,
     faults: Path | None = None,
 ) -> None:
-    """Run the mock robot until stopped.
+    """Run the mock robot until the event is set; arguments as for `MockRobot`.
 
-    Args:
-        settings: the robot's settings.
-        transport: carries the messages.
-        stop: event that ends the run.
-        namespace: namespace of the node.
-        remappings: topic remappings, from name to name.
-        real_time_factor: simulated seconds per second.
-        lockstep: wait for the controller's command for each state.
-        patient: let simulated time wait for a controller that is late.
-        faults: file with a list of faults, each with the simulated time ``at`` which it starts, in s.
+    `faults` is a file with a list of faults, each with the simulated time ``at`` which it starts, in s.
 
     Raises:
         ConfigurationError: if settings and model do not fit together, or the faults cannot be used.

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,13 +26,13 @@ from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
-from wbc_controller.settings import ContactSettings, FixedContact, PointContact, Settings, SurfaceContact
+from wbc_controller.settings import FixedContact, PointContact, Settings, SurfaceContact
 from wbc_controller.settings.resources import locate
-from wbc_controller.simulation.grips import closures_of, frame_on_joint, grips_of, place, wrench
+from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
+from wbc_controller.simulation.contact_forces import ContactForces
 from wbc_controller.simulation.hoist import RAMP, Hoist
 from wbc_controller.simulation.mechanism import compile_mechanism, contact_frame, rub
 from wbc_controller.simulation.shapes import Shape, read_shapes
-from wbc_controller.simulation.touch import Touch
 
 _log = logging.getLogger(__name__)
 
@@ -67,43 +67,53 @@ class Plant:
     After construction, `step`, `set_state` and `forward`, all quantities belong to the present state: accelerations and
     contact forces are those caused in it by the present torques, pushes and hoist. Equal calls give bit-identical
     results.
+
+    Attributes:
+        model: MuJoCo's model, which faults change; its dependent quantities are up to date after `forward`.
+        data: MuJoCo's data in the present state, to be read only.
+        contacts: the contacts of the configuration, by name.
+        contact_forces: the geoms of each contact, and their forces.
+        steps_per_period: number of simulation steps in one control period.
+        step_seconds: time step of the simulation, s: the largest divisor of the period up to ``settings.mock.step``.
+        effort_limits: effort limit of each actuator, (na,) in N·m, regardless of the share that a controller may use.
     """
 
     def __init__(self, model: RobotModel, settings: Settings) -> None:
         """Build the physics, stand the robot in its posture with its lowest point on the floor, and hold it there.
+
+        The settings are those from which the model was built.
 
         Raises:
             ConfigurationError: if MuJoCo cannot use the URDF, or a contact names an unknown frame.
         """
         self._robot = model
         period = 1.0 / settings.control.rate
-        #: Number of simulation steps in one control period.
         self.steps_per_period = max(1, math.ceil(period / settings.mock.step - 1e-9))
-        #: Time step of the simulation, s: the largest divisor of the period that is at most ``settings.mock.step``.
         self.step_seconds = period / self.steps_per_period
-        #: Effort limit of each actuator, (na,) in N·m, regardless of the share that a controller may use.
         self.effort_limits = model.actuation.effort_limits
-        self._contacts = dict(settings.contacts)
-        self._grips, self._closures = grips_of(model, self._contacts), closures_of(model, settings.loops)
+        self.contacts = dict(settings.contacts)
+        self._grips, self._closures = grips_of(model, self.contacts), closures_of(model, settings.loops)
         folder = locate(settings.robot.urdf).parent if settings.robot.urdf else None
         normal = np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal)
         shapes = self._shapes(folder, normal)
-        self._model = compile_mechanism(
-            model, self._contacts, self.step_seconds, settings.mock, shapes, {**self._grips, **self._closures}
+        self.model = compile_mechanism(
+            model, self.contacts, self.step_seconds, settings.mock, shapes, {**self._grips, **self._closures}
         )
-        self._data = mujoco.MjData(self._model)
+        self.data = mujoco.MjData(self.model)
         self._qpos, self._dof = self._addresses(model.joints)
         if settings.mock.joint_friction > 0.0:
-            rub(self._model, self._dof, settings.mock.joint_friction, self.step_seconds)
-        self._model.dof_damping[self._dof] += settings.mock.joint_viscosity
+            rub(self.model, self._dof, settings.mock.joint_friction, self.step_seconds)
+        self.model.dof_damping[self._dof] += settings.mock.joint_viscosity
         self._following = self._addresses(model.followers.names) if model.followers is not None else None
-        self._feet = {name: self._body_of(contact_frame(model, name, c)) for name, c in self._contacts.items()}
-        self._touch = Touch(self._model, self._contacts, {name: foot.id for name, foot in self._feet.items()})
+        self._feet = {name: self._body_of(contact_frame(model, name, c)) for name, c in self.contacts.items()}
+        self.contact_forces = ContactForces(
+            self.model, self.contacts, {name: foot.id for name, foot in self._feet.items()}
+        )
         self._count = 0
         self._tau = np.zeros(model.na)
         self._damping: Array | None = None
         # Sampled damping is stable only if step times damping times (M⁻¹)ⱼⱼ stays well below 1.
-        most = DAMPING_SHARE / (self.step_seconds * self._model.dof_invweight0[self._dof])
+        most = DAMPING_SHARE / (self.step_seconds * self.model.dof_invweight0[self._dof])
         # Through a transmission, damping is certain to brake only if it is equal for all joints.
         self._most_damping = most if model.actuation.direct else np.full(model.nj, most[model.actuation.driven].min())
         self._pushes: list[_Push] = []
@@ -114,37 +124,17 @@ class Plant:
         self._stale = False
         start = self._initial_base(normal)
         # Without contacts there is no floor.
-        self._fallen_height = FALLEN_HEIGHT * float(start.translation[2]) if self._contacts else -math.inf
-        self._hoist = Hoist(self._model, self._data, start) if model.floating_base else None
+        self._fallen_height = FALLEN_HEIGHT * float(start.translation[2]) if self.contacts else -math.inf
+        self._hoist = Hoist(self.model, self.data, start) if model.floating_base else None
         for closure in self._closures.values():
-            place(self._model, closure, closure.placements[0])
+            place(self.model, closure, closure.placements[0])
         self.set_state(model.configuration(model.posture, start), np.zeros(model.nv))
         for name in self._grips:
-            self.grip(name, self._contacts[name].enabled)
-
-    @property
-    def model(self) -> Any:
-        """MuJoCo's model, which faults change; what depends on it is up to date after `forward`."""
-        return self._model
-
-    @property
-    def data(self) -> Any:
-        """MuJoCo's data in the present state, to be read only."""
-        return self._data
-
-    @property
-    def contacts(self) -> Mapping[str, ContactSettings]:
-        """The contacts of the configuration, by name."""
-        return self._contacts
+            self.grip(name, self.contacts[name].enabled)
 
     def body(self, frame: str) -> int:
-        """Index of the MuJoCo body on which a frame of the URDF is."""
+        """Return the index of the MuJoCo body that carries a frame of the URDF."""
         return self._body_of(frame_on_joint(self._robot, frame)).id
-
-    @property
-    def touch(self) -> Touch:
-        """What touches what."""
-        return self._touch
 
     def foot_placement(self, contact: str) -> pin.SE3:
         """Place the frame of a contact in the world."""
@@ -162,12 +152,12 @@ class Plant:
 
     @property
     def held(self) -> bool:
-        """Whether the hoist holds the base, or is being engaged."""
+        """True if the hoist holds the base, or is being engaged."""
         return self._hoist is not None and self._hoist.held
 
     @property
     def fallen(self) -> bool:
-        """Whether the base is tilted by more than 60° or below half of its initial height."""
+        """True if the base is tilted by more than 60° or below half of its initial height."""
         if not self._robot.floating_base:
             return False
         base = self._base()
@@ -181,18 +171,18 @@ class Plant:
         """Torques of the actuators, (na,) in N·m: the commanded torques within the limits, or the damping torques."""
         tau = self._tau
         if self._damping is not None:
-            tau = -self._robot.actuation.from_joints(self._damping * self._data.qvel[self._dof])
+            tau = -self._robot.actuation.from_joints(self._damping * self.data.qvel[self._dof])
         return np.array(np.clip(tau, -self.effort_limits, self.effort_limits))
 
     def state(self) -> tuple[Array, Array]:
         """Return the configuration q, (nq,), and the generalized velocity v, (nv,), in Pinocchio's conventions."""
-        q, v = self._robot.state(self._data.qpos[self._qpos], self._data.qvel[self._dof])
+        q, v = self._robot.state(self.data.qpos[self._qpos], self.data.qvel[self._dof])
         if self._robot.floating_base:
-            q[:3] = self._data.qpos[:3]
+            q[:3] = self.data.qpos[:3]
             q[3:7] = self._quaternion()
             # MuJoCo's free joint has the linear velocity in world axes and the angular one in the body's.
-            v[:3] = self._base().rotation.T @ self._data.qvel[:3]
-            v[3:6] = self._data.qvel[3:6]
+            v[:3] = self._base().rotation.T @ self.data.qvel[:3]
+            v[3:6] = self.data.qvel[3:6]
         return q, v
 
     def acceleration(self) -> Array:
@@ -202,32 +192,29 @@ class Plant:
         v̇ = Rᵀ a − ω × v, with a the acceleration of the base's origin in world axes.
         """
         v_dot = np.zeros(self._robot.nv)
-        v_dot[self._robot.v_index] = self._data.qacc[self._dof]
+        v_dot[self._robot.v_index] = self.data.qacc[self._dof]
         if self._robot.followers is not None:
             self._robot.followers.move(v_dot)
         if self._robot.floating_base:
             rotation = self._base().rotation
-            omega = self._data.qvel[3:6]
-            v_dot[:3] = rotation.T @ self._data.qacc[:3] - cross(omega, rotation.T @ self._data.qvel[:3])
-            v_dot[3:6] = self._data.qacc[3:6]
+            omega = self.data.qvel[3:6]
+            v_dot[:3] = rotation.T @ self.data.qacc[:3] - cross(omega, rotation.T @ self.data.qvel[:3])
+            v_dot[3:6] = self.data.qacc[3:6]
         return v_dot
 
     def imu(self, frame: str) -> tuple[Array, Array, Array]:
-        """Read an ideal inertial measurement unit.
+        """Read an ideal inertial measurement unit at the origin of a frame of the URDF, in the axes of the frame.
 
-        As one that integrates inside, it measures the mean specific force of the last control period: within a period
-        the force of the floor changes, and samples of it drift by 5 % of a squat's velocity. The first time, and after
-        `set_state`, it is that of the instant.
-
-        Args:
-            frame: a frame of the URDF, at whose origin it is, and whose axes it has.
+        Like a unit that integrates inside, it measures the mean specific force of the last control period: the force of
+        the floor changes within a period, and samples of it drift by 5 % of a squat's velocity. The first value, and
+        the first after `set_state`, is that of the instant.
 
         Returns:
             The frame's orientation in the world, (4,) as (x, y, z, w); its angular velocity, (3,) in rad/s, and the
-            specific force (acceleration less gravity) at its origin, (3,) in m/s², both in its axes.
+            specific force (acceleration minus gravity) at its origin, (3,) in m/s², both in its axes.
 
         Raises:
-            ConfigurationError: where the robot has no such frame.
+            ConfigurationError: if the robot has no such frame.
         """
         if frame not in self._imus:
             self._imus[frame] = self._body_of(frame_on_joint(self._robot, frame))
@@ -242,13 +229,13 @@ class Plant:
         if steps:
             duration = steps * self.step_seconds
             middle = pin.exp3(0.5 * duration * turning)  # from the axes of the middle of the period to those of now
-            force = middle @ ((moved[-1] - moved[0]) / duration - self._model.opt.gravity)
+            force = middle @ ((moved[-1] - moved[0]) / duration - self.model.opt.gravity)
         else:
             acceleration = np.zeros(6)
-            mujoco.mj_rnePostConstraint(self._model, self._data)
+            mujoco.mj_rnePostConstraint(self.model, self.data)
             kind = mujoco.mjtObj.mjOBJ_XBODY
-            mujoco.mj_objectAcceleration(self._model, self._data, kind, body.id, acceleration, 0)
-            arm = placement.translation - self._data.xpos[body.id]
+            mujoco.mj_objectAcceleration(self.model, self.data, kind, body.id, acceleration, 0)
+            arm = placement.translation - self.data.xpos[body.id]
             # In MuJoCo the world accelerates upwards instead of gravity: its acceleration is the specific force.
             force = acceleration[3:] + cross(acceleration[:3], arm) + cross(turning, cross(turning, arm))
         return quaternion_of(placement.rotation), to_local @ turning, to_local @ force
@@ -256,8 +243,8 @@ class Plant:
     def _motion(self, body: _Body) -> tuple[Array, Array]:
         """Angular velocity and velocity of the origin of a frame on a body, in world axes, (3,) each."""
         motion = np.zeros(6)
-        mujoco.mj_objectVelocity(self._model, self._data, mujoco.mjtObj.mjOBJ_XBODY, body.id, motion, 0)
-        arm = self._placement(body).translation - self._data.xpos[body.id]
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body.id, motion, 0)
+        arm = self._placement(body).translation - self.data.xpos[body.id]
         return motion[:3], motion[3:] + cross(motion[:3], arm)
 
     def contact_wrenches(self) -> dict[str, Array]:
@@ -266,17 +253,16 @@ class Plant:
         Returns:
             For a surface or fixed contact, the wrench about the contact's origin in the contact frame, (6,) in N and
             N·m, force first; for a point or wheel, the force in N, (3,), in world axes, or in the axes of the frame
-            `against`. What touches the floor on links without a contact is in none; what does on a link with several,
-            in the nearest.
+            `against`. Forces on links without a contact belong to none; on a link with several, to the nearest.
         """
         frames = {name: self._placement(foot) for name, foot in self._feet.items()}
-        force, moment = self._touch.forces(self._data, frames)
+        force, moment = self.contact_forces.forces(self.data, frames)
         for name, grip in self._grips.items():
-            held = wrench(self._model, self._data, grip)
+            held = wrench(self.model, self.data, grip)
             force[name] += held[:3]
             moment[name] += held[3:]
         wrenches = {}
-        for name, contact in self._contacts.items():
+        for name, contact in self.contacts.items():
             if isinstance(contact, SurfaceContact | FixedContact):
                 to_local = frames[name].rotation.T
                 wrenches[name] = np.concatenate([to_local @ force[name], to_local @ moment[name]])
@@ -288,12 +274,12 @@ class Plant:
         return wrenches
 
     def links_on_the_floor(self) -> frozenset[str]:
-        """Return the names of the links that touch the floor and have no contact there: of a robot that falls, say."""
-        return frozenset(self._model.body(body).name for body in self._touch.bodies_elsewhere(self._data))
+        """Return the names of the links that touch the floor without a contact, such as those of a fallen robot."""
+        return frozenset(self.model.body(body).name for body in self.contact_forces.bodies_elsewhere(self.data))
 
     def penetration(self) -> float:
         """Return the largest penetration of the robot into the floor, m; 0 if it does not touch it."""
-        depths = [-float(self._data.contact[index].dist) for index in range(self._data.ncon)]
+        depths = [-float(self.data.contact[index].dist) for index in range(self.data.ncon)]
         return max([0.0, *depths])
 
     def coupling_error(self) -> float:
@@ -302,13 +288,10 @@ class Plant:
         if followers is None or self._following is None:
             return 0.0
         q, _ = self.state()
-        return float(np.max(np.abs(self._data.qpos[self._following[0]] - q[followers.q_index])))
+        return float(np.max(np.abs(self.data.qpos[self._following[0]] - q[followers.q_index])))
 
     def apply(self, tau: npt.ArrayLike) -> None:
-        """Set the torques of the actuators from now on. They saturate at their effort limits.
-
-        Args:
-            tau: torques in the order of the actuators, (na,) in N·m.
+        """Set the torques of the actuators, (na,) in N·m, from now on. They saturate at their effort limits.
 
         Raises:
             InputRefused: if the size is wrong or a value is not finite; the torques are then unchanged.
@@ -332,23 +315,22 @@ class Plant:
             raise InputRefused(f"got torques that are not finite ({', '.join(bad)}); expected finite ones, in N·m")
 
     def damp(self, damping: float) -> None:
-        """Drop the commanded torques and damp every joint instead, as its drive would; this saturates too.
+        """Damp every joint instead of applying torques, as its drive would; this saturates too.
 
-        Args:
-            damping: joint damping, N·m·s/rad; reduced if it would be unstable with the simulation's time step.
+        The damping, in N·m·s/rad, is reduced if it would be unstable with the simulation's time step.
         """
         self._damping, self._stale = np.minimum(damping, self._most_damping), True
 
     def lock(self, joint: str) -> Callable[[], None]:
-        """Lock a joint where it is, as a brake does.
+        """Lock a joint at its present position, as a brake does.
 
         Returns:
-            The function that takes this lock away; the joint moves again when all its locks are gone.
+            The function that removes this lock; the joint moves again without any lock.
         """
-        locked, lock = self._model.joint(joint), object()
+        locked, lock = self.model.joint(joint), object()
         if not self._locks.setdefault(joint, []):
             self._unlocked[joint] = bool(locked.limited[0]), locked.range.copy()
-            locked.limited[0], locked.range[:] = True, float(self._data.qpos[locked.qposadr[0]])
+            locked.limited[0], locked.range[:] = True, float(self.data.qpos[locked.qposadr[0]])
         self._locks[joint].append(lock)
         self._stale = True
 
@@ -389,10 +371,9 @@ class Plant:
         self._stale = True
 
     def hold(self, held: bool, ramp: float = RAMP) -> None:
-        """Hold the base at its start, or release it. On a fixed base this does nothing.
+        """Hold the base at its start, or release it, within `ramp`, s; without effect on a fixed base.
 
-        A displaced base is carried back at a bounded speed. The hoist is engaged or released over `ramp`, s; 0 for at
-        once.
+        A displaced base is carried back at a bounded speed.
         """
         if self._hoist is None or held == self._hoist.held:
             return
@@ -413,13 +394,13 @@ class Plant:
         grip = self._grips[contact]
         if held:
             holder = self._placement(self._body_of((grip.joints[0], pin.SE3.Identity())))
-            place(self._model, grip, holder.actInv(self._placement(self._feet[contact])))
+            place(self.model, grip, holder.actInv(self._placement(self._feet[contact])))
         for constraint in grip.names:
-            self._data.eq_active[self._model.equality(constraint).id] = held
+            self.data.eq_active[self.model.equality(constraint).id] = held
         self.forward()
 
     def set_state(self, q: npt.ArrayLike, v: npt.ArrayLike) -> None:
-        """Put the robot into a state, independent of the previous one; time, torques, pushes and hoist stay.
+        """Set the configuration, (nq,), and the generalized velocity, (nv,); time, torques, pushes and hoist stay.
 
         Raises:
             InputRefused: if a size is wrong or a value is not finite.
@@ -433,30 +414,30 @@ class Plant:
         if self._robot.floating_base and not abs(np.linalg.norm(q[3:7]) - 1.0) <= 1e-3:
             raise InputRefused(f"the base's quaternion is {q[3:7].tolist()}; expected length 1, (x, y, z, w)")
         self._write(q, v)
-        self._data.qacc_warmstart[:] = 0.0
+        self.data.qacc_warmstart[:] = 0.0
         self._moved.clear()
         self.forward()
 
     def _write(self, q: Array, v: Array) -> None:
         """Write a state to MuJoCo's data, in its conventions."""
-        self._data.qpos[self._qpos] = q[self._robot.q_index]
-        self._data.qvel[self._dof] = v[self._robot.v_index]
+        self.data.qpos[self._qpos] = q[self._robot.q_index]
+        self.data.qvel[self._dof] = v[self._robot.v_index]
         if self._robot.followers is not None and self._following is not None:
             qpos, dof = self._following
-            self._data.qpos[qpos], self._data.qvel[dof] = (
+            self.data.qpos[qpos], self.data.qvel[dof] = (
                 q[self._robot.followers.q_index],
                 v[self._robot.followers.v_index],
             )
         if self._robot.floating_base:
-            self._data.qpos[:3] = q[:3]
-            self._data.qpos[3:7] = q[[6, 3, 4, 5]]
-            self._data.qvel[:3] = self._base().rotation @ v[:3]
-            self._data.qvel[3:6] = v[3:6]
+            self.data.qpos[:3] = q[:3]
+            self.data.qpos[3:7] = q[[6, 3, 4, 5]]
+            self.data.qvel[:3] = self._base().rotation @ v[:3]
+            self.data.qvel[3:6] = v[3:6]
 
     def forward(self) -> None:
         """Recompute accelerations and contact forces in the present state, without stepping."""
-        mujoco.mj_fwdPosition(self._model, self._data)
-        mujoco.mj_fwdVelocity(self._model, self._data)
+        mujoco.mj_fwdPosition(self.model, self.data)
+        mujoco.mj_fwdVelocity(self.model, self.data)
         self._respond()
 
     def step(self) -> None:
@@ -467,7 +448,7 @@ class Plant:
         """
         if self._stale:
             self._respond()
-        mujoco.mj_implicit(self._model, self._data)
+        mujoco.mj_implicit(self.model, self.data)
         self._count += 1
         self._pushes = [push for push in self._pushes if self._count < push.end]
         if self._hoist is not None:
@@ -475,33 +456,33 @@ class Plant:
         self.forward()
         for frame, moved in self._moved.items():
             moved.append(self._motion(self._imus[frame])[1])
-        if not np.isfinite(self._data.qacc).all():
+        if not np.isfinite(self.data.qacc).all():
             raise WbcError(f"the physics diverged at {self.time:.3f} s; a smaller mock.step may help")
 
     def _respond(self) -> None:
         """Compute the accelerations from the present forces; positions and velocities are already computed."""
-        self._data.xfrc_applied[:] = 0.0
+        self.data.xfrc_applied[:] = 0.0
         for push in self._pushes:
-            arm = self._placement(push.at).translation - self._data.xipos[push.at.id]
+            arm = self._placement(push.at).translation - self.data.xipos[push.at.id]
             force, torque = push.wrench[:3], push.wrench[3:]
             # MuJoCo takes wrenches about a body's centre of mass.
-            self._data.xfrc_applied[push.at.id] += np.concatenate([force, torque + cross(arm, force)])
-        self._data.qfrc_applied[self._dof] = self._robot.actuation.at_joints(self.applied_torques)
-        mujoco.mj_fwdActuation(self._model, self._data)
-        mujoco.mj_fwdAcceleration(self._model, self._data)
-        mujoco.mj_fwdConstraint(self._model, self._data)
+            self.data.xfrc_applied[push.at.id] += np.concatenate([force, torque + cross(arm, force)])
+        self.data.qfrc_applied[self._dof] = self._robot.actuation.at_joints(self.applied_torques)
+        mujoco.mj_fwdActuation(self.model, self.data)
+        mujoco.mj_fwdAcceleration(self.model, self.data)
+        mujoco.mj_fwdConstraint(self.model, self.data)
         self._stale = False
 
     def _shapes(self, folder: Path | None, normal: Array) -> dict[int, list[Shape]]:
-        """Read the shapes with which the robot touches the floor; says which contacts lack any."""
-        if not self._contacts:
+        """Read the shapes with which the robot touches the floor; warn of contacts without any."""
+        if not self.contacts:
             return {}
         soles: dict[int, list[Array]] = {}
         tips: dict[int, Array] = {}
         standing: dict[str, int] = {}
         data = self._robot.pinocchio.createData()
         pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
-        for name, contact in self._contacts.items():
+        for name, contact in self.contacts.items():
             joint, placement = contact_frame(self._robot, name, contact)
             if contact.against is None and not isinstance(contact, FixedContact):
                 standing[name] = joint
@@ -516,8 +497,7 @@ class Plant:
         bare = [name for name, joint in standing.items() if joint not in shapes]
         if bare:
             _log.warning(
-                "the links of the contacts %s %s: in the mock robot they touch with the shapes of the configuration, "
-                "right or wrong",
+                "the links of the contacts %s %s: in the mock robot they touch with the shapes of the configuration",
                 ", ".join(bare),
                 why,
             )
@@ -525,30 +505,30 @@ class Plant:
 
     def _initial_base(self, normal: Array) -> pin.SE3:
         """Place the base upright at the height where the robot's lowest point is on the floor."""
-        if not (self._robot.floating_base and self._contacts):
+        if not (self._robot.floating_base and self.contacts):
             return pin.SE3.Identity()
         self._write(self._robot.configuration(self._robot.posture), np.zeros(self._robot.nv))
-        mujoco.mj_kinematics(self._model, self._data)
-        height = self._touch.height(self._data, self._touch.on_the_floor)
+        mujoco.mj_kinematics(self.model, self.data)
+        height = self.contact_forces.height(self.data, self.contact_forces.on_the_floor)
         if height == math.inf:
             return pin.SE3.Identity()
         return pin.SE3(np.eye(3), np.array([0.0, 0.0, -height / normal[2]]))
 
     def _base(self) -> pin.SE3:
-        return pin.XYZQUATToSE3(np.concatenate([self._data.qpos[:3], self._quaternion()]))
+        return pin.XYZQUATToSE3(np.concatenate([self.data.qpos[:3], self._quaternion()]))
 
     def _quaternion(self) -> Array:
         """Return the base's orientation, (4,) as (x, y, z, w)."""
-        quaternion = self._data.qpos[[4, 5, 6, 3]]
+        quaternion = self.data.qpos[[4, 5, 6, 3]]
         return np.array(quaternion / np.linalg.norm(quaternion))
 
     def _placement(self, body: _Body) -> pin.SE3:
         """Place a frame on a body in the world."""
-        return pin.SE3(self._data.xmat[body.id].reshape(3, 3), self._data.xpos[body.id]) * body.placement
+        return pin.SE3(self.data.xmat[body.id].reshape(3, 3), self.data.xpos[body.id]) * body.placement
 
     def _addresses(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Return the indices of joints in MuJoCo's qpos and qvel, (k,) each."""
-        joints = [self._model.joint(name) for name in names]
+        joints = [self.model.joint(name) for name in names]
         qpos, dof = ([int(getattr(joint, key)[0]) for joint in joints] for key in ("qposadr", "dofadr"))
         return np.array(qpos, dtype=np.intp), np.array(dof, dtype=np.intp)
 
@@ -558,5 +538,5 @@ class Plant:
         if joint == 0:
             return _Body(0, placement)
         if name in self._robot.moving_joints:
-            return _Body(int(self._model.joint(name).bodyid[0]), placement)
-        return _Body(int(self._model.jnt_bodyid[0]), placement)
+            return _Body(int(self.model.joint(name).bodyid[0]), placement)
+        return _Body(int(self.model.jnt_bodyid[0]), placement)

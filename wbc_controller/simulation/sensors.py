@@ -1,4 +1,4 @@
-"""What sensors and motors of real robots make of the truth: noise, biases, resolution, offsets, errors of torque.
+"""Imperfections of sensors and motors: noise, biases, resolution, offsets, and errors of torque.
 
 The figures of each preset are those of parts that such robots carry (docs/estimation.md names them).
 """
@@ -50,7 +50,7 @@ class Parts:
     torque_error: float
 
 
-#: Parts by preset; ``ideal`` tells the truth, and has none.
+#: Parts by preset; ``ideal`` has none.
 PARTS: Mapping[SensorQuality, Parts] = {
     "good": Parts(
         gyroscope_noise=0.007 * _DEGREE,
@@ -85,7 +85,7 @@ class ImperfectSensors:
     """Measures as parts do: draws their biases and offsets once, and their noise in every period."""
 
     def __init__(self, parts: Parts, robot: RobotModel, period: float, seed: int) -> None:
-        """Draw biases and offsets; the period is between two measurements, s."""
+        """Draw the constant errors; `period` is the time between two measurements, s."""
         self._parts = parts
         self._rng = rng = np.random.default_rng(seed)
         self._gyroscope_bias = parts.gyroscope_bias * rng.standard_normal(3)
@@ -97,7 +97,7 @@ class ImperfectSensors:
         self._per_sample, self._per_step = 1.0 / math.sqrt(period), math.sqrt(period)
 
     def measure(self, measured: Measurement) -> None:
-        """Put what the parts measure in the place of the truth; the same again for the same time."""
+        """Replace the true values by measured ones; the same again for the same time."""
         parts, count = self._parts, len(measured.position)
         if measured.taken != self._drawn:
             self._drawn, self._noise = measured.taken, self._rng.standard_normal(len(self._noise))
@@ -115,5 +115,5 @@ class ImperfectSensors:
         measured.velocity = measured.velocity + parts.velocity_noise * speed
 
     def torques(self, tau: Array) -> Array:
-        """What the motors make of commanded torques, (na,) in N·m."""
+        """Return the torques of the motors for commanded ones, (na,) in N·m."""
         return self._gains * tau

@@ -114,7 +114,7 @@ def add_shape(spec: Any, body: Any, shape: Shape, name: str) -> Any:
 
 
 def _different(normals: Sequence[Array]) -> list[Array]:
-    """Normals, (3,) each, without those of a sole that several contacts share."""
+    """Return the normals, (3,) each, without duplicates of a sole that several contacts share."""
     found: list[Array] = []
     for normal in normals:
         if all(normal @ other < _PARALLEL for other in found):
@@ -123,7 +123,7 @@ def _different(normals: Sequence[Array]) -> list[Array]:
 
 
 def _primitive(element: pin.GeometryObject) -> Shape | None:
-    """An element that is no mesh; None for a mesh."""
+    """Return the shape of an element; None for a mesh."""
     geometry, kinds = element.geometry, mujoco.mjtGeom
     match geometry:
         case coal.Sphere():
@@ -138,7 +138,7 @@ def _primitive(element: pin.GeometryObject) -> Shape | None:
 
 
 def _hull(points: Array) -> Array:
-    """The vertices of the convex hull of points, (n, 3); all points where they have no volume."""
+    """Return the vertices of the convex hull of points, (n, 3); all points if they have no volume."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:
@@ -197,7 +197,7 @@ def _part_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
 
 
 def _mesh(hull: Array) -> Shape:
-    """The mesh of a hull, or a box around it where it has no volume, as MuJoCo has no mesh without one."""
+    """Return the mesh of a hull, or a box around a hull without volume, which MuJoCo does not accept as a mesh."""
     try:
         vertices = hull[ConvexHull(hull).vertices]
     except QhullError:

@@ -20,9 +20,7 @@ from wbc_controller.simulation.plant import Plant
 
 
 class Simulation:
-    """A robot of a configuration in MuJoCo, standing, with its controller active: to see what a configuration does.
-
-    Its time begins when the torques have ramped in: nothing holds the robot.
+    """A standing robot in MuJoCo with its active controller. Its time begins after the ramp of the torques.
 
     Attributes:
         controller: the controller.
@@ -52,14 +50,14 @@ class Simulation:
             preflight: check first that the robot can stand as configured.
 
         Raises:
-            ConfigurationError: where the robot cannot be controlled or simulated.
+            ConfigurationError: if the robot cannot be controlled or simulated.
         """
         config = load(config).replace({"safety.activation_ramp": 0.0})
         self.controller = Controller(config, tasks=tasks, contacts=contacts, limits=limits, preflight=preflight)
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew at time 0, in the nominal posture; settings that were changed by `Controller.update` stay."""
+        """Restart at time 0, in the nominal posture; settings that were changed by `Controller.update` stay."""
         settings = self.controller.config.settings
         self.plant = Plant(self.controller.model, settings)
         self.plant.hold(False, ramp=0.0)
@@ -73,18 +71,11 @@ class Simulation:
         return self.plant.time
 
     def run(self, seconds: float, each: Callable[[Simulation], None] = lambda simulation: None) -> list[CycleResult]:
-        """Go on.
-
-        Args:
-            seconds: how long.
-            each: called after every cycle, before the physics goes on.
-
-        Returns:
-            The results of the cycles.
+        """Simulate for a time, s, and return the results of the cycles; `each` is called after every cycle.
 
         Raises:
-            NoSolution: where a cycle has none.
-            WbcError: where the controller has left its active mode, or the physics has diverged.
+            NoSolution: if a cycle has no solution, or the controller has left its active mode.
+            WbcError: if the physics has diverged.
         """
         results = []
         for _ in range(round(seconds / self.controller.period)):

@@ -268,7 +268,7 @@ def test_an_error_while_drawing_is_logged_and_the_page_draws_again(rig, pages, m
         raise error
 
     with monkeypatch.context() as patch, caplog.at_level(logging.ERROR, "wbc_controller.apps.page.page"):
-        patch.setattr(rig.story, "moment", fails)
+        patch.setattr(rig.story, "snapshot", fails)
         pages[0].until(lambda: len(failed) > 3)
     (record,) = caplog.records
     assert record.exc_info[1] is error

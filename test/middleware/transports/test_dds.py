@@ -115,20 +115,20 @@ def test_arguments_override_the_environment():
     assert domain_settings(environment, 7, "SUBNET") == DomainSettings(7, DiscoveryRange.SUBNET)
 
 
-@pytest.mark.parametrize("value", ["-1", "233", "1.5", "five", "٣"])
-def test_bad_domain_id(value):
-    with pytest.raises(TransportError, match=rf"ROS_DOMAIN_ID is '{value}'.*0 to 232"):
-        domain_settings({"ROS_DOMAIN_ID": value})
-
-
-def test_bad_domain_id_argument():
-    with pytest.raises(TransportError, match=r"233.*0 to 232"):
-        domain_settings({}, 233)
-
-
-def test_bad_discovery_range():
-    with pytest.raises(TransportError, match=r"'LOCAL'.*LOCALHOST, OFF, SUBNET, SYSTEM_DEFAULT"):
-        domain_settings({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCAL"})
+@pytest.mark.parametrize(
+    ("environment", "domain", "said"),
+    [
+        *(
+            ({"ROS_DOMAIN_ID": bad}, None, rf"ROS_DOMAIN_ID is '{bad}'.*0 to 232")
+            for bad in ("-1", "233", "1.5", "x", "٣")
+        ),
+        ({}, 233, r"233.*0 to 232"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCAL"}, None, r"'LOCAL'.*LOCALHOST, OFF, SUBNET, SYSTEM_DEFAULT"),
+    ],
+)
+def test_bad_settings(environment, domain, said):
+    with pytest.raises(TransportError, match=said):
+        domain_settings(environment, domain)
 
 
 def test_what_the_user_configured_comes_last_and_peers_are_escaped():

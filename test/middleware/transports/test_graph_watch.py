@@ -81,7 +81,7 @@ def test_a_graph_that_cannot_be_read_is_said(monkeypatch, caplog):
     watch.start()
     own.close()
     watch._thread.join(20.0)
-    assert "who else publishes is not known any more" in caplog.text
+    assert "other publishers are no longer watched" in caplog.text
     watch.stop()
     with pytest.raises(TransportError, match="/odom"):
         watch.look()

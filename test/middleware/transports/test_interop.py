@@ -44,11 +44,7 @@ def pair(monkeypatch):
 def test_every_row_crosses(pair, eventually, example, table, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
     rows = endpoints(
-        table,
-        "node",
-        task_kinds={kind: kind for kind in TASK_TYPES},
-        contacts=("left",),
-        frames=("pelvis",),
+        table, "node", task_kinds={kind: kind for kind in TASK_TYPES}, contacts=("left",), frames=("pelvis",)
     )
     for row in (row for row in rows if not is_omitted(row)):
         received, payload = [], encode(example(row.type))

@@ -83,8 +83,8 @@ def test_it_reads_what_the_mock_robot_reads(robot_of):
     for _ in range(50):
         plant.apply(rng.normal(size=model.na))
         plant.step()
-    interface = wbc.MujocoInterface(model, plant._model)
-    for ours, theirs in zip(interface.state(plant._data), plant.state(), strict=True):
+    interface = wbc.MujocoInterface(model, plant.model)
+    for ours, theirs in zip(interface.state(plant.data), plant.state(), strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 

@@ -73,10 +73,10 @@ def test_an_entry_of_a_script_needs_its_time(text):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("{kind: joint_bias, joint: FL_knee}", "joint 'FL_knee' is unknown.*Valid: FL_calf_joint"),
-        ("{kind: actuator_dead, actuator: x}", "actuator 'x' is unknown; Valid"),
-        ("{kind: payload, link: trunk}", "link 'trunk' is unknown"),
-        ("{kind: floor_hole, contact: left}", "contact 'left' is unknown.*front_left_foot"),
+        ("{kind: joint_bias, joint: FL_knee}", "unknown joint 'FL_knee'.*Valid: FL_calf_joint"),
+        ("{kind: actuator_dead, actuator: x}", "unknown actuator 'x'; Valid"),
+        ("{kind: payload, link: trunk}", "unknown link 'trunk'"),
+        ("{kind: floor_hole, contact: left}", "unknown contact 'left'.*front_left_foot"),
     ],
 )
 def test_a_name_that_the_robot_has_not_is_refused_when_it_is_planned_and_nothing_of_the_list_happens(bench, text, said):

@@ -168,7 +168,7 @@ def test_what_closes_loops_stays_where_it_is_when_masses_change():
 def test_a_sunk_floor_lets_the_robot_fall_onto_it(bench):
     bench.plant.hold(False, ramp=0.0)
     bench.plan("floor_drop", depth=0.2, duration=0.01)
-    touch = bench.plant.touch
+    touch = bench.plant.contact_forces
     for _ in range(150):
         bench.faults.pass_time()
         bench.plant.damp(2.0)
@@ -191,7 +191,7 @@ def test_the_floor_tilts_by_its_angle_and_does_not_lift_the_robot(bench):
 
 def test_a_foot_over_a_hole_has_no_contact_and_stays_free_until_it_is_above_the_floor(bench):
     foot = "front_left_foot"
-    geoms = bench.plant.touch.geoms[foot]
+    geoms = bench.plant.contact_forces.geoms[foot]
     bench.plant.hold(False, ramp=0.0)
     bench.plan("floor_hole", contact=foot, duration=0.3)
     for _ in range(200):
@@ -199,7 +199,7 @@ def test_a_foot_over_a_hole_has_no_contact_and_stays_free_until_it_is_above_the_
         bench.plant.damp(0.5)
         bench.pass_period()
     assert not bench.plant.contact_wrenches()[foot].any()
-    assert bench.plant.touch.height(bench.plant.data, geoms) < -0.001
+    assert bench.plant.contact_forces.height(bench.plant.data, geoms) < -0.001
     assert bench.faults.busy
     assert not bench.plant.model.geom_conaffinity[geoms].any()
 

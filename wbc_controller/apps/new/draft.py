@@ -1,4 +1,4 @@
-"""Goes through the steps from a URDF to the draft of a configuration."""
+"""The steps from a URDF to the draft of a configuration."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import pinocchio as pin
 
 from wbc_controller.apps.new import tuning
 from wbc_controller.apps.new.feet import Body, Elements
-from wbc_controller.apps.new.legs import Legs
+from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import Source, choose_joints, ranges_of, read_postures, read_source
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.apps.new.posture import put_fixed, put_standing, reference
-from wbc_controller.apps.new.sole import Foot
+from wbc_controller.apps.new.standing_posture import Legs
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.collision_model import with_visuals
 from wbc_controller.controller.build.robot import make_model
@@ -42,9 +42,9 @@ def new_configuration(
 
     Args:
         urdf: path or ``package://`` address of its URDF.
-        srdf: of its SRDF, for a posture.
-        base: how the root link is attached to the world; None to decide by the feet.
-        feet: links to stand on; empty to look for them.
+        srdf: path or address of its SRDF, for a posture.
+        base: attachment of the root link to the world; None to decide by the feet.
+        feet: links to stand on; empty to search for them.
 
     Raises:
         ConfigurationError: if a file cannot be read, or the robot has no joints that can be controlled.
@@ -74,14 +74,7 @@ def new_configuration(
 def _feet(
     source: Source, postures: Mapping[str, Mapping[str, float]], feet: Sequence[str], carrying: Sequence[str]
 ) -> tuple[Draft, Body, list[Foot]]:
-    """Begin a draft, and look for the feet.
-
-    Args:
-        source: the URDF.
-        postures: of the SRDF.
-        feet: links to stand on; empty to look for them.
-        carrying: links that are known to be feet.
-    """
+    """Begin a draft, and search for the feet, unless they are named; `carrying` are links that are known to be feet."""
     draft = Draft()
     draft.put("robot.urdf", source.address)
     draft.put("robot.base", "floating")
@@ -92,7 +85,7 @@ def _feet(
 
 
 def _model(draft: Draft, source: Source, *, floating: bool) -> RobotModel:
-    """The model of the draft's joints, all of them as near to zero as their limits let them be."""
+    """Build the model of the draft's joints, with positions as near to zero as their limits allow."""
     robot = draft.values["robot"]
     ranges = ranges_of(source, robot.get("joint_limits", {}))
     posture = [float(np.clip(0.0, *ranges[name])) for name in robot["joints"]]
@@ -104,12 +97,12 @@ def _model(draft: Draft, source: Source, *, floating: bool) -> RobotModel:
 
 
 def _shapes(model: RobotModel, source: Source, draft: Draft) -> Elements:
-    """The collision shapes of the robot, and the visual ones of links that have no others.
+    """Read the collision shapes of the robot, and the visual ones of links without any.
 
-    Shapes in files that are not there are left out, and said to be missing.
+    Shapes in missing files are left out, with a note.
 
     Raises:
-        ConfigurationError: if a file is there, and cannot be read.
+        ConfigurationError: if a file cannot be read.
     """
     tree, folder, lost = copy.deepcopy(source.tree), source.path.parent, []
     for link in tree.iterfind("link"):
@@ -137,7 +130,7 @@ def _is_there(mesh: str, folder: Path) -> bool:
 
 
 def _put_base(source: Source, base: Base | None, feet: Sequence[Foot], draft: Draft) -> Base:
-    """Decide how the base is attached, and say why."""
+    """Decide how the base is attached, with a note on the reason."""
     if base is not None:
         draft.put("robot.base", base, f"As --base {base} says.")
         return base
@@ -184,7 +177,7 @@ def _put_legged(
 
 
 def _put_imu(model: RobotModel, draft: Draft) -> None:
-    """Name the frame of the IMU, where a link that moves with the base is called so."""
+    """Name the frame of the IMU, if a link that moves with the base has such a name."""
     frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]
     links = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
     if links:

@@ -1,4 +1,4 @@
-"""Which ends of the robot are its feet, and with it whether its base floats."""
+"""Search for the feet among the ends of the kinematic tree."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.apps.new.sole import Foot, measure
+from wbc_controller.apps.new.foot_shape import Foot, measure
 from wbc_controller.controller.build.footprint import outline
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -51,13 +51,7 @@ class Body:
     """
 
     def __init__(self, model: RobotModel, elements: Elements, posture: Array) -> None:
-        """Place the robot.
-
-        Args:
-            model: the robot's model, with a floating base.
-            elements: its shapes.
-            posture: joint positions, (nj,) in rad.
-        """
+        """Place the robot, with its shapes, in a posture, (nj,) in rad."""
         self.model, self._elements = model, elements
         self.data = model.pinocchio.createData()
         q = model.configuration(posture)
@@ -73,7 +67,7 @@ class Body:
         return list(self.model.pinocchio.children[joint])
 
     def _points(self, joint: int) -> Array:
-        """Points of what a joint moves, (n, 3) in the world: of its shapes, or the origins of its links."""
+        """Return points of the shapes that a joint moves, or the origins of its links, (n, 3) in the world."""
         place, frames = self.data.oMi[joint], self.model.pinocchio.frames
         shapes = [
             outline(element) for frame, own in self._elements.items() if frames[frame].parentJoint == joint
@@ -92,17 +86,17 @@ class Body:
         return Limb(end, tuple(chain), sum(model.inertias[joint].mass for joint in chain), self._low[end])
 
     def axis(self, joint: int) -> Array:
-        """Axis of a joint in its own frame, (3,)."""
+        """Return the axis of a joint in its own frame, (3,)."""
         column = self.model.pinocchio.joints[joint].idx_v
         jacobian = pin.getJointJacobian(self.model.pinocchio, self.data, joint, pin.LOCAL)
         return np.asarray(jacobian[3:, column])
 
     def limb_of(self, foot: Foot) -> Limb:
-        """The limb that ends in a foot, or the joint alone that moves it."""
+        """Return the limb that ends in a foot, or only the joint that moves it."""
         return next((limb for limb in self.limbs if limb.end == foot.joint), self._limb(foot.joint))
 
     def feet(self) -> list[Foot]:
-        """The feet, from the front left one on; none where the robot does not stand on limbs."""
+        """Return the feet, the front left one first; none if the robot does not stand on limbs."""
         own = [limb for limb in self.limbs if self.model.pinocchio.parents[limb.joints[0]] == 1]
         lowest = min(own, key=lambda limb: limb.low, default=None)
         if lowest is None:
@@ -121,10 +115,10 @@ class Body:
         return self._measured([limb.end for limb in alike])
 
     def feet_of(self, links: Sequence[str]) -> list[Foot]:
-        """The feet on the named links.
+        """Return the feet on the named links.
 
         Raises:
-            ConfigurationError: where a name is none of a link that a joint moves.
+            ConfigurationError: if a name is no link that a joint moves.
         """
         frames = self.model.pinocchio.frames
         moved = {str(f.name): int(f.parentJoint) for f in frames if f.type == pin.BODY and f.parentJoint > 1}

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.apps.new.missing_limits import reach_of, replaced_limits
 from wbc_controller.apps.new.notes import Draft
-from wbc_controller.apps.new.placeholders import reach_of, replaced_limits
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.mimic import read_mimics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -39,7 +39,7 @@ class Source:
     """A URDF, and where it is.
 
     Attributes:
-        address: what ``robot.urdf`` says: a ``package://`` address where there is one, otherwise an absolute path.
+        address: value of ``robot.urdf``: a ``package://`` address if possible, otherwise an absolute path.
         path: the file.
         text: its text, without planar joints: three of one coordinate stand for each.
         tree: the same, as XML.
@@ -58,10 +58,7 @@ class Source:
 
 
 def read_source(urdf: str) -> Source:
-    """Read a URDF.
-
-    Args:
-        urdf: its path or ``package://`` address.
+    """Read a URDF by its path or ``package://`` address.
 
     Raises:
         ConfigurationError: if there is no such file, or it is no URDF.
@@ -75,7 +72,7 @@ def read_source(urdf: str) -> Source:
 
 
 def _address(path: Path) -> str:
-    """A ``package://`` address of a file in the share folder of an installed package; otherwise its path."""
+    """Return the ``package://`` address of a file in the share folder of an installed package; otherwise its path."""
     for folder in path.parents:
         if folder.parent.name != "share":
             continue
@@ -88,7 +85,7 @@ def _address(path: Path) -> str:
 
 
 def ranges_of(source: Source, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
-    """Position limits of the joints that are not fixed, by name, with those that replace the URDF's."""
+    """Return the position limits of the joints that are not fixed, with the limits that replace the URDF's."""
     tree, _ = read_robot(source.text, {name: JointLimits(**given) for name, given in limits.items()})
     found = {}
     for joint in tree.iterfind("joint"):
@@ -102,10 +99,7 @@ def ranges_of(source: Source, limits: Mapping[str, Mapping[str, float]]) -> dict
 def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) -> None:
     """Choose the joints that move, in the order of the URDF: ``robot.joints``, ``locked_joints`` and ``joint_limits``.
 
-    Args:
-        source: the URDF.
-        draft: what the choice is written to.
-        carrying: links that the robot stands on: no joint that moves them is a finger's.
+    The robot stands on the links `carrying`: the joints that move them are no fingers.
 
     Raises:
         ConfigurationError: if the URDF cannot be used, or none of its joints can.
@@ -159,15 +153,12 @@ def _carries(model: pin.Model, joint: int, links: Sequence[str]) -> bool:
 
 
 def _below(model: pin.Model, joint: int) -> float:
-    """Mass of what a joint moves, kg."""
+    """Return the mass that a joint moves, kg."""
     return float(sum(model.inertias[i].mass for i in model.subtrees[joint]))
 
 
 def read_postures(srdf: str) -> dict[str, dict[str, float]]:
     """Read the postures of an SRDF: joint positions in rad by name of the ``<group_state>``, the best one first.
-
-    Args:
-        srdf: path or ``package://`` address of the SRDF.
 
     Raises:
         ConfigurationError: if it cannot be read.
@@ -195,11 +186,11 @@ def _rank(name: str) -> int:
 
 
 def pose_of(joints: Sequence[str], lower: Array, upper: Array, given: Mapping[str, float]) -> Array:
-    """Joint positions, (nj,): those that are given, others at zero, all of them within the limits."""
+    """Return joint positions, (nj,), from those given, by default zero, all within the limits."""
     return np.clip([given.get(name, 0.0) for name in joints], lower, upper)
 
 
 def usable_ranges(model: RobotModel) -> tuple[Array, Array]:
-    """Limits of the joints, (nj,) each in rad; half a turn to both sides for those that turn several times."""
+    """Return the limits of the joints, (nj,) each in rad; half a turn to both sides for several turns."""
     several = model.position_upper - model.position_lower > _SEVERAL_TURNS
     return np.where(several, -np.pi, model.position_lower), np.where(several, np.pi, model.position_upper)

@@ -36,7 +36,7 @@ class Note:
 
     @property
     def comment(self) -> str:
-        """The sentence with what it is before it."""
+        """The sentence after its prefix: a guess, or a value to fill in."""
         return _PREFIX[self.origin] + self.text
 
 
@@ -68,7 +68,7 @@ class Draft:
 
     @property
     def doubts(self) -> list[str]:
-        """What a person has to look at: a line for each guess, and for each value that is missing."""
+        """A line for each guess, and for each missing value."""
         return [f"{note.key}: {note.comment}" for note in self.notes if note.origin != "found"]
 
     @property
@@ -81,11 +81,7 @@ class Draft:
         return parse_settings(self.values, "the draft")
 
     def to_yaml(self, title: str) -> str:
-        """The draft as a ROS 2 parameter file, each note a comment above its key.
-
-        Args:
-            title: first line of the file, a comment.
-        """
+        """Write the draft as a ROS 2 parameter file: a title, and each note as a comment above its key."""
         lines = [*_comment(title, ""), f"{NODE_NAME}:", "  ros__parameters:"]
         self._write(self.values, "", "    ", lines)
         return "\n".join(lines) + "\n"

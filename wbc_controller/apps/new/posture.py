@@ -1,4 +1,4 @@
-"""The nominal posture: an SRDF's where the robot stands in it, otherwise a computed one."""
+"""The nominal posture: an SRDF's if the robot stands in it, otherwise a computed one."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.apps.new.legs import Legs, Stand
+from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import pose_of, usable_ranges
 from wbc_controller.apps.new.notes import Draft
-from wbc_controller.apps.new.sole import Foot
+from wbc_controller.apps.new.standing_posture import Legs, Stand
 from wbc_controller.controller.check.preflight import support_margin
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
@@ -43,11 +43,7 @@ def reference(model: RobotModel, postures: Postures) -> tuple[str, Array]:
 
 
 def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, draft: Draft) -> Array:
-    """Write the posture of a robot that stands on its feet.
-
-    Returns:
-        The posture, (nj,) in rad.
-    """
+    """Write the posture of a robot that stands on its feet, and return it, (nj,) in rad."""
     name, wanted = reference(model, postures)
     if not name:
         wanted = _off_limits(model, wanted)
@@ -78,11 +74,7 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
 
 
 def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
-    """Write the posture of a robot that is bolted to the ground.
-
-    Returns:
-        The posture, (nj,) in rad.
-    """
+    """Write the posture of a robot that is bolted to the ground, and return it, (nj,) in rad."""
     name, wanted = reference(model, postures)
     if name:
         _put(draft, model, wanted, f"The SRDF's posture {name!r}.")
@@ -101,7 +93,7 @@ def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
 
 
 def _note_moved(draft: Draft, model: RobotModel, posture: Array, given: Mapping[str, float]) -> None:
-    """Say which joints are elsewhere than the SRDF says."""
+    """Note the joints that differ from the SRDF."""
     moved = [
         name for name, value in zip(model.joints, posture, strict=True)
         if abs(value - given.get(name, 0.0)) > _NOTICED
@@ -116,7 +108,7 @@ def _put(draft: Draft, model: RobotModel, posture: Array, text: str, origin: str
 
 
 def _wrong(feet: Sequence[Foot], stand: Stand) -> str:
-    """What is wrong with a posture to stand in, in words; nothing where nothing is."""
+    """Return the reason why the robot cannot stand in a posture; empty if it can."""
     if not (stand.unlevel <= _LEVEL):
         return f"the feet are not level, by {1e3 * stand.unlevel:.0f} mm or mrad"
     points = np.vstack(
@@ -139,7 +131,7 @@ def _off_limits(model: RobotModel, posture: Array) -> Array:
 
 
 def _dexterous(model: RobotModel) -> Array:
-    """A posture of arms in which their ends move well in all directions, (nj,) in rad, off the limits."""
+    """Return a posture of arms whose ends move well in all directions, (nj,) in rad, off the limits."""
     pinocchio, data = model.pinocchio, model.pinocchio.createData()
     ends = [j for j in range(1, pinocchio.njoints) if not list(pinocchio.children[j])]
     lower, upper = usable_ranges(model)

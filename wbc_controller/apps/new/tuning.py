@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.apps.new.feet import Limb
+from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.notes import Draft, identifier
-from wbc_controller.apps.new.sole import Foot
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -105,7 +105,7 @@ def _put_hands(model: RobotModel, limbs: Sequence[Limb], feet: set[int], stiffne
 
 
 def _trunk(model: RobotModel, limbs: Sequence[Limb], feet: Sequence[Foot]) -> str:
-    """The link from which the limbs that are no legs leave; none where it is the base."""
+    """Return the link that carries the limbs other than legs; empty if it is the base."""
     ends = [limb.end for limb in limbs if limb.end not in {foot.joint for foot in feet}]
     if len(ends) < 2:
         return ""
@@ -115,7 +115,7 @@ def _trunk(model: RobotModel, limbs: Sequence[Limb], feet: Sequence[Foot]) -> st
 
 
 def link_of(model: RobotModel, joint: int) -> str:
-    """The first of the links that a joint moves."""
+    """Return the first link that a joint moves."""
     return next(str(f.name) for f in model.pinocchio.frames if f.parentJoint == joint and f.type == pin.BODY)
 
 
@@ -144,9 +144,3 @@ def _rounded(values: Array) -> list[float]:
 def _down(value: float) -> float:
     """Rounded to 0.1 mm, never up."""
     return float(np.floor(value * 1.0e4 + 1.0e-6) / 1.0e4)
-
-
-def summary(feet: Sequence[Foot]) -> str:
-    """The feet in a few words, such as ``2 surface``."""
-    counts: Mapping[str, int] = {kind: sum(foot.kind == kind for foot in feet) for kind in _FRICTION}
-    return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count) or "none"

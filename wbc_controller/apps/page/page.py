@@ -166,7 +166,7 @@ class Page:
             except Exception:
                 if time.monotonic() - logged >= _QUIET:
                     logged = time.monotonic()
-                    _log.exception("could not draw a moment; the next errors are not logged for %g s", _QUIET)
+                    _log.exception("could not draw a snapshot; the next errors are not logged for %g s", _QUIET)
             count += 1
             due = max(due + 1.0 / RATE, time.monotonic() - 1.0 / RATE)
             stop.wait(max(0.0, due - time.monotonic()))

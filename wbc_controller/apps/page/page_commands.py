@@ -38,15 +38,7 @@ def view(config: str, commands: bool, host: str, port: int, namespace: str, rema
         return
     settings = load_named(config)
     with set_by_signals(stop):
-        serve(
-            settings,
-            stop,
-            host=host,
-            port=port,
-            namespace=namespace,
-            remappings=remappings,
-            commands=commands,
-        )
+        serve(settings, stop, host=host, port=port, namespace=namespace, remappings=remappings, commands=commands)
 
 
 @click.command()

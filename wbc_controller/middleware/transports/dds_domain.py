@@ -124,15 +124,10 @@ def domain_settings(
 
 
 def configuration(settings: DomainSettings, uri: str = "", *, network_card: bool = True) -> str:
-    """Write Cyclone's configuration for a domain.
+    """Write Cyclone's configuration for a domain, as XML.
 
-    Args:
-        settings: domain and discovery.
-        uri: content of ``CYCLONEDDS_URI``, appended so that it takes precedence.
-        network_card: False on a computer without a network interface other than the loopback.
-
-    Returns:
-        XML, followed by `uri`.
+    `uri` is the content of ``CYCLONEDDS_URI``, appended so that it takes precedence. `network_card` is False on a
+    computer without a network interface other than the loopback.
     """
     parts = [_xml(settings, own_interfaces=_names_interfaces(uri), network_card=network_card), uri]
     return ",".join(part for part in parts if part)

@@ -1,4 +1,4 @@
-"""Which node owns which readers and writers: announces it, for `ros2 topic info -v`, and reads it."""
+"""The nodes of readers and writers: announces our own for `ros2 topic info -v`, and reads those of others."""
 
 from __future__ import annotations
 

@@ -17,20 +17,9 @@ from wbc_controller.middleware.codec import TYPES
 
 #: ROS 2's mapping of its own primitive types to IDL; its ``char`` is an unsigned byte.
 _PRIMITIVES: dict[str, Any] = {
-    "bool": bool,
-    "byte": types.byte,
-    "octet": types.byte,
-    "char": types.uint8,
-    "float32": types.float32,
-    "float64": types.float64,
-    "int8": types.int8,
-    "int16": types.int16,
-    "int32": types.int32,
-    "int64": types.int64,
-    "uint8": types.uint8,
-    "uint16": types.uint16,
-    "uint32": types.uint32,
-    "uint64": types.uint64,
+    **{f"{kind}{bits}": getattr(types, f"{kind}{bits}") for kind in ("int", "uint") for bits in (8, 16, 32, 64)},
+    **{name: getattr(types, name) for name in ("byte", "float32", "float64")},
+    **{"bool": bool, "char": types.uint8, "octet": types.byte},
 }
 
 

@@ -1,4 +1,4 @@
-"""Who else publishes on some topics: a look at the graph now and then, on a thread that nothing waits for."""
+"""Watch of the other publishers on some topics: periodic looks at the graph, on a thread of its own."""
 
 from __future__ import annotations
 
@@ -20,18 +20,15 @@ Others = Mapping[str, tuple[str, ...]]
 
 
 class GraphWatch:
-    """Looks at who else publishes on some topics, and tells of each change.
+    """Looks for other publishers on some topics, and reports each change.
 
     A node without a name counts from the second look on: names arrive a little later than publishers.
     """
 
     def __init__(self, transport: Transport, topics: Iterable[Endpoint], changed: Callable[[Others], None]) -> None:
-        """Make a watch that has not looked yet.
+        """Create a watch of topics with different keys, which has not looked yet.
 
-        Args:
-            transport: the node's own.
-            topics: what to look at; their keys are all different.
-            changed: called with the other publishers on all topics at each change, on the thread that looks.
+        `changed` is called with the other publishers on all topics at each change, on the thread that looks.
         """
         self._transport = transport
         self._topics = {topic.key: topic for topic in topics}
@@ -75,5 +72,5 @@ class GraphWatch:
             try:
                 self.look()
             except TransportError:
-                _log.exception("who else publishes is not known any more")
+                _log.exception("other publishers are no longer watched")
                 return

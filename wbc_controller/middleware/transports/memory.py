@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable
 
 from wbc_controller.errors import TransportError
@@ -13,11 +13,9 @@ from wbc_controller.middleware.transports.transport import Publish, TopicTypes
 
 _log = logging.getLogger(__name__)
 
-_Callback = Callable[[bytes], None]
-
 
 class MemoryBus:
-    """The readers of each topic, and the last message of latched topics, shared by the participants of one process.
+    """The readers and writers of each topic, shared by the participants of one process.
 
     Messages are delivered on the publisher's thread, before ``publish()`` returns. As in ROS 2, a reader that requests
     reliable or latched messages is not connected to a writer that offers less.
@@ -27,51 +25,8 @@ class MemoryBus:
         # Re-entrant, because a callback may publish, as a simulated robot does in lockstep.
         self.lock = threading.RLock()
         self.types = TopicTypes()
-        self._readers: dict[str, list[_Reader]] = {}
-        self._writers: dict[str, list[_Writer]] = {}
-        self._latched: dict[str, dict[_Writer, bytes]] = {}
-
-    def _open(self, writer: _Writer) -> None:
-        with self.lock:
-            self._writers.setdefault(writer.endpoint.name, []).append(writer)
-
-    def _owners(self, topic: str) -> list[MemoryTransport]:
-        with self.lock:
-            return [writer.owner for writer in self._writers.get(topic, ())]
-
-    def _is_read(self, writers: list[_Writer]) -> bool:
-        with self.lock:
-            return any(
-                reader.matches(writer.endpoint)
-                for writer in writers
-                for reader in self._readers.get(writer.endpoint.name, ())
-            )
-
-    def _connect(self, reader: _Reader) -> None:
-        with self.lock:
-            self._readers.setdefault(reader.endpoint.name, []).append(reader)
-            if reader.endpoint.qos.latched:
-                for writer, payload in list(self._latched.get(reader.endpoint.name, {}).items()):
-                    reader.deliver(writer.endpoint, payload)
-
-    def _publish(self, writer: _Writer, payload: bytes) -> None:
-        with self.lock:
-            if writer.closed:
-                raise TransportError(f"cannot publish on {writer.endpoint.name}: the transport is closed")
-            if writer.endpoint.qos.latched:
-                self._latched.setdefault(writer.endpoint.name, {})[writer] = payload
-            for reader in list(self._readers.get(writer.endpoint.name, ())):
-                reader.deliver(writer.endpoint, payload)
-
-    def _disconnect(self, readers: list[_Reader], writers: list[_Writer]) -> None:
-        with self.lock:
-            for reader in readers:
-                reader.closed = True
-                self._readers[reader.endpoint.name].remove(reader)
-            for writer in writers:
-                writer.closed = True
-                self._writers[writer.endpoint.name].remove(writer)
-                self._latched.get(writer.endpoint.name, {}).pop(writer, None)
+        self.readers: defaultdict[str, list[_Reader]] = defaultdict(list)
+        self.writers: defaultdict[str, list[_Writer]] = defaultdict(list)
 
 
 class MemoryTransport:
@@ -79,6 +34,7 @@ class MemoryTransport:
 
     Attributes:
         name: fully qualified name of the node.
+        closed: True after `close`.
 
     Args:
         bus: connects it with the others.
@@ -91,26 +47,25 @@ class MemoryTransport:
     def __init__(self, bus: MemoryBus, node: str = "memory", namespace: str = "/") -> None:
         self.name = f"{namespace.rstrip('/')}/{node}"
         self._bus = bus
-        self._readers: list[_Reader] = []
-        self._writers: list[_Writer] = []
-        self._closed = False
+        self.closed = False
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
         with self._bus.lock:
             self._check(endpoint)
-            writer = _Writer(endpoint, self)
-            self._writers.append(writer)
-            self._bus._open(writer)
-        return lambda payload: self._bus._publish(writer, payload)
+            writer = _Writer(endpoint, self, self._bus)
+            self._bus.writers[endpoint.name].append(writer)
+        return writer.publish
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """Open a topic for reading; the callback runs on the publisher's thread."""
         with self._bus.lock:
             self._check(endpoint)
-            reader = _Reader(endpoint, callback)
-            self._readers.append(reader)
-            self._bus._connect(reader)
+            reader = _Reader(endpoint, callback, self)
+            self._bus.readers[endpoint.name].append(reader)
+            for writer in list(self._bus.writers[endpoint.name]) if endpoint.qos.latched else ():
+                if writer.latched is not None:
+                    reader.deliver(writer.endpoint, writer.latched)
 
     def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
         """Open a topic for reading, whose messages wait until they are taken."""
@@ -121,22 +76,28 @@ class MemoryTransport:
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Return the node name of each publisher on a topic, other than this transport's own, sorted."""
         self._check_open(f"look at {endpoint.name}")
-        return tuple(sorted(owner.name for owner in self._bus._owners(endpoint.name) if owner is not self))
+        with self._bus.lock:
+            owners = [writer.owner for writer in self._bus.writers[endpoint.name]]
+        return tuple(sorted(owner.name for owner in owners if owner is not self))
 
     def is_read(self, endpoint: Endpoint) -> bool:
         """Return True if a topic that this transport has opened for writing has a reader."""
         self._check_open(f"look at {endpoint.name}")
-        return self._bus._is_read([writer for writer in self._writers if writer.endpoint.name == endpoint.name])
+        with self._bus.lock:
+            own = [writer for writer in self._bus.writers[endpoint.name] if writer.owner is self]
+            return any(reader.matches(writer.endpoint) for writer in own for reader in self._bus.readers[endpoint.name])
 
     def close(self) -> None:
         """Close all topics. A second call does nothing."""
         with self._bus.lock:
-            self._closed = True
-            self._bus._disconnect(self._readers, self._writers)
-            self._readers, self._writers = [], []
+            self.closed = True
+            for readers in self._bus.readers.values():
+                readers[:] = [reader for reader in readers if reader.owner is not self]
+            for writers in self._bus.writers.values():
+                writers[:] = [writer for writer in writers if writer.owner is not self]
 
     def _check_open(self, attempt: str) -> None:
-        if self._closed:
+        if self.closed:
             raise TransportError(f"cannot {attempt}: the transport is closed")
 
     def _check(self, endpoint: Endpoint) -> None:
@@ -182,21 +143,28 @@ class _Stream:
 
 
 class _Writer:
-    def __init__(self, endpoint: Endpoint, owner: MemoryTransport) -> None:
-        self.endpoint = endpoint
-        self.owner = owner
-        self.closed = False
+    def __init__(self, endpoint: Endpoint, owner: MemoryTransport, bus: MemoryBus) -> None:
+        self.endpoint, self.owner = endpoint, owner
+        self.latched: bytes | None = None
+        self._bus = bus
+
+    def publish(self, payload: bytes) -> None:
+        with self._bus.lock:
+            self.owner._check_open(f"publish on {self.endpoint.name}")
+            if self.endpoint.qos.latched:
+                self.latched = payload
+            for reader in list(self._bus.readers[self.endpoint.name]):
+                reader.deliver(self.endpoint, payload)
 
 
 class _Reader:
-    def __init__(self, endpoint: Endpoint, callback: _Callback) -> None:
-        self.endpoint = endpoint
-        self.closed = False
+    def __init__(self, endpoint: Endpoint, callback: Callable[[bytes], None], owner: MemoryTransport) -> None:
+        self.endpoint, self.owner = endpoint, owner
         self._callback = callback
 
     def matches(self, offered: Endpoint) -> bool:
         asked = self.endpoint.qos
-        return not (self.closed or asked.reliable > offered.qos.reliable or asked.latched > offered.qos.latched)
+        return not (self.owner.closed or asked.reliable > offered.qos.reliable or asked.latched > offered.qos.latched)
 
     def deliver(self, offered: Endpoint, payload: bytes) -> None:
         if not self.matches(offered):

@@ -1,1 +1,1 @@
-"""What the controller reports about itself: diagnostics, markers, the live audit, and recordings of cycles."""
+"""The controller's reports: diagnostics, markers, and the values and references of the tasks."""

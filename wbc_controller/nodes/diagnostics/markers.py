@@ -32,14 +32,7 @@ class MarkerScene:
     def __init__(
         self, model: RobotModel, tasks: Mapping[str, Task], contacts: Mapping[str, Contact], lifetime: float
     ) -> None:
-        """Make a scene.
-
-        Args:
-            model: the robot's model.
-            tasks: the tasks, by name.
-            contacts: the contacts, by name.
-            lifetime: time after which a marker expires unless it is sent again, s; inf for never.
-        """
+        """Create a scene whose markers expire after `lifetime`, s, unless they are sent again; inf for never."""
         self._tasks, self._contacts = tasks, contacts
         self._lifetime = _duration(lifetime)
         # A separate object, since the controller's dynamics must remain those of its last solution.
@@ -48,19 +41,7 @@ class MarkerScene:
     def compose(
         self, state: RobotState, references: References | None, solution: Solution | None
     ) -> Generator[None, None, Any]:
-        """Make the message piece by piece.
-
-        Args:
-            state: the latched state.
-            references: references of the cycle, if the controller is active.
-            solution: solution of the cycle, if there is one.
-
-        Yields:
-            Nothing, after each piece.
-
-        Returns:
-            The message.
-        """
+        """Make the message of a cycle piece by piece: yield None after each piece, and return the message."""
         self._dynamics.update(state.q, state.v)
         yield
         forces = solution.forces if solution is not None else {}

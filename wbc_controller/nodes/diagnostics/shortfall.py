@@ -1,4 +1,4 @@
-"""Which tasks stay short of a reference that stands still, and which constraints are in the way."""
+"""Tasks that stay short of a constant reference, and the constraints that bind them."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import MotionTask, Task
 from wbc_controller.records import Array, References, Solution
 
-#: Errors from which on a task is short of its reference, by unit of its position and its orientation.
+#: Smallest errors of a task that is short of its reference, by unit of its position and its orientation.
 _SHORT = {"m": 0.01, "rad": 0.05}
 #: Norm of an error below which a task is near its reference, whatever its unit.
 _NEAR = min(_SHORT.values())
 #: Change of the error up to which a task no longer moves, as a share of it, and time for which it has not, s.
 _STILL, _PATIENCE = 0.02, 1.0
-#: Share of the largest weight below which a task only takes what the others leave, as a posture does.
+#: Share of the largest weight below which a task yields to the others, as a posture task does.
 _MINOR = 0.01
-#: Constraints that are named, at most: those with the largest multipliers.
+#: Largest number of constraints that are named.
 _MOST = 3
 #: Kinds of constraints in words: of joints and actuators, and of contacts.
 _LIMITS = {"motion": "limit of motion", "torque": "torque limit"}
 _FORCES = {"normal_force": "normal force", "yaw_moment": "yaw moment", "force": "force", "moment": "moment"}
-#: Multipliers up to this share of the largest are not what is in the way.
+#: Share of the largest multiplier up to which a constraint is not named.
 _NEGLIGIBLE = 1.0e-3
 
 
@@ -38,14 +38,7 @@ class Shortfall:
         self._since: dict[str, tuple[float, Array]] = {}
 
     def sentences(self, now: float, dynamics: Dynamics, references: References, solution: Solution) -> tuple[str, ...]:
-        """One sentence for each task that has stayed short of its reference.
-
-        Args:
-            now: time on the clock of the loop, s.
-            dynamics: the snapshot of the cycle.
-            references: those of the cycle.
-            solution: that of the cycle: the norms of the errors, and the multipliers of what binds.
-        """
+        """Return a sentence for each task that has stayed short of its reference, at the time `now`, s."""
         heaviest = max(references.weights.values(), default=0.0)
         said = []
         for name, task in self._tasks.items():
@@ -68,7 +61,7 @@ class Shortfall:
 
 
 def _distance(error: Array, unit: str) -> str:
-    """How far it is, in words; empty where it is near enough."""
+    """Write the distance of an error; empty if it is small."""
     parts = []
     linear = error[:3] if unit == "m, rad" else error if unit == "m" else error[:0]
     angular = error[3:] if unit == "m, rad" else error if unit == "rad" else error[:0]
@@ -80,7 +73,7 @@ def _distance(error: Array, unit: str) -> str:
 
 
 def in_the_way(binding: Mapping[str, float]) -> str:
-    """The constraints with the largest multipliers, in words."""
+    """Return the constraints with the largest multipliers, in words."""
     largest = max(binding.values(), default=0.0)
     names = sorted((name for name in binding if binding[name] > _NEGLIGIBLE * largest), key=lambda name: -binding[name])
     words = [in_words(name) for name in names[:_MOST]]
@@ -89,7 +82,7 @@ def in_the_way(binding: Mapping[str, float]) -> str:
 
 
 def in_words(name: str) -> str:
-    """A binding constraint as a person reads it: ``motion:left_knee_joint:upper`` as its upper limit of motion."""
+    """Write a binding constraint in words: ``motion:left_knee_joint:upper`` as its upper limit of motion."""
     kind, _, rest = name.partition(":")
     subject, _, side = rest.rpartition(":")
     if kind == "cone":

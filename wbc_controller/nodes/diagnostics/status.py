@@ -29,18 +29,18 @@ _LEVELS = {
 
 
 class _Span:
-    """What the reports since the last message say together.
+    """Summary of the reports since the last message.
 
-    Only the newest report is kept: to let go of many at once, with their solutions, takes longer than a cycle has.
+    Only the newest report is kept: to free many at once, with their solutions, takes longer than a cycle.
 
     Attributes:
         last: the newest report.
         count: number of reports.
-        names: of the stages of the newest report.
-        seconds: times of these stages, s, one cycle after the other, since they have been the same.
-        runs: the same of all runs of cycles with the same stages.
-        relaxed: in how many cycles each limit was relaxed.
-        refused: a sentence for each message that was refused.
+        names: stages of the newest report.
+        seconds: times of these stages, s, cycle by cycle since they last changed.
+        runs: stages and times of all runs of cycles with the same stages.
+        relaxed: number of cycles in which each limit was relaxed.
+        refused: a sentence for each refused message.
     """
 
     def __init__(self, first: CycleReport) -> None:
@@ -53,7 +53,7 @@ class _Span:
         self.refused: list[str] = []
 
     def times(self, stage: str) -> Array:
-        """Times of a stage in all cycles that had it, s."""
+        """Return the times of a stage in all cycles that had it, s."""
         return np.concatenate(
             [np.frombuffer(seconds)[names.index(stage) :: len(names)] for names, seconds in self.runs if stage in names]
         )
@@ -70,14 +70,14 @@ class StatusSummary:
         model: RobotModel | None = None,
         recorder: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
-        """Make a summary.
+        """Create an empty summary.
 
         Args:
             node: name of the node with its namespace, since two robots in one graph share the topic.
             hardware: name of the robot.
-            scheduling: how the process is scheduled; empty where that is not known.
-            model: of the robot, to say at which joints forces act beside it; None to say nothing of them.
-            recorder: gives what became of the recordings, by key.
+            scheduling: scheduling of the process; empty if unknown.
+            model: the robot's model, for the disturbances at its joints; None to leave them out.
+            recorder: returns the status of the recorder, by key.
         """
         self._model = model
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
@@ -107,17 +107,14 @@ class StatusSummary:
         self._taken += report.inputs.requests.total
 
     def compose(self, wall: int, short: Sequence[str] = ()) -> Generator[None, None, Any]:
-        """Make the message of the reports collected so far, piece by piece, and begin to collect anew.
+        """Make the message of the reports so far piece by piece, and restart: yield None after each piece.
 
         Args:
             wall: time for the header, ns.
             short: a sentence for each task that stays short of its reference.
 
-        Yields:
-            Nothing, after each piece.
-
         Returns:
-            The message; None where there are no reports.
+            The message; None without reports.
         """
         span, self._span = self._span, None
         if span is None:
@@ -147,7 +144,7 @@ class StatusSummary:
         warnings += short
         beside = last.solution.disturbance if last.solution is not None else None
         if beside is not None and self._model is not None:
-            values |= _beside(beside, self._model)
+            values |= _of_disturbance(beside, self._model)
             if beside.at_bound:
                 warnings.append(
                     "forces that the model lacks are at their bound (estimation.disturbance_share) at "
@@ -169,8 +166,8 @@ class StatusSummary:
         return diagnostics(wall, level, self._name, text, self._hardware, values)
 
 
-def _beside(beside: Disturbance, model: RobotModel) -> dict[str, str]:
-    """What is estimated to act beside the model, by joint, and at the base in its own axes."""
+def _of_disturbance(beside: Disturbance, model: RobotModel) -> dict[str, str]:
+    """Return the estimated disturbance, by joint, and at the base in its own axes."""
     values = {}
     if model.floating_base:
         force, moment = (" ".join(f"{part:.3f}" for part in beside.estimate[i : i + 3]) for i in (0, 3))
@@ -181,13 +178,13 @@ def _beside(beside: Disturbance, model: RobotModel) -> dict[str, str]:
 
 
 def _per(constraint: str) -> str:
-    """Unit of a binding constraint's multiplier, as the cost itself has no unit."""
+    """Return the unit of a binding constraint's multiplier, as the cost itself has no unit."""
     kind = constraint.partition(":")[0]
     return {"torque": "1/(N·m)", "cone": "1/N", "normal_force": "1/N", "motion": "1/(rad/s²)"}.get(kind, "1/(m/s²)")
 
 
 def _of_cycles(span: _Span) -> dict[str, str]:
-    """Key-value pairs of the loop and its inputs."""
+    """Return the key-value pairs of the loop and its inputs."""
     last = span.last
     values = {
         "mode": last.mode.value,
@@ -203,7 +200,7 @@ def _of_cycles(span: _Span) -> dict[str, str]:
 
 
 def _of_solution(solution: Solution) -> dict[str, str]:
-    """Key-value pairs of what was solved."""
+    """Return the key-value pairs of the solution."""
     values = {f"task_error/{name}": f"{error:.5f}" for name, error in solution.task_errors.items()}
     values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
     values["binding"] = ", ".join(solution.binding) or "none"
@@ -217,7 +214,7 @@ def _of_solution(solution: Solution) -> dict[str, str]:
 
 
 def _of_checks(last: CycleReport) -> dict[str, str]:
-    """Key-value pairs of what was found wrong: conflicts, the audit, and who else publishes."""
+    """Return the key-value pairs of conflicts, the audit, and other publishers."""
     values: dict[str, str] = {}
     if last.fault is not None and last.fault.infeasibility is not None:
         why = last.fault.infeasibility

@@ -1,4 +1,4 @@
-"""Where each task is, and where it is wanted: messages of the type of its setpoint."""
+"""The value and the reference of each task, as messages of the type of its setpoint."""
 
 from __future__ import annotations
 
@@ -18,33 +18,19 @@ class TaskStates:
     """Writes the tasks in rounds, one of them per call, so that no cycle pays for all."""
 
     def __init__(self, tasks: Mapping[str, Task], vocabulary: Vocabulary) -> None:
-        """Take the tasks that have topics.
-
-        Args:
-            tasks: all tasks, by name.
-            vocabulary: names the kinds, joints and frames of those with topics.
-        """
+        """Select the tasks with topics, which the vocabulary names."""
         self._tasks = {name: tasks[name] for name in vocabulary.kinds}
         self._vocabulary = vocabulary
         self._left: deque[str] = deque()
         self._templates: dict[str, SetpointTemplate] = {}
 
     def begin(self, names: Collection[str]) -> None:
-        """Begin a round of some of the tasks, where the last one is over.
-
-        Args:
-            names: of the tasks; others than those with topics are passed over.
-        """
+        """Begin a round of the named tasks with topics, if the last round is over."""
         if not self._left:
             self._left.extend(name for name in self._tasks if name in names)
 
     def next(self, stamp: int, dynamics: Dynamics, references: References) -> tuple[str, dict[str, bytes]] | None:
-        """The next task of the round; None where it is over.
-
-        Args:
-            stamp: time of the state, ns.
-            dynamics: the snapshot of the cycle.
-            references: those of the cycle.
+        """Return the next task of the round, with the time of the state, ns; None if the round is over.
 
         Returns:
             Name of the task, and by row of the topic table its serialized messages: ``task_reference``, and of a task
@@ -61,7 +47,7 @@ class TaskStates:
         return name, {key: template.write(stamp, position) for key, position in positions.items()}
 
     def _lay_out(self, name: str, position: Array) -> SetpointTemplate:
-        """The messages of a task."""
+        """Lay out the messages of a task."""
         words, kind = self._vocabulary, self._vocabulary.kinds[name]
         template = self._templates[name] = SetpointTemplate(
             TASK_TYPES[kind]["setpoint"],

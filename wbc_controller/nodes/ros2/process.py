@@ -56,14 +56,7 @@ class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
 
 
 def run(serve: Callable[[Any, threading.Event], int]) -> int:
-    """Start ROS 2, run a service, and shut ROS 2 down again.
-
-    Args:
-        serve: the service; it is called with an executor, and the event that a signal sets.
-
-    Returns:
-        The exit status.
-    """
+    """Start ROS 2, call a service with an executor and the event that a signal sets, and return its exit status."""
     stop = threading.Event()
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

@@ -55,22 +55,9 @@ LIFECYCLE_SERVES = (
 
 
 def security_policy(
-    settings: Settings,
-    model: RobotModel,
-    namespace: str = "/",
-    remappings: Mapping[str, str] | None = None,
+    settings: Settings, model: RobotModel, namespace: str = "/", remappings: Mapping[str, str] | None = None
 ) -> str:
-    """Write the policy of all nodes of one robot.
-
-    Args:
-        settings: the robot's settings.
-        model: the robot's model.
-        namespace: namespace of the nodes.
-        remappings: topic remappings, from name to name.
-
-    Returns:
-        XML.
-    """
+    """Write the policy of all nodes of one robot, as XML."""
     nodes = {
         CONTROLLER: controller_endpoints(settings, model, namespace=namespace, remappings=remappings),
         MOCK: endpoints(MOCK_TOPICS, MOCK, contacts=settings.contacts, namespace=namespace, remappings=remappings),

@@ -1,4 +1,4 @@
-"""Faults of the delivery: messages of the robot, or commands to it, come late, twice, out of order or not at all."""
+"""Faults of the delivery: messages of the robot, or commands to it, arrive late, twice, out of order or not at all."""
 
 from __future__ import annotations
 
@@ -10,46 +10,41 @@ from pydantic import Field
 
 from wbc_controller.simulation.faults.fault import Effect, Fault, Parcel, Site, number
 
-_PLACE = "delivery"
-_COMMANDS = "delivery of commands"
-#: The stream of the torques that come to the robot.
+#: The stream of the torques that the robot receives.
 COMMAND = "effort"
-#: What the parcel of one message becomes.
+#: Turns the parcel of one message into the parcels that are delivered.
 _Post = Callable[[Parcel], list[Parcel]]
-#: Messages that a replay keeps, at most.
+#: Largest number of messages that a replay keeps.
 _MOST_KEPT = 1000
 
 
-class _StreamFault(Fault):
-    """A fault in the delivery of what the robot measures."""
+class _DeliveryFault(Fault):
+    def begin(self, site: Site) -> Effect:
+        """Begin on each stream by itself."""
+        return Effect(posted={stream: self._post(site) for stream in self._streams()})
 
-    place = _PLACE
+    def _streams(self) -> tuple[str, ...]:
+        raise NotImplementedError
+
+    def _post(self, site: Site) -> _Post:
+        raise NotImplementedError
+
+
+class _StreamFault(_DeliveryFault):
+    place = "delivery"
     stream: Literal["joint_states", "odom", "imu", "both"] = Field(
         "both", description="whose messages; `both` are joint states and odometry"
     )
 
-    def begin(self, site: Site) -> Effect:
-        """Act on the messages of each stream by itself."""
-        streams = ("joint_states", "odom") if self.stream == "both" else (self.stream,)
-        return Effect(posted={stream: self.post(site) for stream in streams})
-
-    def post(self, site: Site) -> _Post:
-        """What happens to each message of a stream."""
-        raise NotImplementedError
+    def _streams(self) -> tuple[str, ...]:
+        return ("joint_states", "odom") if self.stream == "both" else (self.stream,)
 
 
-class _CommandFault(Fault):
-    """A fault in the delivery of the torques."""
+class _CommandFault(_DeliveryFault):
+    place = "delivery of commands"
 
-    place = _COMMANDS
-
-    def begin(self, site: Site) -> Effect:
-        """Act on the torques."""
-        return Effect(posted={COMMAND: self.post(site)})
-
-    def post(self, site: Site) -> _Post:
-        """What happens to each command."""
-        raise NotImplementedError
+    def _streams(self) -> tuple[str, ...]:
+        return (COMMAND,)
 
 
 class MessageDelay(_StreamFault):
@@ -57,9 +52,8 @@ class MessageDelay(_StreamFault):
 
     delay: float = number(0.02, 0.002, 0.5, "s", "of each message")
 
-    def post(self, site: Site) -> _Post:
-        """Delay each message."""
-        return _delayed(self.delay)
+    def _post(self, site: Site) -> _Post:
+        return lambda parcel: [_later(parcel, self.delay)]
 
 
 class MessageGrowingDelay(_StreamFault):
@@ -67,9 +61,9 @@ class MessageGrowingDelay(_StreamFault):
 
     growth: float = number(0.2, 0.02, 3.0, "s/s", "by which the delay grows in time")
 
-    def post(self, site: Site) -> _Post:
-        """Delay each message by what has grown since the beginning."""
-        return lambda parcel: [_later(parcel, self.growth * site.elapsed)]
+    def _post(self, site: Site) -> _Post:
+        began = site.plant.time
+        return lambda parcel: [_later(parcel, self.growth * (site.plant.time - began))]
 
 
 class MessageJitter(_StreamFault):
@@ -77,8 +71,7 @@ class MessageJitter(_StreamFault):
 
     jitter: float = number(0.01, 0.002, 0.2, "s", "longest delay; all up to it are equally likely")
 
-    def post(self, site: Site) -> _Post:
-        """Draw a delay for each message."""
+    def _post(self, site: Site) -> _Post:
         return lambda parcel: [_later(parcel, site.rng.uniform(0.0, self.jitter))]
 
 
@@ -87,16 +80,14 @@ class MessageLoss(_StreamFault):
 
     share: float = number(0.1, 0.01, 1.0, "", "of the messages")
 
-    def post(self, site: Site) -> _Post:
-        """Draw for each message."""
-        return _lost(site, self.share)
+    def _post(self, site: Site) -> _Post:
+        return lambda parcel: [] if site.rng.random() < self.share else [parcel]
 
 
 class MessageDropout(_StreamFault):
     """No message comes."""
 
-    def post(self, site: Site) -> _Post:
-        """Lose each message."""
+    def _post(self, site: Site) -> _Post:
         return lambda parcel: []
 
 
@@ -105,9 +96,8 @@ class MessageDuplication(_StreamFault):
 
     gap: float = number(0.002, 0.0, 0.2, "s", "between the two")
 
-    def post(self, site: Site) -> _Post:
-        """Send each message again."""
-        return _repeated(self.gap)
+    def _post(self, site: Site) -> _Post:
+        return lambda parcel: [parcel, _later(parcel, self.gap)]
 
 
 class MessageReordering(_StreamFault):
@@ -116,8 +106,7 @@ class MessageReordering(_StreamFault):
     share: float = number(0.2, 0.01, 1.0, "", "of the messages that are overtaken")
     periods: int = number(2, 1, 20, "periods", "by which they are late")
 
-    def post(self, site: Site) -> _Post:
-        """Draw for each message."""
+    def _post(self, site: Site) -> _Post:
         late = self.periods * site.period
         return lambda parcel: [_later(parcel, late) if site.rng.random() < self.share else parcel]
 
@@ -127,12 +116,12 @@ class MessageReplay(_StreamFault):
 
     length: float = number(0.1, 0.002, 1.0, "s", "of what is repeated")
 
-    def post(self, site: Site) -> _Post:
-        """Keep what comes for a while, then repeat it."""
+    def _post(self, site: Site) -> _Post:
         kept: deque[Parcel] = deque()
+        began = site.plant.time
 
         def replay(parcel: Parcel) -> list[Parcel]:
-            if (not kept or site.elapsed < self.length) and len(kept) < _MOST_KEPT:
+            if (not kept or site.plant.time - began < self.length) and len(kept) < _MOST_KEPT:
                 kept.append(parcel)
                 return [parcel]
             kept.rotate(-1)
@@ -144,8 +133,7 @@ class MessageReplay(_StreamFault):
 class MessageQueue(_StreamFault):
     """Messages are held back, and all are delivered at once at the end."""
 
-    def post(self, site: Site) -> _Post:
-        """Hold each message until the end."""
+    def _post(self, site: Site) -> _Post:
         return lambda parcel: [parcel._replace(due=max(parcel.due, site.end))]
 
 
@@ -154,9 +142,8 @@ class CommandLoss(_CommandFault):
 
     share: float = number(0.1, 0.01, 1.0, "", "of the commands")
 
-    def post(self, site: Site) -> _Post:
-        """Draw for each command."""
-        return _lost(site, self.share)
+    def _post(self, site: Site) -> _Post:
+        return lambda parcel: [] if site.rng.random() < self.share else [parcel]
 
 
 class CommandDelay(_CommandFault):
@@ -164,9 +151,8 @@ class CommandDelay(_CommandFault):
 
     delay: float = number(0.004, 0.002, 0.2, "s", "of each command")
 
-    def post(self, site: Site) -> _Post:
-        """Delay each command."""
-        return _delayed(self.delay)
+    def _post(self, site: Site) -> _Post:
+        return lambda parcel: [_later(parcel, self.delay)]
 
 
 class CommandTwice(_CommandFault):
@@ -174,25 +160,12 @@ class CommandTwice(_CommandFault):
 
     gap: float = number(0.002, 0.0, 0.1, "s", "between the two")
 
-    def post(self, site: Site) -> _Post:
-        """Deliver each command again."""
-        return _repeated(self.gap)
+    def _post(self, site: Site) -> _Post:
+        return lambda parcel: [parcel, _later(parcel, self.gap)]
 
 
 def _later(parcel: Parcel, seconds: float) -> Parcel:
     return parcel._replace(due=parcel.due + seconds)
-
-
-def _delayed(seconds: float) -> _Post:
-    return lambda parcel: [_later(parcel, seconds)]
-
-
-def _repeated(gap: float) -> _Post:
-    return lambda parcel: [parcel, _later(parcel, gap)]
-
-
-def _lost(site: Site, share: float) -> _Post:
-    return lambda parcel: [] if site.rng.random() < share else [parcel]
 
 
 KINDS: tuple[type[Fault], ...] = (

@@ -1,17 +1,19 @@
-"""What a fault is: validated parameters, and the effect that they have once it has begun."""
+"""The base classes of faults: validated parameters, and their effect from the beginning to the end of the fault."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from pydantic import Field
 
 from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
 from wbc_controller.settings.values import Section
 from wbc_controller.simulation.measurement import Measurement
 from wbc_controller.simulation.plant import Plant
@@ -21,11 +23,11 @@ LONGEST = 3600.0
 
 
 class Parcel(NamedTuple):
-    """A message on its way.
+    """A message in transit.
 
     Attributes:
-        due: simulated time at which it is delivered, s.
-        taken: simulated time of what it tells, ns.
+        due: simulated time of its delivery, s.
+        taken: simulated time of its content, ns.
         payload: the serialized message.
     """
 
@@ -36,65 +38,54 @@ class Parcel(NamedTuple):
 
 @dataclass(slots=True)
 class Effect:
-    """What a fault does while it lasts.
+    """The effect of a fault while it lasts.
 
     Attributes:
-        measured: changes what the sensors have measured.
-        posted: changes the parcel of one message of a stream into those that are delivered, by stream.
+        measured: changes a measurement of the sensors.
+        posted: changes the parcel of one message of a stream into the parcels that are delivered, by stream.
         torques: changes the commanded torques of the actuators, (na,) in N·m.
         each_period: called once per control period, before the physics.
-        ended: called at the end; it says whether the effect is over. Until then it is called in each period.
+        ended: called at the end, and in each period after it while the result is False: the effect is not over yet.
     """
 
     measured: Callable[[Measurement], None] | None = None
     posted: dict[str, Callable[[Parcel], list[Parcel]]] | None = None
-    torques: Callable[[np.ndarray], np.ndarray] | None = None
+    torques: Callable[[Array], Array] | None = None
     each_period: Callable[[], None] | None = None
-    ended: Callable[[], bool] = lambda: True
+    ended: Callable[[], bool | None] = lambda: True
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Site:
-    """The robot on which a fault acts, from the fault's beginning on.
+    """The robot on which a fault acts, and the time.
 
     Attributes:
         robot: the robot.
         plant: its physics.
         period: control period, s.
+        began: simulated time at which the fault began, s.
         end: simulated time at which the fault ends, s.
         rng: the fault's own random numbers.
-        began: simulated time at which the fault began, s.
     """
 
     robot: RobotModel
     plant: Plant
     period: float
+    began: float
     end: float
     rng: np.random.Generator
-    began: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.began = self.plant.time
 
     @property
-    def elapsed(self) -> float:
-        """Time since the beginning, s."""
+    def passed(self) -> float:
+        """Time since the beginning of the fault, s."""
         return self.plant.time - self.began
 
-    def grown(self, ramp: float) -> float:
-        """Share of a value that grows linearly in a time, s."""
-        return min(1.0, self.elapsed / ramp) if ramp > 0.0 else 1.0
-
-    def sign(self) -> float:
-        """A random sign."""
-        return float(self.rng.choice([-1.0, 1.0]))
-
     def one_of(self, name: str, names: tuple[str, ...]) -> int:
-        """Index of a name, or of one at random where it is empty."""
+        """Return the index of a name, or of a random one if it is empty."""
         return names.index(name) if name else int(self.rng.integers(len(names)))
 
-    def direction(self) -> np.ndarray:
-        """A random horizontal direction, (3,)."""
+    def direction(self) -> Array:
+        """Draw a random horizontal direction, (3,)."""
         angle = self.rng.uniform(0.0, 2.0 * np.pi)
         return np.array([np.cos(angle), np.sin(angle), 0.0])
 
@@ -102,7 +93,7 @@ class Site:
 class Fault(Section):
     """Parameters of a fault. Each kind is a subclass; its name in messages is that of the class, as ``joint_noise``."""
 
-    #: Where it acts: a heading of docs/faults.md.
+    #: Part of the robot on which it acts: a heading of docs/faults.md.
     place: ClassVar[str] = ""
 
     start: float = Field(0.0, ge=0.0, le=LONGEST, description="time until it begins", json_schema_extra={"unit": "s"})
@@ -111,74 +102,102 @@ class Fault(Section):
 
     @classmethod
     def kind(cls) -> str:
-        """Its name in messages and files."""
+        """Return its name in messages and files."""
         return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """See that its parameters fit a robot and its contacts, by name.
+        """Check the parameters against a robot and the names of its contacts.
 
         Raises:
-            InputRefused: where a name is unknown.
+            InputRefused: if a name is unknown.
         """
 
     def begin(self, site: Site) -> Effect:
-        """Begin to act."""
+        """Begin, and return the effect."""
         raise NotImplementedError
 
 
-class MeasurementFault(Fault):
-    """A fault that changes each measurement."""
+class NamedFault(Fault):
+    """A fault of one joint, actuator, link or contact, whose name is the first parameter."""
 
-    def begin(self, site: Site) -> Effect:
-        """Change each measurement from now on."""
-        drawn = self.draw(site)
-        return Effect(lambda measured: self.change(measured, site, drawn))
-
-    def draw(self, site: Site) -> Any:
-        """Draw values at the beginning, or make a memory, for `change`."""
-        return {}
-
-    def change(self, measured: Measurement, site: Site, drawn: Any) -> None:
-        """Change a measurement in place."""
-        raise NotImplementedError
+    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
+        """Check that the robot has what the fault names."""
+        names = {"joint": robot.joints, "actuator": robot.actuators, "contact": contacts, "link": moving_links(robot)}
+        for kind in names.keys() & type(self).model_fields.keys():
+            name = getattr(self, kind)
+            if name and name not in names[kind]:
+                raise InputRefused(f"unknown {kind} {name!r}; {valid_choices(name, names[kind])}")
 
 
-class JointFault(Fault):
+class JointFault(NamedFault):
     """A fault of one joint."""
 
     joint: str = Field("", description="name of the joint; empty for one at random")
 
-    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """See that the robot has the joint."""
-        known(self.joint, robot.joints, "joint")
+    def _start(self, site: Site) -> Any:
+        """Return the index of the joint."""
+        return site.one_of(self.joint, site.robot.joints)
 
 
-class ActuatorFault(Fault):
+class ActuatorFault(NamedFault):
     """A fault of one actuator."""
 
     actuator: str = Field("", description="name of the actuator; empty for one at random")
 
-    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """See that the robot has the actuator."""
-        known(self.actuator, robot.actuators, "actuator")
+    def _start(self, site: Site) -> Any:
+        """Return the index of the actuator."""
+        return site.one_of(self.actuator, site.robot.actuators)
 
 
-def at_once(restore: Callable[[], None]) -> Callable[[], bool]:
-    """Return the end of an effect that is over as soon as something is restored."""
+class MeasurementFault(Fault):
+    """A fault that changes measurements: `_start` once, then `_spoil` for each measurement."""
 
-    def ended() -> bool:
-        restore()
-        return True
+    def begin(self, site: Site) -> Effect:
+        """Begin, and return the effect."""
+        kept = self._start(site)
+        return Effect(measured=lambda measured: self._spoil(measured, site, kept))
 
-    return ended
+    def _start(self, site: Site) -> Any:
+        """Return the values that are drawn once, or a store for values of earlier measurements."""
+        return {}
+
+    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+        raise NotImplementedError
+
+
+class TorqueFault(Fault):
+    """A fault that changes the torques of the actuators: `_start` once, then `_change` for each command."""
+
+    def begin(self, site: Site) -> Effect:
+        """Begin, and return the effect."""
+        kept = self._start(site)
+        return Effect(torques=lambda tau: self._change(tau, site, kept))
+
+    def _start(self, site: Site) -> Any:
+        """Return the values that are drawn once, or a store for values of earlier commands."""
+        return {}
+
+    def _change(self, tau: Array, site: Site, kept: Any) -> Array:
+        raise NotImplementedError
 
 
 def number(default: float, low: float, high: float, unit: str, meaning: str) -> Any:
-    """A parameter with its range, which is also the one that campaigns draw from; `unit` is empty for a share."""
+    """Define a parameter with its range, from which campaigns draw too; `unit` is empty for a share."""
     return Field(default, ge=low, le=high, description=meaning, json_schema_extra={"unit": unit})
 
 
-def known(name: str, names: Sequence[str], what: str) -> None:
-    """Raise `InputRefused` if a name that is not empty is unknown."""
-    if name and name not in names:
-        raise InputRefused(f"{what} {name!r} is unknown; {valid_choices(name, names)}")
+def moving_links(robot: RobotModel) -> tuple[str, ...]:
+    """Return the names of the links that move."""
+    return tuple(f.name for f in robot.pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0)
+
+
+def ramped(passed: float, ramp: float) -> float:
+    """Return the share of a value that grows within the time `ramp`, s."""
+    return min(1.0, passed / ramp) if ramp > 0.0 else 1.0
+
+
+def low_pass(site: Site, time_constant: float, kept: dict[str, Array], key: str, value: Array) -> Array:
+    """Filter a value by a low-pass of first order; `kept` holds its last output by key."""
+    keep = float(np.exp(-site.period / time_constant))
+    kept[key] = keep * kept.get(key, value) + (1.0 - keep) * value
+    return np.array(kept[key])

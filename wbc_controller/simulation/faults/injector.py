@@ -1,4 +1,4 @@
-"""The seam between the mock robot and its faults: which of them act now, and on what."""
+"""Injection of faults into the mock robot: which of them act now, and on what."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Injector:
     """Plans faults, and applies those that act: to what is measured, to messages on their way, to torques.
 
     Attributes:
-        busy: whether a fault is planned or acts, or a message waits; where not, nothing needs to pass through here.
+        busy: True if a fault is planned or acts, or a message waits; otherwise the injector can be bypassed.
     """
 
     def __init__(self, robot: RobotModel, plant: Plant, period: float) -> None:
@@ -39,10 +39,10 @@ class Injector:
         self._count = itertools.count()  # messages that are due at once keep their order
 
     def plan(self, faults: Sequence[Fault], since: float) -> None:
-        """Plan faults, whose starts count from the simulated time `since`, s; all or none.
+        """Plan faults, all or none; `since` is the simulated time from which their starts count, s.
 
         Raises:
-            InputRefused: where a parameter does not fit the robot, or too many faults are planned.
+            InputRefused: if a parameter does not fit the robot, or too many faults are planned.
         """
         if len(self._planned) + len(self._acting) + len(faults) > MOST:
             raise InputRefused(f"{len(faults)} faults beside those that are planned are too many; at most {MOST}")
@@ -52,7 +52,7 @@ class Injector:
         self.busy = self.busy or bool(self._planned)
 
     def clear(self) -> None:
-        """End all faults; messages on their way are lost."""
+        """End all faults; messages in transit are lost."""
         self._planned, self._waiting = [], {}
         self._acting = [(-np.inf, effect) for _, effect in self._acting]
         self.pass_time()
@@ -62,7 +62,7 @@ class Injector:
         now, changed = self._plant.time + _SAME, False
         still = []
         for end, effect in self._acting:
-            if end <= now and effect.ended():
+            if end <= now and effect.ended() is not False:
                 changed = True
             else:
                 still.append((end, effect))
@@ -70,7 +70,8 @@ class Injector:
         for begin, fault in [entry for entry in self._planned if entry[0] <= now]:
             end = begin + fault.duration
             rng = np.random.default_rng(fault.seed)
-            self._acting.append((end, fault.begin(Site(self._robot, self._plant, self._period, end, rng))))
+            site = Site(self._robot, self._plant, self._period, self._plant.time, end, rng)
+            self._acting.append((end, fault.begin(site)))
             changed = True
         self._planned = [entry for entry in self._planned if entry[0] > now]
         for _, effect in self._acting:
@@ -87,12 +88,12 @@ class Injector:
                 effect.measured(measured)
 
     def post(self, stream: str, taken: int, payload: bytes | None) -> list[Parcel]:
-        """Send a message on its way, and take what arrives now.
+        """Post a message of a stream, and return the messages that arrive now.
 
         Args:
-            stream: its stream.
-            taken: simulated time of what it tells, ns.
-            payload: the message; None where there is no new one.
+            stream: the stream.
+            taken: simulated time of the message's content, ns.
+            payload: the message; None without a new one.
         """
         now = self._plant.time
         parcels = [Parcel(now, taken, payload)] if payload is not None else []

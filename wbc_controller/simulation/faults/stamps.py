@@ -1,4 +1,4 @@
-"""Faults of stamps and of the simulator's clock: wrong times of the measurements."""
+"""Faults of stamps and of the simulator's clock: they differ from the times of the measurements."""
 
 from __future__ import annotations
 
@@ -14,52 +14,49 @@ _LAST, _FIRST = (2**31 - 1) * 1_000_000_000, 0
 
 
 class _TimeFault(MeasurementFault):
-    """A fault of times: by default they are shifted."""
-
     place = "stamps and clock"
 
-    def streams(self) -> tuple[str, ...]:
-        """Names of the streams whose stamps change."""
-        return ("clock",)
+    def _streams(self) -> tuple[str, ...]:
+        raise NotImplementedError
 
-    def change(self, measured: Measurement, site: Site, drawn: Any) -> None:
-        """Change the stamp of each stream."""
-        for stream in self.streams():
-            measured.stamps[stream] = self.stamp(stream, measured.stamps[stream], site, drawn)
+    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+        for stream in self._streams():
+            stamp = measured.stamps[stream] + round(self._ahead(site.passed) * 1e9)
+            measured.stamps[stream] = min(max(stamp, _FIRST), _LAST)
 
-    def stamp(self, stream: str, stamp: int, site: Site, kept: dict[str, int]) -> int:
-        """Return the new stamp of a stream, ns, within the range of a message."""
-        return min(max(stamp + round(self.ahead(site.elapsed) * 1e9), _FIRST), _LAST)
-
-    def ahead(self, elapsed: float) -> float:
-        """Return the shift after a time since the beginning, both in s."""
+    def _ahead(self, passed: float) -> float:
+        """Return the advance of the stamps, s, at a time since the beginning, s."""
         raise NotImplementedError
 
 
 class _StampFault(_TimeFault):
-    """A fault of the stamps of some streams."""
-
     stream: Literal["joint_states", "odom", "both"] = Field("both", description="whose stamps")
 
-    def streams(self) -> tuple[str, ...]:
-        """Names of the streams whose stamps change."""
+    def _streams(self) -> tuple[str, ...]:
         return ("joint_states", "odom") if self.stream == "both" else (self.stream,)
+
+
+class _ClockFault(_TimeFault):
+    def _streams(self) -> tuple[str, ...]:
+        return ("clock",)
+
+
+class _Frozen(_TimeFault):
+    def _spoil(self, measured: Measurement, site: Site, kept: dict[str, int]) -> None:
+        for stream in self._streams():
+            measured.stamps[stream] = kept.setdefault(stream, measured.stamps[stream])
 
 
 class StampZero(_StampFault):
     """Stamps are zero."""
 
-    def stamp(self, stream: str, stamp: int, site: Site, kept: dict[str, int]) -> int:
-        """Return zero."""
-        return 0
+    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+        for stream in self._streams():
+            measured.stamps[stream] = 0
 
 
-class StampFrozen(_StampFault):
+class StampFrozen(_Frozen, _StampFault):
     """Stamps stand still, while the values go on."""
-
-    def stamp(self, stream: str, stamp: int, site: Site, kept: dict[str, int]) -> int:
-        """Return the first stamp."""
-        return kept.setdefault(stream, stamp)
 
 
 class StampBack(_StampFault):
@@ -67,8 +64,7 @@ class StampBack(_StampFault):
 
     by: float = number(0.1, 0.003, 100.0, "s", "how far")
 
-    def ahead(self, elapsed: float) -> float:
-        """Return a constant."""
+    def _ahead(self, passed: float) -> float:
         return -self.by
 
 
@@ -77,8 +73,7 @@ class StampAhead(_StampFault):
 
     by: float = number(0.1, 0.003, 100.0, "s", "how far")
 
-    def ahead(self, elapsed: float) -> float:
-        """Return a constant."""
+    def _ahead(self, passed: float) -> float:
         return self.by
 
 
@@ -87,37 +82,30 @@ class StampDrift(_StampFault):
 
     rate: float = number(1e-4, -0.3, 0.3, "s/s", "by how much they gain in time")
 
-    def ahead(self, elapsed: float) -> float:
-        """Return the gained time."""
-        return self.rate * elapsed
+    def _ahead(self, passed: float) -> float:
+        return self.rate * passed
 
 
-class ClockJump(_TimeFault):
+class ClockJump(_ClockFault):
     """The time on /clock jumps; at the end it jumps back. Stamps stay."""
 
     by: float = number(-1.0, -10.0, 10.0, "s", "how far ahead")
 
-    def ahead(self, elapsed: float) -> float:
-        """Return a constant."""
+    def _ahead(self, passed: float) -> float:
         return self.by
 
 
-class ClockFrozen(_TimeFault):
+class ClockFrozen(_Frozen, _ClockFault):
     """The time on /clock stands still, while the robot goes on."""
 
-    def stamp(self, stream: str, stamp: int, site: Site, kept: dict[str, int]) -> int:
-        """Return the first stamp."""
-        return kept.setdefault(stream, stamp)
 
-
-class ClockDrift(_TimeFault):
+class ClockDrift(_ClockFault):
     """The time on /clock runs too fast or too slowly."""
 
     rate: float = number(0.01, -0.5, 0.5, "s/s", "by how much it gains in time")
 
-    def ahead(self, elapsed: float) -> float:
-        """Return the gained time."""
-        return self.rate * elapsed
+    def _ahead(self, passed: float) -> float:
+        return self.rate * passed
 
 
 KINDS: tuple[type[Fault], ...] = (

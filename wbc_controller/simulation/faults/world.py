@@ -1,8 +1,7 @@
-"""Faults of the world and of the model: the robot, or the ground below it, is not what the controller believes."""
+"""Faults of the world and of the model: the robot or its floor differs from the controller's model."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -10,44 +9,38 @@ import numpy as np
 import pinocchio as pin
 from pydantic import Field
 
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
-from wbc_controller.simulation.faults.fault import Effect, Fault, Site, at_once, known, number
+from wbc_controller.simulation.faults.fault import Effect, Fault, NamedFault, Site, number, ramped
 from wbc_controller.simulation.mechanism import FLOOR, position_and_wxyz
 from wbc_controller.simulation.plant import Plant
 
 #: Duration of a kick, s.
 _KICK = 0.02
-#: How far a foot may be in the floor that comes back below it, m: at rest it is a little.
+#: Largest penetration of a foot at which the floor comes back below it, m: at rest there is a little.
 _AT_REST = 1.0e-3
 
 
 class _WorldFault(Fault):
-    """A fault of the world or the model."""
-
     place = "world and model"
 
 
-class _LinkFault(_WorldFault):
-    """A fault at one link."""
-
+class _LinkFault(NamedFault):
+    place = "world and model"
     link: str = Field("", description="name of the URDF link; empty for the base")
 
-    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """Check that the robot has the link."""
-        moving = tuple(f.name for f in robot.pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0)
-        known(self.link, moving, "link")
 
+class _FloorFault(NamedFault):
+    """A fault of the floor, without effect on robots without contacts, which have none."""
 
-class _ContactFault(_WorldFault):
-    """A fault of the floor below contacts."""
+    place = "world and model"
 
-    contact: str = ""
+    def begin(self, site: Site) -> Effect:
+        """Begin, and return the effect."""
+        return self._begin(site) if site.plant.contacts else Effect()
 
-    def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """Check that the robot has the contact."""
-        known(self.contact, contacts, "contact")
+    def _begin(self, site: Site) -> Effect:
+        raise NotImplementedError
 
 
 class Payload(_LinkFault):
@@ -85,84 +78,76 @@ class CenterOfMassError(_WorldFault):
         model.body_ipos[body] += self.offset * site.direction()
         model.body_sameframe[body] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE  # MuJoCo's short cut for no offset
 
-        def restore() -> None:
+        def ended() -> None:
             model.body_ipos[body] = before
 
-        return Effect(ended=at_once(restore))
+        return Effect(ended=ended)
 
 
-class SlipperyFloor(_ContactFault):
+class SlipperyFloor(_FloorFault):
     """The floor is slippery, below all feet or one."""
 
     contact: str = Field("", description="name of the contact on it; empty for all")
     friction: float = number(0.1, 0.0, 0.5, "", "coefficient of the floor")
 
-    def begin(self, site: Site) -> Effect:
+    def _begin(self, site: Site) -> Effect:
         """Change the friction of the floor, which has precedence over that of the feet; or give a foot precedence."""
-        if not _has_floor(site.plant):
-            return Effect()
         model = site.plant.model
-        geoms = site.plant.touch.geoms[self.contact] if self.contact else [model.geom(FLOOR).id]
+        geoms = site.plant.contact_forces.geoms[self.contact] if self.contact else [model.geom(FLOOR).id]
         before = model.geom_friction[geoms, 0].copy(), model.geom_priority[geoms].copy()
         model.geom_friction[geoms, 0] = self.friction
         if self.contact:
             model.geom_priority[geoms] = model.geom_priority.max() + 1
 
-        def restore() -> None:
+        def ended() -> None:
             model.geom_friction[geoms, 0], model.geom_priority[geoms] = before
 
-        return Effect(ended=at_once(restore))
+        return Effect(ended=ended)
 
 
-class SoftFloor(_WorldFault):
+class SoftFloor(_FloorFault):
     """The floor yields."""
 
     time_constant: float = number(0.05, 0.01, 0.2, "s", "with which feet come to rest in it")
 
-    def begin(self, site: Site) -> Effect:
+    def _begin(self, site: Site) -> Effect:
         """Change the stiffness of the floor, which has precedence over that of the feet."""
-        if not _has_floor(site.plant):
-            return Effect()
         stiffness = site.plant.model.geom(FLOOR).solref
         before = float(stiffness[0])
         stiffness[0] = self.time_constant
 
-        def restore() -> None:
+        def ended() -> None:
             stiffness[0] = before
 
-        return Effect(ended=at_once(restore))
+        return Effect(ended=ended)
 
 
-class FloorDrop(_WorldFault):
+class FloorDrop(_FloorFault):
     """The floor sinks at once, and stays there: the robot falls onto it."""
 
     depth: float = number(0.05, 0.002, 0.5, "m", "by which it sinks")
 
-    def begin(self, site: Site) -> Effect:
+    def _begin(self, site: Site) -> Effect:
         """Lower the floor."""
-        if _has_floor(site.plant):
-            _movable_floor(site.plant).pos[2] -= self.depth
+        _movable_floor(site.plant).pos[2] -= self.depth
         return Effect()
 
 
-class FloorHole(_ContactFault):
+class FloorHole(_FloorFault):
     """There is no floor below one foot; where it has sunk, it is free until it is above the floor again."""
 
     contact: str = Field("", description="name of the contact; empty for one at random")
 
-    def begin(self, site: Site) -> Effect:
+    def _begin(self, site: Site) -> Effect:
         """Take away what the foot collides with."""
-        names = tuple(site.plant.contacts)
-        if not names or not _has_floor(site.plant):
-            return Effect()
-        model = site.plant.model
+        model, names = site.plant.model, tuple(site.plant.contacts)
         foot = names[site.one_of(self.contact, names)]
-        geoms = site.plant.touch.geoms[foot]
+        geoms = site.plant.contact_forces.geoms[foot]
         before = model.geom_conaffinity[geoms].copy()
         model.geom_conaffinity[geoms] = 0
 
         def ended() -> bool:
-            above = site.plant.touch.height(site.plant.data, geoms) >= -_AT_REST
+            above = site.plant.contact_forces.height(site.plant.data, geoms) >= -_AT_REST
             if above:
                 model.geom_conaffinity[geoms] = before
             return above
@@ -170,24 +155,22 @@ class FloorHole(_ContactFault):
         return Effect(ended=ended)
 
 
-class FloorTilt(_WorldFault):
+class FloorTilt(_FloorFault):
     """The floor tilts about a horizontal axis below the base, and stays tilted."""
 
     angle: float = number(0.05, 0.005, 0.4, "rad", "of the tilt")
     ramp: float = number(0.5, 0.1, 1.0, "s", "time in which it tilts")
 
-    def begin(self, site: Site) -> Effect:
+    def _begin(self, site: Site) -> Effect:
         """Turn the floor a little in each period."""
-        if not _has_floor(site.plant):
-            return Effect()
-        floor = _movable_floor(site.plant)
+        plant, floor = site.plant, _movable_floor(site.plant)
         rotation = rotation_of(floor.quat[[1, 2, 3, 0]])
-        centre = np.array([*site.plant.state()[0][:2], 0.0])
+        centre = np.array([*plant.state()[0][:2], 0.0])
         centre[2] = -float(rotation[:2, 2] @ (centre[:2] - floor.pos[:2])) / rotation[2, 2] + floor.pos[2]
         axis = site.direction()
 
         def tilt() -> None:
-            turned = pin.SE3(pin.exp3(self.angle * site.grown(self.ramp) * axis) @ rotation, centre)
+            turned = pin.SE3(pin.exp3(self.angle * ramped(site.passed, self.ramp) * axis) @ rotation, centre)
             placed = position_and_wxyz(turned)
             floor.pos[:], floor.quat[:] = placed[:3], placed[3:]
 
@@ -230,11 +213,11 @@ def _heavier(plant: Plant, masses: Array) -> Effect:
     model.body_inertia[:] = inertia * (1.0 + factors)[:, None]
     _set_constants(model)
 
-    def restore() -> None:
+    def ended() -> None:
         model.body_mass[:], model.body_inertia[:] = mass, inertia
         _set_constants(model)
 
-    return Effect(ended=at_once(restore))
+    return Effect(ended=ended)
 
 
 def _set_constants(model: Any) -> None:
@@ -242,11 +225,6 @@ def _set_constants(model: Any) -> None:
     placements = model.eq_data.copy()
     mujoco.mj_setConst(model, mujoco.MjData(model))
     model.eq_data[:] = placements
-
-
-def _has_floor(plant: Plant) -> bool:
-    """Whether there is a floor: robots without contacts have none."""
-    return bool(plant.contacts)
 
 
 def _movable_floor(plant: Plant) -> Any:

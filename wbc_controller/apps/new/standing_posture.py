@@ -1,4 +1,4 @@
-"""A posture in which a robot stands: feet level, centre of mass above their middle, legs bent, joints off limits."""
+"""Search for a standing posture: feet level, centre of mass above their middle, legs bent, joints off limits."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import minimize
 
+from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.mechanism import usable_ranges
-from wbc_controller.apps.new.sole import Foot
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -42,13 +42,13 @@ class _Leg:
 
 @dataclass(frozen=True, slots=True)
 class Stand:
-    """How the feet stand in a posture, the base upright at the origin.
+    """Placement of the feet in a posture, the base upright at the origin.
 
     Attributes:
         bottoms: height of the lowest point of each foot, (n,) in m.
-        middles: where the feet stand, (n, 3) in m.
-        tilts: of soles and axles, as sines, (m,).
-        yaw: of soles, as sines, (k,).
+        middles: positions of the feet, (n, 3) in m.
+        tilts: tilts of soles and axles, as sines, (m,).
+        yaw: yaw angles of soles, as sines, (k,).
         com: centre of mass, (3,) in m.
     """
 
@@ -68,14 +68,9 @@ class Legs:
     """The legs of a robot, and the posture that they take."""
 
     def __init__(self, model: RobotModel, feet: Sequence[Foot], reference: Array, *, known: bool) -> None:
-        """Prepare the search.
+        """Prepare the search near a reference posture, (nj,) in rad, of a robot with a floating base.
 
-        Args:
-            model: the robot's model, with a floating base.
-            feet: its feet.
-            reference: the posture that is wanted, (nj,) in rad.
-            known: whether the feet are where they should be in the reference, so that their places and the height of
-                the base are kept.
+        If `known` is True, the feet are at their places in the reference: these and the height of the base are kept.
         """
         self.model, self.feet, self.reference, self._known = model, feet, np.array(reference), known
         self._data = model.pinocchio.createData()
@@ -106,7 +101,7 @@ class Legs:
         return legs
 
     def _find_mirrored(self) -> dict[int, tuple[int, Array]]:
-        """By right leg: the left leg that it mirrors, and the signs of its joint positions, (k,)."""
+        """Return, by right leg, the left leg that it mirrors and the signs of its joint positions, (k,)."""
         axes, places = self._at_zero()
         found: dict[int, tuple[int, Array]] = {}
         flip = np.array([1.0, -1.0, 1.0])
@@ -124,7 +119,7 @@ class Legs:
         return found
 
     def _at_zero(self) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Axis and place of each joint in the base, all joints at zero."""
+        """Return axis and position of each joint in the base, all joints at zero."""
         model, data = self.model.pinocchio, self._data
         pin.computeJointJacobians(model, data, pin.neutral(model))
         joints = range(2, model.njoints)
@@ -135,7 +130,7 @@ class Legs:
         return axes, {j: np.array(data.oMi[j].translation) for j in joints}
 
     def _hips(self, start: Stand) -> Array:
-        """Where each foot should be, (n, 2) in m: beside where it is in the reference, and below its hip."""
+        """Return the target of each foot, (n, 2) in m: as in the reference sideways, and below its hip."""
         wanted = np.array(start.middles[:, :2])
         if self._known:
             return wanted
@@ -147,7 +142,7 @@ class Legs:
         return wanted
 
     def stand(self, posture: Array) -> Stand:
-        """How the feet stand in a posture, (nj,) in rad."""
+        """Return the placement of the feet in a posture, (nj,) in rad."""
         model, data = self.model.pinocchio, self._data
         com = pin.centerOfMass(model, data, self.model.configuration(posture))
         bottoms, middles, tilts, yaw = [], [], [], []
@@ -166,7 +161,7 @@ class Legs:
         return Stand(np.array(bottoms), np.array(middles), np.array(tilts), np.array(yaw), np.array(com))
 
     def solve(self) -> Array | None:
-        """The posture nearest to the reference in which the robot stands, (nj,) in rad; None where none was found."""
+        """Return the standing posture nearest to the reference, (nj,) in rad; None if none was found."""
         rng = np.random.default_rng(0)  # the same posture each time
         middle = np.clip(self.reference[self._columns], *self._bounds.T)
         starts = [middle, *(middle + rng.uniform(-_SPREAD, _SPREAD, (_STARTS, len(middle))))]
@@ -184,7 +179,7 @@ class Legs:
         return min(found, key=lambda posture: self._cost(posture[self._columns]), default=None)
 
     def _search(self, start: Array, height: float | None) -> Array | None:
-        """Stand with the base at a height above the ground, m; as high as possible where there is none."""
+        """Search with the base at a height above the ground, m, or as high as possible for None."""
 
         def objective(x: Array) -> float:
             bottom = 0.0 if height is not None else float(self.stand(self._expand(x)).bottoms.mean()) / self._size
@@ -202,7 +197,7 @@ class Legs:
         return self._expand(x) if np.abs(self._errors(x, height)).max(initial=0.0) <= _TOLERANCE else None
 
     def _expand(self, x: Array) -> Array:
-        """The whole posture, (nj,), of the free joints, (k,)."""
+        """Return the whole posture, (nj,), for the free joints, (k,)."""
         posture = self.reference.copy()
         posture[self._columns] = x
         for right, (left, signs) in self._mirrored.items():
@@ -210,14 +205,14 @@ class Legs:
         return np.asarray(np.clip(posture, self.model.position_lower, self.model.position_upper))
 
     def _errors(self, x: Array, height: float | None) -> Array:
-        """What has to be zero: differences of heights. Tilts are a cost, as legs of few joints cannot change them."""
+        """Return the differences of heights, zero in a solution. Tilts are a cost: short legs cannot change them."""
         bottoms = self.stand(self._expand(x)).bottoms
         level = bottoms - (bottoms[0] if height is None else -height)
         free = [i for i in range(len(self.feet)) if i not in self._mirrored and not (height is None and i == 0)]
         return np.asarray(level[free])
 
     def _cost(self, x: Array) -> float:
-        """How far a posture is from the reference, and its feet and centre of mass from where they should be."""
+        """Return the cost: squared distances of joints, feet and centre of mass from their targets."""
         posture = self._expand(x)
         stand = self.stand(posture)
         away = (stand.middles[:, :2] - self._wanted) / self._size

@@ -1,4 +1,4 @@
-"""Constraints on the mock robot's links besides the floor: grips at fixed contacts, and joints that close loops."""
+"""Attachments of the mock robot's links: grips at fixed contacts, and joints that close loops."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Attachment:
 
 
 def points_of(mask: Sequence[bool], key: str) -> Array | None:
-    """Points of a frame that must be fixed to hold the axes of a mask; None for all six axes.
+    """Return the points of a frame that must be fixed to hold the axes of a mask; None for all six axes.
 
     Raises:
         ConfigurationError: if MuJoCo has no constraint for the mask.
@@ -65,7 +65,7 @@ def points_of(mask: Sequence[bool], key: str) -> Array | None:
 
 
 def grips_of(model: RobotModel, contacts: Mapping[str, ContactSettings]) -> dict[str, Attachment]:
-    """The grips that hold the links of fixed contacts, by the contact's name."""
+    """Return the grips that hold the links of fixed contacts, by the contact's name."""
     grips = {}
     for name, contact in contacts.items():
         if not isinstance(contact, FixedContact):
@@ -80,7 +80,7 @@ def grips_of(model: RobotModel, contacts: Mapping[str, ContactSettings]) -> dict
 
 
 def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[str, Attachment]:
-    """The joints that close loops, by the loop's name: frame_b is held in frame_a."""
+    """Return the joints that close loops, by the loop's name: frame_b is held in frame_a."""
     closures = {}
     for name, loop in loops.items():
         points = points_of(_effective_mask(model, name, loop), f"loops.{name}.mask")
@@ -129,7 +129,7 @@ def add_attachment(
 
 
 def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
-    """Set the placement of an attachment, from the placement of the attached frame in the holder's frame."""
+    """Set the target placement of an attachment's frame, in the holder's frame."""
     link = attachment.placements[1]
     for index, constraint in enumerate(attachment.names):
         data = model.eq_data[model.equality(constraint).id]
@@ -144,7 +144,7 @@ def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
 
 
 def wrench(model: Any, data: Any, attachment: Attachment) -> Array:
-    """The wrench of an attachment on its link, about the origin of the attached frame, world axes, (6,) in N, N·m."""
+    """Return the wrench of an attachment on its link, about the attached frame's origin, world axes, (6,)."""
     body = int(model.eq_obj2id[model.equality(attachment.names[0]).id])
     link = pin.SE3(data.xmat[body].reshape(3, 3), data.xpos[body])
     origin = link.act(attachment.placements[1].translation)

@@ -1,4 +1,4 @@
-"""Who touches what in the mock robot: the geoms of each contact of the configuration, and the forces on them."""
+"""The geoms of each contact of the configuration in MuJoCo, and the forces on them."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from wbc_controller.simulation.mechanism import FLOOR, ON_THE_FLOOR, geom_names
 _FAR = 1.0e3
 
 
-class Touch:
+class ContactForces:
     """The geoms of a robot in MuJoCo, by the contacts of its configuration.
 
-    A contact with the world has all that touches the floor on the body of its link. Where several contacts are on one
-    body, a touch belongs to the one whose origin is nearest. A contact with another link has the geoms of its own.
+    A contact with the world has all geoms on the body of its link that can touch the floor. A force on a body with
+    several contacts belongs to the contact with the nearest origin. A contact with another link has geoms of its own.
     """
 
     def __init__(self, model: Any, contacts: Mapping[str, ContactSettings], bodies: Mapping[str, int]) -> None:
-        """Find the geoms."""
+        """Find the geoms of the contacts, given MuJoCo's body of each."""
         self._model = model
-        #: What can touch the floor.
+        #: Geoms that can touch the floor.
         self.on_the_floor = [int(geom) for geom in np.flatnonzero(model.geom_conaffinity & ON_THE_FLOOR)]
         #: Geoms with which each contact can touch.
         self.geoms = {
@@ -43,7 +43,7 @@ class Touch:
                 self._contacts.setdefault(geom, []).append(name)
 
     def forces(self, data: Any, frames: Mapping[str, pin.SE3]) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Add up what acts on the robot at each contact; what touches elsewhere belongs to none.
+        """Add up the forces at each contact, given the placements of the contacts in the world.
 
         Returns:
             By contact, force and moment about the contact's origin in world axes, (3,) each, in N and N·m.
@@ -66,7 +66,7 @@ class Touch:
         return force, moment
 
     def bodies_elsewhere(self, data: Any) -> frozenset[int]:
-        """MuJoCo's bodies that touch the floor with what belongs to no contact."""
+        """Return MuJoCo's bodies that touch the floor with geoms of no contact."""
         geoms = (int(geom) for touch in data.contact for geom in touch.geom)
         floor = self._model.geom(FLOOR).id
         return frozenset(
@@ -74,7 +74,7 @@ class Touch:
         )
 
     def height(self, data: Any, geoms: Iterable[int]) -> float:
-        """How far geoms are above the floor, m: negative where one is in it, infinite where there are none."""
+        """Return the height of the lowest geom above the floor, m: negative inside it, infinite without geoms."""
         floor = self._model.geom(FLOOR).id
         heights = [mujoco.mj_geomDistance(self._model, data, floor, geom, _FAR, None) for geom in geoms]
         return min(heights, default=float("inf"))

@@ -16,12 +16,7 @@ from wbc_controller.inverse_dynamics.robot.passive import PassiveForces
 
 
 def lock(joint: ET.Element, position: float) -> None:
-    """Lock a joint of a URDF at a position.
-
-    Args:
-        joint: the joint's element, changed in place.
-        position: position at which to lock it, rad or m.
-    """
+    """Lock a joint of a URDF, changed in place, at a position, rad or m."""
     if position != 0.0:
         origin = joint.find("origin")
         if origin is None:
@@ -40,7 +35,7 @@ def lock(joint: ET.Element, position: float) -> None:
 
 
 def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
-    """Couple mimic joints to their leaders."""
+    """Couple mimic joints to their leaders, with MuJoCo's solref and solimp."""
     for name, mimic in followers.mimics.items():
         equality = spec.add_equality()
         equality.type = mujoco.mjtEq.mjEQ_JOINT
@@ -78,12 +73,7 @@ def gear(spec: Any, model: RobotModel) -> None:
 
 
 def spring(model: Any, passive: PassiveForces) -> None:
-    """Add springs and dampers to joints.
-
-    Args:
-        model: MuJoCo's model; not its specification, in which a joint's stiffness is a polynomial from MuJoCo 4 on.
-        passive: the springs and dampers.
-    """
+    """Add springs and dampers to the compiled model: in MuJoCo 4's specification, stiffness is a polynomial."""
     for name, given in passive.joints.items():
         joint = model.joint(name)
         model.jnt_stiffness[joint.id] = given.stiffness

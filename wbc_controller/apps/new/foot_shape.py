@@ -1,4 +1,4 @@
-"""The underside of a foot, measured on its shapes: a flat sole, a ball, or a wheel."""
+"""The shape of a foot, measured on the URDF: a flat sole, a ball, or a wheel."""
 
 from __future__ import annotations
 
@@ -69,20 +69,11 @@ class Foot:
 
 
 def measure(
-    model: RobotModel,
-    elements: Mapping[int, Sequence[pin.GeometryObject]],
-    joint: int,
-    upward: pin.SE3,
-    axis: Array,
+    model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, upward: pin.SE3, axis: Array
 ) -> Foot:
-    """Measure a foot.
+    """Measure the foot that a joint moves, on the shapes of `read_collision_elements`.
 
-    Args:
-        model: the robot's model.
-        elements: shapes by the number of the link's frame, of `read_collision_elements`.
-        joint: number of the joint that moves the foot.
-        upward: axes of the upright base in the joint's frame: x is forward and z upward.
-        axis: of the joint, in its frame, (3,).
+    `upward` has the axes of the upright base in the joint's frame, x forward and z upward; `axis` is the joint's, (3,).
     """
     frames = model.pinocchio.frames
     own = [(frame, element) for frame, some in elements.items() for element in some]
@@ -117,7 +108,7 @@ def measure(
 
 
 def _unseen(model: RobotModel, joint: int, down: Array) -> Foot:
-    """A foot without a shape: the lowest link that the joint moves."""
+    """Return a foot without a shape: the lowest link that the joint moves."""
     links = [frame for frame in model.pinocchio.frames if frame.parentJoint == joint and frame.type == pin.BODY]
     lowest = max(links, key=lambda frame: float(frame.placement.translation @ down))
     placement = pin.SE3(np.eye(3), lowest.placement.translation)
@@ -125,7 +116,7 @@ def _unseen(model: RobotModel, joint: int, down: Array) -> Foot:
 
 
 def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array) -> Foot | None:
-    """A body of revolution about the axis of a joint that turns without end."""
+    """Return a wheel: a body of revolution about the axis of a joint that turns without end."""
     own = model.pinocchio.joints[joint]
     at = own.idx_q
     endless = own.nq == 2 or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _ENDLESS
@@ -148,7 +139,7 @@ def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array)
 
 
 def _face(points: Array, down: Array) -> Array | None:
-    """The outward normal of the largest flat face that looks down, (3,); None where there is none of a sole's size."""
+    """Return the outward normal of the largest flat face below, (3,); None without one of a sole's size."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # all in one plane
@@ -173,7 +164,7 @@ def _face(points: Array, down: Array) -> Array | None:
 
 
 def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
-    """The plane that touches a body with a downward normal: z points into the body, x forward."""
+    """Return the plane that touches a body with a downward normal: z points into the body, x forward."""
     z = -normal
     x = forward - (forward @ z) * z
     x /= np.linalg.norm(x)
@@ -181,13 +172,9 @@ def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
 
 
 def _sole(
-    model: RobotModel,
-    elements: Mapping[int, Sequence[pin.GeometryObject]],
-    joint: int,
-    link: str,
-    plane: pin.SE3,
+    model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, link: str, plane: pin.SE3
 ) -> Foot | None:
-    """A flat sole: the footprint in its plane, a rectangle or polygon about its middle; None where it is too small."""
+    """Return a flat sole: the footprint in its plane, a rectangle or polygon; None if it is too small."""
     whole = footprint(model, elements, joint, plane)
     if whole is None or _area(whole.polygon) < _LEAST_AREA:
         return None
@@ -209,13 +196,13 @@ def _sole(
 
 
 def _area(polygon: Array) -> float:
-    """Area of a polygon, (n, 2), in m²; zero of a line or point."""
+    """Return the area of a polygon, (n, 2), in m²; zero of a line or point."""
     after = np.roll(polygon, -1, axis=0)
     return float(0.5 * abs((polygon[:, 0] * after[:, 1] - polygon[:, 1] * after[:, 0]).sum()))
 
 
 def _ball(points: Array, down: Array) -> float | None:
-    """Radius of a sphere through the lower side of a shape, m; None where it is no sphere."""
+    """Return the radius of a sphere through the lower side of a shape, m; None if it is no sphere."""
     try:
         hull = ConvexHull(points)
     except QhullError:

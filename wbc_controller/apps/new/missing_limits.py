@@ -1,4 +1,4 @@
-"""Limits that a URDF lacks, or that cannot be a motor's: what stands in their place until a person knows them."""
+"""Placeholders for joint limits that are missing in the URDF, or cannot be a motor's."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from wbc_controller.apps.new.notes import Draft
 
 #: Gravity, m/s².
 _GRAVITY = 9.81
-#: Effort limit beyond which it is none of a motor of the robot, in weights at the end of its longest limb; and what
-#: stands in its place, in the same unit.
+#: Effort above which a limit cannot be a motor's, in weights of the robot at the end of its longest limb, and its
+#: placeholder in the same unit.
 _MOST_EFFORT, _EFFORT = 10.0, 0.5
-#: Speed from which on a limit is none, and what stands in its place, rad/s or m/s.
+#: Speed above which a limit cannot be a motor's, and its placeholder, rad/s or m/s.
 _MOST_VELOCITY, _VELOCITY = 100.0, 8.0
-#: What stands in place of a missing range to either side, rad.
+#: Placeholder of a missing range to either side, rad.
 _RANGE = round(np.pi, 4)
 
 
@@ -54,7 +54,7 @@ class Placeholders:
 
 
 def reach_of(model: pin.Model) -> float:
-    """Length of the longest chain of joints, m."""
+    """Return the length of the longest chain of joints, m."""
     lengths = np.zeros(model.njoints)
     for joint in range(2, model.njoints):
         step = np.linalg.norm(model.jointPlacements[joint].translation)
@@ -63,12 +63,9 @@ def reach_of(model: pin.Model) -> float:
 
 
 def replaced_limits(joints: Sequence[ElementTree.Element], mass: float, reach: float) -> Placeholders:
-    """Find the limits of a URDF that are missing or cannot be true.
+    """Replace the limits of joints that are missing or cannot be true.
 
-    Args:
-        joints: those that are not fixed.
-        mass: of the robot, kg.
-        reach: length of its longest chain of joints, m.
+    The robot has the mass `mass`, kg, and its longest chain of joints the length `reach`, m.
     """
     weight = mass * _GRAVITY * max(reach, 0.05)
     found = Placeholders({}, {})
