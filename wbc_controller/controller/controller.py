@@ -135,7 +135,6 @@ class Controller(ControlCycle):
         the next step takes it as it is, and where no other follows it stays at the position.
 
         Args:
-            task: its name.
             position: in the form of the task (docs/tasks.md): m, rad, unit quaternions (x, y, z, w). For tasks on
                 joints it may be a dictionary of some of them, for poses a `pinocchio.SE3`.
             velocity: feed-forward, with as many values as the task has axes; world axes, linear part first.
@@ -172,7 +171,6 @@ class Controller(ControlCycle):
         """Let a task follow a trajectory from now on, interpolated by quintics; at its end it stays.
 
         Args:
-            task: its name.
             times: of the points, counted from now, rising, (n,) in s.
             positions: n of them, each as in `set`.
             velocities: at the points, (n, m); zero where they are not given.

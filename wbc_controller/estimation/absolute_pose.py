@@ -186,7 +186,6 @@ class AbsolutePoses:
         """Correct the filter by each pose that is not newer than the IMU; the others wait.
 
         Args:
-            samples: received poses.
             held: True if the world must not be moved to contradicting poses.
 
         Returns:

@@ -201,7 +201,6 @@ class BaseEstimator:
         """Correct the estimate by absolute poses, after `update`; ignored before the start.
 
         Args:
-            samples: received poses.
             held: True if the world must not be moved to contradicting poses.
 
         Returns:

@@ -70,7 +70,6 @@ class DisturbanceObserver:
         """Start with a zero estimate.
 
         Args:
-            model: the robot's model.
             limits: speed and size of the estimate.
         """
         self.limits = limits

@@ -52,7 +52,6 @@ class FrictionCompensation:
         """Begin at rest.
 
         Args:
-            model: the robot's model.
             dry: c by joint, N·m.
             viscous: b by joint, N·m·s/rad.
         """

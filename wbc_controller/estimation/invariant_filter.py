@@ -242,7 +242,6 @@ class InvariantFilter:
         """Begin a contact point where the kinematics see it.
 
         Args:
-            name: of the point.
             place: its position from the IMU, in its axes, (3,) in m.
             covariance: of that position, (3, 3) in m².
         """

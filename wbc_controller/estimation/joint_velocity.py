@@ -24,7 +24,6 @@ def delay(time_constant: float, period: float) -> float:
 
     Args:
         time_constant: T, s.
-        period: dt, s.
     """
     theta = math.exp(-period / time_constant)
     return period * (1.0 + 3.0 * theta) / (2.0 * (1.0 - theta))

@@ -97,7 +97,6 @@ class LegKinematics:
 
         Args:
             model: the robot's model, with a floating base.
-            contacts: the contacts, by name.
             frames: the link's frame of each contact, by name.
             imu_frame: the frame of the IMU.
             joint_noise: of the joints' positions, rad, one standard deviation.
@@ -170,7 +169,6 @@ class LegKinematics:
         """The joint that moves a frame, and where the frame is on it, for `from_imu`.
 
         Args:
-            name: of the frame.
             key: the setting that names it.
 
         Raises:

@@ -36,10 +36,8 @@ class ModelErrorCompensation:
         """Start without a prediction.
 
         Args:
-            observer: the disturbance observer.
             friction: compensation of known friction, or None.
             contact_forces: estimator of unloaded contacts, or None.
-            period: control period, s.
         """
         self.observer, self.contact_forces = observer, contact_forces
         self._friction = friction
@@ -68,9 +66,6 @@ class ModelErrorCompensation:
 
     def update(self, state: RobotState) -> Disturbance | None:
         """Compare a state with its prediction.
-
-        Args:
-            state: the latched state.
 
         Returns:
             The forces that the model lacks; None if there are none.
@@ -113,11 +108,9 @@ class ModelErrorCompensation:
         """Store the prediction of a cycle.
 
         Args:
-            state: its latched state.
             solution: its solution, if there is one.
             tau: torques that were sent, (na,) in N·m; None without torques, or during a ramp, when others hold the
                 robot.
-            dynamics: the snapshot of that state.
             jacobian: returns the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
         """
         if self.is_idle or (self._prediction is not None and self._prediction.stamp == state.stamp):

@@ -34,8 +34,6 @@ def call(owner: Named, method: str, *arguments: Any) -> Any:
     """Call a method of a task, contact or limit.
 
     Args:
-        owner: the task, contact or limit.
-        method: name of the method.
         *arguments: its arguments.
 
     Raises:
@@ -58,8 +56,6 @@ def array_from(owner: Named, method: str, shape: Shape, *arguments: Any) -> Arra
     """Call a method that returns one array, and check the array.
 
     Args:
-        owner: the task, contact or limit.
-        method: name of the method.
         shape: the shape that its array must have.
         *arguments: its arguments.
 
@@ -81,8 +77,6 @@ def arrays_from(owner: Named, method: str, shapes: Sequence[Shape], *arguments: 
         The arrays as float64.
 
     Args:
-        owner: the task, contact or limit.
-        method: name of the method.
         shapes: the shape of each array.
         *arguments: the method's arguments.
 
@@ -98,8 +92,6 @@ def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -
     """Check number, types and shapes of the arrays that a method has returned.
 
     Args:
-        owner: the task, contact or limit.
-        method: name of the method.
         values: what it returned.
         shapes: the shape of each array.
 
@@ -174,10 +166,7 @@ def checked(owner: Named, method: str, value: Any, shape: Shape) -> Array:
     """Check type and shape of an array that a method has returned; cheap, for every cycle.
 
     Args:
-        owner: the task, contact or limit.
-        method: name of the method.
         value: what it returned.
-        shape: the shape that the array must have.
 
     Returns:
         The same array, or its conversion to float64.

@@ -59,8 +59,6 @@ class WholeBodyQP:
         """Make a controller.
 
         Args:
-            formulation: builds the problem.
-            solver: name of the solver.
             timer: returns the time in s, for the stage times; by default they are all 0.
 
         Raises:
@@ -165,8 +163,6 @@ class WholeBodyQP:
         position limit. `Solution.relaxed` names the groups in which a bound is missed.
 
         Args:
-            state: the latched state of the robot.
-            references: task references, weights and contact activations.
             tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
             explained: search at once for the conflicting constraints if there is no solution. This takes several
                 periods; `NoSolution.explained` does it later.
@@ -302,8 +298,6 @@ class WholeBodyQP:
         This takes several periods, and is not part of a control cycle.
 
         Args:
-            state: the latched state of the robot.
-            references: task references, weights and contact activations.
             tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
 
         Returns:

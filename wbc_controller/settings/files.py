@@ -100,7 +100,6 @@ def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:
     Args:
         text: one YAML document.
         source: its origin, for messages.
-        loader: a safe loader of PyYAML: ``yaml.SafeLoader`` or the faster ``yaml.CSafeLoader``.
 
     Raises:
         ConfigurationError: where the text is not valid YAML, has a duplicate key, an alias within what it stands for,

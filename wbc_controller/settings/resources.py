@@ -46,7 +46,6 @@ def read_text(path: Path, subject: str, largest: int) -> str:
     """Read a text file.
 
     Args:
-        path: the file.
         subject: what names the file, for the error.
         largest: length of the longest text that is read, in characters.
 

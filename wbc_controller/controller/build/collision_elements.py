@@ -24,8 +24,6 @@ def read_collision_elements(
     """Read the collision elements of a URDF with their meshes.
 
     Args:
-        model: the robot's model.
-        urdf: the URDF's text.
         key: the configuration key that asks for them, for the error.
         folder: folder of meshes that are named by a relative path.
 

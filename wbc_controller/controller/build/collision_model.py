@@ -69,7 +69,6 @@ def build_collision_model(
     SRDF disables, and pairs nearer than the margin in the nominal posture. Links of no such pair need no shape.
 
     Args:
-        model: the robot's model.
         margin: smallest distance, m.
         srdf: the SRDF's text.
         pairs: the pairs to keep apart, each ``<link>/<link>``; empty for the default above.

@@ -53,11 +53,6 @@ def make_model_error(
 ) -> ModelErrorCompensation:
     """Make the compensation of known friction and of the observed disturbance.
 
-    Args:
-        settings: the robot's settings.
-        model: its model.
-        contacts: its contacts, by name.
-
     Raises:
         ConfigurationError: if a joint with friction is unknown.
     """
@@ -102,11 +97,6 @@ def estimates_base(settings: Settings, model: RobotModel) -> bool:
 
 def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator:
     """Make the estimator of a floating base.
-
-    Args:
-        settings: the robot's settings.
-        model: its model.
-        contacts: its contacts, by name.
 
     Raises:
         ConfigurationError: if the base is fixed, the IMU has no frame, or no contact has fixed points.
@@ -158,11 +148,6 @@ def contact_normals(
 
     These frames are the contact's own (named after it, or unnamed); for soles and held links all frames of the link; for
     balls and wheels, which rotate against the ground, the world.
-
-    Args:
-        settings: the robot's settings.
-        model: its model.
-        contacts: its contacts, by name.
     """
     dynamics, frames = Dynamics(model), model.pinocchio.frames
     normals: dict[str, dict[str, Array]] = {}

@@ -84,7 +84,6 @@ def footprint(
     shapes count as their convex hull, as a plane meets nothing else.
 
     Args:
-        model: the robot's model.
         elements: the collision elements by the number of the link's frame, of `read_collision_elements`.
         joint: number of the joint in the Pinocchio model; 1 is that of a floating base, 0 the world.
         plane: placement in the joint's frame of the plane's own frame: x and y span the plane, and z is its normal,

@@ -30,7 +30,6 @@ def make_own(
 
     Args:
         makers: classes or functions that take the model and return an object.
-        model: the robot's model.
         kind: class of the objects.
         key: ``tasks``, ``contacts`` or ``limits``, for error messages.
         taken: names that are already used.
@@ -57,12 +56,6 @@ def check_attributes(
     model: RobotModel, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
 ) -> None:
     """Check the attributes from which the quadratic program is laid out.
-
-    Args:
-        model: the robot's model.
-        tasks: the user's own tasks.
-        contacts: the user's own contacts.
-        limits: the user's own limits.
 
     Raises:
         ConfigurationError: with the class, the attribute, its value and the expected one.
@@ -154,9 +147,6 @@ def evaluate_methods(
 
     Args:
         formulation: the program that the objects are part of.
-        tasks: the user's own tasks.
-        contacts: the user's own contacts.
-        limits: the user's own limits.
 
     Raises:
         MethodError: if a method raises an exception, or returns an array of another shape or type, NaN or infinity.

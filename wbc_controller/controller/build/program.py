@@ -32,8 +32,6 @@ def make_qp(
     """Build the quadratic program of a robot.
 
     Args:
-        settings: the robot's settings.
-        model: the robot's model.
         timer: returns seconds, for the stage times.
         tasks: the user's own tasks, added to those of the settings: classes or functions that take the model and return
             a task.

@@ -39,7 +39,6 @@ def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
 
     Args:
         settings: the robot's settings, which may have changed since the program was built.
-        qp: the robot's quadratic program.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.

@@ -13,7 +13,6 @@ def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
     """Build the robot's model.
 
     Args:
-        settings: the robot's settings.
         urdf: the URDF's text; None to read the file named in the settings.
 
     Raises:

@@ -70,10 +70,6 @@ def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
 def describe(urdf: str, robot: RobotSettings) -> Description:
     """Read a robot's actuators from a URDF's text.
 
-    Args:
-        urdf: text of the URDF.
-        robot: the settings of the robot.
-
     Raises:
         ConfigurationError: if the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.
     """

@@ -31,12 +31,6 @@ from wbc_controller.errors import ConfigurationError, valid_choices
 def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Mapping[str, Contact]) -> Task:
     """Build one task.
 
-    Args:
-        name: the task's name.
-        task: its settings.
-        model: the robot's model.
-        contacts: the robot's contacts, by name.
-
     Raises:
         ConfigurationError: if a frame, joint or contact is unknown, or the tolerance has a wrong size.
     """

@@ -47,7 +47,6 @@ def upside_down(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[s
     """Names of the active flat contacts with the world whose normals point down, in the configuration of the dynamics.
 
     Args:
-        qp: the quadratic program of the robot.
         active: names of the active contacts.
         normal: unit normal of the floor, in the world, (3,).
     """
@@ -74,7 +73,6 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
     the posture.
 
     Args:
-        settings: the robot's settings.
         qp: its quadratic program, with the dynamics in the nominal posture.
         normal: unit normal of the floor, in the world, (3,).
 
@@ -111,10 +109,6 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
 
 def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
     """Where the URDF's shapes touch the plane of each contact with the world, in the configuration of the dynamics.
-
-    Args:
-        settings: the robot's settings.
-        qp: its quadratic program.
 
     Returns:
         Corners of the convex underside in the world, (n, 3) in m, by contact; without contacts whose body has no

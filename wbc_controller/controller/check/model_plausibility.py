@@ -136,8 +136,6 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
     """Report limits that no robot of this weight and size has, those of the configuration, and joints without any.
 
     Args:
-        settings: the robot's settings.
-        model: its model.
         placements: positions of the links and joints in the posture, (n, 3) in m.
     """
     size = float(np.linalg.norm(np.ptp(placements, axis=0)))

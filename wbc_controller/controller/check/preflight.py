@@ -60,8 +60,6 @@ def stance(
     """Return the configuration with the nominal posture, base upright and lowest contact on the floor, (nq,).
 
     Args:
-        model: the robot's model.
-        qp: the quadratic program of the robot.
         active: names of the active contacts.
         floor_normal: normal of the floor through the world's origin, in the world, (3,).
     """
@@ -128,11 +126,6 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
 
 def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list[Finding]:
     """Check whether a robot, given its quadratic program, can stand as configured; resets the board's references.
-
-    Args:
-        settings: the robot's settings.
-        qp: the quadratic program of the robot.
-        board: the board of references.
 
     Raises:
         ConfigurationError: as in `check`.

@@ -47,8 +47,6 @@ class FixedContact(AnchoredContact):
         """Make a fixed contact.
 
         Args:
-            name: the contact's name.
-            model: the robot's model.
             frame: a frame of the URDF, fixed to the link that is held.
             placement: of the contact in that frame.
             mask: axes of the contact frame that are held: along x, y, z, about x, y, z.

@@ -52,8 +52,6 @@ class LoopClosure(Contact):
         """Make a loop closure.
 
         Args:
-            name: the loop's name.
-            model: the robot's model.
             frames: frames of the URDF, fixed to the two links.
             placements: of A and B in these frames.
             mask: axes of A that are held: along x, y, z, about x, y, z.

@@ -83,8 +83,6 @@ class Mount:
         """Make a mount.
 
         Args:
-            model: the robot's model.
-            name: the contact's name, for errors.
             frame: a frame of the URDF, fixed to the link that touches.
             placement: of C in that frame.
             against: a frame of the URDF, fixed to the link that is touched; None for the world.

@@ -44,8 +44,6 @@ class RollingContact(PointContact):
         """Make a rolling contact.
 
         Args:
-            name: the contact's name.
-            model: the robot's model.
             frame: a frame of the URDF, fixed to the wheel.
             translation: centre of the wheel in that frame, (3,) in m.
             radius: of the wheel, m.

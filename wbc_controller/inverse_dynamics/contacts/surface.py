@@ -40,8 +40,6 @@ class SurfaceContact(UnilateralContact):
         """Make a surface contact.
 
         Args:
-            name: the contact's name.
-            model: the robot's model.
             frame: a frame of the URDF, fixed to the link that touches.
             placement: of the contact in that frame; z points away from the touched surface.
             support: shape of the contact area.

@@ -33,7 +33,6 @@ class RowLimit(ABC):
         """Write the rows and bounds for one state.
 
         Args:
-            dynamics: the snapshot.
             period: time for which an acceleration is held, s.
             rows: G, (k, nv), to be overwritten.
             lower: (k,), to be overwritten; -inf where there is no bound.

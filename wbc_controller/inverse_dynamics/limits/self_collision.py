@@ -83,7 +83,6 @@ class SelfCollisionLimit(RowLimit):
         """Make a limit.
 
         Args:
-            model: the robot's model.
             geometry: convex shapes on the model's links, and the pairs of shapes to be kept apart.
             margin: least distance, m.
             acceleration: A, m/s².

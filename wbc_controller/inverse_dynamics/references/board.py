@@ -138,7 +138,6 @@ class ReferenceBoard:
         """Change to another plan for the same tasks and contacts, with ramps to its new values.
 
         Args:
-            plan: the new plan.
             dynamics: as in `apply`.
             time: s, on the clock of the states; None while the controller does not follow the references, so that no
                 ramp is needed.
@@ -163,7 +162,6 @@ class ReferenceBoard:
         """Apply a set of changes.
 
         Args:
-            changes: validated changes.
             dynamics: the snapshot of the last cycle: the starting point of tasks that are switched on, the anchor of
                 contacts that are activated, and the frames of the robot in which setpoints are given.
             time: s, on the clock of the states.

@@ -39,7 +39,6 @@ class PassiveForces:
         """Collect the springs and dampers.
 
         Args:
-            joints: by name.
             q_index: index in q of each, by name.
             v_index: index in v of each, by name.
         """

@@ -57,7 +57,6 @@ class Drive:
         """Make a drive.
 
         Args:
-            names: names of the actuators, (na,).
             effort_limits: largest torques, (na,) in N·m.
             ratios: R, (na, nj).
             rotor_inertia: of each actuator, (na,) in kg·m²; None for zero.

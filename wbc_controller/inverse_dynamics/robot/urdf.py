@@ -68,7 +68,6 @@ def parse_xml(text: str, key: str, kind: str) -> ElementTree.Element:
     """Read a URDF or SRDF as XML.
 
     Args:
-        text: the text.
         key: the configuration key that it belongs to, for the error.
         kind: the kind of text, for the error.
 
@@ -114,7 +113,6 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
     them: ``NAME/x`` and ``NAME/y`` in its plane, and ``NAME/theta`` about its axis.
 
     Args:
-        urdf: the URDF's text.
         limits: limits that replace those of the URDF, by joint.
 
     Returns:

@@ -56,8 +56,6 @@ class _AlignmentTask(MotionTask):
         """Make a task.
 
         Args:
-            name: the task's name.
-            model: the robot's model.
             frame: a frame of the URDF.
             axis: a, in the frame, (3,), of any non-zero length.
             stiffness: K, 1/s², one number or one each for b₁ and b₂.

@@ -56,7 +56,6 @@ class CapturePointTask(RateTask):
         """Make a capture point task.
 
         Args:
-            name: the task's name.
             gravity: g, m/s².
             mask: world axes that the task controls, x and y; by default both.
             support_height: z_s, m, in the world.

@@ -27,8 +27,6 @@ class ContactWrenchTask(EffortTask):
         """Make a task.
 
         Args:
-            name: the task's name.
-            contact: the contact.
             mask: axes of the wrench that the task controls, (6,).
             target: the wrench until a command sets another one, (6,) in N and N·m.
 

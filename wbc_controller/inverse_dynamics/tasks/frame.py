@@ -54,8 +54,6 @@ class _FrameTask(MotionTask):
         """Make a frame task.
 
         Args:
-            name: the task's name.
-            model: the robot's model.
             frame: a frame of the URDF.
             mask: world axes that the task controls, (size,); by default all.
             stiffness: K, 1/s², one number or one for each axis.

@@ -33,7 +33,6 @@ class _MomentumTask(RateTask):
         """Make a momentum task.
 
         Args:
-            name: the task's name.
             mask: world axes that the task controls, (3,); by default all.
             damping: D, 1/s, one number or one for each axis.
 

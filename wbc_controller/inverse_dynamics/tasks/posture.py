@@ -32,8 +32,6 @@ class PostureTask(MotionTask):
         """Make a posture task.
 
         Args:
-            name: the task's name.
-            model: the robot's model.
             joints: joints that the task controls; empty for all actuated joints, in their order. A passive joint among
                 them moves only through the accelerations of the others.
             stiffness: K, 1/s², one number or one for each joint.

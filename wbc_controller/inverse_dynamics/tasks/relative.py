@@ -53,8 +53,6 @@ class RelativePoseTask(MotionTask):
         """Make a relative pose task.
 
         Args:
-            name: the task's name.
-            model: the robot's model.
             frame: B, a frame of the URDF.
             reference_frame: A, a frame of the URDF.
             mask: axes of A that the task controls, position, then orientation, (6,); by default all.

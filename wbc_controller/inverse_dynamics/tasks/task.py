@@ -150,7 +150,6 @@ class AccelerationTask(Task):
 
     in the least-squares sense. The subclasses define x⁽ⁿ⁾*: `MotionTask` for quantities x(q), and `RateTask` for
     quantities x(q, v).
-
     """
 
     @abstractmethod
@@ -188,10 +187,6 @@ class AccelerationTask(Task):
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
         """Rows of the least-squares problem J v̇ = b, as new arrays.
 
-        Args:
-            dynamics: the snapshot.
-            reference: the task reference.
-
         Returns:
             J (k, nv), b (k,), and the task error (k,), all with the mask applied.
         """
@@ -204,11 +199,6 @@ class AccelerationTask(Task):
 
 def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
     """Evaluate each method of a task and check what it returns: before activation, and to name the one that failed.
-
-    Args:
-        task: the task.
-        dynamics: the snapshot.
-        reference: the task reference.
 
     Raises:
         MethodError: if a method raises an exception, or returns another shape or type, NaN or infinity.
@@ -284,7 +274,6 @@ class EffortTask(Task):
 
         Args:
             efforts: torques and contact forces as functions of the decision variables.
-            reference: the task reference.
 
         Returns:
             R (k, n), r (k,); None where the quantity does not exist, such as the force of a contact that is not active.
@@ -295,9 +284,7 @@ def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int
     """Rows of a task on contact forces or torques as `EffortTask.equation` gives them, checked.
 
     Args:
-        task: the task.
         efforts: torques and contact forces as functions of the decision variables.
-        reference: the task reference.
         n: number of decision variables.
 
     Raises:
@@ -337,7 +324,6 @@ class MotionTask(AccelerationTask):
         """Make a task.
 
         Args:
-            name: the task's name.
             mask: axes that the task controls, (size,).
             stiffness: K, 1/s².
             damping: D, 1/s; by default critical, 2√K on each axis.
@@ -387,7 +373,6 @@ class RateTask(AccelerationTask):
         """Make a task.
 
         Args:
-            name: the task's name.
             mask: axes that the task controls, (size,).
             gain: k, 1/s.
             key: the configuration key of the gain, for the error message.

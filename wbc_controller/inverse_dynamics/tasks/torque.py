@@ -21,8 +21,6 @@ class TorqueTask(EffortTask):
         """Make a task.
 
         Args:
-            name: the task's name.
-            model: the robot's model.
             joints: joints that the task controls; empty for all actuated joints, in their order.
             target: the torques until a command sets others, (k,) in N·m; empty for zero.
 
