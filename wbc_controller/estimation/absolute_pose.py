@@ -185,8 +185,7 @@ class AbsolutePoses:
     def take(self, samples: list[PoseSample], *, held: bool) -> list[str]:
         """Correct the filter by each pose that is not newer than the IMU; the others wait.
 
-        Args:
-            held: True if the world must not be moved to contradicting poses.
+        While `held`, the world is not moved to contradicting poses.
 
         Returns:
             A sentence per refusal; a single one for consecutive contradicting poses.
@@ -221,11 +220,7 @@ class AbsolutePoses:
         return refused
 
     def seen(self, stamp: float) -> tuple[Array, Array]:
-        """Return the measured frame of a past estimate in the present world.
-
-        Returns:
-            Its orientation, (3, 3), and position, (3,) in m.
-        """
+        """Orientation, (3, 3), and position, (3,) in m, of the frame in a past estimate, in the present world."""
         after = bisect.bisect_left(self._past, stamp, key=lambda past: past.stamp)
         later = self._past[after]
         placed = _placed(later)

@@ -33,12 +33,7 @@ class ModelErrorCompensation:
         contact_forces: ContactForces | None,
         period: float,
     ) -> None:
-        """Start without a prediction.
-
-        Args:
-            friction: compensation of known friction, or None.
-            contact_forces: estimator of unloaded contacts, or None.
-        """
+        """Start without a prediction; the period is in s. Without friction or contact forces, they are not estimated."""
         self.observer, self.contact_forces = observer, contact_forces
         self._friction = friction
         self._largest_gap = _LARGEST_GAP * period
@@ -65,11 +60,7 @@ class ModelErrorCompensation:
         return self._friction is None and self.observer.is_idle
 
     def update(self, state: RobotState) -> Disturbance | None:
-        """Compare a state with its prediction.
-
-        Returns:
-            The forces that the model lacks; None if there are none.
-        """
+        """Compare a state with its prediction; returns the forces that the model lacks, None if there are none."""
         if self.is_idle:
             return None
         before, self._prediction = self._prediction, None
@@ -108,7 +99,6 @@ class ModelErrorCompensation:
         """Store the prediction of a cycle.
 
         Args:
-            solution: its solution, if there is one.
             tau: torques that were sent, (na,) in N·m; None without torques, or during a ramp, when others hold the
                 robot.
             jacobian: returns the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.

@@ -27,7 +27,7 @@ def mass_matrix(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> 
 
 
 def bias_force(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
-    """Bias force h of equation (34), (nv,) in N and N·m: Coriolis, centrifugal and gravity terms, the force at v̇ = 0."""
+    """Bias force h of equation (34), (nv,) in N and N·m: Coriolis, centrifugal and gravity terms, h at v̇ = 0."""
     return np.array(pin.nonLinearEffects(model, data if data is not None else model.createData(), q, v))
 
 

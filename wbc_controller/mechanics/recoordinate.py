@@ -80,7 +80,7 @@ class Recoordinated:
         return np.asarray(moved)
 
     def force(self, q: Array, force: Array) -> Array:
-        """Map a generalized force, (nv,) in N and N·m, to the new coordinates; it does the same work (equation (21))."""
+        """Map a generalized force, (nv,) in N and N·m, to the new coordinates with the same work (equation (21))."""
         return np.linalg.solve(self.jacobian(q).T, force)
 
     def _joints(self, name: str) -> tuple[Any, Any]:

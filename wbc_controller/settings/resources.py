@@ -19,12 +19,8 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
     The distribution is a Python one, such as ``example-robot-data``, with its files below ``share/<distribution>/``, or
     a ROS 2 package on ``AMENT_PREFIX_PATH``.
 
-    Args:
-        uri: path or ``package://`` address of the file.
-        key: the configuration key that names the file, for the error.
-
     Raises:
-        ConfigurationError: if there is no such file.
+        ConfigurationError: if there is no such file; the message begins with the key.
     """
     if not uri.startswith(PACKAGE_SCHEME):
         try:
@@ -43,11 +39,7 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
 
 
 def read_text(path: Path, subject: str, largest: int) -> str:
-    """Read a text file.
-
-    Args:
-        subject: what names the file, for the error.
-        largest: length of the longest text that is read, in characters.
+    """Read a text file of at most `largest` characters; the subject names the file in errors.
 
     Raises:
         ConfigurationError: if the file cannot be read, is no UTF-8, or is longer.

@@ -26,16 +26,10 @@ _Made = TypeVar("_Made", Task, Contact, RowLimit)
 def make_own(
     makers: Iterable[Callable[[RobotModel], _Made]], model: RobotModel, kind: Any, key: str, taken: Sequence[str]
 ) -> list[_Made]:
-    """Make the user's own objects, and check that each has the right class and a unique name.
-
-    Args:
-        makers: classes or functions that take the model and return an object.
-        kind: class of the objects.
-        key: ``tasks``, ``contacts`` or ``limits``, for error messages.
-        taken: names that are already used.
+    """Make the user's own objects, and check that each has the right class and a name that is not taken.
 
     Raises:
-        ConfigurationError: if an object has another class, or its name is already used.
+        ConfigurationError: if an object has another class, or its name is already used; begins with the key.
     """
     made: list[_Made] = []
     for make in makers:
@@ -144,9 +138,6 @@ def evaluate_methods(
     formulation: Formulation, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
 ) -> None:
     """Evaluate each method once, at rest in the nominal posture, and check what it returns.
-
-    Args:
-        formulation: the program that the objects are part of.
 
     Raises:
         MethodError: if a method raises an exception, or returns an array of another shape or type, NaN or infinity.

@@ -29,14 +29,9 @@ def make_qp(
     contacts: Iterable[Callable[[RobotModel], Contact]] = (),
     limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
 ) -> WholeBodyQP:
-    """Build the quadratic program of a robot.
+    """Build the quadratic program of a robot, with a user's own tasks, contacts and limits after those of the settings.
 
-    Args:
-        timer: returns seconds, for the stage times.
-        tasks: the user's own tasks, added to those of the settings: classes or functions that take the model and return
-            a task.
-        contacts: the user's own contacts, given in the same way.
-        limits: the user's own limits, given in the same way.
+    Each of these is a class or function that takes the model. The timer returns seconds, for the stage times.
 
     Raises:
         ConfigurationError: if settings and model do not fit together, or a name is already used.

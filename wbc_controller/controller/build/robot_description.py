@@ -21,10 +21,7 @@ _log = logging.getLogger(__name__)
 
 
 def read_urdf(urdf: str) -> str:
-    """Read the URDF that a configuration names.
-
-    Args:
-        urdf: value of ``robot.urdf``.
+    """Read the URDF that ``robot.urdf`` names.
 
     Raises:
         ConfigurationError: if no file is named, or it cannot be read.

@@ -57,7 +57,7 @@ class FixedContact(AnchoredContact):
             stiffness: K, 1/s².
 
         Raises:
-            ConfigurationError: where the model has no such frame, no axis is held, or a stiffness is given although
+            ConfigurationError: if the model has no such frame, no axis is held, or a stiffness is given although
                 motions along the free axes can change the position along held ones (see `_reached`).
         """
         self._rows = np.flatnonzero(mask)

@@ -58,7 +58,7 @@ class LoopClosure(Contact):
             stiffness: K, 1/s².
 
         Raises:
-            ConfigurationError: where the model has no such frame, no joint is between them, or no axis is held.
+            ConfigurationError: if the model has no such frame, no joint is between them, or no axis is held.
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):

@@ -20,14 +20,9 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 def orientation_error(rotation: Array, quaternion: Array) -> Array:
-    """Rotation vector from an orientation to its reference, in world axes.
+    """Rotation vector R log(Rᵀ R_ref) = log(R_ref Rᵀ) from an orientation R to its reference, (3,) in rad, world axes.
 
-    Args:
-        rotation: present orientation of the frame in the world, (3, 3).
-        quaternion: reference (x, y, z, w), (4,).
-
-    Returns:
-        R log(Rᵀ R_ref) = log(R_ref Rᵀ), (3,) in rad; its norm is at most π.
+    The rotation R is (3, 3), the reference a quaternion (x, y, z, w). The norm is at most π.
     """
     return _turn(rotation, rotation_of(quaternion))
 
@@ -51,17 +46,6 @@ class _FrameTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a frame task.
-
-        Args:
-            frame: a frame of the URDF.
-            mask: world axes that the task controls, (size,); by default all.
-            stiffness: K, 1/s², one number or one for each axis.
-            damping: D, 1/s, one number or one for each axis; by default critical.
-
-        Raises:
-            ConfigurationError: where the model has no such frame, or a list of gains has another length.
-        """
         super().__init__(name, [True] * self.size if mask is None else mask, stiffness=stiffness, damping=damping)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")

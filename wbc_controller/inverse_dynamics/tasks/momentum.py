@@ -30,15 +30,6 @@ class _MomentumTask(RateTask):
     part: slice
 
     def __init__(self, name: str, mask: Sequence[bool] | None = None, *, damping: Gains = 10.0) -> None:
-        """Make a momentum task.
-
-        Args:
-            mask: world axes that the task controls, (3,); by default all.
-            damping: D, 1/s, one number or one for each axis.
-
-        Raises:
-            ConfigurationError: where a list of gains has another length than 3.
-        """
         super().__init__(name, [True] * 3 if mask is None else mask, gain=damping, key="damping")
 
     def position(self, dynamics: Dynamics) -> Array:
