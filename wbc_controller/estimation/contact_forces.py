@@ -46,7 +46,7 @@ class ContactForces:
         self._forces: dict[str, float] = {}
 
     def update(self, predicted: Mapping[str, Array], missing: Array, span: float) -> None:
-        """Filter the forces of a time span, s: the QP's prediction, by contact in N and N·m, and Δf, stacked likewise."""
+        """Filter the forces of a time span, s: the QP's, by contact in N and N·m, and Δf, stacked in their order."""
         gain, start, unloaded = span / (_FILTER_TIME + span), 0, set(self.unloaded)
         forces: dict[str, float] = {}
         for name, force in predicted.items():

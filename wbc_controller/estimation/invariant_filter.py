@@ -224,7 +224,7 @@ class InvariantFilter:
         self._turned(rotation, shift)
 
     def add(self, name: str, place: Array, covariance: Array) -> None:
-        """Begin a contact point at its place seen by the kinematics, from the IMU, (3,) in m, with covariance (3, 3)."""
+        """Begin a contact point at its place seen by the kinematics, (3,) in m from the IMU; covariance (3, 3)."""
         end = 9 + 3 * len(self.names)
         self.names.append(name)
         self._known.clear()

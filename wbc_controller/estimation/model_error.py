@@ -33,7 +33,7 @@ class ModelErrorCompensation:
         contact_forces: ContactForces | None,
         period: float,
     ) -> None:
-        """Start without a prediction; the period is in s. Without friction or contact forces, they are not estimated."""
+        """Start without a prediction; the period is in s. Friction and contact forces are optional."""
         self.observer, self.contact_forces = observer, contact_forces
         self._friction = friction
         self._largest_gap = _LARGEST_GAP * period

@@ -20,7 +20,7 @@ class Rolling:
     """
 
     def __init__(self, radii: Mapping[str, Array]) -> None:
-        """Begin without contacts; the radii are r n, from contact point to centre of each ball in the world, (3,) in m."""
+        """Begin without contacts; the radii r n lead from contact point to centre in the world, (3,) in m."""
         self.names: tuple[str, ...] = ()
         self._turned = {name: hat(radius).T for name, radius in radii.items()}  # ω × r n is this times ω
         self._ways: dict[str, Array] = {}
@@ -41,7 +41,7 @@ class Rolling:
         self._stack = np.array([self._turned[name] for name in self.names])
 
     def turn(self, omega: Array, dt: float) -> None:
-        """Let the balls turn for dt, s: their centres move by ω × r n; ω in the world, in the order of `names`, (c, 3)."""
+        """Let the balls turn for dt, s: centres move by ω × r n; ω in the world, in the order of `names`, (c, 3)."""
         steps = dt * (self._stack @ omega[:, :, None])[:, :, 0]
         for i, name in enumerate(self.names):
             self._ways[name] = self._ways[name] + steps[i]

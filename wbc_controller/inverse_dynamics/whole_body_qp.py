@@ -109,7 +109,7 @@ class WholeBodyQP:
         self._current = None
 
     def memory(self) -> dict[str, Any] | None:
-        """State that the next solution depends on: warm starts and last state; None if a solver hides its warm start."""
+        """State that the next solution depends on: warm starts and last state; None if a solver hides its own."""
         solvers = [(key, solver.memory()) for key, solver in self._solvers.items()]
         hierarchies = [(key, hierarchy.memory()) for key, hierarchy in self._hierarchies.items()]
         if any(remembered is None for _, remembered in (*solvers, *hierarchies)):

@@ -139,7 +139,7 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
 
 
 def split_planar_joints(tree: ElementTree.Element) -> bool:
-    """Replace the planar joints of a tree in place by joints with one coordinate (`read_robot`); True if there are any."""
+    """Replace planar joints by joints with one coordinate (`read_robot`), in place; True if there are any."""
     planar = [joint for joint in tree.findall("joint") if joint.get("type") == "planar"]
     for joint in planar:
         _split(tree, joint)
