@@ -61,9 +61,7 @@ def _vector(kind: str, values: Any) -> Any:
 
 def _pose(position: Any, quaternion: Any) -> Any:
     return message(
-        "geometry_msgs/msg/Pose",
-        position=_vector("Point", position),
-        orientation=_vector("Quaternion", quaternion),
+        "geometry_msgs/msg/Pose", position=_vector("Point", position), orientation=_vector("Quaternion", quaternion)
     )
 
 
@@ -85,9 +83,7 @@ def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, fr
         twist=message(
             "geometry_msgs/msg/TwistWithCovariance",
             twist=message(
-                "geometry_msgs/msg/Twist",
-                linear=_vector("Vector3", twist[:3]),
-                angular=_vector("Vector3", twist[3:]),
+                "geometry_msgs/msg/Twist", linear=_vector("Vector3", twist[:3]), angular=_vector("Vector3", twist[3:])
             ),
             covariance=np.zeros(36),
         ),
@@ -137,10 +133,7 @@ def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",)
             )
         )
     return message(
-        "trajectory_msgs/msg/MultiDOFJointTrajectory",
-        header=header(start, frame),
-        joint_names=list(names),
-        points=made,
+        "trajectory_msgs/msg/MultiDOFJointTrajectory", header=header(start, frame), joint_names=list(names), points=made
     )
 
 
@@ -165,9 +158,7 @@ MAKE = SimpleNamespace(
         "geometry_msgs/msg/WrenchStamped",
         header=header(0, frame),
         wrench=message(
-            "geometry_msgs/msg/Wrench",
-            force=_vector("Vector3", values[:3]),
-            torque=_vector("Vector3", values[3:]),
+            "geometry_msgs/msg/Wrench", force=_vector("Vector3", values[:3]), torque=_vector("Vector3", values[3:])
         ),
     ),
 )

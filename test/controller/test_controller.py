@@ -57,7 +57,7 @@ def test_without_a_ramp_the_torques_are_there_as_fast_as_their_rate_allows():
     assert 0.9 * 20.0 * PERIOD < steps.max() <= 20.0 * PERIOD + 1e-9
 
 
-def test_it_is_the_service_that_runs_it(bench):
+def test_it_is_the_service_that_runs_it(bench, make):
     """The same states and requests through the topics and through the front door: the same torques."""
     service = bench()
     front = wbc.Controller(service.settings, model=service.model)
@@ -70,10 +70,10 @@ def test_it_is_the_service_that_runs_it(bench):
         if cycle == 100:
             goal = front.dynamics.com + [0.01, 0.02, -0.03]
             text = f"{{tasks: {{com: {{setpoint: {goal.tolist()}}}}}}}"
-            service.send("update", _string(text))
+            service.send("update", make.string(text))
             front.set("com", goal)
         if cycle == 300:
-            service.send("contact_enable", _bool(False), "front_left_foot")
+            service.send("contact_enable", make.bool(False), "front_left_foot")
             front.disable("front_left_foot")
         service.v = 0.01 * rng.normal(size=front.model.nv)
         report = service.cycle()
@@ -81,18 +81,6 @@ def test_it_is_the_service_that_runs_it(bench):
         differences.append(np.abs(result.tau - report.command.tau).max())
     assert report.mode is result.mode is Mode.ACTIVE
     assert max(differences) < 1e-9  # the clock of the bench and the stamps of the states round differently
-
-
-def _string(text):
-    from wbc_controller.middleware.codec import message
-
-    return message("std_msgs/msg/String", data=text)
-
-
-def _bool(value):
-    from wbc_controller.middleware.codec import message
-
-    return message("std_msgs/msg/Bool", data=value)
 
 
 def test_a_reset_starts_anew_bit_for_bit(controller):

@@ -98,14 +98,10 @@ def test_a_node_names_the_file_whose_values_it_cannot_use(command, monkeypatch):
 
 @pytest.mark.parametrize("name", ["g1", "talos", "go2"])
 def test_every_shipped_configuration_loads(name):
-    assert name in shipped_configurations()
+    assert set(shipped_configurations()) == {"g1", "talos", "go2"}
     settings = load_settings(find_configuration(name))
     assert len(settings.robot.joints) == len(settings.robot.posture)
     assert settings.contacts
-
-
-def test_no_configuration_is_shipped_that_is_not_tested():
-    assert set(shipped_configurations()) == {"g1", "talos", "go2"}
 
 
 def test_a_name_that_is_not_shipped_suggests_one():
@@ -263,11 +259,7 @@ def test_ranges(key, low, high):
         ),
         ("tasks.steady.mask", [True] * 3, "tasks.steady.mask = [True, True, True]: list should have at most 2 items"),
         ("tasks.hand.damping", [], "tasks.hand.damping = []: has 0 values; it takes one number, or a list with one"),
-        (
-            "tasks.hand.damping",
-            [1.0] * 5 + [-1.0],
-            "tasks.hand.damping.5 = -1.0: input should be greater than or",
-        ),
+        ("tasks.hand.damping", [1.0] * 5 + [-1.0], "tasks.hand.damping.5 = -1.0: input should be greater than or"),
         ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
         ("robot.posture", [float("nan")], "robot.posture.0 = nan: must be finite (Nominal position of each joint"),
         ("robot.joints", [], "robot.joints = []: list should have at least 1 item"),
@@ -326,13 +318,6 @@ def test_a_file_of_another_form_is_refused_in_words(tmp_path, text, said):
         load_settings(path)
     assert str(error.value).startswith(str(path))
     assert said in str(error.value)
-
-
-def test_a_file_that_is_no_text_is_refused_in_words(tmp_path):
-    path = tmp_path / "file.yaml"
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigurationError, match="cannot be read"):
-        load_settings(path)
 
 
 @pytest.mark.parametrize("node", ["wbc_controller", "/**"])

@@ -125,6 +125,8 @@ def test_the_yaw_moment_can_be_bounded_further_and_ramps(load):
 # Motion: Jacobians and drifts against finite differences -------------------------------------------------------------
 
 KINDS = {
+    "surface": lambda model, rng: SurfaceContact("c", model, HANDS[0], placement_of(rng), Rectangle(0.1, 0.05)),
+    "point": lambda model, rng: PointContact("c", model, HANDS[0], rng.normal(size=3), 0.05),
     "surface against a link": lambda model, rng: SurfaceContact(
         "c", model, HANDS[0], placement_of(rng), Rectangle(0.1, 0.05), against=HANDS[1]
     ),
@@ -314,6 +316,10 @@ def test_an_open_loop_closes_as_fast_as_its_stiffness_says(load, random_state, s
         (
             lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, against="left_rubber_hand"),
             r"contacts\.c\.against = 'left_rubber_hand': it moves together with 'left_wrist_yaw_link'",
+        ),
+        (
+            lambda model: PointContact("c", model, "left_rubber_hnd", np.zeros(3), 0.02),
+            r"contacts\.c\.frame = 'left_rubber_hnd'.*did you mean 'left_rubber_hand'",
         ),
         (
             lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, against="left_hnd"),

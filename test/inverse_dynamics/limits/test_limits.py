@@ -281,27 +281,6 @@ def test_where_the_intervals_do_not_meet_position_goes_first():
     assert upper < velocity.bounds(q, v, PERIOD)[0]
 
 
-def test_where_the_intervals_meet_both_hold():
-    rng = np.random.default_rng(0)
-    position = JointMotionLimit((-np.ones(50), np.ones(50)), None, acceleration=500.0)
-    velocity = JointMotionLimit(None, np.full(50, 2.0), acceleration=500.0)
-    both = JointMotionLimit((-np.ones(50), np.ones(50)), np.full(50, 2.0), acceleration=500.0)
-    q, v = rng.uniform(-0.9, 0.9, 50), rng.uniform(-2.5, 2.5, 50)
-    bounds = [limit.bounds(q, v, 0.05) for limit in (position, velocity)]
-    lower, upper = np.max([b[0] for b in bounds], axis=0), np.min([b[1] for b in bounds], axis=0)
-    meet = lower <= upper
-    assert meet.sum() > 10
-    np.testing.assert_array_equal(both.bounds(q, v, 0.05)[0][meet], lower[meet])
-    np.testing.assert_array_equal(both.bounds(q, v, 0.05)[1][meet], upper[meet])
-
-
-def test_no_limit_asks_for_more_than_the_largest_acceleration():
-    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), acceleration=30.0)
-    for q, v in ((5.0, 0.0), (-5.0, 0.0), (0.0, 7.0), (0.0, -7.0), (1.0, 0.05), (-0.9, 9.0), (-9.0, 9.0)):
-        lower, upper = limit.bounds(np.array([q]), np.array([v]), PERIOD)
-        assert -30.0 <= lower[0] <= upper[0] <= 30.0
-
-
 def test_but_for_what_would_run_into_its_stop():
     """38 rad/s, half a radian before the limit: 30 rad/s² would let it arrive at 37.6 rad/s."""
     limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), acceleration=30.0)

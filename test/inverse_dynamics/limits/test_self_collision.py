@@ -410,19 +410,45 @@ def test_the_hands_are_where_they_are_wanted_when_the_way_is_free(bench, robot):
     assert min(blocked["left_hand"], blocked["right_hand"]) > 0.05
 
 
-def test_fewer_rows_than_pairs_go_to_those_that_ask_for_most(limits):
-    model, limit = limits["g1"]
-    few = SelfCollisionLimit(model, limit._geometry, margin=MARGIN, acceleration=20.0, horizon=0.02, max_pairs=3)
-    dynamics = Dynamics(model)
-    dynamics.update(*random_motion(model, np.random.default_rng(7)))
-    filled = {}
-    for each, k in ((limit, 400), (few, 3)):
-        rows, lower, upper = np.empty((k, model.nv)), np.empty(k), np.empty(k)
-        each.fill(dynamics, 0.002, rows, lower, upper)
-        filled[k] = dict(zip(each.names, lower, strict=True))
-    filled[400].pop("self_collision:unused")
-    assert filled[3] == dict(sorted(filled[400].items(), key=lambda item: -item[1])[:3])
-    assert len(filled[400]) > 3
+@pytest.mark.parametrize("rows", [0, 1, 3, 200])
+@pytest.mark.parametrize("spoilt", [False, True])
+def test_pairs_with_the_largest_required_acceleration_have_a_row(limits, rows, spoilt):
+    """In the order of the pairs; what is not a number comes last."""
+    model, all_pairs = limits["g1"]
+    limit, dynamics, rng, period = another(model, all_pairs), Dynamics(model), np.random.default_rng(2), 0.002
+    dynamics.update(model.configuration(model.posture), 2.0 * rng.normal(size=model.nv))
+    find = limit._find
+
+    def found(*args):
+        near = find(*args)
+        if spoilt:
+            limit._distances[near[0]] = np.nan
+        return near
+
+    limit._find = found
+    block, lower, upper = rng.normal(size=(rows, model.nv + 3)), rng.normal(size=rows), rng.normal(size=rows)
+    C, rest = block[:, : model.nv], block[:, model.nv :].copy()
+    limit.fill(dynamics, period, C, lower, upper)
+    names, near = limit.names, limit._near[: limit.computed]
+    near = near[~(limit._distances[near] > limit._reach[: len(near)])]
+    J, rate, drift = limit._rows(dynamics, near)
+    ahead = max(period, limit.horizon)
+    bound = limit.bound(limit._distances[near], rate, ahead)
+    needed = ~(bound < -_FASTER / ahead)
+    asks = dict(zip(near[needed].tolist(), (bound - drift)[needed].tolist(), strict=True))
+    ranked = sorted(asks, key=lambda pair: (np.isnan(asks[pair]), -asks[pair]))[:rows]
+    expected = sorted(ranked)
+    assert [limit._pair_names[pair] for pair in expected] == list(names[: len(expected)])
+    assert set(names[len(expected) :]) <= {"self_collision:unused"}
+    np.testing.assert_array_equal(lower[: len(expected)], [asks[pair] for pair in expected])
+    np.testing.assert_array_equal(C[: len(expected)], J[np.isin(near, expected)])
+    assert (lower[len(expected) :] == -np.inf).all()
+    assert not C[len(expected) :].any()
+    assert (upper == np.inf).all()
+    np.testing.assert_array_equal(block[:, model.nv :], rest)
+    if not spoilt:
+        limit.fill(dynamics, period, C, lower, upper)
+        assert limit.names is names  # the same pairs, the same names
 
 
 @pytest.mark.parametrize("where", ["position", "velocity"])

@@ -22,7 +22,7 @@ from wbc_controller.inverse_dynamics.tasks import (
     PostureTask,
     RelativePoseTask,
 )
-from wbc_controller.records import Reference, frozen
+from wbc_controller.records import Reference
 
 ROBOTS = ("g1", "talos", "go2")
 FRAMES = {"g1": "left_rubber_hand", "talos": "gripper_right_base_link", "go2": "FL_foot"}
@@ -193,21 +193,6 @@ def test_equation_gives_the_masked_rows_of_the_task_law(load, random_state, kind
     np.testing.assert_allclose(error, full_error[mask], atol=1e-9)
 
 
-def test_what_is_known_of_a_reference_follows_the_gains_and_what_can_change(load, random_state):
-    model, _ = load("go2")
-    dynamics = snapshot(model, *random_state(model, np.random.default_rng(5)))
-    moving = Reference(*(frozen(np.full(3, value)) for value in (0.1, 0.2, 0.3)))
-    task = ComTask("com", [True] * 3, stiffness=10.0, damping=2.0)
-    task.right(dynamics, moving)
-    task.damping = np.array(5.0)
-    expected, _ = ComTask("com", [True] * 3, stiffness=10.0, damping=5.0).right(dynamics, moving)
-    np.testing.assert_array_equal(task.right(dynamics, moving)[0], expected)
-    writable = Reference(np.zeros(3), np.zeros(3), np.zeros(3))
-    still, _ = task.right(dynamics, writable)
-    writable.acceleration[:] = 7.0
-    np.testing.assert_allclose(task.right(dynamics, writable)[0], still + 7.0)
-
-
 def test_the_posture_task_takes_its_own_joints_in_its_own_order(load, random_state):
     model, _ = load("go2")
     q, v = random_state(model, np.random.default_rng(4))
@@ -291,14 +276,6 @@ def test_damping_is_critical_on_each_axis(load):
     model, _ = load("g1")
     task = make("com", model, "g1", stiffness=[4.0, 9.0, 0.0])
     np.testing.assert_allclose(task.damping, [4.0, 6.0, 0.0])
-
-
-def test_a_mask_leaves_the_gains_of_its_axes(load, random_state):
-    model, _ = load("g1")
-    dynamics = snapshot(model, *random_state(model, np.random.default_rng(8)))
-    task = make("com", model, "g1", mask=[False, True, True], stiffness=[1.0, 2.0, 3.0], damping=0.0)
-    _, right, _ = task.equation(dynamics, Reference(dynamics.com + 1.0, np.zeros(3), np.zeros(3)))
-    np.testing.assert_allclose(right + dynamics.com_drift[1:], [2.0, 3.0])
 
 
 @pytest.mark.parametrize("key", ["stiffness", "damping"])
