@@ -61,17 +61,6 @@ def imbalance(bench, state, solution, wrenches=None):
     return result
 
 
-def contact_acceleration(bench, state, solution, name):
-    """Acceleration of a contact by finite differences of its velocity along the motion, less what damping asks for."""
-    model, contact, dynamics = bench.model, bench.controller.contacts[name], bench.controller.dynamics
-    step, velocity = 1.0e-5, []
-    for sign in (-step, 0.0, step):
-        q = pin.integrate(model.pinocchio, state.q, sign * state.v + 0.5 * sign**2 * solution.v_dot)
-        dynamics.update(q, state.v + sign * solution.v_dot)
-        velocity.append(contact.jacobian(dynamics) @ dynamics.v)
-    return (velocity[2] - velocity[0]) / (2.0 * step) + contact.damping * velocity[1]
-
-
 def busy(bench, state, rng):
     """References that ask every task for some acceleration."""
     references = bench.references(state)
@@ -95,16 +84,6 @@ def test_the_equations_of_motion_close_for_every_row(robots, robot):
         solution = bench.controller.solve(state, busy(bench, state, rng))
         assert not solution.relaxed
         assert np.abs(imbalance(bench, state, solution)).max() < 1.0e-8
-
-
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_contacts_do_not_accelerate_but_lose_the_velocity_they_have(robots, robot):
-    bench, rng = robots[robot], np.random.default_rng(1)
-    for _ in range(10):
-        state = bench.near_stance(rng)
-        solution = bench.controller.solve(state, busy(bench, state, rng))
-        for name in solution.forces:
-            assert np.abs(contact_acceleration(bench, state, solution, name)).max() < 1.0e-5
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -155,16 +134,6 @@ def test_a_push_that_is_declared_changes_the_contact_forces_by_itself(robots, ro
     np.testing.assert_allclose(world(before)[:3], [0.0, 0.0, weight], atol=1e-3 * weight)
     # The centre of mass yields to the regularization of the forces too, by a micrometre per newton.
     np.testing.assert_allclose(world(after) - world(before), -push, atol=1e-2 * np.linalg.norm(push))
-
-
-def test_wrenches_at_several_frames_add_up(robots):
-    bench, rng = robots["g1"], np.random.default_rng(3)
-    state = bench.near_stance(rng)
-    wrenches = {"pelvis": 5.0 * rng.normal(size=6), "left_rubber_hand": 3.0 * rng.normal(size=6)}
-    references = replace(bench.references(state), external_wrenches=wrenches)
-    solution = bench.controller.solve(state, references)
-    assert np.abs(imbalance(bench, state, solution, wrenches)).max() < 1.0e-8
-    assert np.abs(imbalance(bench, state, solution)).max() > 1.0
 
 
 @pytest.mark.parametrize(("robot", "broken"), [("g1", "left_foot"), ("go2", "rear_left_foot")])
@@ -714,18 +683,6 @@ def test_feet_share_a_load_by_pressing_unequally_before_their_centres_of_pressur
     assert right[2] - left[2] > 0.2 * (left[2] + right[2])
     for (_, _, pressing, moment, _, _), half in zip((left, right), halves, strict=True):
         assert abs(moment) < 0.4 * half * pressing
-
-
-def test_a_built_problem_can_be_solved_by_hand(robots):
-    bench, rng = robots["g1"], np.random.default_rng(8)
-    state = bench.near_stance(rng)
-    references = busy(bench, state, rng)
-    layout = bench.controller.formulation.build(state, references)
-    x = np.array(make_solver("quadprog", layout.problem).solve(layout.problem).x)
-    solution = bench.controller.solve(state, references)
-    np.testing.assert_allclose(x[: bench.model.nv], solution.v_dot, atol=1e-5)
-    for place, force in zip(layout.places, solution.forces.values(), strict=True):
-        np.testing.assert_allclose(FORCE_UNIT * x[place.columns], force, atol=1e-3)
 
 
 @pytest.mark.parametrize("overlapping", [False, True])

@@ -231,12 +231,6 @@ def test_the_limits_do_not_stop_a_joint_before_it_has_to_stop():
     assert cycles * PERIOD < shortest + 0.03
 
 
-def test_a_joint_starts_gently_from_beyond_its_limit():
-    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.full(1, 10.0), acceleration=500.0)
-    _, upper = limit.bounds(np.array([1.02]), np.zeros(1), PERIOD)
-    assert upper[0] == pytest.approx(-8.0)
-
-
 def test_a_longer_horizon_is_softer_against_noise():
     q, v, noise = np.array([0.999]), np.zeros(1), 1.0e-4
     change = {}

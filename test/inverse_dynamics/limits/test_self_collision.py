@@ -465,28 +465,6 @@ def test_a_state_that_is_not_finite_is_refused_and_leaves_nothing_behind(bench, 
     np.testing.assert_allclose(again.tau, good.tau, atol=1e-6)
 
 
-def test_a_start_inside_of_each_other_is_recovered_from(bench):
-    """Hands that start nearer than the margin part without being thrown apart."""
-    g1 = bench("g1", limits=settings("g1", pairs=["left_wrist_yaw_link/torso_link"]))
-    limit = g1.controller.formulation.row_limits[0]
-    limit.margin = 0.25  # more than there is
-    dynamics, q, v = Dynamics(g1.model), np.array(g1.stance), np.zeros(g1.model.nv)
-    found, references = [], g1.references()
-    for _ in range(250):
-        dynamics.update(q, v)
-        (distance,) = limit.distances(dynamics).values()
-        solution = g1.controller.solve(g1.state(q, v), references)
-        assert not solution.relaxed
-        found.append((distance, np.abs(solution.v_dot).max()))
-        q = pin.integrate(g1.model.pinocchio, q, 0.002 * v + 0.5 * 0.002**2 * solution.v_dot)
-        v = v + 0.002 * solution.v_dot
-    distance, hardest = np.array(found).T
-    assert distance[0] < 0.24
-    assert distance[-1] > min(0.25 - 1e-3, distance[0] + 0.03)
-    assert np.max(np.diff(distance)) < 1.2 * RETURN_SPEED * 0.002
-    assert hardest.max() < 100.0
-
-
 def test_pairs_are_all_that_can_move_relative_to_each_other(balls):
     _, limit = balls
     links = [f"{side}{i}" for side in "lr" for i in range(3)]
