@@ -182,81 +182,68 @@ def test_ranges(key, low, high):
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("robot.base", "flying", "robot.base = 'flying': input should be 'floating' or 'fixed'"),
-        ("control.trigger", "clock", "control.trigger = 'clock': input should be 'timer' or 'joint_states'"),
-        ("contrl", {}, "contrl: unknown key; did you mean 'control'?"),
-        ("control.rte", 1, "control.rte: unknown key; did you mean 'rate'?"),
-        ("robot.posturs", [], "robot.posturs: unknown key; did you mean 'posture'?"),
-        ("contacts.foot.half_lenght", 1, "contacts.foot.half_lenght: unknown key; did you mean 'half_length'?"),
-        ("contacts.toe.half_length", 0.1, "contacts.toe.half_length: unknown key; Valid: against, damping"),
-        ("tasks.com.maks", [], "tasks.com.maks: unknown key; did you mean 'mask'?"),
-        ("tasks.com.mask", [True], "tasks.com.mask = [True]: list should have at least 3 items"),
-        ("contacts.foot.vertices", [[0, 0], [0.1, 0], [0, 0.1]], "contacts.foot.half_length = 0.1: a surface takes"),
+        ("robot.base", "flying", "input should be 'floating' or 'fixed'"),
+        ("control.trigger", "clock", "input should be 'timer' or 'joint_states'"),
+        ("contrl", {}, "unknown key; did you mean 'control'?"),
+        ("control.rte", 1, "unknown key; did you mean 'rate'?"),
+        ("robot.posturs", [], "unknown key; did you mean 'posture'?"),
+        ("contacts.foot.half_lenght", 1, "unknown key; did you mean 'half_length'?"),
+        ("contacts.toe.half_length", 0.1, "unknown key; Valid: against, damping"),
+        ("tasks.com.maks", [], "unknown key; did you mean 'mask'?"),
+        ("tasks.com.mask", [True], "list should have at least 3 items"),
+        ("contacts.foot.half_width", None, "a surface takes half_length and half_width, or"),
+        ("contacts.toe.normal", [0, 0, 0], "must have a length (Outward normal of the touched surface"),
+        ("contacts.toe.normal", [0, 0], "list should have at least 3 items"),
+        ("contacts.grip.mask", [False] * 6, "it holds"),
+        ("contacts.grip.max_moment", None, "it is required, as the mask holds a rot"),
+        ("contacts.wheel.axis", [0, 0, 0], "must have a length (Direction"),
+        ("loops.bar.stifness", 1.0, "unknown key; did you mean 'stiffness'?"),
+        ("loops.bar.stiffness", -1.0, "input should be greater than or equal to 0 ("),
+        ("loops.bar.mask", [False] * 6, "it holds no axis"),
+        ("mock.floor_normal", [0, 0, 0], "must have a length (Normal of the floor"),
+        ("contacts.foot.type", "sufrace", "unknown type 'sufrace'; did you mean 'surface'?"),
+        ("contacts.foot.type", None, "this key is missing; Valid: fixed, point, rolling, surface"),
+        ("tasks.hand.frame", 3, "input should be a valid string (A frame of the URDF)"),
         (
-            "contacts.foot.half_width",
-            None,
-            "contacts.foot.half_width = None: a surface takes half_length and half_width, or",
+            "tasks.com.stiffness",
+            [1.0, 2.0],
+            "has 2 values; it takes one number, or a list with one for each of the task's 3 axes",
         ),
+        ("tasks.spin.stiffness", 1.0, "unknown key; Valid: damping, enabled, level, mask"),
+        ("tasks.spin.damping", [1.0], "has 1 values; it takes one number, or a list with one"),
+        ("tasks.steady.gain", [1.0] * 3, "has 3 values; it takes one number, or a"),
+        ("tasks.steady.mask", [True] * 3, "list should have at most 2 items"),
+        ("tasks.hand.damping", [], "has 0 values; it takes one number, or a list with one"),
+        ("robot.joints", [], "list should have at least 1 item"),
+    ],
+)
+def test_an_error_names_the_whole_key_the_value_and_what_is_valid(key, value, said):
+    at = key if said.startswith(("unknown", "this key")) else f"{key} = {value!r}"
+    with pytest.raises(ConfigurationError) as error:
+        parse_settings(_with(key, value), "file.yaml")
+    assert str(error.value).startswith(f"file.yaml: {at}: {said}")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("contacts.foot.vertices", [[0, 0], [0.1, 0], [0, 0.1]], "contacts.foot.half_length = 0.1: a surface takes"),
         (
             "contacts.foot.vertices",
             [[0.0, 2.0]],
             "contacts.foot.vertices.0.1 = 2.0: input should be less than or equal",
         ),
         (
-            "contacts.toe.normal",
-            [0, 0, 0],
-            "contacts.toe.normal = [0, 0, 0]: must have a length (Outward normal of the touched surface",
-        ),
-        ("contacts.toe.normal", [0, 0], "contacts.toe.normal = [0, 0]: list should have at least 3 items"),
-        (
-            "contacts.grip.mask",
-            [False] * 6,
-            "contacts.grip.mask = [False, False, False, False, False, False]: it holds",
-        ),
-        ("contacts.grip.max_moment", None, "contacts.grip.max_moment = None: it is required, as the mask holds a rot"),
-        ("contacts.wheel.axis", [0, 0, 0], "contacts.wheel.axis = [0, 0, 0]: must have a length (Direction"),
-        ("loops.bar.stifness", 1.0, "loops.bar.stifness: unknown key; did you mean 'stiffness'?"),
-        ("loops.bar.stiffness", -1.0, "loops.bar.stiffness = -1.0: input should be greater than or equal to 0 ("),
-        (
-            "loops.bar.mask",
-            [False] * 6,
-            "loops.bar.mask = [False, False, False, False, False, False]: it holds no axis",
-        ),
-        (
             "loops.foot",
             {"frame_a": "f", "frame_b": "g"},
             "loops: 'foot' is the name of a contact too; take another one",
         ),
-        ("mock.floor_normal", [0, 0, 0], "mock.floor_normal = [0, 0, 0]: must have a length (Normal of the floor"),
-        ("contacts.foot.type", "sufrace", "contacts.foot.type: unknown type 'sufrace'; did you mean 'surface'?"),
-        ("contacts.foot.type", None, "contacts.foot.type: this key is missing; Valid: fixed, point, rolling, surface"),
-        ("tasks.hand.frame", 3, "tasks.hand.frame = 3: input should be a valid string (A frame of the URDF)"),
-        (
-            "tasks.com.stiffness",
-            [1.0, 2.0],
-            "tasks.com.stiffness = [1.0, 2.0]: has 2 values; it takes one number, or a list with one for each of the "
-            "task's 3 axes",
-        ),
-        ("tasks.spin.stiffness", 1.0, "tasks.spin.stiffness: unknown key; Valid: damping, enabled, level, mask"),
-        (
-            "tasks.spin.damping",
-            [1.0],
-            "tasks.spin.damping = [1.0]: has 1 values; it takes one number, or a list with one",
-        ),
-        (
-            "tasks.steady.gain",
-            [1.0] * 3,
-            "tasks.steady.gain = [1.0, 1.0, 1.0]: has 3 values; it takes one number, or a",
-        ),
-        ("tasks.steady.mask", [True] * 3, "tasks.steady.mask = [True, True, True]: list should have at most 2 items"),
-        ("tasks.hand.damping", [], "tasks.hand.damping = []: has 0 values; it takes one number, or a list with one"),
         ("tasks.hand.damping", [1.0] * 5 + [-1.0], "tasks.hand.damping.5 = -1.0: input should be greater than or"),
         ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
         ("robot.posture", [float("nan")], "robot.posture.0 = nan: must be finite (Nominal position of each joint"),
-        ("robot.joints", [], "robot.joints = []: list should have at least 1 item"),
     ],
 )
-def test_each_error_names_the_whole_key_the_value_and_what_is_valid(key, value, said):
+def test_an_error_within_or_beside_a_value_names_its_own_key(key, value, said):
     with pytest.raises(ConfigurationError) as error:
         parse_settings(_with(key, value), "file.yaml")
     assert str(error.value).startswith(f"file.yaml: {said}")
