@@ -166,16 +166,6 @@ def test_a_robot_in_the_air_falls(robots):
     np.testing.assert_allclose(com, [0.0, 0.0, -bench.model.gravity], atol=1e-6)
 
 
-def test_tasks_are_met_where_nothing_is_in_the_way(robots):
-    bench = robots["g1"]
-    references = bench.references()
-    wanted = np.array([0.1, -0.2, 0.3])
-    com = replace(references.tasks["com"], acceleration=wanted)
-    solution = bench.controller.solve(bench.state(), replace(references, tasks={**references.tasks, "com": com}))
-    dynamics = bench.controller.dynamics
-    np.testing.assert_allclose(dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift, wanted, atol=0.02)
-
-
 def test_the_more_a_task_weighs_the_better_it_is_met(robots):
     bench = robots["g1"]
     state = bench.state()

@@ -50,13 +50,6 @@ def test_the_centre_of_mass_outside_the_support(robot_of, changed):
     assert "the centre of mass is 227 mm outside the support" in sentence
 
 
-def test_one_foot_alone_of_a_humanoid(robot_of, changed):
-    settings, _ = robot_of("g1")
-    sentence = refusal(changed(settings, {"contacts": {"left_foot": {"enabled": False}}}))
-    assert "on right_foot: the centre of mass is" in sentence
-    assert "outside the support" in sentence
-
-
 def test_too_small_a_normal_force(robot_of, changed):
     settings, model = robot_of("go2")
     weak = {name: {"max_normal_force": 39.0} for name in settings.contacts}
