@@ -272,9 +272,7 @@ class Controller(ControlCycle):
         if not np.isfinite(t):
             raise InputRefused(f"t = {t!r} s is not finite")
         return RobotState(
-            round(t * 1.0e9),
-            frozen(_sized(q, self.model.nq, "q")),
-            frozen(_sized(v, self.model.nv, "v")),
+            round(t * 1.0e9), frozen(_sized(q, self.model.nq, "q")), frozen(_sized(v, self.model.nv, "v"))
         )
 
     def _now(self) -> float:

@@ -175,11 +175,7 @@ class AbsolutePoses:
         turned = PlanarTransform(turn, (0.0, 0.0, 0.0)).point(x, y, z)
         self.shown = PlanarTransform(
             turn,
-            (
-                at[0] + step * gap[0] - turned[0],
-                at[1] + step * gap[1] - turned[1],
-                at[2] + step * gap[2] - turned[2],
-            ),
+            (at[0] + step * gap[0] - turned[0], at[1] + step * gap[1] - turned[1], at[2] + step * gap[2] - turned[2]),
         )
 
     def take(self, samples: list[PoseSample], *, held: bool) -> list[str]:

@@ -13,11 +13,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.mechanics.checks import as_array, frame_index
 from wbc_controller.records import Array
 
-_AXES = {
-    "LOCAL": pin.LOCAL,
-    "LOCAL_WORLD_ALIGNED": pin.LOCAL_WORLD_ALIGNED,
-    "WORLD": pin.WORLD,
-}
+_AXES = {"LOCAL": pin.LOCAL, "LOCAL_WORLD_ALIGNED": pin.LOCAL_WORLD_ALIGNED, "WORLD": pin.WORLD}
 
 
 @dataclass(frozen=True)

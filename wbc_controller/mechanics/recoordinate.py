@@ -84,10 +84,7 @@ class Recoordinated:
         return np.linalg.solve(self.jacobian(q).T, force)
 
     def _joints(self, name: str) -> tuple[Any, Any]:
-        return (
-            self.original.joints[self.original.getJointId(name)],
-            self.model.joints[self.model.getJointId(name)],
-        )
+        return (self.original.joints[self.original.getJointId(name)], self.model.joints[self.model.getJointId(name)])
 
 
 def recoordinate(

@@ -75,11 +75,7 @@ class SymmetryReport:
 
 
 def check_symmetry(
-    model: pin.Model,
-    states: list[tuple[Array, Array]],
-    perturbation: Perturbation,
-    *,
-    tolerance: float = 1.0e-6,
+    model: pin.Model, states: list[tuple[Array, Array]], perturbation: Perturbation, *, tolerance: float = 1.0e-6
 ) -> SymmetryReport:
     """Check whether the Lagrangian is invariant to first order under a perturbation (equations (23) and (27)).
 

@@ -85,8 +85,7 @@ class EstimationSettings(Section):
         "from positions and stamps, for robots that measure none; those that come are ignored.",
     )
     joint_velocity_time: Annotated[Positive, Field(ge=5.0e-4, le=0.05)] = Field(
-        0.004,
-        description="Time constant of that filter, s; velocities are late by about twice as much.",
+        0.004, description="Time constant of that filter, s; velocities are late by about twice as much."
     )
     disturbance: Literal["never", "imu", "always"] = Field(
         "imu",

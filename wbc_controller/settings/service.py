@@ -199,9 +199,7 @@ class RecorderSettings(Section):
     """The flight recorder: what it keeps in memory, and writes to a file on a fault or on request."""
 
     seconds: NonNegative = Field(
-        10.0,
-        le=600.0,
-        description="How much is kept, s; 0 for nothing, so that only `wbc run --record` writes a file.",
+        10.0, le=600.0, description="How much is kept, s; 0 for nothing, so that only `wbc run --record` writes a file."
     )
     folder: str = Field(
         "",
@@ -235,9 +233,7 @@ class AuditSettings(Section):
     energy: Positive = Field(0.05, le=10.0, description="Largest energy residual, as a share of the joint power.")
     power: Positive = Field(1.0, le=1.0e5, description="Smallest joint power for that comparison, W.")
     force: Positive = Field(
-        0.0025,
-        le=10.0,
-        description="Largest unexplained force on the centre of mass, as a share of the weight.",
+        0.0025, le=10.0, description="Largest unexplained force on the centre of mass, as a share of the weight."
     )
     torque: Positive = Field(
         0.01, le=10.0, description="Largest unexplained joint torque, as a share of the effort limit."

@@ -9,8 +9,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
 

@@ -7,18 +7,25 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from wbc_controller.errors import ConfigurationError, MethodError
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.contacts.contact import anchor_of, points_of
 from wbc_controller.inverse_dynamics.contacts.contact import evaluate as evaluate_contact
-from wbc_controller.inverse_dynamics.limits import RowLimit
-from wbc_controller.inverse_dynamics.method_calls import array_from, bounds_of, call, checked, require_bounds, require_finite
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
+from wbc_controller.inverse_dynamics.limits import RowLimit
+from wbc_controller.inverse_dynamics.method_calls import (
+    array_from,
+    bounds_of,
+    call,
+    checked,
+    require_bounds,
+    require_finite,
+)
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask, EffortTask, Task
 from wbc_controller.inverse_dynamics.tasks.task import equation_of, rest_of
 from wbc_controller.inverse_dynamics.tasks.task import evaluate as evaluate_task
-from wbc_controller.errors import ConfigurationError, MethodError
 
 _Made = TypeVar("_Made", Task, Contact, RowLimit)
 

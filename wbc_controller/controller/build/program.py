@@ -11,8 +11,8 @@ from wbc_controller.controller.build.own_objects import check_attributes, evalua
 from wbc_controller.controller.build.references import make_tuning
 from wbc_controller.controller.build.tasks import make_task
 from wbc_controller.inverse_dynamics.contacts import Contact
-from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
+from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.solvers.factory import require_solver
 from wbc_controller.inverse_dynamics.tasks import Task

@@ -9,10 +9,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.transmission import Drive, Transmission, make_drive
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF, JointLimits, read_robot
 from wbc_controller.inverse_dynamics.robot.urdf import inertia_tensor as inertia_tensor
-from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
 from wbc_controller.settings import RobotSettings
 from wbc_controller.settings.resources import locate, read_text

@@ -161,8 +161,7 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
     base = dynamics.placement(qp.model.frame_id(link, "base")).translation
     findings = [
         Finding(
-            "posture",
-            f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m",
+            "posture", f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m"
         )
     ]
     standing = _on_the_floor(qp, active, normal)

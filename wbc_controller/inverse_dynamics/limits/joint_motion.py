@@ -62,12 +62,7 @@ class JointMotionLimit(Tunable):
     """
 
     def __init__(
-        self,
-        position: tuple[Array, Array] | None,
-        velocity: Array | None,
-        *,
-        acceleration: float,
-        horizon: float = 0.0,
+        self, position: tuple[Array, Array] | None, velocity: Array | None, *, acceleration: float, horizon: float = 0.0
     ) -> None:
         """Make a limit; each lower limit is below its upper limit."""
         self.position_lower: Array | None = None

@@ -75,12 +75,7 @@ class Followers:
         v_index: index in v of each, (nm,).
     """
 
-    def __init__(
-        self,
-        mimics: Mapping[str, Mimic],
-        q_index: Mapping[str, int],
-        v_index: Mapping[str, int],
-    ) -> None:
+    def __init__(self, mimics: Mapping[str, Mimic], q_index: Mapping[str, int], v_index: Mapping[str, int]) -> None:
         """Collect the followers from their laws, and the indices in q and v of all followers and leaders, by name."""
         self.names = tuple(mimics)
         self.mimics = dict(mimics)

@@ -164,11 +164,7 @@ class RobotModel:
         return q
 
     def state(
-        self,
-        joint_positions: Array,
-        joint_velocities: Array,
-        pose: Array | None = None,
-        twist: Array | None = None,
+        self, joint_positions: Array, joint_velocities: Array, pose: Array | None = None, twist: Array | None = None
     ) -> tuple[Array, Array]:
         """Assemble q and v from joint positions and velocities, (nj,), and a floating base's pose and twist.
 

@@ -24,11 +24,7 @@ def orientation_error(rotation: Array, quaternion: Array) -> Array:
 
     The rotation R is (3, 3), the reference a quaternion (x, y, z, w). The norm is at most π.
     """
-    return _turn(rotation, rotation_of(quaternion))
-
-
-def _turn(rotation: Array, reference: Array) -> Array:
-    error: Array = pin.log3(reference.dot(rotation.T))
+    error: Array = pin.log3(rotation_of(quaternion).dot(rotation.T))
     return error
 
 
@@ -94,8 +90,6 @@ class FrameOrientationTask(_FrameTask):
     unit = "rad"
     size = 3
     part = slice(3, 6)
-    #: The last read-only reference with its rotation matrix: it usually stays the same from cycle to cycle.
-    _known: tuple[Array, Array] | None = None
     form = ReferenceForm(vector=0, oriented=True)
 
     def position(self, dynamics: Dynamics) -> Array:
@@ -104,12 +98,7 @@ class FrameOrientationTask(_FrameTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Rotation vector to the reference in world axes, (3,) in rad."""
-        if self._known is not None and position is self._known[0]:
-            reference = self._known[1]
-        else:
-            reference = rotation_of(position)
-            self._known = None if position.flags.writeable else (position, reference)
-        return _turn(dynamics.placement(self._frame_id).rotation, reference)
+        return orientation_error(dynamics.placement(self._frame_id).rotation, position)
 
 
 class FramePoseTask(_FrameTask):

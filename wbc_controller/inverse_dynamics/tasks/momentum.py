@@ -51,20 +51,14 @@ class _MomentumTask(RateTask):
 
 
 class LinearMomentumTask(_MomentumTask):
-    """Task on the linear momentum m ċ, (3,) in kg·m/s; its residual in the cost is a force, N.
-
-    The control law is that of `_MomentumTask`.
-    """
+    """Task on the linear momentum m ċ, (3,) in kg·m/s; its residual in the cost is a force, N."""
 
     unit = "kg·m/s"
     part = slice(0, 3)
 
 
 class AngularMomentumTask(_MomentumTask):
-    """Task on the angular momentum about the centre of mass, (3,) in N·m·s; its residual in the cost is a torque, N·m.
-
-    The control law is that of `_MomentumTask`.
-    """
+    """Task on the angular momentum about the centre of mass, (3,) in N·m·s; its residual is a torque, N·m."""
 
     unit = "N·m·s"
     part = slice(3, 6)
