@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from own_classes import Ceiling, Height
 
 import wbc_controller as wbc
 from wbc_controller.records import Mode
@@ -287,42 +288,12 @@ def test_the_check_leaves_nothing_behind_in_the_program():
     assert np.abs(results[0][-1][:6]).max() > 0.01  # the base does accelerate
 
 
-class Height(wbc.MotionTask):
-    size = 1
+class Heavy(Height):
     weight = 7.0
-
-    def __init__(self, model, name="height"):
-        super().__init__(name, [True], stiffness=100.0)
-
-    def position(self, dynamics):
-        return np.array(dynamics.com[2:])
-
-    def velocity(self, dynamics):
-        return dynamics.com_velocity[2:]
-
-    def error(self, dynamics, position):
-        return position - dynamics.com[2:]
-
-    def jacobian(self, dynamics):
-        return dynamics.com_jacobian[2:]
-
-    def drift(self, dynamics):
-        return dynamics.com_drift[2:]
-
-
-class Ceiling(wbc.RowLimit):
-    names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
-
-    def __init__(self, model):
-        self.most = 0.05
-
-    def fill(self, dynamics, period, rows, lower, upper):
-        rows[:] = dynamics.com_jacobian[2]
-        lower[:], upper[:] = -np.inf, self.most - dynamics.com_drift[2]
 
 
 def test_own_tasks_and_limits_take_part():
-    controller = wbc.Controller(wbc.load("go2").replace({"tasks.com": None}), tasks=[Height], limits=[Ceiling])
+    controller = wbc.Controller(wbc.load("go2").replace({"tasks.com": None}), tasks=[Heavy], limits=[Ceiling])
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     run(controller, 1.2)
     assert controller.board.plans["height"].weight == 7.0

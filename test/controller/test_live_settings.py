@@ -168,17 +168,6 @@ def test_limits_take_hold(bench):
     assert 0.5 * allowed < steps(controller, 20).max() <= allowed + 1e-9
 
 
-def test_a_limit_of_safety_is_not_live(bench):
-    controller = bench()
-    controller.activate()
-    before = controller.loop.controller.live.settings
-    for text in ("safety: {state_timeout: 0.2}", "safety: {damping: 50.0}", "limits: {torque_rate: 500.0}"):
-        update(controller, f"{{{text}}}")
-        (sentence,) = controller.cycle().refused
-        assert "read only when the controller is configured" in sentence
-    assert controller.loop.controller.live.settings == before
-
-
 def test_what_is_set_while_inactive_holds_from_activation_on(bench):
     controller = bench()
     update(controller, "{tasks: {com: {stiffness: 7.0}}}")

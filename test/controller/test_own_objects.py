@@ -1,8 +1,8 @@
 """A user's own tasks, contacts and limits whose methods fail: before activation, and in a running controller."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
+from own_classes import Ceiling, Grip, Height
 
 import wbc_controller as wbc
 from wbc_controller.controller.controller import Controller
@@ -10,32 +10,6 @@ from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.records import Mode
 
 PERIOD = 0.002
-FOOT = "FL_foot"
-AXES = pin.LOCAL_WORLD_ALIGNED
-
-
-class Height(wbc.MotionTask):
-    """Height of the centre of mass."""
-
-    size = 1
-
-    def __init__(self, model):
-        super().__init__("height", [True], stiffness=100.0)
-
-    def position(self, dynamics):
-        return np.array(dynamics.com[2:])
-
-    def velocity(self, dynamics):
-        return dynamics.com_velocity[2:]
-
-    def error(self, dynamics, position):
-        return position - dynamics.com[2:]
-
-    def jacobian(self, dynamics):
-        return dynamics.com_jacobian[2:]
-
-    def drift(self, dynamics):
-        return dynamics.com_drift[2:]
 
 
 class Momentum(wbc.RateTask):
@@ -69,50 +43,6 @@ class Effort(wbc.EffortTask):
         return rows[:1], reference.position - offset[:1]
 
 
-class Grip(wbc.AnchoredContact):
-    """A point of a calf that is held, with 3 forces and an anchor."""
-
-    def __init__(self, model):
-        super().__init__(
-            "grip", np.eye(6)[:, :3], np.zeros((0, 3)), "world", stiffness=1.0, damping=20.0, internal=False
-        )
-        self.frame = model.frame_id("FL_calf", "grip")
-
-    def jacobian(self, dynamics):
-        return dynamics.jacobian(self.frame, AXES)[:3]
-
-    def drift(self, dynamics):
-        return dynamics.drift_world(self.frame)[:3]
-
-    def points(self, dynamics):
-        return dynamics.placement(self.frame).translation[None]
-
-    def wrench_in_world(self, dynamics, force):
-        return np.concatenate([force, np.cross(dynamics.placement(self.frame).translation, force)])
-
-    def bounds(self, activation):
-        return np.full(3, -50.0 * activation), np.full(3, 50.0 * activation)
-
-    def pose(self, dynamics):
-        return dynamics.placement(self.frame)
-
-    def displacement(self, dynamics, anchor):
-        return anchor[:3] - dynamics.placement(self.frame).translation
-
-
-class Ceiling(wbc.RowLimit):
-    """Bounds of the acceleration of the centre of mass."""
-
-    names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
-
-    def __init__(self, model):
-        pass
-
-    def fill(self, dynamics, period, rows, lower, upper):
-        rows[:] = dynamics.com_jacobian[2]
-        lower[:], upper[:] = -np.inf, 5.0
-
-
 KINDS = {
     Height: "tasks", Momentum: "tasks", Effort: "tasks", Grip: "contacts", Ceiling: "limits",
 }  # fmt: skip
@@ -140,8 +70,6 @@ def writes(number):
 #: A class, one of its methods, what it does instead, and what is said of it.
 FAILURES = [
     (Height, "error", returns(np.zeros(2)), "returned shape (2,), expected (1,)"),
-    (Height, "error", returns(np.zeros(50)), "returned shape (50,), expected (1,)"),
-    (Height, "error", returns(np.zeros(1000)), "returned shape (1000,), expected (1,)"),
     (Height, "error", returns(0.1), "returned shape (), expected (1,)"),
     (Height, "error", returns(np.array([np.nan])), "returned [nan], expected finite numbers"),
     (Height, "error", returns(None), "returned None, expected an array of numbers of shape (1,)"),

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from plain_filter import PlainFilter, exp3, hats, left_jacobian3
-from scipy.linalg import expm, logm
+from plain_filter import PlainFilter, exp3, hats
+from scipy.linalg import logm
 
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
 
@@ -148,27 +148,6 @@ def test_the_covariance_goes_with_the_error(direction):
     np.testing.assert_allclose(np.outer(found, found), wrong.P, atol=2e-3 * size**2)
 
 
-def test_what_the_kinematics_see_is_corrected_by_what_is_expected_of_it():
-    """With all covariances known: the correction of a linear problem, solved in another way."""
-    filter = made(P=np.diag(np.full(15, 1e-10)))
-    place, covariance = np.array([0.1, -0.2, -0.9]), 1e-10 * np.diag([1.0, 2.0, 3.0])
-    filter.add("a", place, covariance)
-    before, P = filter.point("a") - filter.position, np.array(filter.P)
-    seen = place + np.array([1e-6, 2e-6, -3e-6])
-    z = filter.rotation @ (seen - place)
-    H = np.zeros((3, 18))
-    H[:, 6:9], H[:, 9:12] = -np.eye(3), np.eye(3)
-    R = filter.rotation
-    noise = R @ covariance @ R.T
-    square = filter.correct(["a"], seen[None, :], covariance)
-    np.testing.assert_allclose(square, z @ np.linalg.solve(H @ P @ H.T + noise, z), rtol=1e-6)
-    information = np.linalg.inv(P) + H.T @ np.linalg.solve(noise, H)
-    np.testing.assert_allclose(filter.P, np.linalg.inv(information), rtol=1e-5, atol=1e-16)
-    moved = filter.point("a") - filter.position - before
-    share = (H @ filter.P @ H.T) @ np.linalg.inv(noise)
-    np.testing.assert_allclose(moved, share @ z, rtol=1e-4)
-
-
 def test_a_point_begins_where_it_is_seen_and_ends_without_a_trace():
     filter = made()
     before, P = row(filter), np.array(filter.P)
@@ -185,16 +164,6 @@ def test_a_point_begins_where_it_is_seen_and_ends_without_a_trace():
     filter.remove("b")
     np.testing.assert_array_equal(filter.P, P)
     np.testing.assert_array_equal(row(filter), before)
-
-
-@pytest.mark.parametrize("length", [0.0, 1e-9, 1e-7, 1e-3, 1.0, 3.0])
-def test_the_maps_of_rotations(length):
-    w = length * np.array([0.6, -0.48, 0.64])
-    (W,) = hats(w[None, :])
-    np.testing.assert_allclose(exp3(w), expm(W), atol=1e-14)
-    whole = np.zeros((6, 6))  # exp of [[W, I], [0, 0]] holds the left Jacobian
-    whole[:3, :3], whole[:3, 3:] = W, np.eye(3)
-    np.testing.assert_allclose(left_jacobian3(w), expm(whole)[:3, 3:], atol=1e-12)
 
 
 def test_a_correction_of_the_world_turns_and_shifts_alone():

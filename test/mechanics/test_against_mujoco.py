@@ -8,12 +8,11 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from mechanisms import four_bar, random_state
+from mechanisms import box, four_bar, random_state
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.mechanics import (
     Kinematics,
-    PlaneContact,
     Rolling,
     SurfaceContact,
     actuation_matrix,
@@ -222,8 +221,8 @@ def test_a_box_stands_or_tips_alike(moment):
         f'<geom type="sphere" size="0.001" pos="{c[0]} {c[1]} {c[2] + 0.001}" mass="0" condim="1" {STIFF}/>'
         for c in corners
     )
-    inertia = pin.Inertia.FromBox(mass, *size)
-    diagonal = " ".join(f"{x:.17g}" for x in np.diag(inertia.inertia))
+    model, floor = box(size, mass)
+    diagonal = " ".join(f"{x:.17g}" for x in np.diag(model.inertias[1].inertia))
     xml = f"""
     <mujoco><option timestep="0.0005" tolerance="1e-14"/><worldbody><geom type="plane" size="0 0 1" condim="1" {STIFF}/>
       <body pos="0 0 {size[2] / 2}"><freejoint/><inertial pos="0 0 0" mass="{mass}" diaginertia="{diagonal}"/>{balls}
@@ -239,11 +238,6 @@ def test_a_box_stands_or_tips_alike(moment):
         mujoco.mj_contactForce(theirs, data, index, local)
         sides[int(data.contact[index].pos[1] < 0.0)] += local[0]
 
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "box")
-    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-    model.addFrame(pin.Frame("box_link", joint, 0, pin.SE3.Identity(), pin.BODY))
-    floor = [PlaneContact(frame="box_link", offset=c, height=-size[2] / 2) for c in corners]
     force = np.array([0, 0, 0, moment, 0, 0])
     motion = constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, pushing=floor)
     ours = np.array([motion.push[[0, 2]].sum(), motion.push[[1, 3]].sum()])

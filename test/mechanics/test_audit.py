@@ -116,16 +116,6 @@ def test_momentum_shows_a_wrong_mass_and_an_unknown_push():
     assert np.allclose(pushed[:, :3], PUSH[:3], atol=0.005 * weight)
 
 
-def test_a_momentum_balance_does_not_see_torques():
-    """They are internal: which is why both balances are needed."""
-    model, steps = squatting()
-    before, after, force, wrenches = steps[500]
-    assert momentum_residual(model, before, after, wrenches).residual.shape == (6,)
-    assert energy_residual(model, before, after, -force, wrenches).residual != pytest.approx(
-        energy_residual(model, before, after, force, wrenches).residual
-    )
-
-
 def test_states_in_the_wrong_order_are_refused():
     model, steps = squatting()
     before, after, force, _ = steps[0]

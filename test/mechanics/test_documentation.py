@@ -20,6 +20,9 @@ UNIT = re.compile(r"\b(m|kg|s|N|J|W|rad|m/s|m/s²|rad/s|N·m|N·s|N·m·s|units)
 #: Functions that raise on behalf of who calls them.
 RAISING = {"as_array", "frame_index", "joint_index", "single_joint", "duration", "_unit", "_check", "_consistent"}
 
+#: Arguments that the package describes once for all functions.
+COMMON = set(re.findall(r"``(\w+)``", mechanics.__doc__))
+
 functions = sorted(name for name in mechanics.__all__ if inspect.isfunction(getattr(mechanics, name)))
 classes = sorted(name for name in mechanics.__all__ if inspect.isclass(getattr(mechanics, name)))
 
@@ -53,11 +56,11 @@ def test_what_is_exported_is_what_is_there():
 def test_functions_name_the_equation_shapes_units_and_errors(name):
     function, text = the(name), inspect.getdoc(the(name))
     assert REFERENCE.search(text), "no equation of the note"
-    assert "Returns:" in text
-    documented = set(re.findall(r"^    (\w+): ", text, re.MULTILINE))
+    documented = set(re.findall(r"^    (\w+): ", text, re.MULTILINE)) | COMMON
     assert set(inspect.signature(function).parameters) <= documented, "an argument is not described"
-    annotations = str(inspect.signature(function))
-    if "Array" in annotations:
+    signature = inspect.signature(function)
+    described = [p.annotation for name, p in signature.parameters.items() if name not in COMMON]
+    if any("Array" in annotation for annotation in [*described, signature.return_annotation]):
         assert SHAPE.search(text), "no shape"
     assert UNIT.search(text), "no unit"
     assert ("Raises:" in text) or not raises_itself(function)

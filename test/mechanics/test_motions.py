@@ -7,7 +7,6 @@ from mechanisms import FLOATING, WHEEL_RADIUS, four_bar, robot, wheel_with_pendu
 
 from wbc_controller.mechanics import (
     Kinematics,
-    Rolling,
     admissible_directions,
     centroidal_momentum,
     constrained_dynamics,
@@ -138,18 +137,3 @@ def test_rolling_leaves_every_place_and_heading_open():
     moved = q.copy()
     moved[:2] += [3.0, -7.0]
     assert np.allclose(rolling[0].terms(Kinematics(model, moved, v)).position, 0.0, atol=1e-12)
-
-
-def test_a_ball_rolls_down_a_slope_at_five_sevenths():
-    ball = pin.Model()
-    joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
-    ball.appendBodyToJoint(joint, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())
-    ball.addFrame(pin.Frame("ball_link", joint, 0, pin.SE3.Identity(), pin.BODY))
-    angle = 0.3
-    normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
-    rolling = Rolling(frame="ball_link", radius=0.1, normal=normal, height=-0.1)
-    motion = constrained_dynamics(ball, pin.neutral(ball), np.zeros(6), np.zeros(6), [rolling])
-    assert np.linalg.norm(motion.v_dot[:3]) == pytest.approx(5 / 7 * 9.81 * np.sin(angle))
-    weight = 2.0 * 9.81
-    assert motion.multipliers[2] == pytest.approx(weight * np.cos(angle))
-    assert np.linalg.norm(motion.multipliers[:2]) == pytest.approx(2 / 7 * weight * np.sin(angle))

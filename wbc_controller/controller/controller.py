@@ -58,15 +58,10 @@ class Controller(ControlCycle):
         """Start anew from a state: references are where the robot is, and the torques ramp in from zero.
 
         The ramp takes ``safety.activation_ramp``. Faults are cleared, commands forgotten; settings that were changed by
-        `update` stay. The next `step` is active.
-
-        Args:
-            q: configuration, (nq,).
-            v: generalized velocity, (nv,).
-            t: time on your clock, s; it may be earlier than before.
+        `update` stay. The next `step` is active. The time t, s, on your clock may be earlier than before.
 
         Raises:
-            InputRefused: where the state has another shape, or a value is not finite.
+            InputRefused: if the state has another shape than q (nq,), v (nv,), or a value is not finite.
         """
         state = self._state(q, v, t)
         finite(state.q, "q"), finite(state.v, "v")
@@ -86,18 +81,13 @@ class Controller(ControlCycle):
         return stance(self.model, self.qp, active)
 
     def step(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> CycleResult:
-        """Run one control cycle.
-
-        Args:
-            q: configuration, (nq,).
-            v: generalized velocity, (nv,).
-            t: time on your clock, s; not before that of the last step.
+        """Run one control cycle; the time t, s, on your clock is not before that of the last step.
 
         Returns:
             The torques, and all that led to them. A state that is not finite leads to damping, with a fault.
 
         Raises:
-            InputRefused: where the state has another shape, the time goes back, or there was no `reset`.
+            InputRefused: if the state has another shape, the time goes back, or there was no `reset`.
         """
         if not (t >= self._now()):
             raise InputRefused(f"t = {t!r} s is before the last step, which was at {self._now():.9g} s")
@@ -135,7 +125,6 @@ class Controller(ControlCycle):
         the next step takes it as it is, and where no other follows it stays at the position.
 
         Args:
-            task: its name.
             position: in the form of the task (docs/tasks.md): m, rad, unit quaternions (x, y, z, w). For tasks on
                 joints it may be a dictionary of some of them, for poses a `pinocchio.SE3`.
             velocity: feed-forward, with as many values as the task has axes; world axes, linear part first.
@@ -172,7 +161,6 @@ class Controller(ControlCycle):
         """Let a task follow a trajectory from now on, interpolated by quintics; at its end it stays.
 
         Args:
-            task: its name.
             times: of the points, counted from now, rising, (n,) in s.
             positions: n of them, each as in `set`.
             velocities: at the points, (n, m); zero where they are not given.
@@ -199,14 +187,12 @@ class Controller(ControlCycle):
         self._command(SetTrajectory(task, None, knots))
 
     def enable(self, name: str, enabled: bool = True) -> None:
-        """Switch a task or contact on, along a ramp: a weight rises, a contact is loaded.
+        """Switch a task or contact on or off, along a ramp: a weight rises, a contact is loaded.
 
-        Args:
-            name: of the task or contact; where both have the name, ``tasks.<name>`` or ``contacts.<name>``.
-            enabled: False switches it off.
+        If both have the name, it is ``tasks.<name>`` or ``contacts.<name>``.
 
         Raises:
-            InputRefused: where there is none of the name.
+            InputRefused: if nothing has the name.
         """
         section, _, inner = name.rpartition(".")
         kinds: dict[str, tuple[Mapping[str, Any], type[EnableTask | EnableContact]]] = {
@@ -239,12 +225,10 @@ class Controller(ControlCycle):
     def set_external_wrench(self, frame: str, wrench: npt.ArrayLike) -> None:
         """State a known external wrench; it stays until it is replaced.
 
-        Args:
-            frame: a frame of the URDF, at whose origin it acts.
-            wrench: force in N and torque in N·m, world axes, (6,).
+        The wrench, (6,) in N and N·m in world axes, acts at the origin of a frame of the URDF.
 
         Raises:
-            InputRefused: where there is no such frame, or a value cannot be used.
+            InputRefused: if there is no such frame, or a value cannot be used.
         """
         try:
             self.model.frame_id(frame, "frame")
@@ -288,9 +272,7 @@ class Controller(ControlCycle):
         if not np.isfinite(t):
             raise InputRefused(f"t = {t!r} s is not finite")
         return RobotState(
-            round(t * 1.0e9),
-            frozen(_sized(q, self.model.nq, "q")),
-            frozen(_sized(v, self.model.nv, "v")),
+            round(t * 1.0e9), frozen(_sized(q, self.model.nq, "q")), frozen(_sized(v, self.model.nv, "v"))
         )
 
     def _now(self) -> float:

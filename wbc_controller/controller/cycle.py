@@ -29,15 +29,7 @@ from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
-from wbc_controller.records import (
-    ChangeSettings,
-    Fault,
-    Mode,
-    Reference,
-    References,
-    RobotState,
-    Solution,
-)
+from wbc_controller.records import ChangeSettings, Fault, Mode, Reference, References, RobotState, Solution
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load

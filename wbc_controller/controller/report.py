@@ -8,16 +8,7 @@ from typing import NamedTuple
 
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.inverse_dynamics.references.changes import Change
-from wbc_controller.records import (
-    Array,
-    AuditReport,
-    ChangeSettings,
-    Fault,
-    JointCommand,
-    Mode,
-    RobotState,
-    Solution,
-)
+from wbc_controller.records import Array, AuditReport, ChangeSettings, Fault, JointCommand, Mode, RobotState, Solution
 
 
 class TakenRequests(NamedTuple):

@@ -175,19 +175,13 @@ class AbsolutePoses:
         turned = PlanarTransform(turn, (0.0, 0.0, 0.0)).point(x, y, z)
         self.shown = PlanarTransform(
             turn,
-            (
-                at[0] + step * gap[0] - turned[0],
-                at[1] + step * gap[1] - turned[1],
-                at[2] + step * gap[2] - turned[2],
-            ),
+            (at[0] + step * gap[0] - turned[0], at[1] + step * gap[1] - turned[1], at[2] + step * gap[2] - turned[2]),
         )
 
     def take(self, samples: list[PoseSample], *, held: bool) -> list[str]:
         """Correct the filter by each pose that is not newer than the IMU; the others wait.
 
-        Args:
-            samples: received poses.
-            held: True if the world must not be moved to contradicting poses.
+        While `held`, the world is not moved to contradicting poses.
 
         Returns:
             A sentence per refusal; a single one for consecutive contradicting poses.
@@ -222,11 +216,7 @@ class AbsolutePoses:
         return refused
 
     def seen(self, stamp: float) -> tuple[Array, Array]:
-        """Return the measured frame of a past estimate in the present world.
-
-        Returns:
-            Its orientation, (3, 3), and position, (3,) in m.
-        """
+        """Orientation, (3, 3), and position, (3,) in m, of the frame in a past estimate, in the present world."""
         after = bisect.bisect_left(self._past, stamp, key=lambda past: past.stamp)
         later = self._past[after]
         placed = _placed(later)

@@ -54,12 +54,7 @@ class Anchoring:
         return stamp >= self._due
 
     def follow(self, stamp: float, points: Mapping[str, Array]) -> None:
-        """Follow the points of the active contacts.
-
-        Args:
-            stamp: of the estimate, s.
-            points: dᵢ of each contact in the filter's world, (k, 3) in m.
-        """
+        """Follow the points dᵢ, (k, 3) in m, of the active contacts in the filter's world; the stamp is in s."""
         elapsed = min(stamp - self._updated, _FOLLOWS)
         self._updated, self._due = stamp, stamp + _PERIOD
         R, t = self.transform.rotation, np.array(self.transform.translation)

@@ -92,13 +92,7 @@ class BaseEstimator:
     def __init__(
         self, kinematics: LegKinematics, sensors: Sensors, gravity: Array, poses: PoseSensor | None = None
     ) -> None:
-        """Start without data.
-
-        Args:
-            kinematics: from the IMU to the contact points.
-            sensors: parameters of the IMU and of the start.
-            gravity: (3,) in m/s², in the world.
-            poses: source of absolute poses, or None.
+        """Start without data; gravity is in the world, (3,) in m/s².
 
         Raises:
             ConfigurationError: if the robot has no such frame of the poses.
@@ -198,15 +192,7 @@ class BaseEstimator:
         self._after_update(self._running.follow(samples, held))
 
     def correct(self, samples: list[PoseSample], *, held: bool) -> list[str]:
-        """Correct the estimate by absolute poses, after `update`; ignored before the start.
-
-        Args:
-            samples: received poses.
-            held: True if the world must not be moved to contradicting poses.
-
-        Returns:
-            A sentence for each refused pose.
-        """
+        """Correct the estimate by absolute poses (`AbsolutePoses.take`), after `update`; ignored before the start."""
         if self._running is None or self._running.poses is None:
             return []
         try:

@@ -37,11 +37,7 @@ class ContactConsistency:
     """
 
     def __init__(self, kinematics: LegKinematics) -> None:
-        """Begin without contacts.
-
-        Args:
-            kinematics: from the IMU to the contact points.
-        """
+        """Begin without contacts."""
         self.speed = 0.0
         self._kinematics = kinematics
         self._contacts: tuple[str, ...] = ()
@@ -49,14 +45,10 @@ class ContactConsistency:
         self._radii = np.zeros((0, 3))
 
     def update(self, holding: tuple[str, ...], R: Array, velocity: Array, omega: Array, elapsed: float) -> None:
-        """Average the velocities of the contacts; the mean of a new contact begins at zero.
+        """Average the velocities of the contacts that hold; the mean of a new contact begins at zero.
 
-        Args:
-            holding: names of the contacts that hold.
-            R: from the IMU's axes to the world, (3, 3).
-            velocity: of the IMU in the world, (3,) in m/s.
-            omega: of the IMU in its axes, without the bias, (3,) in rad/s.
-            elapsed: time since the last update, s.
+        R is from the IMU's axes to the world, the velocity of the IMU in the world, (3,) in m/s, its omega in its own
+        axes without the bias, (3,) in rad/s, and `elapsed` the time since the last update, s.
         """
         if holding != self._contacts:
             self._choose(holding)

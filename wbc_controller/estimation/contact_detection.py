@@ -67,12 +67,7 @@ class ContactDetector:
         self.silent = ()
 
     def active(self, planned: Collection[str], ages: Mapping[str, float]) -> frozenset[str]:
-        """Return the names of the active contacts.
-
-        Args:
-            planned: names of the contacts that the controller uses.
-            ages: age of the newest force of each contact, s; contacts without forces may be missing.
-        """
+        """Names of the active contacts, from the planned ones and the age in s of each contact's newest force."""
         fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self.limits.timeout}
         self.silent = tuple(name for name in self._by_force if name not in fresh)
         measured = {**self._by_switch, **fresh}

@@ -46,13 +46,7 @@ class ContactForces:
         self._forces: dict[str, float] = {}
 
     def update(self, predicted: Mapping[str, Array], missing: Array, span: float) -> None:
-        """Filter the forces of a time span.
-
-        Args:
-            predicted: forces of the QP, by contact, in N and N·m.
-            missing: Δf, stacked in the same order.
-            span: duration, s.
-        """
+        """Filter the forces of a time span, s: the QP's, by contact in N and N·m, and Δf, stacked in their order."""
         gain, start, unloaded = span / (_FILTER_TIME + span), 0, set(self.unloaded)
         forces: dict[str, float] = {}
         for name, force in predicted.items():

@@ -67,12 +67,7 @@ class DisturbanceObserver:
     STATE_FIELDS = ("forces", "at_bound", "_unbounded", "_contacts", "_sum", "_time", "_all_predicted")
 
     def __init__(self, model: RobotModel, limits: DisturbanceLimits) -> None:
-        """Start with a zero estimate.
-
-        Args:
-            model: the robot's model.
-            limits: speed and size of the estimate.
-        """
+        """Start with a zero estimate."""
         self.limits = limits
         self._scale = np.zeros(model.nv)  # size at a share of 1
         if model.floating_base:

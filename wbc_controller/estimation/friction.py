@@ -49,13 +49,7 @@ class FrictionCompensation:
     STATE_FIELDS = ("forces", "_intended", "_smooth", "_contacts", "_age")
 
     def __init__(self, model: RobotModel, dry: Mapping[str, float], viscous: Mapping[str, float]) -> None:
-        """Begin at rest.
-
-        Args:
-            model: the robot's model.
-            dry: c by joint, N·m.
-            viscous: b by joint, N·m·s/rad.
-        """
+        """Begin at rest, with the dry friction c in N·m and the viscous friction b in N·m·s/rad, by joint."""
         self._dry, self._viscous = np.zeros(model.nv), np.zeros(model.nv)
         for joint, index in zip(model.joints, model.v_index, strict=True):
             self._dry[index], self._viscous[index] = dry.get(joint, 0.0), viscous.get(joint, 0.0)
@@ -70,15 +64,11 @@ class FrictionCompensation:
         self._age = np.inf
 
     def update(self, M: Array, J: Array, contacts: tuple[str, ...], v: Array, gap: float, change: Array | None) -> None:
-        """Update the torques for a new state.
+        """Update the torques for a new state; the arguments are those of `DisturbanceObserver.update`.
 
         Args:
-            M: mass matrix, (nv, nv).
-            J: Jacobian of the active contacts, (k, nv).
-            contacts: their names.
             v: measured velocity, (nv,).
-            gap: time since the previous state, s.
-            change: predicted change of the velocity since then, (nv,); None if unknown.
+            change: predicted change of the velocity since the previous state, (nv,); None if unknown.
         """
         if change is None:
             self._intended = np.array(v)

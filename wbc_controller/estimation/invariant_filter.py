@@ -71,18 +71,7 @@ class InvariantFilter:
         accelerometer_bias: Array,
         P: Array,
     ) -> None:
-        """Begin without contact points.
-
-        Args:
-            noise: of the IMU and of contact points.
-            gravity: (3,) in m/s², in the world.
-            rotation: R, (3, 3).
-            velocity: v, (3,) in m/s.
-            position: p, (3,) in m.
-            gyroscope_bias: (3,) in rad/s.
-            accelerometer_bias: (3,) in m/s².
-            P: covariance, (15, 15).
-        """
+        """Begin without contact points; gravity is in the world, (3,) in m/s², and P is (15, 15)."""
         self.noise = noise
         self._densities = np.array(
             [noise.gyroscope, noise.accelerometer, noise.gyroscope_bias, noise.accelerometer_bias, noise.contact]
@@ -111,15 +100,11 @@ class InvariantFilter:
         return self.columns[:, 2 + self.names.index(name)]
 
     def propagate(self, angular_velocity: Array, specific_force: Array, dt: float) -> None:
-        """Predict the state after a time: strapdown integration, and the linear error dynamics.
+        """Predict the state after a time dt, s: strapdown integration, and the linear error dynamics.
 
         Ṙ = R (ω - b_g)ₓ, v̇ = R (a - b_a) + g, ṗ = v, ḋ = 0; and ξ̇ = A ξ + Ad_X w, where A holds gₓ from rotation to
-        velocity, I from velocity to position, and -R, -xₓ R from the biases.
-
-        Args:
-            angular_velocity: measured by the gyroscope during that time, (3,) in rad/s.
-            specific_force: measured by the accelerometer, (3,) in m/s².
-            dt: s.
+        velocity, I from velocity to position, and -R, -xₓ R from the biases. ω and a are measured during that time,
+        (3,) in rad/s and m/s².
         """
         before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
         self.rotation, self.columns, self.P = np.empty((3, 3)), np.empty(before[1].shape), np.empty(before[4].shape)
@@ -239,13 +224,7 @@ class InvariantFilter:
         self._turned(rotation, shift)
 
     def add(self, name: str, place: Array, covariance: Array) -> None:
-        """Begin a contact point where the kinematics see it.
-
-        Args:
-            name: of the point.
-            place: its position from the IMU, in its axes, (3,) in m.
-            covariance: of that position, (3, 3) in m².
-        """
+        """Begin a contact point at its place seen by the kinematics, (3,) in m from the IMU; covariance (3, 3)."""
         end = 9 + 3 * len(self.names)
         self.names.append(name)
         self._known.clear()

@@ -6,16 +6,7 @@ import math
 
 import numpy as np
 
-from wbc_controller.compilation import (
-    Indices,
-    Matrix,
-    OutMatrix,
-    OutVector,
-    StridedVector,
-    Vector,
-    compiled,
-    part,
-)
+from wbc_controller.compilation import Indices, Matrix, OutMatrix, OutVector, StridedVector, Vector, compiled, part
 from wbc_controller.inverse_dynamics.robot.placement_kernels import Vector3, add, cross, dot, put, scale, three
 from wbc_controller.records import Array
 

@@ -20,12 +20,7 @@ from wbc_controller.records import Array
 
 
 def delay(time_constant: float, period: float) -> float:
-    """By how much the velocities are late, s.
-
-    Args:
-        time_constant: T, s.
-        period: dt, s.
-    """
+    """Delay of the velocities, s, for the time constant T, s."""
     theta = math.exp(-period / time_constant)
     return period * (1.0 + 3.0 * theta) / (2.0 * (1.0 - theta))
 
@@ -34,11 +29,7 @@ class VelocityFilter:
     """Joint velocities from positions; the first positions that it sees are those of a robot at rest."""
 
     def __init__(self, time_constant: float) -> None:
-        """Make a filter that has seen nothing.
-
-        Args:
-            time_constant: T, s.
-        """
+        """Make a filter that has seen nothing, with the time constant T, s."""
         self._time_constant = time_constant
         self.restart()
 
@@ -53,14 +44,9 @@ class VelocityFilter:
         return delay(self._time_constant, self._period) if self._period > 0.0 else math.inf
 
     def update(self, stamp: int, position: Array) -> Array:
-        """Take new positions, and give the velocities at them.
+        """Take new positions, (nj,) in rad or m, and return the velocities at them, (nj,) in rad/s or m/s.
 
-        Args:
-            stamp: of the positions, ns; the same again changes nothing, and an earlier one is a new start.
-            position: (nj,) in rad, or m.
-
-        Returns:
-            Velocities, (nj,) in rad/s, or m/s.
+        The same stamp, ns, changes nothing, and an earlier one is a new start.
         """
         period = 1.0e-9 * (stamp - self._stamp)
         if period == 0.0 and len(self._x):

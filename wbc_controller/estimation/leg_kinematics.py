@@ -97,7 +97,6 @@ class LegKinematics:
 
         Args:
             model: the robot's model, with a floating base.
-            contacts: the contacts, by name.
             frames: the link's frame of each contact, by name.
             imu_frame: the frame of the IMU.
             joint_noise: of the joints' positions, rad, one standard deviation.
@@ -147,12 +146,7 @@ class LegKinematics:
         self.update(model.posture, np.zeros(model.nj))
 
     def update(self, q: Array, v: Array) -> None:
-        """Take the joints' state.
-
-        Args:
-            q: positions of the joints, (nj,) in rad.
-            v: velocities of the joints, (nj,) in rad/s.
-        """
+        """Take the joints' positions, (nj,) in rad, and velocities, (nj,) in rad/s."""
         model = self._model
         self._sights.clear()
         self._q[model.q_places], self._v[model.v_places] = q, v
@@ -167,14 +161,10 @@ class LegKinematics:
         self.imu_motion = twist
 
     def frame(self, name: str, key: str) -> tuple[int, pin.SE3]:
-        """The joint that moves a frame, and where the frame is on it, for `from_imu`.
-
-        Args:
-            name: of the frame.
-            key: the setting that names it.
+        """The joint that moves a frame, and the frame's placement on it, for `from_imu`; the key names its setting.
 
         Raises:
-            ConfigurationError: where the robot has no such frame.
+            ConfigurationError: if the robot has no such frame.
         """
         frame = self._pinocchio.frames[self._model.frame_id(name, key)]
         return int(frame.parentJoint), frame.placement

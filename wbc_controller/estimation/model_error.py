@@ -33,14 +33,7 @@ class ModelErrorCompensation:
         contact_forces: ContactForces | None,
         period: float,
     ) -> None:
-        """Start without a prediction.
-
-        Args:
-            observer: the disturbance observer.
-            friction: compensation of known friction, or None.
-            contact_forces: estimator of unloaded contacts, or None.
-            period: control period, s.
-        """
+        """Start without a prediction; the period is in s. Friction and contact forces are optional."""
         self.observer, self.contact_forces = observer, contact_forces
         self._friction = friction
         self._largest_gap = _LARGEST_GAP * period
@@ -67,14 +60,7 @@ class ModelErrorCompensation:
         return self._friction is None and self.observer.is_idle
 
     def update(self, state: RobotState) -> Disturbance | None:
-        """Compare a state with its prediction.
-
-        Args:
-            state: the latched state.
-
-        Returns:
-            The forces that the model lacks; None if there are none.
-        """
+        """Compare a state with its prediction; returns the forces that the model lacks, None if there are none."""
         if self.is_idle:
             return None
         before, self._prediction = self._prediction, None
@@ -113,11 +99,8 @@ class ModelErrorCompensation:
         """Store the prediction of a cycle.
 
         Args:
-            state: its latched state.
-            solution: its solution, if there is one.
             tau: torques that were sent, (na,) in N·m; None without torques, or during a ramp, when others hold the
                 robot.
-            dynamics: the snapshot of that state.
             jacobian: returns the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
         """
         if self.is_idle or (self._prediction is not None and self._prediction.stamp == state.stamp):

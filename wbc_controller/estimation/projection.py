@@ -16,12 +16,9 @@ _RIDGE = 1.0e-9
 
 
 def split_force(M: Array, J: Array, force: Array) -> tuple[Array, Array]:
-    """Split generalized forces into the part that moves the robot and the contacts' part: r = Nᵀ r + Jᵀ λ.
+    """Split generalized forces r, (nv,), into the part that moves the robot and the contacts' part: r = Nᵀ r + Jᵀ λ.
 
-    Args:
-        M: mass matrix, (nv, nv).
-        J: Jacobian of the contacts, (k, nv); its rows need not be independent.
-        force: r, (nv,) in N, N·m.
+    M is the mass matrix, (nv, nv), and J the Jacobian of the contacts, (k, nv); its rows need not be independent.
 
     Returns:
         Nᵀ r, (nv,), and λ = (J M⁻¹ Jᵀ)⁻¹ J M⁻¹ r, (k,).

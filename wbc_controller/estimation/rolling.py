@@ -20,12 +20,7 @@ class Rolling:
     """
 
     def __init__(self, radii: Mapping[str, Array]) -> None:
-        """Begin without contacts.
-
-        Args:
-            radii: of each contact that is a ball, the vector r n from the contact point to the centre, in the world,
-                (3,) in m.
-        """
+        """Begin without contacts; the radii r n lead from contact point to centre in the world, (3,) in m."""
         self.names: tuple[str, ...] = ()
         self._turned = {name: hat(radius).T for name, radius in radii.items()}  # ω × r n is this times ω
         self._ways: dict[str, Array] = {}
@@ -46,12 +41,7 @@ class Rolling:
         self._stack = np.array([self._turned[name] for name in self.names])
 
     def turn(self, omega: Array, dt: float) -> None:
-        """Let the balls turn: the centre of one moves by ω × r n.
-
-        Args:
-            omega: angular velocities of their links in the world, in the order of `names`, (c, 3) in rad/s.
-            dt: for this time, s.
-        """
+        """Let the balls turn for dt, s: centres move by ω × r n; ω in the world, in the order of `names`, (c, 3)."""
         steps = dt * (self._stack @ omega[:, :, None])[:, :, 0]
         for i, name in enumerate(self.names):
             self._ways[name] = self._ways[name] + steps[i]
@@ -59,9 +49,7 @@ class Rolling:
     def of(self, contacts: Sequence[str], ends: np.ndarray) -> Array:
         """How far the points of some contacts have rolled, in the world, (k, 3) in m: zero but for balls.
 
-        Args:
-            contacts: their names.
-            ends: after which of the points those of each contact end, (c,).
+        `ends` says after which of the points those of each contact end, (c,).
         """
         ways = np.array([self._ways.get(name, _NO_WAY) for name in contacts])
         return ways if ends[-1] == len(ways) else np.repeat(ways, np.diff(ends, prepend=0), axis=0)

@@ -33,11 +33,6 @@ class Named(Protocol):
 def call(owner: Named, method: str, *arguments: Any) -> Any:
     """Call a method of a task, contact or limit.
 
-    Args:
-        owner: the task, contact or limit.
-        method: name of the method.
-        *arguments: its arguments.
-
     Raises:
         MethodError: if the method raises an exception; the message names class and method.
     """
@@ -55,16 +50,7 @@ def raised(owner: Named, method: str, error: Exception) -> MethodError:
 
 
 def array_from(owner: Named, method: str, shape: Shape, *arguments: Any) -> Array:
-    """Call a method that returns one array, and check the array.
-
-    Args:
-        owner: the task, contact or limit.
-        method: name of the method.
-        shape: the shape that its array must have.
-        *arguments: its arguments.
-
-    Returns:
-        The array as float64; integers and lists of numbers are converted.
+    """Call a method that returns one array, and check its shape; returns float64, converted from integers or lists.
 
     Raises:
         MethodError: as `call`, and if the array has another shape, is not numeric, or contains NaN or infinity.
@@ -77,15 +63,6 @@ def array_from(owner: Named, method: str, shape: Shape, *arguments: Any) -> Arra
 def arrays_from(owner: Named, method: str, shapes: Sequence[Shape], *arguments: Any) -> tuple[Array, ...]:
     """Call a method that returns a tuple of arrays, and check each as `array_from` does.
 
-    Returns:
-        The arrays as float64.
-
-    Args:
-        owner: the task, contact or limit.
-        method: name of the method.
-        shapes: the shape of each array.
-        *arguments: the method's arguments.
-
     Raises:
         MethodError: as `array_from`, and if the method does not return as many arrays as `shapes`.
     """
@@ -96,12 +73,6 @@ def arrays_from(owner: Named, method: str, shapes: Sequence[Shape], *arguments: 
 
 def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -> tuple[Array, ...]:
     """Check number, types and shapes of the arrays that a method has returned.
-
-    Args:
-        owner: the task, contact or limit.
-        method: name of the method.
-        values: what it returned.
-        shapes: the shape of each array.
 
     Raises:
         MethodError: as `arrays_from`.
@@ -114,8 +85,7 @@ def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -
 def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array, Array]:
     """Check the lower and upper bounds that a method has returned, both (size,); they may be infinite.
 
-    Returns:
-        The same object if it needs no conversion, so that the caller can recognize it in the next cycle.
+    An object that needs no conversion is returned itself, so that the caller can recognize it in the next cycle.
 
     Raises:
         MethodError: as `arrays_of`, and if a bound is NaN, or a lower bound is above its upper bound.
@@ -172,15 +142,6 @@ def is_finite(values: Array) -> bool:
 
 def checked(owner: Named, method: str, value: Any, shape: Shape) -> Array:
     """Check type and shape of an array that a method has returned; cheap, for every cycle.
-
-    Args:
-        owner: the task, contact or limit.
-        method: name of the method.
-        value: what it returned.
-        shape: the shape that the array must have.
-
-    Returns:
-        The same array, or its conversion to float64.
 
     Raises:
         MethodError: if it is not an array of numbers, or has another shape.

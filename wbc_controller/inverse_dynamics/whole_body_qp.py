@@ -59,8 +59,6 @@ class WholeBodyQP:
         """Make a controller.
 
         Args:
-            formulation: builds the problem.
-            solver: name of the solver.
             timer: returns the time in s, for the stage times; by default they are all 0.
 
         Raises:
@@ -101,11 +99,7 @@ class WholeBodyQP:
         return self.formulation.contacts
 
     def contact_jacobian(self, names: tuple[str, ...]) -> Array:
-        """Stacked Jacobians of contacts in the last cycle, (k, nv), where that cycle's solution has their forces.
-
-        Args:
-            names: of all contacts with a force in it, in their order.
-        """
+        """Stacked Jacobians, (k, nv), of the contacts with a force in the last cycle's solution, in their order."""
         return self.formulation.layout(names).J
 
     def forget(self) -> None:
@@ -115,11 +109,7 @@ class WholeBodyQP:
         self._current = None
 
     def memory(self) -> dict[str, Any] | None:
-        """All that the next solution depends on beside its arguments: the warm starts, and the last state.
-
-        Returns:
-            None where a solver keeps its warm start to itself (`Solver.memory`).
-        """
+        """State that the next solution depends on: warm starts and last state; None if a solver hides its own."""
         solvers = [(key, solver.memory()) for key, solver in self._solvers.items()]
         hierarchies = [(key, hierarchy.memory()) for key, hierarchy in self._hierarchies.items()]
         if any(remembered is None for _, remembered in (*solvers, *hierarchies)):
@@ -165,8 +155,6 @@ class WholeBodyQP:
         position limit. `Solution.relaxed` names the groups in which a bound is missed.
 
         Args:
-            state: the latched state of the robot.
-            references: task references, weights and contact activations.
             tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
             explained: search at once for the conflicting constraints if there is no solution. This takes several
                 periods; `NoSolution.explained` does it later.
@@ -209,11 +197,7 @@ class WholeBodyQP:
         state: RobotState,
         tau_before: Array | None,
     ) -> tuple[Layout, References, Answer]:
-        """Give up the contacts that hold nothing, and those that keep a joint from stopping, where that helps.
-
-        Returns:
-            The problem, references and answer without them; those of the arguments where no contact is given up.
-        """
+        """Give up the contacts that hold nothing, and those that keep a joint from stopping, if that helps."""
         lost = lost_contacts(self.formulation, layout)
         given_up = {*lost, *hindering_contacts(self.formulation, layout, value)}
         if not given_up:
@@ -233,14 +217,7 @@ class WholeBodyQP:
         return lifted, without, other
 
     def _attempt(self, layout: Layout, references: References) -> Answer:
-        """Solve a built problem, with as little as possible relaxed.
-
-        Returns:
-            An answer whose residuals are within the tolerance, and computed; else one without residuals.
-
-        Raises:
-            NoSolution: where a value of the problem is not finite.
-        """
+        """Solve a built problem, with as little as possible relaxed; an answer without residuals is not a solution."""
         current = self._current
         solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
         answer = self._by_levels(layout) if self._priorities else solver.solve(layout.problem)
@@ -299,15 +276,8 @@ class WholeBodyQP:
     ) -> Infeasibility | None:
         """Find the constraints that conflict, including those that `solve` would relax.
 
-        This takes several periods, and is not part of a control cycle.
-
-        Args:
-            state: the latched state of the robot.
-            references: task references, weights and contact activations.
-            tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
-
-        Returns:
-            The conflict; None where the constraints can be met together, or a value is not finite.
+        This takes several periods, and is not part of a control cycle. None if the constraints can be met together, or
+        a value is not finite; `tau_before` as in `solve`.
         """
         layout = self.formulation.build(state, references, tau_before)
         if not layout.problem.is_finite:

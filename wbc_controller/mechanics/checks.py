@@ -13,15 +13,10 @@ from wbc_controller.records import Array
 
 
 def as_array(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return an array of the expected shape with finite values.
-
-    Args:
-        name: name of the values, for the error message.
-        values: the values.
-        shape: the expected shape.
+    """Return an array of the expected shape with finite values; `name` is for the error message.
 
     Raises:
-        InputRefused: where the shape differs, or a value is not finite.
+        InputRefused: if the shape differs, or a value is not finite.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape != shape:

@@ -52,14 +52,7 @@ Support = Callable[[float], Motion]
 
 
 def ground(t: float) -> Motion:
-    """The world as the support of a constraint (30): it does not move.
-
-    Args:
-        t: time, s.
-
-    Returns:
-        The world's frame, at rest.
-    """
+    """The world as the support of a constraint (30) at any time t, s: it does not move."""
     return Motion(pin.SE3.Identity())
 
 
@@ -70,9 +63,6 @@ def shaken(direction: Array, amplitude: float, angular_frequency: float) -> Supp
         direction: unit vector in the world, (3,); or unit twist (6,), whose angular part rotates the support.
         amplitude: m, or rad.
         angular_frequency: ω, rad/s.
-
-    Returns:
-        The support's motion as a function of time.
     """
     screw = np.zeros(6)
     screw[: len(direction)] = direction
@@ -113,11 +103,7 @@ class Kinematics:
         return self._data.oMf[frame_index(self.model, frame)]
 
     def point(self, frame: str, offset: Array) -> tuple[Array, Array, Array, Array]:
-        """Motion of a point fixed to a link, in world axes.
-
-        Args:
-            frame: frame of the link.
-            offset: the point in that frame, (3,) in m.
+        """Motion of a point fixed to a link, at `offset` (3,) in m in its frame, in world axes.
 
         Returns:
             Position (3,), velocity (3,), Jacobian (3, nv), drift (3,).
@@ -145,11 +131,7 @@ class Kinematics:
         return J @ self.v, J, np.array(drift)
 
     def body(self, frame: str, offset: pin.SE3) -> tuple[pin.SE3, Array, Array, Array]:
-        """Motion of a frame fixed to a link, in its own axes.
-
-        Args:
-            frame: frame of the link.
-            offset: placement of the fixed frame in the link's frame.
+        """Motion of a frame fixed to a link, at the placement `offset` in its frame, in its own axes.
 
         Returns:
             Placement in the world, twist (6,), Jacobian (6, nv), drift of the twist (6,).
@@ -516,17 +498,13 @@ class ConstraintEquation:
 
 
 def constraint_equation(constraints: Sequence[Constraint], kinematics: Kinematics) -> ConstraintEquation:
-    """Stack constraints to one equation A v̇ = b (30).
+    """Stack constraints, which may be redundant, to one equation A v̇ = b (30), (k, nv) and (k,) in m/s² and rad/s².
 
     Args:
-        constraints: any number of constraints, also redundant ones.
         kinematics: the state, with nv velocities.
 
-    Returns:
-        A (k, nv), b (k,) in m/s² and rad/s², position and velocity errors, and the rows of each constraint.
-
     Raises:
-        ConfigurationError: where the model has no such frame or joint.
+        ConfigurationError: if the model has no such frame or joint.
     """
     A, b = [np.zeros((0, kinematics.model.nv))], [np.zeros(0)]
     position, velocity, rows, start = [np.zeros(0)], [np.zeros(0)], [], 0

@@ -30,25 +30,18 @@ def constrained_dynamics(
 ) -> ConstrainedMotion:
     """Acceleration under constraints, given the applied forces (section 4.2.2, through (31) and (32); S10).
 
-    The unconstrained acceleration is v̇ᵤ = M⁻¹(f - h), with f = Sᵀτ + Jᵀw.
+    The unconstrained acceleration is v̇ᵤ = M⁻¹(f - h), with f = Sᵀτ + Jᵀw. The multipliers are in the order of the
+    constraints.
 
     Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
         force: applied generalized force, (nv,) in N and N·m.
         constraints: bilateral constraints; they may be redundant.
         pushing: unilateral constraints, with λ ≥ 0, such as contacts; those whose λ would be negative detach.
-        t: time, s, for constraints that depend on it.
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        Acceleration, multipliers (in the order of the constraints) and constraint force f_c = Aᵀλ.
 
     Raises:
-        ConfigurationError: where the model has no such frame or joint.
-        InputRefused: where the force has another shape, or is not finite.
-        NoSolution: where the constraints contradict each other.
+        ConfigurationError: if the model has no such frame or joint.
+        InputRefused: if the force has another shape, or is not finite.
+        NoSolution: if the constraints contradict each other.
     """
     data = data if data is not None else model.createData()
     f = as_array("force", force, (model.nv,))
@@ -66,10 +59,8 @@ def contact_dynamics_equations(M: Array, h: Array, S: Array, A: Array, b: Array)
     """Section 4.2.2 as equality constraints E x = e with x = [v̇, τ, λ], for a program that chooses the torques (S10).
 
     Args:
-        M: mass matrix, (nv, nv).
         h: bias force less external generalized forces, (nv,).
         S: actuation matrix, (na, nv); the generalized force of the torques is Sᵀτ (34).
-        A: constraint matrix, (k, nv).
         b: right-hand side of (30), (k,) in m/s² and rad/s².
 
     Returns:

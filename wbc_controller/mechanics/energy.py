@@ -16,94 +16,44 @@ from wbc_controller.records import Array, RobotState
 
 
 def kinetic_energy(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
-    """Kinetic energy T = ½ vᵀM v of equation (5) in generalized coordinates, including the rotors.
+    """Kinetic energy T = ½ vᵀM v of equation (5) in generalized coordinates, J, including the rotors.
 
     `pinocchio.computeKineticEnergy` is not used: in 4.1 it omits the rotors of joints with a slanted axis.
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        T, J.
     """
     return float(0.5 * v @ mass_matrix(model, q, data=data) @ v)
 
 
 def potential_energy(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> float:
-    """Potential energy V = -Σ mᵢ gᵀxᵢ of equations (2) and (3), zero where the centre of mass is level with the origin.
+    """Potential energy V = -Σ mᵢ gᵀxᵢ of equations (2) and (3), J; zero if the centre of mass is level with the origin.
 
-    Args:
-        model: the mechanism; ``model.gravity`` points down, so the sign is the opposite of the note's g.
-        q: configuration, (nq,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        V, J.
+    ``model.gravity`` points down, so the sign is the opposite of the note's g.
     """
     return float(pin.computePotentialEnergy(model, data if data is not None else model.createData(), q))
 
 
 def lagrangian(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
-    """Lagrangian L = T - V of equation (6), from which (7) derives the equations of motion.
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        L, J.
-    """
+    """Lagrangian L = T - V of equation (6), J, from which (7) derives the equations of motion."""
     return kinetic_energy(model, q, v, data=data) - potential_energy(model, q, data=data)
 
 
 def hamiltonian(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
-    """Hamiltonian H = pᵀv - L of equation (29), which is T + V for a mechanical system.
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        H, J.
-    """
+    """Hamiltonian H = pᵀv - L of equation (29), J, which is T + V for a mechanical system."""
     return kinetic_energy(model, q, v, data=data) + potential_energy(model, q, data=data)
 
 
 def hamiltonian_rate(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None) -> float:
-    """Rate of change dH/dt of equation (29) along a motion: vᵀ(M v̇ + h), since gyroscopic forces do no work.
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        v_dot: generalized acceleration, (nv,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        dH/dt, W.
-    """
+    """Rate of change dH/dt of equation (29) along a motion, W: vᵀ(M v̇ + h), since gyroscopic forces do no work."""
     return float(v @ inverse_dynamics(model, q, v, v_dot, data=data))
 
 
 def power(v: Array, force: Array) -> float:
-    """Power of a generalized force, fᵀv; for the joint torques τᵀS v (section 3.2; S6).
+    """Power of a generalized force, fᵀv, W; for the joint torques τᵀS v (section 3.2; S6).
 
     If no other force acts, dH/dt of equation (29) equals this power: constraint forces do no work (equation (19)),
     unless the constraint itself moves.
 
     Args:
-        v: generalized velocity, (nv,).
         force: generalized force, (nv,) in N and N·m.
-
-    Returns:
-        W.
     """
     return float(force @ v)
 
@@ -155,19 +105,12 @@ def energy_residual(
     in their own axes the work is accurate to second order in the time between the states.
 
     Args:
-        model: the mechanism.
-        before: first state.
-        after: second state.
         force: generalized force Sᵀτ between the states, (nv,) in N and N·m.
         wrenches: all other forces between the states, contacts included; forces that do no work may be omitted.
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        The balance; its `residual` is the unexplained power.
 
     Raises:
-        InputRefused: where the second state is not later, or the force has another shape or is not finite.
-        ConfigurationError: where a wrench's frame is unknown.
+        InputRefused: if the second state is not later, or the force has another shape or is not finite.
+        ConfigurationError: if a wrench's frame is unknown.
     """
     seconds = duration(before, after)
     data = data if data is not None else model.createData()

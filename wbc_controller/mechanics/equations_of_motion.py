@@ -17,84 +17,44 @@ from wbc_controller.records import Array
 
 
 def mass_matrix(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> Array:
-    """Mass matrix M of equations (7), (22) and (34), by the composite rigid body algorithm.
+    """Mass matrix M of equations (7), (22) and (34), (nv, nv), by the composite rigid body algorithm.
 
-    The kinetic energy is T = ½ vᵀM v. M includes reflected rotor inertias (``model.armature``).
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        M, (nv, nv), symmetric positive definite; in kg, kg·m and kg·m², depending on the coordinates.
+    The kinetic energy is T = ½ vᵀM v. M includes reflected rotor inertias (``model.armature``) and is symmetric
+    positive definite; in kg, kg·m and kg·m², depending on the coordinates.
     """
     # Pinocchio's algorithm fills the upper triangle; its Python binding completes the matrix.
     return np.array(pin.crba(model, data if data is not None else model.createData(), q))
 
 
 def bias_force(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
-    """Bias force h of equation (34): the Coriolis, centrifugal and gravity terms, equal to the force at v̇ = 0.
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        h, (nv,), in N and N·m.
-    """
+    """Bias force h of equation (34), (nv,) in N and N·m: Coriolis, centrifugal and gravity terms, h at v̇ = 0."""
     return np.array(pin.nonLinearEffects(model, data if data is not None else model.createData(), q, v))
 
 
 def generalized_gravity(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> Array:
-    """Gradient of the potential energy, ∂V/∂q of equations (3) and (5): h at v = 0.
+    """Gradient of the potential energy, ∂V/∂q of equations (3) and (5): h at v = 0, (nv,) in N and N·m.
 
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        (nv,), in N and N·m; the force of gravity is its negative.
+    The force of gravity is its negative.
     """
     return np.array(pin.computeGeneralizedGravity(model, data if data is not None else model.createData(), q))
 
 
 def inverse_dynamics(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None) -> Array:
-    """Generalized force that causes an acceleration, M v̇ + h (section 1.2, equation (22); S11).
+    """Generalized force that causes an acceleration, M v̇ + h, (nv,) in N and N·m (section 1.2, equation (22); S11).
 
-    Pinocchio's recursive Newton–Euler algorithm (Luh, Walker, Paul, "On-line computational scheme for mechanical
-    manipulators", 1980), which does not form M.
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        v_dot: generalized acceleration, (nv,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        (nv,), in N and N·m; Sᵀτ plus all external and constraint forces.
+    It is Sᵀτ plus all external and constraint forces. Pinocchio's recursive Newton–Euler algorithm (Luh, Walker, Paul,
+    "On-line computational scheme for mechanical manipulators", 1980) does not form M.
     """
     return np.array(pin.rnea(model, data if data is not None else model.createData(), q, v, v_dot))
 
 
 def forward_dynamics(model: pin.Model, q: Array, v: Array, force: Array, *, data: pin.Data | None = None) -> Array:
-    """Unconstrained acceleration v̇ᵤ = M⁻¹(f - h) of section 4.2.2, with f = Sᵀτ + Jᵀw (S11).
+    """Unconstrained acceleration v̇ᵤ = M⁻¹(f - h) of section 4.2.2, (nv,) in m/s² and rad/s² (S11).
 
     Pinocchio's articulated body algorithm (Featherstone, "Rigid Body Dynamics Algorithms", 2008).
 
     Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        force: generalized force f, (nv,) in N and N·m.
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        (nv,), in m/s² and rad/s².
+        force: generalized force f = Sᵀτ + Jᵀw, (nv,) in N and N·m.
     """
     return np.array(pin.aba(model, data if data is not None else model.createData(), q, v, force))
 
@@ -105,7 +65,6 @@ def actuation_matrix(model: pin.Model, joints: Sequence[str]) -> Array:
     The note writes Sτ, with the transpose of this matrix.
 
     Args:
-        model: the mechanism.
         joints: actuated joints with one degree of freedom, in the order of τ.
 
     Returns:
@@ -123,20 +82,14 @@ def actuation_matrix(model: pin.Model, joints: Sequence[str]) -> Array:
 def equations_of_motion_residual(
     M: Array, h: Array, v_dot: Array, force: npt.ArrayLike, constraint_force: npt.ArrayLike
 ) -> Array:
-    """Residual of a motion in the equations of section 4.2.2: M v̇ + h - Sᵀτ - Aᵀλ.
+    """Residual of a motion in the equations of section 4.2.2: M v̇ + h - Sᵀτ - Aᵀλ, zero for a physical motion.
 
     Args:
-        M: mass matrix, (nv, nv).
-        h: bias force, (nv,).
-        v_dot: generalized acceleration, (nv,).
         force: applied generalized force Sᵀτ + Jᵀw, (nv,) in N and N·m.
         constraint_force: f_c = Aᵀλ, (nv,) in N and N·m.
 
-    Returns:
-        (nv,), in N and N·m; zero for a physical motion.
-
     Raises:
-        InputRefused: where a force has another shape, or is not finite.
+        InputRefused: if a force has another shape, or is not finite.
     """
     n = len(h)
     applied, constraint = as_array("force", force, (n,)), as_array("constraint_force", constraint_force, (n,))

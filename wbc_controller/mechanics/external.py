@@ -13,11 +13,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.mechanics.checks import as_array, frame_index
 from wbc_controller.records import Array
 
-_AXES = {
-    "LOCAL": pin.LOCAL,
-    "LOCAL_WORLD_ALIGNED": pin.LOCAL_WORLD_ALIGNED,
-    "WORLD": pin.WORLD,
-}
+_AXES = {"LOCAL": pin.LOCAL, "LOCAL_WORLD_ALIGNED": pin.LOCAL_WORLD_ALIGNED, "WORLD": pin.WORLD}
 
 
 @dataclass(frozen=True)
@@ -58,21 +54,12 @@ class ExternalWrench:
 def generalized_force(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Generalized force Σ Jᵀw of external wrenches (equation (22)), with J the Jacobian in the axes of each wrench.
+    """Generalized force Σ Jᵀw of external wrenches (equation (22)), (nv,) in N and N·m.
 
-    The work is the same in all coordinates, (Jᵀw)ᵀv = wᵀ(J v), as equation (21) requires.
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        wrenches: the external wrenches.
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        (nv,), in N and N·m.
+    J is in the axes of each wrench. The work is the same in all coordinates, (Jᵀw)ᵀv = wᵀ(J v), as (21) requires.
 
     Raises:
-        ConfigurationError: where a frame is unknown.
+        ConfigurationError: if a frame is unknown.
     """
     data = data if data is not None else model.createData()
     total = np.zeros(model.nv)
@@ -89,19 +76,10 @@ def generalized_force(
 def world_wrench(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Sum of external wrenches about the world's origin (equation (22) before the transformation to coordinates).
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        wrenches: the external wrenches.
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        Force in N and torque in N·m, (6,), in world axes.
+    """Sum of external wrenches about the world's origin, (6,) in N and N·m, world axes (equation (22) before its Jᵀ).
 
     Raises:
-        ConfigurationError: where a frame is unknown.
+        ConfigurationError: if a frame is unknown.
     """
     data = data if data is not None else model.createData()
     pin.framesForwardKinematics(model, data, q)

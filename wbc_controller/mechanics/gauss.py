@@ -106,23 +106,14 @@ def _multipliers(split: _Split, force: Array) -> tuple[Array, Array]:
 def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
     """Solve Gauss's problem (31), v̇* = argmin ½‖v̇ - v̇ᵤ‖²_M subject to A v̇ = b, through its conditions (32).
 
-    The conditions are M(v̇ - v̇ᵤ) - Aᵀλ = 0 and A v̇ = b. With redundant rows of A this system is singular in λ only: the
-    acceleration and Aᵀλ are unique. It is solved in the null space of A (N, with A N = 0), where no matrix to be
-    inverted can be singular: v̇ = A⁺b + N z, (NᵀM N) z = NᵀM(v̇ᵤ - A⁺b), and λ is the least-norm solution of
-    Aᵀλ = M(v̇ - v̇ᵤ).
-
-    Args:
-        M: mass matrix, (nv, nv), symmetric positive definite.
-        v_dot_u: acceleration without the constraints, (nv,) in m/s² and rad/s².
-        A: constraint matrix, (k, nv), of any rank; k may be 0.
-        b: right-hand side, (k,).
-
-    Returns:
-        Acceleration, multipliers and constraint force.
+    The conditions are M(v̇ - v̇ᵤ) - Aᵀλ = 0 and A v̇ = b. With redundant rows of A this system is singular in λ only:
+    the acceleration, (nv,) in m/s² and rad/s², and Aᵀλ are unique. It is solved in the null space of A (N, with
+    A N = 0), where no matrix to be inverted can be singular: v̇ = A⁺b + N z, (NᵀM N) z = NᵀM(v̇ᵤ - A⁺b), and λ is the
+    least-norm solution of Aᵀλ = M(v̇ - v̇ᵤ).
 
     Raises:
-        InputRefused: where shapes do not fit, a value is not finite, or M is not positive definite.
-        NoSolution: where the constraints contradict each other; carries (A, b).
+        InputRefused: if shapes do not fit, a value is not finite, or M is not positive definite.
+        NoSolution: if the constraints contradict each other; carries (A, b).
     """
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
     split = _split(A)
@@ -148,22 +139,13 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
 
 
 def udwadia_kalaba(M: Array, v_dot_u: Array, A: Array, b: Array) -> Array:
-    """Explicit solution of (31) after Udwadia and Kalaba: v̇ = v̇ᵤ + M^-½ (A M^-½)⁺ (b - A v̇ᵤ).
+    """Explicit solution of (31) after Udwadia and Kalaba: v̇ = v̇ᵤ + M^-½ (A M^-½)⁺ (b - A v̇ᵤ), (nv,) in m/s² and rad/s².
 
     From "Analytical Dynamics: A New Approach" (1996), to which the note refers for (32). It serves for comparison: it
     gives no multipliers, and the pseudoinverse is affected by the conditioning of M as well as of A.
 
-    Args:
-        M: mass matrix, (nv, nv), symmetric positive definite.
-        v_dot_u: acceleration without the constraints, (nv,).
-        A: constraint matrix, (k, nv), of any rank.
-        b: right-hand side, (k,).
-
-    Returns:
-        Constrained acceleration, (nv,) in m/s² and rad/s².
-
     Raises:
-        InputRefused: where shapes do not fit or a value is not finite.
+        InputRefused: if shapes do not fit or a value is not finite.
     """
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
     values, vectors = np.linalg.eigh(M)
@@ -175,61 +157,42 @@ def udwadia_kalaba(M: Array, v_dot_u: Array, A: Array, b: Array) -> Array:
 
 
 def gauss_functional(M: Array, v_dot: Array, v_dot_u: Array) -> float:
-    """Gauss's functional ("the constraint"), ½‖v̇ - v̇ᵤ‖²_M of (31), which Gauss's principle minimizes.
-
-    Args:
-        M: mass matrix, (nv, nv).
-        v_dot: an acceleration, (nv,).
-        v_dot_u: the acceleration without constraints, (nv,).
-
-    Returns:
-        The value, W·1/s for SI coordinates.
-    """
+    """Gauss's functional ("the constraint"), ½‖v̇ - v̇ᵤ‖²_M of (31), W·1/s, which Gauss's principle minimizes over v̇."""
     difference = v_dot - v_dot_u
     return float(0.5 * difference @ M @ difference)
 
 
 def admissible_directions(A: Array) -> Array:
-    """Basis of the admissible virtual displacements, A δq = 0: the tangent space of (17) and (19).
+    """Basis of the admissible virtual displacements, A δq = 0: the tangent space of (17) and (19), without units.
 
     A constraint force does no work along any of them: f_cᵀ δq = λᵀA δq = 0 (d'Alembert; S3).
-
-    Args:
-        A: constraint matrix, (k, nv), of any rank.
 
     Returns:
         N, (nv, nv - rank), with orthonormal columns and A N = 0.
 
     Raises:
-        InputRefused: where a value is not finite.
+        InputRefused: if a value is not finite.
     """
     array = np.asarray(A, dtype=np.float64)
     return _split(as_array("A", array, array.shape)).N
 
 
 def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: Array) -> ConstrainedMotion:
-    """Solve Gauss's problem (31) with unilateral constraints: A v̇ = b and C v̇ ≥ d.
+    """Solve Gauss's problem (31) with unilateral constraints: A v̇ = b and C v̇ ≥ d, in m/s² and rad/s².
 
     The functional is that of `gauss`. The conditions are those of (32) with Aᵀλ + Cᵀμ in place of Aᵀλ, and μ ≥ 0,
     C v̇ ≥ d, μᵀ(C v̇ - d) = 0: a contact pushes or lifts off, never both. After Moreau, "Quadratic programming in
     mechanics: dynamics of one-sided constraints" (1966); solved as a least-distance problem by non-negative least
     squares (Lawson, Hanson, "Solving Least Squares Problems", 1974, chapter 23), which ends after finitely many steps.
+    The acceleration is unique; with redundant rows of C, μ is one of several with the same generalized force.
 
     Args:
-        M: mass matrix, (nv, nv), symmetric positive definite.
-        v_dot_u: acceleration without the constraints, (nv,).
-        A: bilateral constraints, (k, nv); k may be 0.
-        b: right-hand side of the bilateral constraints, (k,).
         C: unilateral constraints, (m, nv): for a contact, the rows of its normal motion.
         d: right-hand side of the unilateral constraints, (m,).
 
-    Returns:
-        The motion. The acceleration is unique; with redundant rows of C, μ is one of several with the same generalized
-        force.
-
     Raises:
-        InputRefused: where shapes do not fit, a value is not finite, or M is not positive definite.
-        NoSolution: where the constraints contradict each other.
+        InputRefused: if shapes do not fit, a value is not finite, or M is not positive definite.
+        NoSolution: if the constraints contradict each other.
     """
     base = gauss(M, v_dot_u, A, b)
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)

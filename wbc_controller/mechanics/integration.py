@@ -21,15 +21,7 @@ Acceleration = Callable[[Array, Array, float], Array]
 def runge_kutta_step(
     model: pin.Model, acceleration: Acceleration, q: Array, v: Array, t: float, step: float
 ) -> tuple[Array, Array]:
-    """One step of the classical fourth-order Runge–Kutta method for the motion given by (7) or (32).
-
-    Args:
-        model: the mechanism.
-        acceleration: v̇(q, v, t), (nv,).
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        t: time, s.
-        step: step size, s.
+    """One step, in s, of the classical fourth-order Runge–Kutta method for the motion given by (7) or (32).
 
     Returns:
         q, (nq,), and v, (nv,), one step later.
@@ -57,16 +49,8 @@ def simulate(
 ) -> tuple[Array, Array]:
     """Integrate the motion given by (7) or (32).
 
-    Args:
-        model: the mechanism.
-        acceleration: v̇(q, v, t), (nv,).
-        q: configuration at t = 0, (nq,).
-        v: generalized velocity at t = 0, (nv,).
-        step: step size, s.
-        steps: number of steps.
-
     Returns:
-        Configurations, (steps + 1, nq), and velocities, (steps + 1, nv), including the initial ones.
+        Configurations, (k + 1, nq), and velocities, (k + 1, nv) in m/s and rad/s, for k steps, with the initial ones.
     """
     qs, vs = np.empty((steps + 1, model.nq)), np.empty((steps + 1, model.nv))
     qs[0], vs[0] = q, v

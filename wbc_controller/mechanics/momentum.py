@@ -15,17 +15,7 @@ from wbc_controller.records import Array, RobotState
 
 
 def generalized_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
-    """Generalized momentum p = ∂L/∂v = M v of equations (25) and (26).
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        p, (nv,), in N·s and N·m·s.
-    """
+    """Generalized momentum p = ∂L/∂v = M v of equations (25) and (26), (nv,) in N·s and N·m·s."""
     return np.asarray(mass_matrix(model, q, data=data) @ v)
 
 
@@ -33,16 +23,7 @@ def centroidal_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data 
     """Linear momentum, and angular momentum about the centre of mass: (28) for translations and rotations of space.
 
     After Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot" (2013). Rotor inertias (``model.armature``) do
-    not contribute, as they act on the relative rotation of the joints only.
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        (6,) in world axes: linear in N·s, angular in N·m·s.
+    not contribute, as they act on the relative rotation of the joints only. (6,) in world axes, N·s and N·m·s.
     """
     data = data if data is not None else model.createData()
     return np.array(pin.computeCentroidalMomentum(model, data, q, v).vector)
@@ -51,18 +32,7 @@ def centroidal_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data 
 def centroidal_momentum_rate(
     model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None
 ) -> Array:
-    """Time derivative of `centroidal_momentum` along a motion, the ṗ of equation (26).
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        v_dot: generalized acceleration, (nv,).
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        (6,) in world axes: N, and N·m about the centre of mass.
-    """
+    """Time derivative of `centroidal_momentum` along a motion, the ṗ of equation (26), (6,) in N and N·m."""
     data = data if data is not None else model.createData()
     return np.array(pin.computeCentroidalMomentumTimeVariation(model, data, q, v, v_dot).vector)
 
@@ -72,19 +42,11 @@ def centroidal_wrench(
 ) -> Array:
     """Wrench of gravity and external forces about the centre of mass; equals `centroidal_momentum_rate` (S5).
 
-    Internal forces, including joint torques, do not appear: they are the symmetric part of equation (27).
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        wrenches: contacts and other external wrenches.
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        (6,) in world axes: N, and N·m about the centre of mass.
+    Internal forces, including joint torques, do not appear: they are the symmetric part of equation (27). (6,) in world
+    axes, N and N·m.
 
     Raises:
-        ConfigurationError: where a wrench's frame is unknown.
+        ConfigurationError: if a wrench's frame is unknown.
     """
     data = data if data is not None else model.createData()
     total = world_wrench(model, q, wrenches, data=data)
@@ -120,24 +82,15 @@ def momentum_residual(
     *,
     data: pin.Data | None = None,
 ) -> MomentumBalance:
-    """Check that only gravity and external forces change the centroidal momentum (equation (26), S5).
+    """Check that only gravity and external forces change the centroidal momentum (equation (26), S5), N and N·m.
 
     Joint torques are internal forces, so this detects wrong masses, unknown pushes and wrong contact forces, but not
-    wrong torques; `energy.energy_residual` detects these.
-
-    Args:
-        model: the mechanism, with a floating base; for a fixed base the wrenches must include the support force.
-        before: first state.
-        after: second state.
-        wrenches: contacts and other external wrenches between the states, assumed constant in their own axes.
-        data: Pinocchio workspace to compute in; a new one by default.
-
-    Returns:
-        The balance; its `residual` is the unexplained wrench.
+    wrong torques; `energy.energy_residual` detects these. For a fixed base the wrenches must include the support force.
+    The wrenches count as constant in their own axes.
 
     Raises:
-        InputRefused: where the second state is not later.
-        ConfigurationError: where a wrench's frame is unknown.
+        InputRefused: if the second state is not later.
+        ConfigurationError: if a wrench's frame is unknown.
     """
     seconds = duration(before, after)
     data = data if data is not None else model.createData()

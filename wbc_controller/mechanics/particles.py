@@ -63,14 +63,7 @@ class ParticleSystem:
 
 
 def particle_mass_matrix(system: ParticleSystem) -> Array:
-    """Mass matrix of equation (1) and of the metric in (33): each mass appears three times on the diagonal.
-
-    Args:
-        system: the particles.
-
-    Returns:
-        (3n, 3n), kg.
-    """
+    """Mass matrix of equation (1) and of (33), (3n, 3n) in kg: each mass appears three times on the diagonal."""
     return np.diag(np.repeat(np.asarray(system.masses, dtype=np.float64), 3))
 
 
@@ -82,16 +75,13 @@ def rod_constraints(
     With d the vector from one end to the other, ġ = dᵀḋ and g̈ = dᵀd̈ + ḋᵀḋ.
 
     Args:
-        system: the particles.
-        x: positions, (n, 3) in m.
-        x_dot: velocities, (n, 3) in m/s.
         time_constant: of Baumgarte's stabilization, s.
 
     Returns:
         A_s, (rods, 3n), and b_s, (rods,).
 
     Raises:
-        InputRefused: where positions or velocities have another shape, or are not finite.
+        InputRefused: if positions or velocities have another shape, or are not finite.
     """
     n = len(system.masses)
     x, x_dot = as_array("x", x, (n, 3)), as_array("x_dot", x_dot, (n, 3))
@@ -124,20 +114,13 @@ def _free_acceleration(system: ParticleSystem, forces: Array | None) -> Array:
 def solve_in_one_stage(
     system: ParticleSystem, structure: ConstrainedRows, contact: ConstrainedRows, forces: Array | None = None
 ) -> ConstrainedMotion:
-    """Accelerations of all particles under structure and contact at once (33).
+    """Accelerations of all particles, (3n,) in m/s², under structure and contact at once (33).
 
-    Args:
-        system: the particles.
-        structure: A_s (k, 3n) and b_s (k,).
-        contact: A_c (m, 3n) and b_c (m,); m may be 0.
-        forces: on each particle besides gravity, (n, 3) in N.
-
-    Returns:
-        ẍ, (3n,) in m/s², and the multipliers, those of the structure first.
+    The multipliers of the structure come first.
 
     Raises:
-        InputRefused: where shapes do not fit or a value is not finite.
-        NoSolution: where the constraints contradict each other.
+        InputRefused: if shapes do not fit or a value is not finite.
+        NoSolution: if the constraints contradict each other.
     """
     A, b = np.vstack([structure[0], contact[0]]), np.concatenate([structure[1], contact[1]])
     return gauss(particle_mass_matrix(system), _free_acceleration(system, forces), A, b)
@@ -166,21 +149,15 @@ def reduce_structure(
     """First stage of section 4.2.1: eliminate A_s ẍ = b_s, so that (33) becomes (31) in the remaining coordinates.
 
     Any basis of the null space of A_s can be used; with ∂φ/∂q of generalized coordinates the result is exactly their
-    mass matrix, M = (∂φ/∂q)ᵀ M_x (∂φ/∂q).
+    mass matrix, M = (∂φ/∂q)ᵀ M_x (∂φ/∂q), in kg for coordinates in m.
 
     Args:
-        system: the particles.
-        structure: A_s (k, 3n) and b_s (k,).
-        forces: on each particle besides gravity, (n, 3) in N.
         basis: (3n, d) with A_s basis = 0; by default an orthonormal one.
 
-    Returns:
-        The reduced problem.
-
     Raises:
-        InputRefused: where shapes do not fit or a value is not finite.
-        ConfigurationError: where the basis violates the structural constraints.
-        NoSolution: where the constraints contradict each other.
+        InputRefused: if shapes do not fit or a value is not finite.
+        ConfigurationError: if the basis violates the structural constraints.
+        NoSolution: if the constraints contradict each other.
     """
     A, b = structure
     if basis is None:
@@ -198,21 +175,13 @@ def reduce_structure(
 def solve_in_two_stages(
     system: ParticleSystem, structure: ConstrainedRows, contact: ConstrainedRows, forces: Array | None = None
 ) -> ConstrainedMotion:
-    """Accelerations of all particles: the structure eliminated first, then the contacts resolved (section 4.2.1).
+    """Accelerations of all particles, (3n,) in m/s²: eliminate the structure first, then solve (31) (section 4.2.1).
 
-    Args:
-        system: the particles.
-        structure: A_s (k, 3n) and b_s (k,).
-        contact: A_c (m, 3n) and b_c (m,); m may be 0.
-        forces: on each particle besides gravity, (n, 3) in N.
-
-    Returns:
-        ẍ, (3n,) in m/s²; all other fields are those of the second stage: the multipliers of the contacts, (m,), and
-        their generalized force in the reduced coordinates.
+    All other fields are those of the second stage: the multipliers of the contacts, (m,), and their generalized force
+    in the reduced coordinates. Errors are those of `reduce_structure`.
 
     Raises:
-        InputRefused: where shapes do not fit or a value is not finite.
-        NoSolution: where the constraints contradict each other.
+        NoSolution: if the constraints contradict each other.
     """
     reduced = reduce_structure(system, structure, forces)
     A, b = contact

@@ -27,11 +27,13 @@ _VELOCITY_BOUNDS = (("lowerEffortLimit", "upperEffortLimit"), ("lowerVelocityLim
 class Recoordinated:
     """Another model of the same robot, and the map φ of Lemma 1 (equation (14)) for states, motions and forces.
 
+    The arguments of its methods belong to the original model, and the results to the new one.
+
     Attributes:
         original: the original model.
         model: the model in the new coordinates; frames and joints keep their names.
         root: joint of the original model whose link carries the new base; 0 for a fixed base.
-        signs: sign of each joint by name: -1 where the new coordinate has the opposite direction.
+        signs: sign of each joint by name: -1 if the new coordinate has the opposite direction.
     """
 
     original: pin.Model
@@ -40,14 +42,7 @@ class Recoordinated:
     signs: dict[str, float]
 
     def configuration(self, q: Array) -> Array:
-        """Map a configuration to the new coordinates (φ).
-
-        Args:
-            q: in the original model, (nq,).
-
-        Returns:
-            (nq,), in the new model.
-        """
+        """Map a configuration, (nq,), to the new coordinates (φ)."""
         moved = np.array(pin.neutral(self.model))
         if self.root:
             data = self.original.createData()
@@ -61,14 +56,7 @@ class Recoordinated:
         return moved
 
     def jacobian(self, q: Array) -> Array:
-        """Derivative of the map, T = ∂φ/∂q of Lemma 1: the new velocity is T times the old one.
-
-        Args:
-            q: in the original model, (nq,).
-
-        Returns:
-            (nv, nv).
-        """
+        """Derivative of the map, T = ∂φ/∂q of Lemma 1, (nv, nv): the new velocity is T times the old one."""
         T = np.zeros((self.model.nv, self.original.nv))
         if self.root:
             data = self.original.createData()
@@ -79,28 +67,11 @@ class Recoordinated:
         return T
 
     def velocity(self, q: Array, v: Array) -> Array:
-        """Map a generalized velocity to the new coordinates.
-
-        Args:
-            q: in the original model, (nq,).
-            v: in the original model, (nv,).
-
-        Returns:
-            (nv,), in the new model.
-        """
+        """Map a generalized velocity, (nv,), to the new coordinates."""
         return np.asarray(self.jacobian(q) @ v)
 
     def acceleration(self, q: Array, v: Array, v_dot: Array) -> Array:
-        """Map a generalized acceleration to the new coordinates: T v̇ + Ṫ v, with Ṫ as in equation (12).
-
-        Args:
-            q: in the original model, (nq,).
-            v: in the original model, (nv,).
-            v_dot: in the original model, (nv,).
-
-        Returns:
-            (nv,), in the new model.
-        """
+        """Map a generalized acceleration, (nv,), to the new coordinates: T v̇ + Ṫ v, with Ṫ as in equation (12)."""
         moved = self.jacobian(q) @ v_dot
         if self.root:
             data = self.original.createData()
@@ -109,22 +80,11 @@ class Recoordinated:
         return np.asarray(moved)
 
     def force(self, q: Array, force: Array) -> Array:
-        """Map a generalized force to the new coordinates, where it does the same work (equation (21)).
-
-        Args:
-            q: in the original model, (nq,).
-            force: in the original model, (nv,) in N and N·m.
-
-        Returns:
-            (nv,), in the new model.
-        """
+        """Map a generalized force, (nv,) in N and N·m, to the new coordinates with the same work (equation (21))."""
         return np.linalg.solve(self.jacobian(q).T, force)
 
     def _joints(self, name: str) -> tuple[Any, Any]:
-        return (
-            self.original.joints[self.original.getJointId(name)],
-            self.model.joints[self.model.getJointId(name)],
-        )
+        return (self.original.joints[self.original.getJointId(name)], self.model.joints[self.model.getJointId(name)])
 
 
 def recoordinate(

@@ -23,22 +23,14 @@ _STEP = 1.0e-5
 
 
 def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Perturbation) -> float:
-    """First-order change δL of the Lagrangian under q → q ⊕ ε δq(q), per ε: equation (24).
+    """First-order change δL of the Lagrangian under q → q ⊕ ε δq(q), per ε, in J: equation (24).
 
     As in (23), the velocity changes with the configuration. On the configuration manifold this change is the tangent
-    map of q → q ⊕ ε δq(q), computed from Pinocchio's two derivatives of ⊕; in plain coordinates it is d(δq)/dt.
-
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        perturbation: δq as a function of q.
-
-    Returns:
-        δL, in J per unit of ε; accurate to about 1e-8 of the energies involved.
+    map of q → q ⊕ ε δq(q), computed from Pinocchio's two derivatives of ⊕; in plain coordinates it is d(δq)/dt. The
+    result is accurate to about 1e-8 of the energies involved.
 
     Raises:
-        InputRefused: where the perturbation has another shape than (nv,), or is not finite.
+        InputRefused: if the perturbation has another shape than (nv,), or is not finite.
     """
     data = model.createData()
 
@@ -57,21 +49,12 @@ def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Per
 
 
 def conserved_quantity(model: pin.Model, q: Array, v: Array, perturbation: Perturbation) -> float:
-    """The quantity pᵀδq(q) of equation (28), which is conserved without other forces if δL = 0.
+    """The quantity pᵀδq(q) of equation (28), N·s or N·m·s, which is conserved without other forces if δL = 0.
 
     In general d/dt(pᵀδq) = δL + δqᵀf, with f all generalized forces that are not part of the Lagrangian.
 
-    Args:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        perturbation: δq as a function of q.
-
-    Returns:
-        pᵀδq: N·s for a translation, N·m·s for a rotation.
-
     Raises:
-        InputRefused: where the perturbation has another shape than (nv,), or is not finite.
+        InputRefused: if the perturbation has another shape than (nv,), or is not finite.
     """
     return float(generalized_momentum(model, q, v) @ as_array("δq(q)", perturbation(q), (model.nv,)))
 
@@ -82,8 +65,8 @@ class SymmetryReport:
 
     Attributes:
         variation: largest |δL| over the given states, relative to the size of its terms (gravity and momentum) there.
-        conserved: pᵀδq at each of the states, (k,).
-        invariant: whether the variation is zero to the accuracy of the differences.
+        conserved: pᵀδq at each of the states, (k,) in N·s or N·m·s.
+        invariant: True if the variation is zero to the accuracy of the differences.
     """
 
     variation: float
@@ -92,25 +75,16 @@ class SymmetryReport:
 
 
 def check_symmetry(
-    model: pin.Model,
-    states: list[tuple[Array, Array]],
-    perturbation: Perturbation,
-    *,
-    tolerance: float = 1.0e-6,
+    model: pin.Model, states: list[tuple[Array, Array]], perturbation: Perturbation, *, tolerance: float = 1.0e-6
 ) -> SymmetryReport:
     """Check whether the Lagrangian is invariant to first order under a perturbation (equations (23) and (27)).
 
     Args:
-        model: the mechanism.
-        states: pairs of configuration (nq,) and generalized velocity (nv,) at which to check.
-        perturbation: δq as a function of q.
+        states: pairs of configuration (nq,) and generalized velocity (nv,), in m/s and rad/s, at which to check.
         tolerance: largest relative |δL| that counts as zero.
 
-    Returns:
-        The report, with the conserved quantity at each state, (k,) in N·s or N·m·s.
-
     Raises:
-        InputRefused: where the perturbation has another shape than (nv,), or is not finite.
+        InputRefused: if the perturbation has another shape than (nv,), or is not finite.
     """
     worst = 0.0
     for q, v in states:
@@ -131,18 +105,14 @@ def _require_free_flyer(model: pin.Model) -> None:
 
 
 def translation(model: pin.Model, direction: npt.ArrayLike) -> Perturbation:
-    """Translation of the whole robot: the symmetry of (23) that conserves linear momentum along the direction.
+    """Translation of the whole robot, m: the symmetry of (23) that conserves linear momentum along a direction.
 
     Args:
-        model: a robot with a floating base.
         direction: in the world, (3,).
 
-    Returns:
-        δq(q), (nv,): the base's velocity under the translation, in base axes.
-
     Raises:
-        ConfigurationError: where the base is not floating.
-        InputRefused: where the direction has another shape, or is not finite.
+        ConfigurationError: if the base is not floating.
+        InputRefused: if the direction has another shape, or is not finite.
     """
     _require_free_flyer(model)
     world = as_array("direction", direction, (3,))
@@ -156,19 +126,15 @@ def translation(model: pin.Model, direction: npt.ArrayLike) -> Perturbation:
 
 
 def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Perturbation:
-    """Rotation of the whole robot: the symmetry of (23) that conserves angular momentum about an axis in the world.
+    """Rotation of the whole robot, rad: the symmetry of (23) that conserves angular momentum about a world axis.
 
     Args:
-        model: a robot with a floating base.
         axis: in the world, (3,).
         point: on the axis, in the world, (3,) in m.
 
-    Returns:
-        δq(q), (nv,): the base's twist under the rotation, in base axes.
-
     Raises:
-        ConfigurationError: where the base is not floating.
-        InputRefused: where the axis or the point has another shape, or is not finite.
+        ConfigurationError: if the base is not floating.
+        InputRefused: if the axis or the point has another shape, or is not finite.
     """
     _require_free_flyer(model)
     turn, through = as_array("axis", axis, (3,)), as_array("point", point, (3,))
@@ -184,17 +150,13 @@ def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0,
 
 
 def joint_shift(model: pin.Model, joint: str) -> Perturbation:
-    """Shift of one joint: a symmetry of (23) if L does not depend on its position, as for an arm's vertical first axis.
+    """Shift of one joint, rad or m: a symmetry of (23) if L does not depend on its position (a vertical first axis).
 
     Args:
-        model: the mechanism.
-        joint: a joint with one degree of freedom.
-
-    Returns:
-        δq(q), (nv,): constant.
+        joint: a joint with one degree of freedom; δq, (nv,), is constant.
 
     Raises:
-        ConfigurationError: where the joint is unknown, or has more or less than one degree of freedom.
+        ConfigurationError: if the joint is unknown, or has more or less than one degree of freedom.
     """
     delta = np.zeros(model.nv)
     delta[single_joint(model, joint).idx_v] = 1.0

@@ -57,10 +57,7 @@ def shipped_configurations() -> dict[str, Path]:
 
 
 def load_settings(path: Path) -> Settings:
-    """Read and validate a configuration file.
-
-    Args:
-        path: a ROS 2 parameter file.
+    """Read and validate a ROS 2 parameter file.
 
     Raises:
         ConfigurationError: with one line per mistake: file, key, value, and the valid choices.
@@ -70,12 +67,7 @@ def load_settings(path: Path) -> Settings:
 
 
 def beside(path: Path, parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Let the relative paths among parameters start at the folder of their file, not at the working directory.
-
-    Args:
-        path: the file that the parameters are from.
-        parameters: the content of ``ros__parameters``, which is not changed.
-    """
+    """Let the relative paths among ``ros__parameters`` start at the folder of their file; returns a copy."""
     result = dict(parameters)
     for section, *keys in _PATHS:
         if section in result:
@@ -94,18 +86,13 @@ def _placed(value: Any, keys: Sequence[str], folder: Path) -> Any:
 
 
 def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:
-    """Read a YAML text as plain values: files, and changes that arrive while the controller runs.
+    """Read a YAML document as plain values: files, and changes that arrive while the controller runs.
 
-    What is too large, with aliases expanded, is refused before any value is made.
-
-    Args:
-        text: one YAML document.
-        source: its origin, for messages.
-        loader: a safe loader of PyYAML: ``yaml.SafeLoader`` or the faster ``yaml.CSafeLoader``.
+    What is too large, with aliases expanded, is refused before any value is made. `source` is its origin, for messages.
 
     Raises:
-        ConfigurationError: where the text is not valid YAML, has a duplicate key, an alias within what it stands for,
-            a value or a whole number that is too long, or too many values.
+        ConfigurationError: if the text is not valid YAML, has a duplicate key, an alias within what it stands for, a
+            value or a whole number that is too long, or too many values.
     """
     try:
         reader = loader(text)
@@ -135,11 +122,7 @@ def yaml_line(value: Any) -> str:
 
 
 def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
-    """Validate a nested dictionary of parameters.
-
-    Args:
-        parameters: the content of ``ros__parameters``.
-        source: its origin, for messages.
+    """Validate a nested dictionary of ``ros__parameters``; `source` is its origin, for messages.
 
     Raises:
         ConfigurationError: as in `load_settings`.

@@ -9,14 +9,12 @@ from wbc_controller.errors import ConfigurationError
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Turn dotted keys into nested dictionaries, as they stand in a configuration file.
+    """Turn dotted keys into nested dictionaries, as they stand in a configuration file; sequences become lists.
 
-    Args:
-        values: by dotted key, such as ``tasks.com.weight``; a value may be a dictionary with dotted keys itself. Arrays
-            and other sequences become lists.
+    A value may be a dictionary with dotted keys itself.
 
     Raises:
-        ConfigurationError: where one key has both a value and keys below it.
+        ConfigurationError: if one key has both a value and keys below it.
     """
     tree: dict[str, Any] = {}
     for name, value in values.items():

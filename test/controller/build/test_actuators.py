@@ -12,18 +12,12 @@ from peer import Peer
 from wbc_controller.controller.build.limits import make_torque_speed
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
-from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.validation.lockstep import Lockstep
-from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.nodes.clock import ManualClock
-from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.guard_service import NODE_NAME, GuardService
-from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
-from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.validation.lockstep import Lockstep
 
 #: Of the joints; the ankle has no motor, and is no part of the posture task.
 GOAL = np.array([-0.3, 0.5, -0.6, 0.4, 0.0, -0.2])

@@ -11,8 +11,8 @@ from wbc_controller.controller.build import collision_model
 from wbc_controller.controller.build.collision_model import build_collision_model
 from wbc_controller.controller.build.limits import make_self_collision
 from wbc_controller.controller.check.preflight import check
-from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import parse_settings
 
@@ -150,17 +150,6 @@ def test_nothing_is_kept_apart_unless_asked_for(robot_of):
     assert not settings.limits.self_collision.enabled
     with pytest.raises(ConfigurationError, match=r"limits.self_collision.marjin: unknown key; did you mean 'margin'"):
         parse_settings(settings.model_dump() | {"limits": {"self_collision": {"marjin": 0.1}}}, "file")
-
-
-def test_an_srdf_that_is_no_text_is_refused_in_words(robot_of, changed, tmp_path):
-    settings, model = robot_of("go2")
-    path = tmp_path / "go2.srdf"
-    path.write_bytes(b"<robot>\xff</robot>")
-    own = {"enabled": True, "srdf": str(path)}
-    with pytest.raises(
-        ConfigurationError, match=r"^limits\.self_collision\.srdf = '.*go2\.srdf': cannot be read: 'utf-8'"
-    ):
-        make_self_collision(changed(settings, {"limits": {"self_collision": own}}), model)
 
 
 AROUND = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)

@@ -5,102 +5,19 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given
-from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
-from scipy.optimize import linprog
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import PointContact, Rectangle, SurfaceContact, wrench_cone
 from wbc_controller.inverse_dynamics.contacts.support import friction_pyramid
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 
-ROBOTS = ("g1", "talos", "go2")
-FRAMES = {"g1": "left_ankle_roll_link", "talos": "right_sole_link", "go2": "RL_foot"}
-some_states = hypothesis_settings(deadline=None, max_examples=8, derandomize=True)
+FRAME = "left_ankle_roll_link"
 seeds = st.integers(0, 2**32 - 1)
 RADIUS = 0.03
 
 
 def placement_of(rng):
     return pin.SE3(pin.exp3(rng.normal(size=3)), 0.2 * rng.normal(size=3))
-
-
-def frame_placement(model, robot, q):
-    data = model.pinocchio.createData()
-    pin.framesForwardKinematics(model.pinocchio, data, q)
-    return data.oMf[model.pinocchio.getFrameId(FRAMES[robot])].copy()
-
-
-def central(model, q, direction, step, function):
-    ends = [function(pin.integrate(model.pinocchio, q, sign * direction)) for sign in (-step, step)]
-    return ends
-
-
-def drift_by_differences(contact, model, q, v):
-    """d/dt (J v) where v is constant in Pinocchio's own coordinates."""
-    dynamics, step, ends = Dynamics(model), 1.0e-5, []
-    for sign in (-step, step):
-        dynamics.update(pin.integrate(model.pinocchio, q, sign * v), v)
-        ends.append(contact.jacobian(dynamics) @ v)
-    return (ends[1] - ends[0]) / (2.0 * step)
-
-
-@pytest.mark.parametrize("robot", ROBOTS)
-@some_states
-@given(seed=seeds)
-def test_surface_jacobian_is_the_twist_of_the_contact_frame_in_its_own_axes(load, random_state, robot, seed):
-    model, _ = load(robot)
-    rng = np.random.default_rng(seed)
-    q, v = random_state(model, rng)
-    placement = placement_of(rng)
-    contact = SurfaceContact("foot", model, FRAMES[robot], placement, Rectangle(0.1, 0.05))
-    step, columns = 1.0e-6, []
-    for direction in np.eye(model.nv):
-        start, end = central(model, q, direction, step, lambda q: frame_placement(model, robot, q) * placement)
-        columns.append(pin.log6(start.actInv(end)).vector / (2.0 * step))
-    dynamics = Dynamics(model)
-    dynamics.update(q, v)
-    assert np.abs(contact.jacobian(dynamics) - np.array(columns).T).max() < 1.0e-7
-
-
-@pytest.mark.parametrize("robot", ROBOTS)
-@some_states
-@given(seed=seeds)
-def test_point_jacobian_is_the_velocity_of_the_lowest_point_of_a_rolling_ball(load, random_state, robot, seed):
-    model, _ = load(robot)
-    rng = np.random.default_rng(seed)
-    q, v = random_state(model, rng)
-    centre = 0.2 * rng.normal(size=3)
-    contact = PointContact("foot", model, FRAMES[robot], centre, RADIUS)
-    step, columns = 1.0e-6, []
-    for direction in np.eye(model.nv):
-        start, end = central(model, q, direction, step, lambda q: frame_placement(model, robot, q))
-        p_dot = (end.act(centre) - start.act(centre)) / (2.0 * step)
-        omega = pin.log3(end.rotation @ start.rotation.T) / (2.0 * step)
-        columns.append(p_dot + np.cross(omega, [0.0, 0.0, -RADIUS]))
-    dynamics = Dynamics(model)
-    dynamics.update(q, v)
-    assert np.abs(contact.jacobian(dynamics) - np.array(columns).T).max() < 1.0e-7
-
-
-@pytest.mark.parametrize("kind", ["surface", "point"])
-@pytest.mark.parametrize("robot", ROBOTS)
-@some_states
-@given(seed=seeds)
-def test_drift_is_the_rate_of_the_contact_velocity_at_constant_v(load, random_state, robot, kind, seed):
-    model, _ = load(robot)
-    rng = np.random.default_rng(seed)
-    q, v = random_state(model, rng)
-    placement = placement_of(rng)
-    contact = (
-        SurfaceContact("foot", model, FRAMES[robot], placement, Rectangle(0.1, 0.05))
-        if kind == "surface"
-        else PointContact("foot", model, FRAMES[robot], placement.translation, RADIUS)
-    )
-    expected = drift_by_differences(contact, model, q, v)
-    dynamics = Dynamics(model)
-    dynamics.update(q, v)
-    assert np.linalg.norm(contact.drift(dynamics) - expected) < 1.0e-6 * max(1.0, np.linalg.norm(expected))
 
 
 def test_points_of_support_stand_where_the_geometry_says(load, random_state):
@@ -110,17 +27,15 @@ def test_points_of_support_stand_where_the_geometry_says(load, random_state):
     placement = placement_of(rng)
     dynamics = Dynamics(model)
     dynamics.update(q, v)
-    contact = SurfaceContact("foot", model, FRAMES["g1"], placement, Rectangle(0.1, 0.05))
-    world = frame_placement(model, "g1", q) * placement
+    contact = SurfaceContact("foot", model, FRAME, placement, Rectangle(0.1, 0.05))
+    world = dynamics.placement(model.frame_id(FRAME, "test")) * placement
     expected = {tuple(np.round(world.act(np.array([x, y, 0.0])), 9)) for x in (0.1, -0.1) for y in (0.05, -0.05)}
     assert {tuple(np.round(point, 9)) for point in contact.points(dynamics)} == expected
-    ball = PointContact("foot", model, FRAMES["g1"], placement.translation, RADIUS)
+    ball = PointContact("foot", model, FRAME, placement.translation, RADIUS)
     np.testing.assert_allclose(ball.points(dynamics), [world.translation - [0.0, 0.0, RADIUS]], atol=1e-12)
 
 
 # The cones -----------------------------------------------------------------------------------------------------------
-
-patches = st.tuples(st.floats(0.1, 1.5), st.floats(0.02, 0.3), st.floats(0.02, 0.3))
 
 
 def corners(x, y):
@@ -130,50 +45,6 @@ def corners(x, y):
 def grasp(x, y):
     """Corner forces (12,) to wrench (6,)."""
     return np.hstack([np.vstack([np.eye(3), pin.skew(corner)]) for corner in corners(x, y)])
-
-
-def corner_forces(wrench, mu, x, y):
-    """Whether corner forces inside pyramids of half-width mu make up a wrench."""
-    pyramid = np.array([[1, 0, -mu], [-1, 0, -mu], [0, 1, -mu], [0, -1, -mu], [0, 0, -1]])
-    result = linprog(
-        np.zeros(12),
-        A_ub=np.kron(np.eye(4), pyramid),
-        b_ub=np.zeros(20),
-        A_eq=grasp(x, y),
-        b_eq=wrench,
-        bounds=(None, None),
-        method="highs",
-    )
-    assert result.status in (0, 2)
-    return result.status == 0
-
-
-@hypothesis_settings(deadline=None, max_examples=50, derandomize=True)
-@given(patch=patches, seed=seeds)
-def test_corner_forces_inside_their_pyramids_give_wrenches_inside_the_cone(patch, seed):
-    mu, x, y = patch
-    rng = np.random.default_rng(seed)
-    normal = 100.0 * rng.uniform(0.0, 1.0, 4) * rng.integers(0, 2, 4)
-    tangent = mu * normal[:, None] * rng.choice([-1.0, 1.0, 0.3], (4, 2))  # often on the edge
-    wrench = grasp(x, y) @ np.column_stack([tangent, normal]).reshape(-1)
-    assert (wrench_cone(mu, x, y) @ wrench).max() <= 1.0e-9
-
-
-@hypothesis_settings(deadline=None, max_examples=150, derandomize=True)
-@given(patch=patches, seed=seeds)
-def test_the_cone_holds_exactly_the_wrenches_that_corner_forces_can_make(patch, seed):
-    mu, x, y = patch
-    rng = np.random.default_rng(seed)
-    scale = np.array([mu, mu, 1.0, y, x, mu * (x + y)])
-    direction = rng.uniform(-1.0, 1.0, 6) * scale
-    direction[2] = 0.0
-    upright = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    C = wrench_cone(mu, x, y)
-    # Walk from the middle of the cone straight to its edge: just inside it can be made, just outside it cannot.
-    rate, room = C @ direction, -C @ upright
-    reach = np.min(room[rate > 0] / rate[rate > 0])
-    assert corner_forces(upright + (1.0 - 1.0e-4) * reach * direction, mu, x, y)
-    assert not corner_forces(upright + (1.0 + 1.0e-4) * reach * direction, mu, x, y)
 
 
 def test_the_cone_forbids_pulling():
@@ -199,14 +70,14 @@ def test_the_friction_pyramid_touches_the_friction_cone(friction):
 
 def test_a_surface_contact_holds_every_corner_within_coulomb_friction(load):
     model, _ = load("g1")
-    contact = SurfaceContact("foot", model, FRAMES["g1"], pin.SE3.Identity(), Rectangle(0.1, 0.05), friction=0.8)
+    contact = SurfaceContact("foot", model, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05), friction=0.8)
     np.testing.assert_allclose(contact.cone, wrench_cone(0.8 / math.sqrt(2.0), 0.1, 0.05))
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.1, 0.05), (0.06, 0.06), (0.092, 0.03)])
 def test_a_wrench_weighs_what_the_forces_at_the_corners_of_its_rectangle_weigh(load, x, y):
     model, _ = load("g1")
-    contact = SurfaceContact("foot", model, FRAMES["g1"], pin.SE3.Identity(), Rectangle(x, y))
+    contact = SurfaceContact("foot", model, FRAME, pin.SE3.Identity(), Rectangle(x, y))
     wrench = np.random.default_rng(7).normal(size=6)
     forces = np.linalg.lstsq(grasp(x, y), wrench, rcond=None)[0]  # those that make it up with the least squares
     np.testing.assert_allclose(grasp(x, y) @ forces, wrench, atol=1e-12)
@@ -219,7 +90,7 @@ def test_activation_scales_the_largest_normal_force(load, activation):
     contact = SurfaceContact(
         "foot",
         model,
-        FRAMES["g1"],
+        FRAME,
         pin.SE3.Identity(),
         Rectangle(0.1, 0.05),
         min_normal_force=20.0,
@@ -231,16 +102,3 @@ def test_activation_scales_the_largest_normal_force(load, activation):
     others = [0, 1, 3, 4, 5]
     assert (lower[others] == -np.inf).all()
     assert (upper[others] == np.inf).all()
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda model, frame: SurfaceContact("paw", model, frame, pin.SE3.Identity(), Rectangle(0.1, 0.1)),
-        lambda model, frame: PointContact("paw", model, frame, np.zeros(3), 0.02),
-    ],
-)
-def test_a_contact_at_an_unknown_frame_is_refused(load, make):
-    model, _ = load("go2")
-    with pytest.raises(ConfigurationError, match=r"contacts\.paw\.frame = 'FL_fot'.*did you mean 'FL_foot'"):
-        make(model, "FL_fot")

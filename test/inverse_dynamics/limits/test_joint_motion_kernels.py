@@ -67,13 +67,6 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, most, period, horizo
     np.testing.assert_allclose(found[1], expected[1], rtol=1e-12, atol=rounding)
 
 
-def test_what_is_not_finite_stays_so():
-    limit = JointMotionLimit((np.full(3, -1.0), np.full(3, 1.0)), np.full(3, 5.0), acceleration=100.0)
-    lower, upper = limit.bounds(np.array([0.0, np.nan, 0.0]), np.array([0.0, 0.0, np.inf]), 0.002)
-    np.testing.assert_array_equal(np.isnan(lower), [False, True, True])
-    np.testing.assert_array_equal(np.isnan(upper), [False, True, True])
-
-
 @settings(deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -231,12 +231,6 @@ def test_the_limits_do_not_stop_a_joint_before_it_has_to_stop():
     assert cycles * PERIOD < shortest + 0.03
 
 
-def test_a_joint_starts_gently_from_beyond_its_limit():
-    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.full(1, 10.0), acceleration=500.0)
-    _, upper = limit.bounds(np.array([1.02]), np.zeros(1), PERIOD)
-    assert upper[0] == pytest.approx(-8.0)
-
-
 def test_a_longer_horizon_is_softer_against_noise():
     q, v, noise = np.array([0.999]), np.zeros(1), 1.0e-4
     change = {}
@@ -279,27 +273,6 @@ def test_where_the_intervals_do_not_meet_position_goes_first():
     lower, upper = both.bounds(q, v, PERIOD)
     assert lower == upper
     assert upper < velocity.bounds(q, v, PERIOD)[0]
-
-
-def test_where_the_intervals_meet_both_hold():
-    rng = np.random.default_rng(0)
-    position = JointMotionLimit((-np.ones(50), np.ones(50)), None, acceleration=500.0)
-    velocity = JointMotionLimit(None, np.full(50, 2.0), acceleration=500.0)
-    both = JointMotionLimit((-np.ones(50), np.ones(50)), np.full(50, 2.0), acceleration=500.0)
-    q, v = rng.uniform(-0.9, 0.9, 50), rng.uniform(-2.5, 2.5, 50)
-    bounds = [limit.bounds(q, v, 0.05) for limit in (position, velocity)]
-    lower, upper = np.max([b[0] for b in bounds], axis=0), np.min([b[1] for b in bounds], axis=0)
-    meet = lower <= upper
-    assert meet.sum() > 10
-    np.testing.assert_array_equal(both.bounds(q, v, 0.05)[0][meet], lower[meet])
-    np.testing.assert_array_equal(both.bounds(q, v, 0.05)[1][meet], upper[meet])
-
-
-def test_no_limit_asks_for_more_than_the_largest_acceleration():
-    limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), acceleration=30.0)
-    for q, v in ((5.0, 0.0), (-5.0, 0.0), (0.0, 7.0), (0.0, -7.0), (1.0, 0.05), (-0.9, 9.0), (-9.0, 9.0)):
-        lower, upper = limit.bounds(np.array([q]), np.array([v]), PERIOD)
-        assert -30.0 <= lower[0] <= upper[0] <= 30.0
 
 
 def test_but_for_what_would_run_into_its_stop():

@@ -410,19 +410,45 @@ def test_the_hands_are_where_they_are_wanted_when_the_way_is_free(bench, robot):
     assert min(blocked["left_hand"], blocked["right_hand"]) > 0.05
 
 
-def test_fewer_rows_than_pairs_go_to_those_that_ask_for_most(limits):
-    model, limit = limits["g1"]
-    few = SelfCollisionLimit(model, limit._geometry, margin=MARGIN, acceleration=20.0, horizon=0.02, max_pairs=3)
-    dynamics = Dynamics(model)
-    dynamics.update(*random_motion(model, np.random.default_rng(7)))
-    filled = {}
-    for each, k in ((limit, 400), (few, 3)):
-        rows, lower, upper = np.empty((k, model.nv)), np.empty(k), np.empty(k)
-        each.fill(dynamics, 0.002, rows, lower, upper)
-        filled[k] = dict(zip(each.names, lower, strict=True))
-    filled[400].pop("self_collision:unused")
-    assert filled[3] == dict(sorted(filled[400].items(), key=lambda item: -item[1])[:3])
-    assert len(filled[400]) > 3
+@pytest.mark.parametrize("rows", [0, 1, 3, 200])
+@pytest.mark.parametrize("spoilt", [False, True])
+def test_pairs_with_the_largest_required_acceleration_have_a_row(limits, rows, spoilt):
+    """In the order of the pairs; what is not a number comes last."""
+    model, all_pairs = limits["g1"]
+    limit, dynamics, rng, period = another(model, all_pairs), Dynamics(model), np.random.default_rng(2), 0.002
+    dynamics.update(model.configuration(model.posture), 2.0 * rng.normal(size=model.nv))
+    find = limit._find
+
+    def found(*args):
+        near = find(*args)
+        if spoilt:
+            limit._distances[near[0]] = np.nan
+        return near
+
+    limit._find = found
+    block, lower, upper = rng.normal(size=(rows, model.nv + 3)), rng.normal(size=rows), rng.normal(size=rows)
+    C, rest = block[:, : model.nv], block[:, model.nv :].copy()
+    limit.fill(dynamics, period, C, lower, upper)
+    names, near = limit.names, limit._near[: limit.computed]
+    near = near[~(limit._distances[near] > limit._reach[: len(near)])]
+    J, rate, drift = limit._rows(dynamics, near)
+    ahead = max(period, limit.horizon)
+    bound = limit.bound(limit._distances[near], rate, ahead)
+    needed = ~(bound < -_FASTER / ahead)
+    asks = dict(zip(near[needed].tolist(), (bound - drift)[needed].tolist(), strict=True))
+    ranked = sorted(asks, key=lambda pair: (np.isnan(asks[pair]), -asks[pair]))[:rows]
+    expected = sorted(ranked)
+    assert [limit._pair_names[pair] for pair in expected] == list(names[: len(expected)])
+    assert set(names[len(expected) :]) <= {"self_collision:unused"}
+    np.testing.assert_array_equal(lower[: len(expected)], [asks[pair] for pair in expected])
+    np.testing.assert_array_equal(C[: len(expected)], J[np.isin(near, expected)])
+    assert (lower[len(expected) :] == -np.inf).all()
+    assert not C[len(expected) :].any()
+    assert (upper == np.inf).all()
+    np.testing.assert_array_equal(block[:, model.nv :], rest)
+    if not spoilt:
+        limit.fill(dynamics, period, C, lower, upper)
+        assert limit.names is names  # the same pairs, the same names
 
 
 @pytest.mark.parametrize("where", ["position", "velocity"])
@@ -437,28 +463,6 @@ def test_a_state_that_is_not_finite_is_refused_and_leaves_nothing_behind(bench, 
     again = g1.controller.solve(g1.state(), g1.references())
     assert g1.controller.formulation.row_limits[0].names == names
     np.testing.assert_allclose(again.tau, good.tau, atol=1e-6)
-
-
-def test_a_start_inside_of_each_other_is_recovered_from(bench):
-    """Hands that start nearer than the margin part without being thrown apart."""
-    g1 = bench("g1", limits=settings("g1", pairs=["left_wrist_yaw_link/torso_link"]))
-    limit = g1.controller.formulation.row_limits[0]
-    limit.margin = 0.25  # more than there is
-    dynamics, q, v = Dynamics(g1.model), np.array(g1.stance), np.zeros(g1.model.nv)
-    found, references = [], g1.references()
-    for _ in range(250):
-        dynamics.update(q, v)
-        (distance,) = limit.distances(dynamics).values()
-        solution = g1.controller.solve(g1.state(q, v), references)
-        assert not solution.relaxed
-        found.append((distance, np.abs(solution.v_dot).max()))
-        q = pin.integrate(g1.model.pinocchio, q, 0.002 * v + 0.5 * 0.002**2 * solution.v_dot)
-        v = v + 0.002 * solution.v_dot
-    distance, hardest = np.array(found).T
-    assert distance[0] < 0.24
-    assert distance[-1] > min(0.25 - 1e-3, distance[0] + 0.03)
-    assert np.max(np.diff(distance)) < 1.2 * RETURN_SPEED * 0.002
-    assert hardest.max() < 100.0
 
 
 def test_pairs_are_all_that_can_move_relative_to_each_other(balls):

@@ -124,18 +124,20 @@ def test_a_trajectory_joins_the_present_reference_without_a_jump(board, dynamics
     np.testing.assert_allclose(board.sample(now + 2.0).tasks["com"].position, 2.0)
 
 
-def test_a_trajectory_may_start_later(board, dynamics):
+@pytest.mark.parametrize(
+    ("times", "start", "at", "reached"),
+    [
+        ((0.5, 1.0), START + 5.0, START + 5.5, 0.5),  # it starts later
+        ((0.0, 1.0, 2.0), START - 1.5, START + 0.5, 2.0),  # under way, it is joined at its next point
+        ((0.0, 1.0), None, START + 1.0, 1.0),  # its first point, at once, is not jumped to
+        ((0.0,), None, START + DURATION, 0.0),
+    ],
+)
+def test_a_trajectory_of_any_start_is_joined_without_a_jump(board, dynamics, times, start, at, reached):
     before = board.sample(START).tasks["com"]
-    board.apply([trajectory("com", 0.5, 1.0, start=START + 5.0)], dynamics, START)
+    board.apply([trajectory("com", *times, start=start)], dynamics, START)
     assert_no_jump(board, "com", START, before)
-    np.testing.assert_allclose(board.sample(START + 5.5).tasks["com"].position, 0.5)
-
-
-def test_a_trajectory_under_way_is_joined_at_its_next_point(board, dynamics):
-    before = board.sample(START).tasks["com"]
-    board.apply([trajectory("com", 0.0, 1.0, 2.0, start=START - 1.5)], dynamics, START)
-    assert_no_jump(board, "com", START, before)
-    np.testing.assert_allclose(board.sample(START + 0.5).tasks["com"].position, 2.0)
+    np.testing.assert_allclose(board.sample(at).tasks["com"].position, reached, atol=1e-12)
 
 
 def test_a_trajectory_that_is_followed_already_goes_on_when_it_is_sent_again(board, dynamics):
@@ -147,14 +149,6 @@ def test_a_trajectory_that_is_followed_already_goes_on_when_it_is_sent_again(boa
     for time, reference in zip(times, expected, strict=True):
         np.testing.assert_allclose(board.sample(time).tasks["com"].position, reference.position, atol=1e-9)
         np.testing.assert_allclose(board.sample(time).tasks["com"].velocity, reference.velocity, atol=1e-8)
-
-
-def test_a_first_point_at_time_zero_is_not_jumped_to(board, dynamics):
-    before = board.sample(START).tasks["com"]
-    board.apply([trajectory("com", 0.0, 1.0)], dynamics, START)
-    assert_no_jump(board, "com", START, before)
-    board.apply([trajectory("com", 0.0)], dynamics, START)
-    assert_no_jump(board, "com", START, before)
 
 
 def test_a_trajectory_in_the_past_is_refused_and_nothing_else_is_applied(board, dynamics):

@@ -38,10 +38,7 @@ def test_a_mass_that_is_no_finite_number_is_refused(mass):
     ("urdf", "said"),
     [
         (two("-1"), "link 'arm': its mass is -1 kg; it must not be negative"),
-        (
-            two(inertia=INERTIA.replace('ixx="0.1"', 'ixx="nan"')),
-            "link 'arm': <inertia ixx='nan'> is not a number",
-        ),
+        (two(inertia=INERTIA.replace('ixx="0.1"', 'ixx="nan"')), "link 'arm': <inertia ixx='nan'> is not a number"),
         (
             two(inertia=INERTIA.replace('ixx="0.1"', 'ixx="-1"')),
             "link 'arm': its smallest principal moment of inertia is -1 kg·m²; none may be negative",

@@ -35,15 +35,6 @@ def test_a_contact_carries_what_it_is_asked_to(bench, robot, contact, share):
     assert sum(force[2] for force in asked.forces.values()) == pytest.approx(weight, rel=0.02)
 
 
-def test_a_setpoint_takes_the_place_of_the_target(bench):
-    made = with_task(bench, type="contact_wrench", contact="left_foot", mask=VERTICAL, weight=1.0)
-    references = made.references()
-    assert (references.tasks["effort"].position == 0.0).all()
-    wanted = replace(references.tasks["effort"], position=np.array([0, 0, 120.0, 0, 0, 0]))
-    solution = solve(made, replace(references, tasks={**references.tasks, "effort": wanted}))
-    assert solution.forces["left_foot"][2] == pytest.approx(120.0, rel=0.02)
-
-
 def test_the_wrench_of_a_broken_contact_asks_for_nothing(bench):
     made = with_task(
         bench,

@@ -9,8 +9,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
 
@@ -21,19 +21,13 @@ _MESHES = coal.CachedMeshLoader()
 def read_collision_elements(
     model: RobotModel, urdf: str, key: str, folder: Path | None = None
 ) -> dict[int, list[pin.GeometryObject]]:
-    """Read the collision elements of a URDF with their meshes.
-
-    Args:
-        model: the robot's model.
-        urdf: the URDF's text.
-        key: the configuration key that asks for them, for the error.
-        folder: folder of meshes that are named by a relative path.
+    """Read the collision elements of a URDF with their meshes, those of relative paths from a folder.
 
     Returns:
         By the number of the link's frame in the model: its elements, placed in the frame of the joint that moves them.
 
     Raises:
-        ConfigurationError: if a mesh cannot be found or read.
+        ConfigurationError: if a mesh cannot be found or read; the message begins with the key that asks for it.
     """
     packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
     folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
@@ -48,11 +42,7 @@ def read_collision_elements(
 
 
 def enclosing_points(element: pin.GeometryObject) -> Array:
-    """Points whose convex hull encloses an element: a mesh's vertices, or the corners of a box around it.
-
-    Returns:
-        (n, 3) in m, in the frame of the joint that moves the element.
-    """
+    """Points, (n, 3) in m in its joint's frame, whose hull encloses an element: mesh vertices, or corners of a box."""
     geometry = element.geometry
     if isinstance(geometry, coal.BVHModelBase):
         points = np.array(geometry.vertices())

@@ -14,9 +14,9 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.controller.build.collision_elements import enclosing_points, read_collision_elements
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import parse_xml
-from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array
 
 #: Smallest side of a box that takes the place of a hull, and thickness below which points have none, m.
@@ -69,7 +69,6 @@ def build_collision_model(
     SRDF disables, and pairs nearer than the margin in the nominal posture. Links of no such pair need no shape.
 
     Args:
-        model: the robot's model.
         margin: smallest distance, m.
         srdf: the SRDF's text.
         pairs: the pairs to keep apart, each ``<link>/<link>``; empty for the default above.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from wbc_controller import settings as schema
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import (
     AnchoredContact,
     Contact,
@@ -19,7 +20,6 @@ from wbc_controller.inverse_dynamics.contacts import (
 )
 from wbc_controller.inverse_dynamics.references.board import ContactPlan
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.errors import ConfigurationError
 
 
 def _surface(name: str, contact: schema.SurfaceContact, model: RobotModel, **pushing: float) -> Contact:

@@ -6,20 +6,26 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from wbc_controller.inverse_dynamics.contacts import Contact, FixedContact, PointContact, SurfaceContact, UnilateralContact
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.estimation.absolute_pose import PoseSensor
 from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
-from wbc_controller.estimation.model_error import ModelErrorCompensation
+from wbc_controller.estimation.contact_detection import ContactSensing, DetectionLimits
 from wbc_controller.estimation.contact_forces import ContactForces
 from wbc_controller.estimation.disturbance_observer import DisturbanceLimits, DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
-from wbc_controller.estimation.contact_detection import ContactSensing, DetectionLimits
 from wbc_controller.estimation.invariant_filter import ImuNoise
 from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
 from wbc_controller.estimation.leg_kinematics import LegKinematics
+from wbc_controller.estimation.model_error import ModelErrorCompensation
+from wbc_controller.inverse_dynamics.contacts import (
+    Contact,
+    FixedContact,
+    PointContact,
+    SurfaceContact,
+    UnilateralContact,
+)
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 
@@ -48,15 +54,8 @@ def disturbance_limits(settings: Settings) -> DisturbanceLimits:
     return DisturbanceLimits(known.disturbance_time, known.disturbance_share, asked)
 
 
-def make_model_error(
-    settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]
-) -> ModelErrorCompensation:
+def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ModelErrorCompensation:
     """Make the compensation of known friction and of the observed disturbance.
-
-    Args:
-        settings: the robot's settings.
-        model: its model.
-        contacts: its contacts, by name.
 
     Raises:
         ConfigurationError: if a joint with friction is unknown.
@@ -102,11 +101,6 @@ def estimates_base(settings: Settings, model: RobotModel) -> bool:
 
 def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator:
     """Make the estimator of a floating base.
-
-    Args:
-        settings: the robot's settings.
-        model: its model.
-        contacts: its contacts, by name.
 
     Raises:
         ConfigurationError: if the base is fixed, the IMU has no frame, or no contact has fixed points.
@@ -156,13 +150,8 @@ def contact_normals(
 ) -> dict[str, dict[str, Array]]:
     """Return the normal of each contact in the axes of each frame in which its force may be measured, (3,) each.
 
-    These frames are the contact's own (named after it, or unnamed); for soles and held links all frames of the link; for
-    balls and wheels, which rotate against the ground, the world.
-
-    Args:
-        settings: the robot's settings.
-        model: its model.
-        contacts: its contacts, by name.
+    These frames are the contact's own (named after it, or unnamed); for soles and held links all frames of the link;
+    for balls and wheels, which rotate against the ground, the world.
     """
     dynamics, frames = Dynamics(model), model.pinocchio.frames
     normals: dict[str, dict[str, Array]] = {}

@@ -55,11 +55,7 @@ class Footprint:
         return np.asarray(np.ptp(self.polygon, axis=0))
 
     def outside(self, points: Array) -> Array:
-        """Distance of points from the polygon, (k,) in m; 0 for those within it.
-
-        Args:
-            points: (k, 2) in m, in the plane's frame.
-        """
+        """Distance of points, (k, 2) in m in the plane's frame, from the polygon, (k,) in m; 0 for those within it."""
         ends = np.roll(self.polygon, -1, axis=0)
         edges = ends - self.polygon  # (n, 2)
         lengths = np.maximum((edges**2).sum(axis=1), 1.0e-18)
@@ -84,7 +80,6 @@ def footprint(
     shapes count as their convex hull, as a plane meets nothing else.
 
     Args:
-        model: the robot's model.
         elements: the collision elements by the number of the link's frame, of `read_collision_elements`.
         joint: number of the joint in the Pinocchio model; 1 is that of a floating base, 0 the world.
         plane: placement in the joint's frame of the plane's own frame: x and y span the plane, and z is its normal,
@@ -114,15 +109,10 @@ def footprint(
 
 
 def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
-    """Points on the surface of an element, whose convex hull is that of the element.
+    """Points on the surface of an element, (n, 3) in m in its joint's frame, whose convex hull is that of the element.
 
-    Args:
-        element: a collision element.
-        axes: in which the poles of spheres are along the last axis, (3, 3) as columns in the frame of the joint, so
-            that the lowest point along it is exact; by default the joint's own.
-
-    Returns:
-        (n, 3) in m, in the frame of the joint that moves the element.
+    The poles of spheres are along the last of the axes, (3, 3) as columns in that frame, by default its own, so that
+    the lowest point along it is exact.
     """
     geometry, placement = element.geometry, element.placement
     if isinstance(geometry, coal.Sphere | coal.Capsule):
@@ -192,12 +182,7 @@ def _convex(points: Array) -> Array:
 
 
 def _tilt(points: Array, height: float) -> float | None:
-    """Angle between z and the largest flat face of the underside, rad; None where there is none.
-
-    Args:
-        points: of the body, (n, 3) in m.
-        height: of the lowest of them, m.
-    """
+    """Angle between z and the largest flat face of the underside of a body at some height, rad; None without one."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # a flat body

@@ -5,10 +5,10 @@ from __future__ import annotations
 import logging
 
 from wbc_controller.controller.build.collision_model import build_collision_model
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.limits import SelfCollisionLimit, TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF
-from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.resources import locate, read_text

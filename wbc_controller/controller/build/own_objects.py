@@ -7,18 +7,25 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from wbc_controller.errors import ConfigurationError, MethodError
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.contacts.contact import anchor_of, points_of
 from wbc_controller.inverse_dynamics.contacts.contact import evaluate as evaluate_contact
-from wbc_controller.inverse_dynamics.limits import RowLimit
-from wbc_controller.inverse_dynamics.method_calls import array_from, bounds_of, call, checked, require_bounds, require_finite
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
+from wbc_controller.inverse_dynamics.limits import RowLimit
+from wbc_controller.inverse_dynamics.method_calls import (
+    array_from,
+    bounds_of,
+    call,
+    checked,
+    require_bounds,
+    require_finite,
+)
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask, EffortTask, Task
 from wbc_controller.inverse_dynamics.tasks.task import equation_of, rest_of
 from wbc_controller.inverse_dynamics.tasks.task import evaluate as evaluate_task
-from wbc_controller.errors import ConfigurationError, MethodError
 
 _Made = TypeVar("_Made", Task, Contact, RowLimit)
 
@@ -26,17 +33,10 @@ _Made = TypeVar("_Made", Task, Contact, RowLimit)
 def make_own(
     makers: Iterable[Callable[[RobotModel], _Made]], model: RobotModel, kind: Any, key: str, taken: Sequence[str]
 ) -> list[_Made]:
-    """Make the user's own objects, and check that each has the right class and a unique name.
-
-    Args:
-        makers: classes or functions that take the model and return an object.
-        model: the robot's model.
-        kind: class of the objects.
-        key: ``tasks``, ``contacts`` or ``limits``, for error messages.
-        taken: names that are already used.
+    """Make the user's own objects, and check that each has the right class and a name that is not taken.
 
     Raises:
-        ConfigurationError: if an object has another class, or its name is already used.
+        ConfigurationError: if an object has another class, or its name is already used; begins with the key.
     """
     made: list[_Made] = []
     for make in makers:
@@ -57,12 +57,6 @@ def check_attributes(
     model: RobotModel, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
 ) -> None:
     """Check the attributes from which the quadratic program is laid out.
-
-    Args:
-        model: the robot's model.
-        tasks: the user's own tasks.
-        contacts: the user's own contacts.
-        limits: the user's own limits.
 
     Raises:
         ConfigurationError: with the class, the attribute, its value and the expected one.
@@ -151,12 +145,6 @@ def evaluate_methods(
     formulation: Formulation, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
 ) -> None:
     """Evaluate each method once, at rest in the nominal posture, and check what it returns.
-
-    Args:
-        formulation: the program that the objects are part of.
-        tasks: the user's own tasks.
-        contacts: the user's own contacts.
-        limits: the user's own limits.
 
     Raises:
         MethodError: if a method raises an exception, or returns an array of another shape or type, NaN or infinity.

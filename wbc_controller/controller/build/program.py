@@ -11,8 +11,8 @@ from wbc_controller.controller.build.own_objects import check_attributes, evalua
 from wbc_controller.controller.build.references import make_tuning
 from wbc_controller.controller.build.tasks import make_task
 from wbc_controller.inverse_dynamics.contacts import Contact
-from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
+from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.solvers.factory import require_solver
 from wbc_controller.inverse_dynamics.tasks import Task
@@ -29,16 +29,9 @@ def make_qp(
     contacts: Iterable[Callable[[RobotModel], Contact]] = (),
     limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
 ) -> WholeBodyQP:
-    """Build the quadratic program of a robot.
+    """Build the quadratic program of a robot, with a user's own tasks, contacts and limits after those of the settings.
 
-    Args:
-        settings: the robot's settings.
-        model: the robot's model.
-        timer: returns seconds, for the stage times.
-        tasks: the user's own tasks, added to those of the settings: classes or functions that take the model and return
-            a task.
-        contacts: the user's own contacts, given in the same way.
-        limits: the user's own limits, given in the same way.
+    Each of these is a class or function that takes the model. The timer returns seconds, for the stage times.
 
     Raises:
         ConfigurationError: if settings and model do not fit together, or a name is already used.

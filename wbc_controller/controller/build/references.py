@@ -35,11 +35,8 @@ def make_board(settings: Settings, qp: WholeBodyQP) -> ReferenceBoard:
 def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
     """Collect initial values and ramp times of references, weights, contacts, gains and limits.
 
-    The values come from the settings, and for a user's own tasks and contacts from the objects themselves.
-
-    Args:
-        settings: the robot's settings, which may have changed since the program was built.
-        qp: the robot's quadratic program.
+    The values come from the settings, which may have changed since the program was built, and for a user's own tasks
+    and contacts from the objects themselves.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.

@@ -10,11 +10,7 @@ from wbc_controller.settings import Settings
 
 
 def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
-    """Build the robot's model.
-
-    Args:
-        settings: the robot's settings.
-        urdf: the URDF's text; None to read the file named in the settings.
+    """Build the robot's model from a URDF's text; None to read the file named in the settings.
 
     Raises:
         ConfigurationError: if the URDF and the settings do not fit together.

@@ -9,10 +9,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.transmission import Drive, Transmission, make_drive
 from wbc_controller.inverse_dynamics.robot.urdf import LARGEST_URDF, JointLimits, read_robot
 from wbc_controller.inverse_dynamics.robot.urdf import inertia_tensor as inertia_tensor
-from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
 from wbc_controller.settings import RobotSettings
 from wbc_controller.settings.resources import locate, read_text
@@ -21,10 +21,7 @@ _log = logging.getLogger(__name__)
 
 
 def read_urdf(urdf: str) -> str:
-    """Read the URDF that a configuration names.
-
-    Args:
-        urdf: value of ``robot.urdf``.
+    """Read the URDF that ``robot.urdf`` names.
 
     Raises:
         ConfigurationError: if no file is named, or it cannot be read.
@@ -69,10 +66,6 @@ def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
 
 def describe(urdf: str, robot: RobotSettings) -> Description:
     """Read a robot's actuators from a URDF's text.
-
-    Args:
-        urdf: text of the URDF.
-        robot: the settings of the robot.
 
     Raises:
         ConfigurationError: if the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.

@@ -1,4 +1,4 @@
-"""Builds the safety supervisor from the settings."""
+"""Collects the times and limits of the safety supervisor from the settings."""
 
 from __future__ import annotations
 
@@ -6,13 +6,8 @@ from wbc_controller.controller.build.estimation import torque_filter, velocity_d
 from wbc_controller.controller.build.limits import make_torque_speed
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.safety.plausibility import FallLimits, PlausibilityLimits
-from wbc_controller.safety.supervisor import Supervisor, SupervisorLimits
+from wbc_controller.safety.supervisor import SupervisorLimits
 from wbc_controller.settings import Settings
-
-
-def make_supervisor(settings: Settings, model: RobotModel) -> Supervisor:
-    """Build the safety supervisor."""
-    return Supervisor(model, make_supervisor_limits(settings, model))
 
 
 def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorLimits:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from wbc_controller import settings as schema
+from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import (
@@ -25,17 +26,10 @@ from wbc_controller.inverse_dynamics.tasks import (
     Task,
     TorqueTask,
 )
-from wbc_controller.errors import ConfigurationError, valid_choices
 
 
 def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Mapping[str, Contact]) -> Task:
     """Build one task.
-
-    Args:
-        name: the task's name.
-        task: its settings.
-        model: the robot's model.
-        contacts: the robot's contacts, by name.
 
     Raises:
         ConfigurationError: if a frame, joint or contact is unknown, or the tolerance has a wrong size.
@@ -72,13 +66,7 @@ def _make(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Map
         return CapturePointTask(name, model.gravity, task.mask, support_height=task.support_height, gain=task.gain)
     if isinstance(task, schema.RelativePoseTask):
         return RelativePoseTask(
-            name,
-            model,
-            task.frame,
-            task.reference_frame,
-            task.mask,
-            stiffness=task.stiffness,
-            damping=task.damping,
+            name, model, task.frame, task.reference_frame, task.mask, stiffness=task.stiffness, damping=task.damping
         )
     if isinstance(task, schema.AxisAlignmentTask | schema.GazeTask):
         alignment = GazeTask if isinstance(task, schema.GazeTask) else AxisAlignmentTask

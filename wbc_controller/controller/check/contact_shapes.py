@@ -46,10 +46,7 @@ _UPSIDE_DOWN = -0.5
 def upside_down(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[str]:
     """Names of the active flat contacts with the world whose normals point down, in the configuration of the dynamics.
 
-    Args:
-        qp: the quadratic program of the robot.
-        active: names of the active contacts.
-        normal: unit normal of the floor, in the world, (3,).
+    The normal is that of the floor, a unit vector in the world, (3,).
     """
     surfaces = {name: contact for name in active if isinstance(contact := qp.contacts[name], SurfaceContact)}
     return [
@@ -68,15 +65,10 @@ def upside_down_sentence(name: str) -> str:
 
 
 def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> list[Finding]:
-    """Compare the contacts with the world with the collision shapes of their bodies.
+    """Compare the contacts with the world with the collision shapes of their bodies, in the nominal posture.
 
-    Soles are compared wherever they are; balls and wheels where they are enabled, as what of them touches follows from
-    the posture.
-
-    Args:
-        settings: the robot's settings.
-        qp: its quadratic program, with the dynamics in the nominal posture.
-        normal: unit normal of the floor, in the world, (3,).
+    Soles are always compared; balls and wheels only if enabled, as their lowest point follows from the posture. The
+    normal is that of the floor, a unit vector in the world, (3,).
 
     Raises:
         ConfigurationError: if a contact is not where the shapes are, or larger than they are.
@@ -110,15 +102,9 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
 
 
 def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
-    """Where the URDF's shapes touch the plane of each contact with the world, in the configuration of the dynamics.
+    """Corners, (n, 3) in m, at which the URDF's shapes touch the plane of each contact with the world, by contact.
 
-    Args:
-        settings: the robot's settings.
-        qp: its quadratic program.
-
-    Returns:
-        Corners of the convex underside in the world, (n, 3) in m, by contact; without contacts whose body has no
-        shapes, or shapes that cannot be read.
+    They are in the world, in the configuration of the dynamics; contacts without readable shapes are left out.
     """
     model, path, found = qp.model, settings.robot.urdf, {}
     try:

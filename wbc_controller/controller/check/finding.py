@@ -7,12 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The result of one check.
-
-    Attributes:
-        subject: subject of the check.
-        text: result of the check.
-    """
+    """The subject of a check, and its result in words."""
 
     subject: str
     text: str

@@ -135,10 +135,7 @@ def require_friction(settings: Settings) -> None:
 def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Finding]:
     """Report limits that no robot of this weight and size has, those of the configuration, and joints without any.
 
-    Args:
-        settings: the robot's settings.
-        model: its model.
-        placements: positions of the links and joints in the posture, (n, 3) in m.
+    The placements are the positions of the links and joints in the posture, (n, 3) in m.
     """
     size = float(np.linalg.norm(np.ptp(placements, axis=0)))
     reach = model.mass * model.gravity * size

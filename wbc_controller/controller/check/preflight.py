@@ -59,11 +59,7 @@ def stance(
 ) -> Array:
     """Return the configuration with the nominal posture, base upright and lowest contact on the floor, (nq,).
 
-    Args:
-        model: the robot's model.
-        qp: the quadratic program of the robot.
-        active: names of the active contacts.
-        floor_normal: normal of the floor through the world's origin, in the world, (3,).
+    The floor goes through the world's origin; its normal is in the world, (3,).
     """
     q = model.configuration(model.posture)
     qp.dynamics.update(q, np.zeros(model.nv))
@@ -89,14 +85,8 @@ def _on_the_floor(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict
 def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
     """Build all objects of a configuration, and check whether it agrees with the URDF and the robot can stand.
 
-    Unlike `check_qp` this reads the meshes of the URDF, which takes up to seconds.
-
-    Args:
-        config: the configuration, or an argument of `load`.
-        urdf: the URDF's text, if ``robot.urdf`` names no file.
-
-    Returns:
-        The findings.
+    Unlike `check_qp` this reads the meshes of the URDF, which takes up to seconds. `urdf` is the URDF's text, if
+    ``robot.urdf`` names no file.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled, cannot stand still in its nominal posture, or its
@@ -128,11 +118,6 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
 
 def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list[Finding]:
     """Check whether a robot, given its quadratic program, can stand as configured; resets the board's references.
-
-    Args:
-        settings: the robot's settings.
-        qp: the quadratic program of the robot.
-        board: the board of references.
 
     Raises:
         ConfigurationError: as in `check`.
@@ -176,8 +161,7 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
     base = dynamics.placement(qp.model.frame_id(link, "base")).translation
     findings = [
         Finding(
-            "posture",
-            f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m",
+            "posture", f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m"
         )
     ]
     standing = _on_the_floor(qp, active, normal)
@@ -261,12 +245,7 @@ def _length(distance: float) -> str:
 
 
 def support_margin(points: Array, position: Array) -> float:
-    """Distance from a point to the edge of the convex hull of some points, negative outside.
-
-    Args:
-        points: (n, 2) in m.
-        position: (2,) in m.
-    """
+    """Distance from a position, (2,), to the edge of the convex hull of points, (n, 2), in m; negative outside."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # points on a line have no interior

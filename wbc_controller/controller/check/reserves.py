@@ -36,16 +36,11 @@ class _Balance:
 
 
 def reserves(qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int]) -> list[Finding]:
-    """Find the reserves of a robot with a floating base that stands in a configuration.
+    """Find the reserves of a robot with a floating base that stands in a configuration q, where its dynamics are left.
 
     A push is a steady horizontal force on the base, in line with the centre of mass. Swaying moves the weight
-    sideways, at the posture's own torque arms. Friction, supports, largest forces and effort limits hold.
-
-    Args:
-        qp: the quadratic program of the robot; its dynamics are left at the configuration.
-        active: names of the active contacts.
-        q: the configuration, (nq,).
-        hanging: indices of joints without a motor that nothing supports.
+    sideways, at the posture's own torque arms. Friction, supports, largest forces and effort limits hold. `hanging` are
+    indices of joints without a motor that nothing supports.
     """
     model, dynamics = qp.model, qp.dynamics
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]

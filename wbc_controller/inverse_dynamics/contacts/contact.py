@@ -90,9 +90,7 @@ class Contact(Tunable, ABC):
     def bounds(self, activation: float) -> tuple[Array, Array]:
         """Lower and upper bounds of f, both (k,); not to be modified.
 
-        Args:
-            activation: contact activation, from 0 (about to be deactivated) to 1 (fully active); it scales the largest
-                forces.
+        The activation scales the largest forces, from 0 (about to be deactivated) to 1 (fully active).
         """
 
     def instruction(self) -> Instruction | None:

@@ -47,8 +47,6 @@ class FixedContact(AnchoredContact):
         """Make a fixed contact.
 
         Args:
-            name: the contact's name.
-            model: the robot's model.
             frame: a frame of the URDF, fixed to the link that is held.
             placement: of the contact in that frame.
             mask: axes of the contact frame that are held: along x, y, z, about x, y, z.
@@ -59,7 +57,7 @@ class FixedContact(AnchoredContact):
             stiffness: K, 1/s².
 
         Raises:
-            ConfigurationError: where the model has no such frame, no axis is held, or a stiffness is given although
+            ConfigurationError: if the model has no such frame, no axis is held, or a stiffness is given although
                 motions along the free axes can change the position along held ones (see `_reached`).
         """
         self._rows = np.flatnonzero(mask)

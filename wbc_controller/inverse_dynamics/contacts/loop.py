@@ -52,15 +52,13 @@ class LoopClosure(Contact):
         """Make a loop closure.
 
         Args:
-            name: the loop's name.
-            model: the robot's model.
             frames: frames of the URDF, fixed to the two links.
             placements: of A and B in these frames.
             mask: axes of A that are held: along x, y, z, about x, y, z.
             stiffness: K, 1/s².
 
         Raises:
-            ConfigurationError: where the model has no such frame, no joint is between them, or no axis is held.
+            ConfigurationError: if the model has no such frame, no joint is between them, or no axis is held.
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):

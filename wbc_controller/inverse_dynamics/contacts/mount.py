@@ -39,12 +39,10 @@ def support_link(model: RobotModel, name: str, frame: str, against: str | None) 
 
 
 def opening(pose: pin.SE3, hinge: Array | None = None) -> Array:
-    """Displacement of one frame from another, [r, log Q], (6,) in m and rad.
+    """Displacement of one frame from another, [r, log Q], (6,) in m and rad, for its pose r and Q in the other.
 
-    Args:
-        pose: pose of one frame in the other: r and Q.
-        hinge: the single axis about which rotation is free, a unit vector, (3,): the angular part is then the rotation
-            between the two positions of this axis.
+    The hinge is the single axis about which rotation is free, a unit vector, (3,): the angular part is then the
+    rotation between the two positions of this axis.
     """
     if hinge is None:
         turn = pin.log3(pose.rotation)
@@ -80,17 +78,10 @@ class Mount:
     def __init__(
         self, model: RobotModel, name: str, frame: str, placement: pin.SE3, against: str | None = None
     ) -> None:
-        """Make a mount.
-
-        Args:
-            model: the robot's model.
-            name: the contact's name, for errors.
-            frame: a frame of the URDF, fixed to the link that touches.
-            placement: of C in that frame.
-            against: a frame of the URDF, fixed to the link that is touched; None for the world.
+        """Make a mount of a contact frame C, given by its placement in a frame of the URDF on the link that touches.
 
         Raises:
-            ConfigurationError: where the model has no such frame, or both frames move together.
+            ConfigurationError: if the model has no such frame, or both frames move together.
         """
         self.frame = frame
         self.against = against
@@ -115,11 +106,7 @@ class Mount:
         return self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))
 
     def instruction(self, rows: np.ndarray) -> Instruction:
-        """How compiled code fills some rows of the Jacobian of ν, and of -ν̇ at v̇ = 0.
-
-        Args:
-            rows: components of ν, (r,).
-        """
+        """How compiled code fills some rows, (r,) indices in ν, of the Jacobian of ν, and of -ν̇ at v̇ = 0."""
         link, placement = self._on_link
         return Instruction(SURFACE, rows, link, self._other_link, constants=numbers_of(placement))
 

@@ -71,8 +71,6 @@ class PointContact(UnilateralContact):
         """Make a point contact.
 
         Args:
-            name: the contact's name.
-            model: the robot's model.
             frame: a frame of the URDF, fixed to the link that touches.
             translation: centre of the ball in that frame, (3,) in m.
             radius: of the ball, m.

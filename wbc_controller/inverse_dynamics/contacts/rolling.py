@@ -41,23 +41,7 @@ class RollingContact(PointContact):
         friction: float = 0.7,
         **limits: float,
     ) -> None:
-        """Make a rolling contact.
-
-        Args:
-            name: the contact's name.
-            model: the robot's model.
-            frame: a frame of the URDF, fixed to the wheel.
-            translation: centre of the wheel in that frame, (3,) in m.
-            radius: of the wheel, m.
-            axis: the axle in that frame, of any non-zero length, (3,).
-            normal: as in `PointContact`.
-            against: as in `PointContact`.
-            friction: Coulomb friction coefficient.
-            **limits: the other keywords of `UnilateralContact`.
-
-        Raises:
-            ConfigurationError: where the model has no such frame, or the normal or the axis has no length.
-        """
+        """Make a contact as `PointContact`, with the axle in the frame, `axis` (3,), of any non-zero length."""
         super().__init__(
             name, model, frame, translation, radius, normal=normal, against=against, friction=friction, **limits
         )

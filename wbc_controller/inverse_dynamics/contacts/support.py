@@ -19,28 +19,16 @@ _CORNER = 1.0e-6
 
 
 def friction_pyramid(friction: float) -> Array:
-    """Four-sided pyramid inside the friction cone.
-
-    Args:
-        friction: Coulomb friction coefficient.
-
-    Returns:
-        C, (4, 3), so that C f ≤ 0 implies √(fx² + fy²) ≤ friction fz.
-    """
+    """Four-sided pyramid inside the friction cone: C, (4, 3), so that C f ≤ 0 implies √(fx² + fy²) ≤ friction fz."""
     mu = friction / math.sqrt(2.0)
     return np.array([[1.0, 0.0, -mu], [-1.0, 0.0, -mu], [0.0, 1.0, -mu], [0.0, -1.0, -mu]])
 
 
 def wrench_cone(friction: float, half_length: float, half_width: float) -> Array:
-    """Exact wrench cone of a rectangle with friction pyramids at its corners.
+    """Exact wrench cone of a rectangle with friction pyramids, |fx| and |fy| ≤ friction fz, at its corners.
 
     From Caron, Pham, Nakamura, "Stability of surface contacts for humanoid robots: closed-form formulae of the contact
     wrench cone for rectangular support areas" (ICRA 2015).
-
-    Args:
-        friction: half-width of the friction pyramid: |fx| ≤ friction fz and |fy| ≤ friction fz.
-        half_length: half of the side along x, m.
-        half_width: half of the side along y, m.
 
     Returns:
         C, (16, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the rectangle's centre is feasible if C w ≤ 0 (which
@@ -61,21 +49,16 @@ def wrench_cone(friction: float, half_length: float, half_width: float) -> Array
 
 
 def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
-    """Exact wrench cone of a convex polygon with friction pyramids at its vertices.
+    """Exact wrench cone of a convex polygon with friction pyramids at its vertices, (n, 2) in m, as in `wrench_cone`.
 
     Forces along the edges of the pyramids, four at each vertex, span the cone. Scaled to fz = 1 they are the corners of
     a polytope in (fx, fy, τx, τy, τz), and each facet of the polytope is a row of C (Caron, Pham, Nakamura, "Leveraging
     cone double description for multi-contact stability of humanoids", RSS 2015).
 
-    Args:
-        friction: half-width of the friction pyramid: |fx| ≤ friction fz and |fy| ≤ friction fz.
-        vertices: (n, 2) in m.
-
     Returns:
-        C, (rows, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the origin of the vertices is feasible if C w ≤ 0.
-        Each row is scaled so that the coefficient of the moment about z has size 1; where that is zero, those of the
-        moments about x and y; where these are zero too, those of the tangential force. For a rectangle the rows are
-        those of `wrench_cone`.
+        C, (rows, 6), about the origin of the vertices. Each row is scaled so that the coefficient of the moment about z
+        has size 1; if that is zero, those of the moments about x and y; if these are zero too, those of the tangential
+        force. For a rectangle the rows are those of `wrench_cone`.
     """
     middle = vertices.mean(axis=0)
     size = float(np.abs(vertices - middle).max())
@@ -125,14 +108,10 @@ class Polygon:
     """
 
     def __init__(self, vertices: Array, key: str) -> None:
-        """Make a polygon from vertices in any order.
-
-        Args:
-            vertices: (n, 2) in m.
-            key: the configuration key of the vertices, for the error message.
+        """Make a polygon from vertices, (n, 2) in m, in any order.
 
         Raises:
-            ConfigurationError: where there are fewer than three vertices, or one is not a corner of a convex polygon.
+            ConfigurationError: if there are fewer than three vertices, or one is not a corner of a convex polygon.
         """
         points = np.array(vertices, dtype=np.float64)
         if len(points) < 3:

@@ -37,20 +37,11 @@ class SurfaceContact(UnilateralContact):
         friction: float = 0.7,
         **limits: float,
     ) -> None:
-        """Make a surface contact.
+        """Make a surface contact with the arguments of `PointContact`, except these.
 
         Args:
-            name: the contact's name.
-            model: the robot's model.
-            frame: a frame of the URDF, fixed to the link that touches.
-            placement: of the contact in that frame; z points away from the touched surface.
+            placement: of the contact in the frame; z points away from the touched surface.
             support: shape of the contact area.
-            against: a frame of the URDF, fixed to the link that is touched; None for the world.
-            friction: Coulomb friction coefficient; the constraint uses the pyramid inside the friction cone.
-            **limits: the other keywords of `UnilateralContact`.
-
-        Raises:
-            ConfigurationError: where the model has no such frame.
         """
         super().__init__(
             name,

@@ -62,12 +62,7 @@ class JointMotionLimit(Tunable):
     """
 
     def __init__(
-        self,
-        position: tuple[Array, Array] | None,
-        velocity: Array | None,
-        *,
-        acceleration: float,
-        horizon: float = 0.0,
+        self, position: tuple[Array, Array] | None, velocity: Array | None, *, acceleration: float, horizon: float = 0.0
     ) -> None:
         """Make a limit; each lower limit is below its upper limit."""
         self.position_lower: Array | None = None
@@ -84,16 +79,10 @@ class JointMotionLimit(Tunable):
 
     @classmethod
     def of(cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True) -> JointMotionLimit:
-        """Make the limit of a robot.
-
-        Args:
-            model: the robot's model, with the limits of the URDF.
-            tuning: position margin and horizon, velocity scale and largest acceleration.
-            position: whether positions are limited.
-            velocity: whether velocities are limited.
+        """Make the limit of a robot from its URDF's limits and the tuning; positions or velocities may be unlimited.
 
         Raises:
-            ConfigurationError: where the margin leaves a joint no room.
+            ConfigurationError: if the margin leaves a joint no room.
         """
         margin = tuning.position_margin
         lower, upper = model.position_lower + margin, model.position_upper - margin
@@ -111,12 +100,9 @@ class JointMotionLimit(Tunable):
         )
 
     def bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of the joint accelerations, both (nj,) in rad/s².
+        """Lower and upper bounds of the joint accelerations, held for a period in s, both (nj,) in rad/s².
 
-        Args:
-            q: joint positions, (nj,) in rad.
-            v: joint velocities, (nj,) in rad/s.
-            period: time for which an acceleration is held, s.
+        Joint positions q, (nj,) in rad, and velocities v, (nj,) in rad/s.
         """
         lower, upper, each = np.empty(len(q)), np.empty(len(q)), np.arange(len(q))
         table = self.bind(each, each, period, lower, upper)
@@ -130,8 +116,7 @@ class JointMotionLimit(Tunable):
             q_index: index in q of each joint, (nj,).
             v_index: index in v, and in the bounds, of each joint, (nj,).
             period: time for which an acceleration is held, s.
-            lower: array of the lower bounds, by index in v, in rad/s².
-            upper: array of the upper bounds, likewise.
+            lower: array of the lower bounds, by index in v, in rad/s²; `upper` likewise.
 
         Raises:
             ValueError: if the indices have another size than the limits.
@@ -156,10 +141,10 @@ class JointMotionLimit(Tunable):
         )
 
     def stopping_bounds(self, q: Array, v: Array, bounds: Array, limits: tuple[Array, Array]) -> Array:
-        """Bounds with which a joint still stops, where those of `bounds` cannot be met.
+        """Bounds with which a joint still stops, if those of `bounds` cannot be met.
 
         A joint that moves towards its position limit has to brake, by the same acceleration for all the time, such that
-        it stops `STOPPING` beyond that limit: q̈ ≤ -q̇² / (2 (q_max + STOPPING - q)). Nothing is asked of the others.
+        it stops `STOPPING` beyond that limit: q̈ ≤ -q̇² / (2 (q_max + STOPPING - q)). The others are free.
 
         Args:
             q: joint positions, (nj,) in rad.
@@ -168,7 +153,7 @@ class JointMotionLimit(Tunable):
             limits: lower and upper position limits without the margin, both (nj,) in rad.
 
         Returns:
-            Lower and upper bounds, (2, nj) in rad/s², nowhere tighter than `bounds`; -inf and inf where there is none.
+            Lower and upper bounds, (2, nj) in rad/s², nowhere tighter than `bounds`; -inf and inf if there is none.
         """
         if self.position_lower is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)

@@ -30,12 +30,7 @@ class RowLimit(ABC):
 
     @abstractmethod
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write the rows and bounds for one state.
+        """Write the rows G, (k, nv), and the bounds, (k,), infinite if there is none, for one state.
 
-        Args:
-            dynamics: the snapshot.
-            period: time for which an acceleration is held, s.
-            rows: G, (k, nv), to be overwritten.
-            lower: (k,), to be overwritten; -inf where there is no bound.
-            upper: (k,), to be overwritten; inf where there is no bound.
+        The acceleration is held for the period, s.
         """

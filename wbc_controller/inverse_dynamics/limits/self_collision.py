@@ -80,17 +80,7 @@ class SelfCollisionLimit(RowLimit):
         max_pairs: int,
         summary: str = "",
     ) -> None:
-        """Make a limit.
-
-        Args:
-            model: the robot's model.
-            geometry: convex shapes on the model's links, and the pairs of shapes to be kept apart.
-            margin: least distance, m.
-            acceleration: A, m/s².
-            horizon: T, s.
-            max_pairs: number of rows.
-            summary: description of the pairs that are kept apart.
-        """
+        """Make a limit for the pairs of convex shapes in a geometry; `max_pairs` is the number of rows."""
         self.summary = summary
         self.margin = margin
         self.acceleration = acceleration
@@ -163,15 +153,9 @@ class SelfCollisionLimit(RowLimit):
             self.names = (*names, *(_UNUSED,) * (len(lower) - len(names)))
 
     def bound(self, distance: Array, rate: Array, ahead: float) -> Array:
-        """Return the lower bound of d̈ that leaves room to stop before the margin, (-ḋ - w_max) / T, NaN if d or ḋ is.
+        """Lower bound of d̈, (k,) in m/s², that leaves room to stop before the margin: (-ḋ - w_max) / T.
 
-        Args:
-            distance: d, (k,) in m.
-            rate: ḋ, (k,) in m/s.
-            ahead: T, s.
-
-        Returns:
-            (k,) in m/s².
+        Distances d, (k,) in m; rates ḋ, (k,) in m/s; `ahead` is T, s. NaN if d or ḋ is.
         """
         A, room = self.acceleration, distance - (self.margin + INEXACT) + ahead * rate
         reach = A * ahead

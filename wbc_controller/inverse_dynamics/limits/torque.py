@@ -27,12 +27,7 @@ class TorqueSpeedCurve:
     no_load: Array
 
     def available(self, effort_limits: Array, v: Array) -> tuple[Array, Array]:
-        """Lower and upper bounds of τ at given speeds, both (na,) in N·m.
-
-        Args:
-            effort_limits: τ_max, (na,) in N·m.
-            v: speeds of the actuators, (na,) in rad/s.
-        """
+        """Lower and upper bounds of τ, both (na,) in N·m, at speeds v, (na,) in rad/s; the effort limits are τ_max."""
         left = effort_limits * np.clip((self.no_load - np.abs(v)) / (self.no_load - self.corner), 0.0, 1.0)
         return np.where(v >= 0.0, -effort_limits, -left), np.where(v <= 0.0, effort_limits, left)
 
@@ -54,11 +49,7 @@ class TorqueLimit(Tunable):
         self.curve = curve
 
     def available(self, v: Array) -> tuple[Array, Array]:
-        """Lower and upper bounds of τ without the torque rate limit, both (na,) in N·m; not to be modified.
-
-        Args:
-            v: speeds of the actuators, (na,) in rad/s.
-        """
+        """Lower and upper bounds of τ without the rate limit, both (na,) in N·m, for speeds v in rad/s; read-only."""
         if self.curve is None:
             return -self.effort_limits, self.effort_limits
         return self.curve.available(self.effort_limits, v)

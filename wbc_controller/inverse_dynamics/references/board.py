@@ -92,11 +92,7 @@ class ReferenceBoard:
     SAMPLED = ("_still", "_settled")
 
     def __init__(self, plan: BoardPlan) -> None:
-        """Make a board.
-
-        Args:
-            plan: plans of all tasks and contacts.
-        """
+        """Make a board with the plans of all tasks and contacts."""
         self.plans = plan.tasks
         self.contact_plans = plan.contacts
         self._weight_ramp = plan.weight_ramp
@@ -137,11 +133,7 @@ class ReferenceBoard:
     def replan(self, plan: BoardPlan, dynamics: Dynamics, time: float | None) -> None:
         """Change to another plan for the same tasks and contacts, with ramps to its new values.
 
-        Args:
-            plan: the new plan.
-            dynamics: as in `apply`.
-            time: s, on the clock of the states; None while the controller does not follow the references, so that no
-                ramp is needed.
+        Without a time, s, on the clock of the states, the controller does not follow the references: no ramp is needed.
         """
         self._changed()
         before, contacts_before = self.plans, self.contact_plans
@@ -163,7 +155,6 @@ class ReferenceBoard:
         """Apply a set of changes.
 
         Args:
-            changes: validated changes.
             dynamics: the snapshot of the last cycle: the starting point of tasks that are switched on, the anchor of
                 contacts that are activated, and the frames of the robot in which setpoints are given.
             time: s, on the clock of the states.

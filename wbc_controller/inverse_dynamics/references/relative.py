@@ -21,7 +21,6 @@ def in_world(task: str, frame: str, position: Array, goal: Array, form: Referenc
     """Where a setpoint is that was given in another frame.
 
     Args:
-        task: name of the task.
         frame: one of `own_frames`, or a frame of the robot, which counts where it is now.
         position: in the form of the task's references: in m for positions, and a unit quaternion for orientations.
         goal: the reference that the task is on its way to, in the same form. To this a vector is added; an orientation

@@ -35,13 +35,7 @@ class Actuation(Drive):
     """
 
     def __init__(self, drive: Drive, v_index: np.ndarray, coupling: Array) -> None:
-        """Make the actuation of a robot.
-
-        Args:
-            drive: the actuators and their ratios at the joints.
-            v_index: index in v of each joint, (nj,).
-            coupling: C, (nm, nv).
-        """
+        """Make the actuation from the index in v of each joint, (nj,), and the coupling rows C, (nm, nv)."""
         super().__init__(
             drive.names, drive.effort_limits, drive.ratios, rotor_inertia=drive.rotor_inertia, by_joint=drive.by_joint
         )
@@ -71,15 +65,9 @@ class Actuation(Drive):
         self._all_rows = as_slice(np.concatenate([untouched, v_index[self.motors]])) if self.direct else None
 
     def split(self, force: Array) -> Array:
-        """Project generalized forces onto the unactuated rows, N force, and below them the torques, T force.
+        """Project generalized forces, (nv,) or (nv, k), onto the rows N force, and below them the torques, T force.
 
-        The result may be a view of `force`.
-
-        Args:
-            force: (nv,) or (nv, k).
-
-        Returns:
-            (free + na,) or (free + na, k).
+        The result, (free + na,) or (free + na, k), may be a view of `force`.
         """
         return np.asarray(force[self._all_rows] if self._all_rows is not None else self._N_T @ force)
 

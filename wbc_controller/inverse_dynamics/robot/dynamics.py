@@ -90,22 +90,12 @@ class Dynamics:
         self.update(model.configuration(model.posture), np.zeros(model.nv))
 
     def update(self, q: Array, v: Array) -> None:
-        """Compute all terms at a new state.
-
-        Args:
-            q: configuration, (nq,).
-            v: generalized velocity, (nv,).
-        """
+        """Compute all terms at a new state, q (nq,) and v (nv,)."""
         self.compute(q, v)
         link_terms(self.motion, v)
 
     def compute(self, q: Array, v: Array) -> None:
-        """Compute M, h and the other terms of Pinocchio at a new state; `link_terms` completes them.
-
-        Args:
-            q: configuration, (nq,).
-            v: generalized velocity, (nv,).
-        """
+        """Compute M, h and the other terms of Pinocchio at a new state; `link_terms` completes them."""
         model, data = self._pin, self._data
         self.q, self.v = q, v
         # In the world convention `crba` also has the centre of mass, the joint Jacobians and the centroidal matrix.
@@ -163,14 +153,9 @@ class Dynamics:
             )
 
     def external_force(self, frame: str, wrench: Array) -> Array:
-        """Generalized force of a known external wrench, Jᵀ w (equations (20) to (22) of the note; S4).
+        """Generalized force of a known external wrench, Jᵀ w, (nv,) (equations (20) to (22) of the note; S4).
 
-        Args:
-            frame: name of the frame at whose origin the wrench acts.
-            wrench: force in N and torque in N·m, in world axes, (6,).
-
-        Returns:
-            (nv,).
+        The wrench, (6,) in N and N·m in world axes, acts at the origin of the frame.
         """
         J = self.jacobian(self.model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(J.T @ wrench)

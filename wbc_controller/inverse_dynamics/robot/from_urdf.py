@@ -44,7 +44,6 @@ def build_model(
     are locked. A continuous joint is a revolute one without position limits.
 
     Args:
-        urdf: the URDF's text.
         joints: joints with one degree of freedom that move and are measured.
         posture: nominal position of each joint, rad.
         floating_base: whether the root link moves freely.

@@ -33,15 +33,12 @@ class Mimic:
 
 
 def read_mimics(tree: ElementTree.Element) -> dict[str, Mimic]:
-    """Find the joints of a URDF that follow others, by name.
+    """Find the joints of a URDF, read by `parse_urdf`, that follow others, by name.
 
     Chains of followers are resolved to the joint at their end.
 
-    Args:
-        tree: the URDF, from `parse_urdf`.
-
     Raises:
-        ConfigurationError: where a joint follows a joint that the URDF does not have, or follows itself.
+        ConfigurationError: if a joint follows a joint that the URDF does not have, or follows itself.
     """
     given: dict[str, Mimic] = {}
     names = [str(joint.get("name")) for joint in tree.findall("joint")]
@@ -78,19 +75,8 @@ class Followers:
         v_index: index in v of each, (nm,).
     """
 
-    def __init__(
-        self,
-        mimics: Mapping[str, Mimic],
-        q_index: Mapping[str, int],
-        v_index: Mapping[str, int],
-    ) -> None:
-        """Collect the followers.
-
-        Args:
-            mimics: the law of each follower, by name.
-            q_index: index in q of each follower and leader, by name.
-            v_index: index in v of each follower and leader, by name.
-        """
+    def __init__(self, mimics: Mapping[str, Mimic], q_index: Mapping[str, int], v_index: Mapping[str, int]) -> None:
+        """Collect the followers from their laws, and the indices in q and v of all followers and leaders, by name."""
         self.names = tuple(mimics)
         self.mimics = dict(mimics)
         self.q_index = _picked(q_index, self.names)

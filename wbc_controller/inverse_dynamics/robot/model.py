@@ -130,12 +130,8 @@ class RobotModel:
     def frame_id(self, name: str, key: str) -> int:
         """Look up a frame: of a link, or where no link has this name of a joint, as a URDF may use it for both.
 
-        Args:
-            name: name of a link or joint of the URDF.
-            key: the configuration key of the frame, for the error message.
-
         Raises:
-            ConfigurationError: where the model has no such frame.
+            ConfigurationError: if the model has no such frame; the message begins with the configuration key.
         """
         if self.pinocchio.existFrame(name, pin.BODY):
             return int(self.pinocchio.getFrameId(name, pin.BODY))
@@ -168,19 +164,11 @@ class RobotModel:
         return q
 
     def state(
-        self,
-        joint_positions: Array,
-        joint_velocities: Array,
-        pose: Array | None = None,
-        twist: Array | None = None,
+        self, joint_positions: Array, joint_velocities: Array, pose: Array | None = None, twist: Array | None = None
     ) -> tuple[Array, Array]:
-        """Assemble q and v from measurements.
+        """Assemble q and v from joint positions and velocities, (nj,), and a floating base's pose and twist.
 
-        Args:
-            joint_positions: (nj,) in rad.
-            joint_velocities: (nj,) in rad/s.
-            pose: position and quaternion of a floating base, (7,).
-            twist: velocity of the base in its own axes, (6,).
+        The pose is position and quaternion, (7,); the twist, (6,), is in the axes of the base.
         """
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         if pose is not None and twist is not None:

@@ -36,13 +36,7 @@ class PassiveForces:
     def __init__(
         self, joints: Mapping[str, PassiveJoint], q_index: Mapping[str, int], v_index: Mapping[str, int]
     ) -> None:
-        """Collect the springs and dampers.
-
-        Args:
-            joints: by name.
-            q_index: index in q of each, by name.
-            v_index: index in v of each, by name.
-        """
+        """Collect the springs and dampers; the indices in q and v are by name."""
         self.joints = dict(joints)
         self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)
         self._q_index = np.array([q_index[name] for name in joints], dtype=np.intp)
@@ -51,10 +45,5 @@ class PassiveForces:
         self._rest = np.array([joint.rest for joint in joints.values()])
 
     def torques(self, q: Array, v: Array) -> Array:
-        """Torques of the springs and dampers at a state, (k,) in N·m.
-
-        Args:
-            q: configuration, (nq,).
-            v: generalized velocity, (nv,).
-        """
+        """Torques of the springs and dampers at a state, (k,) in N·m."""
         return np.asarray(self._stiffness * (self._rest - q[self._q_index]) - self._damping * v[self.v_index])

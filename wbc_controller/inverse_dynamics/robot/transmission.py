@@ -54,17 +54,10 @@ class Drive:
         rotor_inertia: Array | None = None,
         by_joint: bool = False,
     ) -> None:
-        """Make a drive.
-
-        Args:
-            names: names of the actuators, (na,).
-            effort_limits: largest torques, (na,) in N·m.
-            ratios: R, (na, nj).
-            rotor_inertia: of each actuator, (na,) in kg·m²; None for zero.
-            by_joint: whether the command consists of torques at the driven joints.
+        """Make a drive; attributes as above, without `rotor_inertia` all rotors are massless.
 
         Raises:
-            ConfigurationError: where the actuators are not independent of each other.
+            ConfigurationError: if the actuators are not independent of each other.
         """
         _require_independent(names, ratios)
         self.names = tuple(names)
@@ -124,14 +117,13 @@ def make_drive(
     Args:
         joints: names of the joints, (nj,).
         joint_efforts: effort limits of the URDF, (nj,) in N·m, which apply to the joints' own motors.
-        actuators: names in the order of the command, of joints with their own motor and of transmissions; empty for one
-            motor at each joint that is not passive.
+        actuators: as in `from_urdf.build_model`.
         transmission: actuators with ratios, by name.
         passive: names of the joints without a motor of their own.
-        by_joint: whether the command consists of torques at the driven joints.
+        by_joint: True if the command consists of torques at the driven joints.
 
     Raises:
-        ConfigurationError: where a name is unknown, a joint is neither driven nor passive, or the actuators are not
+        ConfigurationError: if a name is unknown, a joint is neither driven nor passive, or the actuators are not
             independent.
     """
     transmission = transmission or {}

@@ -65,12 +65,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def parse_xml(text: str, key: str, kind: str) -> ElementTree.Element:
-    """Read a URDF or SRDF as XML.
-
-    Args:
-        text: the text.
-        key: the configuration key that it belongs to, for the error.
-        kind: the kind of text, for the error.
+    """Read a URDF or SRDF as XML; `key` of the configuration and `kind` of text are for the error.
 
     Raises:
         ConfigurationError: if it is too long, not well-formed, or has a document type declaration.
@@ -113,13 +108,8 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
     revolute joint without position limits, whose position counts them. A planar joint becomes three, as MoveIt names
     them: ``NAME/x`` and ``NAME/y`` in its plane, and ``NAME/theta`` about its axis.
 
-    Args:
-        urdf: the URDF's text.
-        limits: limits that replace those of the URDF, by joint.
-
     Returns:
-        The tree and its text, in which all that reads them sees the same joints; the text is as given if nothing in it
-        changes.
+        The tree and its text, so that all readers see the same joints; the given text if nothing changes.
 
     Raises:
         ConfigurationError: as `parse_urdf`; if the URDF does not have a joint, or a joint lacks a limit.
@@ -149,11 +139,7 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
 
 
 def split_planar_joints(tree: ElementTree.Element) -> bool:
-    """Replace the planar joints of a URDF by joints with one coordinate, as `read_robot` says; whether there are any.
-
-    Args:
-        tree: from `parse_urdf`, changed in place.
-    """
+    """Replace planar joints by joints with one coordinate (`read_robot`), in place; True if there are any."""
     planar = [joint for joint in tree.findall("joint") if joint.get("type") == "planar"]
     for joint in planar:
         _split(tree, joint)

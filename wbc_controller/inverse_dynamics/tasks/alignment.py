@@ -53,19 +53,10 @@ class _AlignmentTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a task.
-
-        Args:
-            name: the task's name.
-            model: the robot's model.
-            frame: a frame of the URDF.
-            axis: a, in the frame, (3,), of any non-zero length.
-            stiffness: K, 1/s², one number or one each for b₁ and b₂.
-            damping: D, 1/s, one number or one each for b₁ and b₂; by default critical.
+        """Make a task for an axis a, (3,) in the frame, of any non-zero length; gains are for b₁ and b₂.
 
         Raises:
-            ConfigurationError: where the model has no such frame, the axis has no direction, or a list of gains has
-                another length than 2.
+            ConfigurationError: as `MotionTask`; if the model has no such frame, or the axis has no direction.
         """
         super().__init__(name, [True, True], stiffness=stiffness, damping=damping)
         self.frame = frame

@@ -53,18 +53,7 @@ class CapturePointTask(RateTask):
         support_height: float = 0.0,
         gain: Gains = 4.0,
     ) -> None:
-        """Make a capture point task.
-
-        Args:
-            name: the task's name.
-            gravity: g, m/s².
-            mask: world axes that the task controls, x and y; by default both.
-            support_height: z_s, m, in the world.
-            gain: k, 1/s, one number or one for each axis.
-
-        Raises:
-            ConfigurationError: where a list of gains has another length than 2.
-        """
+        """Make a capture point task; gravity g in m/s², mask of x and y, support height z_s in m, gain k in 1/s."""
         super().__init__(name, [True, True] if mask is None else mask, gain=gain, key="gain")
         self._gravity = gravity
         self.support_height = support_height

@@ -24,16 +24,10 @@ class ContactWrenchTask(EffortTask):
     size = 6
 
     def __init__(self, name: str, contact: Contact, mask: Sequence[bool], target: Sequence[float]) -> None:
-        """Make a task.
-
-        Args:
-            name: the task's name.
-            contact: the contact.
-            mask: axes of the wrench that the task controls, (6,).
-            target: the wrench until a command sets another one, (6,) in N and N·m.
+        """Make a task with the wrench until a command sets another one, (6,) in N and N·m.
 
         Raises:
-            ConfigurationError: where the mask selects no axis along which the contact transmits a force or moment.
+            ConfigurationError: if the mask selects no axis along which the contact transmits a force or moment.
         """
         super().__init__(name, mask, np.array(target, dtype=np.float64))
         borne = np.flatnonzero(contact.basis.any(axis=1))

@@ -43,14 +43,10 @@ class ReferenceForm:
         return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)
 
     def position(self, values: Any, what: str) -> Array:
-        """Read a position, and normalize its direction or quaternion.
-
-        Args:
-            values: (size,); a number too, where the size is 1.
-            what: name of the values, for the error message.
+        """Read a position, (size,), and normalize its direction or quaternion; `what` names the values in errors.
 
         Raises:
-            InputRefused: where the number of values is not `size`, a value is not finite, a quaternion is not a unit
+            InputRefused: if the number of values is not `size`, a value is not finite, a quaternion is not a unit
                 quaternion, or a direction has no length.
         """
         array = np.array(finite(values, what))

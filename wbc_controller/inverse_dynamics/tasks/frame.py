@@ -20,20 +20,11 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 def orientation_error(rotation: Array, quaternion: Array) -> Array:
-    """Rotation vector from an orientation to its reference, in world axes.
+    """Rotation vector R log(Rᵀ R_ref) = log(R_ref Rᵀ) from an orientation R to its reference, (3,) in rad, world axes.
 
-    Args:
-        rotation: present orientation of the frame in the world, (3, 3).
-        quaternion: reference (x, y, z, w), (4,).
-
-    Returns:
-        R log(Rᵀ R_ref) = log(R_ref Rᵀ), (3,) in rad; its norm is at most π.
+    The rotation R is (3, 3), the reference a quaternion (x, y, z, w). The norm is at most π.
     """
-    return _turn(rotation, rotation_of(quaternion))
-
-
-def _turn(rotation: Array, reference: Array) -> Array:
-    error: Array = pin.log3(reference.dot(rotation.T))
+    error: Array = pin.log3(rotation_of(quaternion).dot(rotation.T))
     return error
 
 
@@ -51,19 +42,6 @@ class _FrameTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a frame task.
-
-        Args:
-            name: the task's name.
-            model: the robot's model.
-            frame: a frame of the URDF.
-            mask: world axes that the task controls, (size,); by default all.
-            stiffness: K, 1/s², one number or one for each axis.
-            damping: D, 1/s, one number or one for each axis; by default critical.
-
-        Raises:
-            ConfigurationError: where the model has no such frame, or a list of gains has another length.
-        """
         super().__init__(name, [True] * self.size if mask is None else mask, stiffness=stiffness, damping=damping)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
@@ -112,8 +90,6 @@ class FrameOrientationTask(_FrameTask):
     unit = "rad"
     size = 3
     part = slice(3, 6)
-    #: The last read-only reference with its rotation matrix: it usually stays the same from cycle to cycle.
-    _known: tuple[Array, Array] | None = None
     form = ReferenceForm(vector=0, oriented=True)
 
     def position(self, dynamics: Dynamics) -> Array:
@@ -122,12 +98,7 @@ class FrameOrientationTask(_FrameTask):
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
         """Rotation vector to the reference in world axes, (3,) in rad."""
-        if self._known is not None and position is self._known[0]:
-            reference = self._known[1]
-        else:
-            reference = rotation_of(position)
-            self._known = None if position.flags.writeable else (position, reference)
-        return _turn(dynamics.placement(self._frame_id).rotation, reference)
+        return orientation_error(dynamics.placement(self._frame_id).rotation, position)
 
 
 class FramePoseTask(_FrameTask):

@@ -30,16 +30,6 @@ class _MomentumTask(RateTask):
     part: slice
 
     def __init__(self, name: str, mask: Sequence[bool] | None = None, *, damping: Gains = 10.0) -> None:
-        """Make a momentum task.
-
-        Args:
-            name: the task's name.
-            mask: world axes that the task controls, (3,); by default all.
-            damping: D, 1/s, one number or one for each axis.
-
-        Raises:
-            ConfigurationError: where a list of gains has another length than 3.
-        """
         super().__init__(name, [True] * 3 if mask is None else mask, gain=damping, key="damping")
 
     def position(self, dynamics: Dynamics) -> Array:
@@ -61,20 +51,14 @@ class _MomentumTask(RateTask):
 
 
 class LinearMomentumTask(_MomentumTask):
-    """Task on the linear momentum m ċ, (3,) in kg·m/s; its residual in the cost is a force, N.
-
-    The control law is that of `_MomentumTask`.
-    """
+    """Task on the linear momentum m ċ, (3,) in kg·m/s; its residual in the cost is a force, N."""
 
     unit = "kg·m/s"
     part = slice(0, 3)
 
 
 class AngularMomentumTask(_MomentumTask):
-    """Task on the angular momentum about the centre of mass, (3,) in N·m·s; its residual in the cost is a torque, N·m.
-
-    The control law is that of `_MomentumTask`.
-    """
+    """Task on the angular momentum about the centre of mass, (3,) in N·m·s; its residual is a torque, N·m."""
 
     unit = "N·m·s"
     part = slice(3, 6)

@@ -29,18 +29,12 @@ class PostureTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a posture task.
+        """Make a posture task; no joints means all actuated joints, in their order.
 
-        Args:
-            name: the task's name.
-            model: the robot's model.
-            joints: joints that the task controls; empty for all actuated joints, in their order. A passive joint among
-                them moves only through the accelerations of the others.
-            stiffness: K, 1/s², one number or one for each joint.
-            damping: D, 1/s, one number or one for each joint; by default critical.
+        A passive joint among them moves only through the accelerations of the others.
 
         Raises:
-            ConfigurationError: where the robot has no such joint, or a list of gains has another length.
+            ConfigurationError: if the robot has no such joint, or a list of gains has another length.
         """
         columns = model.joint_columns(joints or model.driven_joints, f"tasks.{name}.joints")
         super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)

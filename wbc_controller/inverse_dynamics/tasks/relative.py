@@ -50,20 +50,6 @@ class RelativePoseTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a relative pose task.
-
-        Args:
-            name: the task's name.
-            model: the robot's model.
-            frame: B, a frame of the URDF.
-            reference_frame: A, a frame of the URDF.
-            mask: axes of A that the task controls, position, then orientation, (6,); by default all.
-            stiffness: K, 1/s², one number or one for each axis.
-            damping: D, 1/s, one number or one for each axis; by default critical.
-
-        Raises:
-            ConfigurationError: where the model has no such frame, or a list of gains has another length.
-        """
         super().__init__(name, [True] * 6 if mask is None else mask, stiffness=stiffness, damping=damping)
         self.frame = frame
         self.reference_frame = reference_frame

@@ -30,18 +30,10 @@ Gains = float | Sequence[float]
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
-    """Read a gain: one number, or one number for each axis.
-
-    Args:
-        values: the number or numbers.
-        size: number of axes, including masked ones.
-        key: the configuration key of the gain, for the error message.
-
-    Returns:
-        An array of shape () or (size,).
+    """Read a gain: one number, or one for each of `size` axes, including masked ones; shape () or (size,).
 
     Raises:
-        ConfigurationError: where the number of values is neither one nor `size`.
+        ConfigurationError: if the number of values is neither one nor `size`; the message begins with the key.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((), (size,)):
@@ -150,7 +142,6 @@ class AccelerationTask(Task):
 
     in the least-squares sense. The subclasses define x⁽ⁿ⁾*: `MotionTask` for quantities x(q), and `RateTask` for
     quantities x(q, v).
-
     """
 
     @abstractmethod
@@ -186,15 +177,7 @@ class AccelerationTask(Task):
         return Reference(frozen(array_from(self, "position", (self.form.size,), dynamics)), still, still)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Rows of the least-squares problem J v̇ = b, as new arrays.
-
-        Args:
-            dynamics: the snapshot.
-            reference: the task reference.
-
-        Returns:
-            J (k, nv), b (k,), and the task error (k,), all with the mask applied.
-        """
+        """Rows of the least-squares problem J v̇ = b, as new arrays, masked: J (k, nv), b (k,), task error (k,)."""
         size, rows = self.size, self.rows
         right, error = self.right(dynamics, reference)
         right, error = checked(self, "right", right, (size,)), checked(self, "right", error, (size,))
@@ -204,11 +187,6 @@ class AccelerationTask(Task):
 
 def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
     """Evaluate each method of a task and check what it returns: before activation, and to name the one that failed.
-
-    Args:
-        task: the task.
-        dynamics: the snapshot.
-        reference: the task reference.
 
     Raises:
         MethodError: if a method raises an exception, or returns another shape or type, NaN or infinity.
@@ -280,25 +258,15 @@ class EffortTask(Task):
 
     @abstractmethod
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
-        """Rows of the least-squares problem R x = r in the decision variables x.
+        """Rows of the least-squares problem R x = r in the decision variables x: R (k, n), r (k,).
 
-        Args:
-            efforts: torques and contact forces as functions of the decision variables.
-            reference: the task reference.
-
-        Returns:
-            R (k, n), r (k,); None where the quantity does not exist, such as the force of a contact that is not active.
+        `efforts` are torques and contact forces as functions of x. None if the quantity does not exist, such as the
+        force of a contact that is not active.
         """
 
 
 def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int) -> tuple[Array, Array] | None:
     """Rows of a task on contact forces or torques as `EffortTask.equation` gives them, checked.
-
-    Args:
-        task: the task.
-        efforts: torques and contact forces as functions of the decision variables.
-        reference: the task reference.
-        n: number of decision variables.
 
     Raises:
         MethodError: if the method raises an exception, or an array has another shape than R (k, n) and r (k,), or NaN.
@@ -337,13 +305,12 @@ class MotionTask(AccelerationTask):
         """Make a task.
 
         Args:
-            name: the task's name.
-            mask: axes that the task controls, (size,).
-            stiffness: K, 1/s².
-            damping: D, 1/s; by default critical, 2√K on each axis.
+            mask: axes that the task controls, (size,); derived classes without a mask control all.
+            stiffness: K, 1/s², one number or one for each axis.
+            damping: D, 1/s, one number or one for each axis; by default critical, 2√K.
 
         Raises:
-            ConfigurationError: where a list of gains has another length than the mask.
+            ConfigurationError: if a list of gains has another length than the mask, or the model has no such frame.
         """
         super().__init__(name, mask)
         self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
@@ -384,16 +351,10 @@ class RateTask(AccelerationTask):
     gain_names = ("gain",)
 
     def __init__(self, name: str, mask: Sequence[bool], *, gain: Gains, key: str) -> None:
-        """Make a task.
-
-        Args:
-            name: the task's name.
-            mask: axes that the task controls, (size,).
-            gain: k, 1/s.
-            key: the configuration key of the gain, for the error message.
+        """Make a task with a mask, (size,), and a gain k, 1/s, one number or one for each axis.
 
         Raises:
-            ConfigurationError: where a list of gains has another length than the mask.
+            ConfigurationError: if a list of gains has another length than the mask; the message begins with the key.
         """
         super().__init__(name, mask)
         self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")

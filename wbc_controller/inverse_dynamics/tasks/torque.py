@@ -18,16 +18,10 @@ class TorqueTask(EffortTask):
     unit = "N·m"
 
     def __init__(self, name: str, model: RobotModel, joints: Sequence[str], target: Sequence[float]) -> None:
-        """Make a task.
-
-        Args:
-            name: the task's name.
-            model: the robot's model.
-            joints: joints that the task controls; empty for all actuated joints, in their order.
-            target: the torques until a command sets others, (k,) in N·m; empty for zero.
+        """Make a task; no joints means all actuated joints, in their order, and no target zero torques, (k,) in N·m.
 
         Raises:
-            ConfigurationError: where no actuator drives a joint, or the target has another length.
+            ConfigurationError: if no actuator drives a joint, or the target has another length.
         """
         key = f"tasks.{name}.joints"
         columns = model.joint_columns(joints or model.driven_joints, key)
