@@ -5,7 +5,7 @@ import pinocchio as pin
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.recording.report.run_record import Event, Recording, Result, supports_of
+from wbc_controller.recording.report.run_data import Phase, Result, RunData, supports_of
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -16,7 +16,7 @@ def robot(name: str) -> tuple[Settings, RobotModel]:
     return settings, make_model(settings)
 
 
-def squat(name: str, duration: float = 24.0, rate: float = 500.0) -> tuple[Recording, RobotModel]:
+def squat(name: str, duration: float = 24.0, rate: float = 500.0) -> tuple[RunData, RobotModel]:
     """Make up a run: stand, sway, squat, and a shove."""
     settings, model = robot(name)
     rng = np.random.default_rng(1)
@@ -61,7 +61,7 @@ def squat(name: str, duration: float = 24.0, rate: float = 500.0) -> tuple[Recor
     tau *= 1.0 + 0.02 * rng.normal(size=tau.shape)
     cycles = 8.0e-4 * rng.lognormal(0.0, 0.18, size=len(time))
     names = [(0.0, "stand"), (0.12, "sway"), (0.35, "squat"), (0.65, "reach"), (0.77, "shove left"), (0.88, "settle")]
-    recording = Recording(
+    run = RunData(
         robot=name,
         actuators=model.joints,
         time=time,
@@ -70,15 +70,15 @@ def squat(name: str, duration: float = 24.0, rate: float = 500.0) -> tuple[Recor
         effort_limits=model.effort_limits,
         com=com,
         com_reference=reference,
-        frame_errors={"pelvis": 0.01 * np.abs(np.sin(time)) + 0.05 * shoved, "left_hand": 0.02 * depth},
+        task_errors={"pelvis": 0.01 * np.abs(np.sin(time)) + 0.05 * shoved, "left_hand": 0.02 * depth},
         contact_wrenches=planned,
-        unmodelled=np.zeros(len(time)),
+        disturbance=np.zeros(len(time)),
         true_wrenches=true,
         friction={contact: settings.contacts[contact].friction for contact in supports},
         cycle_seconds=cycles,
         stage_seconds={"dynamics": 0.2 * cycles, "problem": 0.22 * cycles, "solver": 0.5 * cycles,
                        "safety": 0.03 * cycles, "transport": 0.05 * cycles},
-        events=tuple(Event(share * duration, phase_name) for share, phase_name in names),
+        phases=tuple(Phase(share * duration, phase_name) for share, phase_name in names),
         results=(
             Result("Stands still", "com drift < 5 mm in 3 s", "1.2 mm", True),
             Result("Sways", "rms com error < 10 mm", "3.4 mm", True),
@@ -93,4 +93,4 @@ def squat(name: str, duration: float = 24.0, rate: float = 500.0) -> tuple[Recor
         modes=((0.0, "inactive"), (0.2, "active")),
         supports=supports,
     )  # fmt: skip
-    return recording, model
+    return run, model

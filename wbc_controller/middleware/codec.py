@@ -55,9 +55,15 @@ def nanoseconds(time: Any) -> int:
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
 
 
-def header_time(payload: bytes) -> float:
-    """Time in the header at the start of a serialized message, s, without decoding the rest."""
+def header_stamp(payload: bytes) -> int:
+    """Return the stamp in the header at the start of a serialized message, ns, without decoding the rest."""
     seconds, nanoseconds = struct.unpack_from("<iI", payload, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def header_time(payload: bytes) -> float:
+    """Return the same in s."""
+    seconds, nanoseconds = divmod(header_stamp(payload), 1_000_000_000)
     return float(seconds) + 1.0e-9 * float(nanoseconds)
 
 

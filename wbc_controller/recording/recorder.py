@@ -30,7 +30,7 @@ from wbc_controller.controller.live_settings import LivePart
 from wbc_controller.controller.memory import Taped
 from wbc_controller.middleware.codec import TYPES, encode, message
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.recording.layout import (
+from wbc_controller.recording.cycle_layout import (
     FORMAT,
     MODES,
     ReferencesRow,
@@ -41,10 +41,10 @@ from wbc_controller.recording.layout import (
     layout_of,
     references_of,
 )
-from wbc_controller.recording.link import Link, frame
-from wbc_controller.recording.plain import to_json
-from wbc_controller.recording.tap import Tap
+from wbc_controller.recording.json_records import to_json
+from wbc_controller.recording.recording_transport import RecordingTransport
 from wbc_controller.recording.writer import CYCLE, FRAME, PINNED, TOPICS, TRIGGER, WITH_THE_CYCLE
+from wbc_controller.recording.writer_process import WriterProcess, frame
 from wbc_controller.records import CycleReport, Fault, Mode
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
@@ -114,9 +114,9 @@ class Recorder:
             "files": settings.recorder.files,
             "name": name or "robot",
         }
-        self._link = Link(plan, patient=patient)
+        self._process = WriterProcess(plan, patient=patient)
         self._settings = settings
-        self._channels: list[list[Any]] = []
+        self._topics: list[list[Any]] = []
         #: What stands before a message in the pipe, and the message, of all that came and went since the last batch.
         self._messages: list[bytes] = []
         self._waiting = 0
@@ -148,7 +148,7 @@ class Recorder:
             stamp: gives the time of messages, ns.
         """
         self._stamp = stamp
-        return Tap(transport, self.channel, self.came, self.went, all_of_it=self._all_of_it)
+        return RecordingTransport(transport, self.channel, self.came, self.went, all_of_it=self._all_of_it)
 
     def attach(self, controller: Controller, node: str, robot: str) -> None:
         """Begin to record a controller, when every topic has been opened.
@@ -176,7 +176,7 @@ class Recorder:
         self._memories = self.channel(f"{node}/{OWN}/memory", "std_msgs/msg/String")
         start = self.channel(f"{node}/{OWN}/start", "std_msgs/msg/String")
         description = self.channel(f"{node}/{OWN}/robot_description", "std_msgs/msg/String")
-        self._link.send(frame(TOPICS, 0, json.dumps({"channels": self._channels, "groups": spans}).encode()))
+        self._process.send(frame(TOPICS, 0, json.dumps({"topics": self._topics, "groups": spans}).encode()))
         urdf = config.urdf if config.urdf is not None else read_urdf(self._settings.robot.urdf)
         about = {
             "format": FORMAT,
@@ -189,7 +189,7 @@ class Recorder:
         }
         at = self._stamp()
         for channel, text in ((start, json.dumps(about)), (description, urdf)):
-            self._link.send(frame(PINNED, at, struct.pack("<H", channel) + _string(text)))
+            self._process.send(frame(PINNED, at, struct.pack("<H", channel) + _string(text)))
         controller.tape = []
         self._live = controller.live.newest
         self._yaml = [(self._live.settings, "")]
@@ -199,8 +199,8 @@ class Recorder:
     def channel(self, topic: str, kind: str) -> int:
         """The number of a topic."""
         definition, _ = TYPES.generate_msgdef(kind, ros_version=2)
-        self._channels.append([len(self._channels) + 1, topic, kind, definition])
-        return len(self._channels)
+        self._topics.append([len(self._topics) + 1, topic, kind, definition])
+        return len(self._topics)
 
     def came(self, channel: int, payload: bytes) -> None:
         """Record an incoming message, at this moment; from any thread."""
@@ -222,8 +222,8 @@ class Recorder:
 
     def status(self) -> dict[str, str]:
         """What became of the recordings, for `/diagnostics`: the last sentence, and how many there were."""
-        count, sentence = self._link.said
-        if self._link.dead:
+        count, sentence = self._process.said
+        if self._process.dead:
             sentence = "the recorder has ended: nothing is recorded any more"
         elif self._lost:
             sentence = f"the recorder does not keep up: {self._lost} cycles lack"
@@ -276,9 +276,9 @@ class Recorder:
         trigger, self._trigger = self._trigger, None
         if trigger is not None:
             batch.append(trigger)
-        if not self._link.send(b"".join(batch)):
+        if not self._process.send(b"".join(batch)):
             self._lose(self._number - number)
-            if not self._link.dead:  # what is asked for, or a fault leaves, is written as soon as there is room again
+            if not self._process.dead:  # a trigger is repeated until there is room in the pipe
                 self._trigger = self._trigger or trigger
         elif self._lost:
             self._lost, self._snapshot_due = 0, self._number
@@ -330,7 +330,7 @@ class Recorder:
         if refused:
             event["refused"] = refused
         if left_out:
-            event["left out"] = {self._channels[channel - 1][1]: count for channel, count in left_out.items()}
+            event["left out"] = {self._topics[channel - 1][1]: count for channel, count in left_out.items()}
         self._mode, self._fault, self._live = result.mode, result.fault, taped.live
         self._jobs.put(lambda: frame(self._events, at, _string(to_json(self._with_yaml(event)))))
         return True
@@ -370,7 +370,7 @@ class Recorder:
             self._jobs.put(None)
             self._thread.join()
             self._send()
-        self._link.close()
+        self._process.close()
         if self._controller is not None:
             self._controller.tape = None
 

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from wbc_controller.recording.mcap import Channel, Chunk, ChunkBuilder, McapFile
+from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, PackedChunk, Topic
 
 #: Before each frame: length of what follows, code or channel, and time in ns.
 FRAME = struct.Struct("<IHq")
@@ -53,13 +53,13 @@ class Sink:
         self._begun = False  # whether it holds what every file begins with
         self._lost, self._warned = 0, -_SILENCE
 
-    def write(self, chunk: Chunk, channels: list[Channel], begin: Callable[[int], Chunk | None]) -> None:
+    def write(self, chunk: PackedChunk, topics: list[Topic], begin: Callable[[int], PackedChunk | None]) -> None:
         """Write a chunk; into a new file behind what every file begins with, which `begin` gives for a time."""
         try:
             if self._file is None:
-                self._file = McapFile(self.path, channels)
+                self._file = McapFile(self.path, topics)
             if not self._begun:
-                pinned = begin(chunk.start)
+                pinned = begin(chunk.index.message_start_time)
                 if pinned is not None:
                     self._file.write(pinned)
                 self._begun = True
@@ -69,7 +69,8 @@ class Sink:
             self._warn(error)
         else:
             if self._lost:
-                self._say(f"the recording {str(self.path)!r} goes on; {self._lost} parts of it lack")
+                missing = "1 chunk is" if self._lost == 1 else f"{self._lost} chunks are"
+                self._say(f"the recording {str(self.path)!r} resumed; {missing} missing")
                 self._lost, self._warned = 0, -_SILENCE
 
     def probe(self) -> None:
@@ -109,14 +110,14 @@ class Writer:
             say: takes a sentence for the user.
         """
         self._plan, self._say = plan, say
-        self._channels: list[Channel] = []
+        self._topics: list[Topic] = []
         self._groups: list[tuple[int, bytes, int, int]] = []
         self._pinned: dict[int, tuple[int, bytes]] = {}
         self._with_the_cycle: list[tuple[int, bytes]] = []
         self._last = 0  # latest time of a frame, ns; the recorder's thread sends some behind later cycles
         self._builder = ChunkBuilder()
         self._begun = 0.0  # when the chunk was, s
-        self._ring: deque[Chunk] = deque()
+        self._ring: deque[PackedChunk] = deque()
         self._ring_bytes = 0
         self._whole = Sink(Path(plan["file"]), say) if plan["file"] else None
         self._burst: Sink | None = None  # the file of a fault that is being written
@@ -138,7 +139,7 @@ class Writer:
                 self._add(channel, at, prefix + payload[start:end])
         elif code == TOPICS:
             given = json.loads(payload)
-            self._channels = [Channel(*each) for each in given["channels"]]
+            self._topics = [Topic(*each) for each in given["topics"]]
             self._groups = [(c, bytes.fromhex(prefix), start, end) for c, prefix, start, end in given["groups"]]
         elif code == PINNED:
             (channel,) = struct.unpack_from("<H", payload)
@@ -182,10 +183,10 @@ class Writer:
         if self._burst is not None:
             self._hand(self._burst, chunk)
         self._ring.append(chunk)
-        self._ring_bytes += len(chunk.record)
-        oldest = chunk.end - int(1e9 * self._plan["seconds"])
-        while self._ring and (self._ring_bytes > _RING_BYTES or self._ring[0].end < oldest):
-            self._ring_bytes -= len(self._ring.popleft().record)
+        self._ring_bytes += len(chunk.data)
+        oldest = chunk.index.message_end_time - int(1e9 * self._plan["seconds"])
+        while self._ring and (self._ring_bytes > _RING_BYTES or self._ring[0].index.message_end_time < oldest):
+            self._ring_bytes -= len(self._ring.popleft().data)
 
     def end(self, reason: str = "") -> None:
         """Write all that is left, and close every file; for a reason, write the last seconds too."""
@@ -237,21 +238,21 @@ class Writer:
             for path in old[: max(0, len(old) - self._plan["files"] + 1)]:
                 path.unlink()
 
-    def _hand(self, sink: Sink, chunk: Chunk) -> None:
+    def _hand(self, sink: Sink, chunk: PackedChunk) -> None:
         if self._handed - self._written > _WAITING_BYTES:
             self._dropped += 1
             if self._dropped == 1:
                 self._say(f"the disk of {str(sink.path)!r} is too slow: parts of the recording lack")
             return
-        self._handed += len(chunk.record)
+        self._handed += len(chunk.data)
 
         def job() -> None:
-            sink.write(chunk, self._channels, self._begin)
-            self._written += len(chunk.record)
+            sink.write(chunk, self._topics, self._begin)
+            self._written += len(chunk.data)
 
         self._jobs.put(job)
 
-    def _begin(self, at: int) -> Chunk | None:
+    def _begin(self, at: int) -> PackedChunk | None:
         """What every file begins with, at the time of what follows."""
         builder = ChunkBuilder()
         for channel, (_, payload) in self._pinned.items():

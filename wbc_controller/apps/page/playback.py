@@ -16,9 +16,8 @@ from wbc_controller.apps.page.moment import Moment, Robot
 from wbc_controller.apps.terminal.status_view import Heard
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode
-from wbc_controller.recording.layout import MODES
-from wbc_controller.recording.mcap import Contents, read
-from wbc_controller.recording.reading import Cycle, Recorded
+from wbc_controller.recording.cycle_layout import MODES
+from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import Array, Reference, References
 
 #: Most moments that are kept of a recording: of a longer one, every second, third, … cycle.
@@ -59,7 +58,7 @@ class Playback:
         speed: how fast.
     """
 
-    def __init__(self, recorded: Recorded, robot: Robot) -> None:
+    def __init__(self, recorded: Recording, robot: Robot) -> None:
         """Read a recording.
 
         Args:
@@ -73,7 +72,7 @@ class Playback:
         self.time, self.speed, self.playing = 0.0, 1.0, True
         self._now = time.monotonic()
         self._times: list[float] = []
-        self._cycles: list[Cycle] = []
+        self._cycles: list[RecordedCycle] = []
         self.marks: list[Mark] = sorted(self._read(), key=lambda mark: mark.time)
         if not self._cycles:
             raise ConfigurationError(f"recording {recorded.path}: there is nothing to show: no state has arrived")
@@ -99,7 +98,7 @@ class Playback:
         """Nothing is refused any more."""
         return ()
 
-    def _of(self, cycle: Cycle) -> Moment:
+    def _of(self, cycle: RecordedCycle) -> Moment:
         values, model = cycle.values, self._robot.model
         mode = MODES[int(cycle.number_of("mode"))].value
         moved = time_of(self._recorded, cycle.time)
@@ -163,10 +162,10 @@ class Playback:
         """What the controller said of itself, with the times."""
         times: list[float] = []
         said: list[Heard] = []
-        contents, count = Contents(), 0
+        count = 0
         node = f"{self._recorded.about['node'].strip('/')}: control loop"
-        for number, stamp, payload in read(self._recorded.path, contents):
-            if not contents.channels[number].topic.endswith("/diagnostics"):
+        for topic, stamp, payload in self._recorded.messages():
+            if not topic.name.endswith("/diagnostics"):
                 continue
             for status in decode(payload, "diagnostic_msgs/msg/DiagnosticArray").status:
                 if status.name == node:
@@ -242,7 +241,7 @@ def strip(playback: Playback) -> str:
     )
 
 
-def time_of(recorded: Recorded, stamp: int) -> float:
+def time_of(recorded: Recording, stamp: int) -> float:
     """A time of a recording since its start, s."""
     return 1.0e-9 * (stamp - recorded.start)
 

@@ -11,7 +11,7 @@ import click
 from wbc_controller.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from wbc_controller.recording.reading import Recorded
+    from wbc_controller.recording.recording_file import Recording
 
 #: Exit status where a cycle did not come out as it was recorded.
 DIFFERENT = 1
@@ -31,18 +31,18 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
 
     The status is 1 where a cycle that has to come out bit for bit does not.
     """
-    from wbc_controller.recording.reading import Recorded
-    from wbc_controller.recording.replay.telling import told
+    from wbc_controller.recording.recording_file import Recording
+    from wbc_controller.recording.replay.recording_summary import summarize
 
     if plot is not None and other is None:
         raise ConfigurationError("--plot draws a comparison: it needs --config")
-    recorded = Recorded(file)
+    recorded = Recording(file)
     if other is not None:
         _compare(recorded, other, plot)
     elif number is not None:
         _explain(recorded, number)
     else:
-        click.echo(told(recorded))
+        click.echo(summarize(recorded))
         if not only_tell:
             sys.exit(_solve(recorded))
 
@@ -53,19 +53,20 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
               help="The .html file; by default FILE with this ending.")  # fmt: skip
 def report(file: Path, out: Path | None) -> None:
     """Make the demo's report of any recording, a real robot's too: what only a simulation knows is left out."""
-    from wbc_controller.recording.reading import Recorded
-    from wbc_controller.recording.replay import reporting
+    from wbc_controller.recording.recording_file import Recording
+    from wbc_controller.recording.report.run_report import report_recording
 
     path = file.with_suffix(".html") if out is None else out
-    reporting.report(Recorded(file), path)
-    click.echo(reporting.LEFT_OUT)
+    notes = report_recording(Recording(file), path)
+    if notes:
+        click.echo(notes)
     click.echo(f"report: {path}")
 
 
-def _solve(recorded: Recorded) -> int:
+def _solve(recorded: Recording) -> int:
     """Solve all cycles, and say whether they come out as they were recorded."""
-    from wbc_controller.recording.replay.solving import Replay
-    from wbc_controller.recording.replay.telling import since
+    from wbc_controller.recording.replay.cycle_replay import Replay
+    from wbc_controller.recording.replay.recording_summary import since
 
     run = Replay(recorded)
     count, different, worst, exact = 0, 0, 0.0, True
@@ -82,21 +83,21 @@ def _solve(recorded: Recorded) -> int:
     if not different:
         click.echo(f"{count} cycles solved again: all torques are the same, bit for bit")
         return 0 if count else DIFFERENT
-    why = "" if not exact else " (the solver keeps its warm start to itself: only whole recordings come out the same)"
-    click.echo(f"{count} cycles solved again: {different} differ, by up to {worst:.3g} N·m; {first}{why}")
+    reason = "" if not exact else " (the solver does not expose its warm start: only whole recordings are exact)"
+    click.echo(f"{count} cycles solved again: {different} differ, by up to {worst:.3g} N·m; {first}{reason}")
     return 0 if exact else DIFFERENT
 
 
-def _explain(recorded: Recorded, number: int) -> None:
-    from wbc_controller.recording.replay.solving import Replay
-    from wbc_controller.recording.replay.telling import why
+def _explain(recorded: Recording, number: int) -> None:
+    from wbc_controller.recording.replay.cycle_replay import Replay
+    from wbc_controller.recording.replay.recording_summary import explain_cycle
 
     if not recorded.first <= number <= recorded.last:
         raise ConfigurationError(f"--cycle {number}: the recording has the cycles {recorded.first} to {recorded.last}")
     run = Replay(recorded)
     for solved in run.run(number, number):
         if solved.cycle.number == number:
-            click.echo(why(solved, recorded, run.controller))
+            click.echo(explain_cycle(solved, recorded, run.controller))
             return
     known = recorded.memory_after(number)
     raise ConfigurationError(
@@ -107,8 +108,8 @@ def _explain(recorded: Recorded, number: int) -> None:
     )
 
 
-def _compare(recorded: Recorded, other: str, plot: Path | None) -> None:
-    from wbc_controller.recording.replay.comparing import compare
+def _compare(recorded: Recording, other: str, plot: Path | None) -> None:
+    from wbc_controller.recording.replay.comparison import compare
     from wbc_controller.settings.config import load
 
     config = load(other)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import io
 import json
 import shlex
@@ -16,7 +17,9 @@ from rich import box
 from rich.table import Table
 from scipy import stats
 
+from wbc_controller.controller.visualization.page_report import PageReport, ResultTable, write_page
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.validation.campaign.campaign_plots import campaign_plots
 from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS, Outcome
 from wbc_controller.validation.campaign.results import Key, key_of
 from wbc_controller.validation.campaign.trial import ALL_KINDS
@@ -177,11 +180,10 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[s
     try:
         (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")
         (folder / "faults.csv").write_text(_csv(rows), encoding="utf-8")
-        html = _plots(rows, outcomes)
-        if html is not None:
-            (folder / "faults.html").write_text(html, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"{folder}: the report cannot be written: {error.strerror or error}") from error
+    if importlib.util.find_spec("plotly") is not None:
+        _write_page(rows, outcomes, folder / "faults.html")
 
 
 def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequence[str]) -> str:
@@ -222,10 +224,17 @@ def _csv(rows: Sequence[Row]) -> str:
     return text.getvalue()
 
 
-def _plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> str | None:
-    """The page with the plots; None where plotly is not installed."""
-    try:
-        from wbc_controller.validation.campaign.campaign_plots import page
-    except ModuleNotFoundError:
-        return None
-    return page(rows, outcomes, summary(outcomes))
+def _write_page(rows: Sequence[Row], outcomes: Sequence[Outcome], path: Path) -> None:
+    bad = sum(bool(outcome.violations) for outcome in outcomes)
+    write_page(
+        PageReport(
+            title="Fault campaign",
+            kind="wbc faults",
+            verdict=f"{bad} trials with violations." if bad else "No violations.",
+            passed=not bad,
+            note=f"{summary(outcomes)}.",
+            table=ResultTable("Trials", _COLUMNS, [(_cells(row), not row.violations) for row in rows]),
+            plots=campaign_plots(rows, outcomes),
+        ),
+        path,
+    )

@@ -118,7 +118,8 @@ def version_of(robot: str) -> str:
 
 def _sources(package: Path) -> Iterator[Path]:
     """The code on which the outcome of a trial depends: not the code that counts and shows outcomes."""
-    shown = {package / "campaign" / name for name in ("results.py", "report.py", "plots.py", "run.py")}
+    names = ("results.py", "campaign_report.py", "campaign_plots.py", "run.py")
+    shown = {package / "validation" / "campaign" / name for name in names}
     return (path for path in sorted(package.rglob("*.py")) if path not in shown and path.parent.name != "demo")
 
 

@@ -18,8 +18,8 @@ from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
 from wbc_controller.middleware.codec import encode, message
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.recording.columns import columns
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.cycle_arrays import cycle_arrays
+from wbc_controller.recording.recording_file import Recording
 from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.contents import ordinary
 from wbc_controller.validation.fuzz.rig import MACHINE, Rig
@@ -225,8 +225,8 @@ def _under_one_flood(rig: Rig, kind: str, trials: int, rng: np.random.Generator,
     status = rig.stop("controller")
     if status != 0 or not rig.record.exists():
         raise WbcError(f"the controller ended with exit status {status} after the flood {kind!r}")
-    recorded = Recorded(rig.record)
-    gaps, record = _gaps(recorded), columns(recorded)
+    recorded = Recording(rig.record)
+    gaps, record = _gaps(recorded), cycle_arrays(recorded)
     stamps, modes, totals = record["stamp"], record["mode"], record["seconds/total"]
     stopped = ~record["tau"].any(axis=1) & (modes == "fault")
     found, period = [], 1.0 / rig.settings.control.rate
@@ -255,12 +255,9 @@ def _under_one_flood(rig: Rig, kind: str, trials: int, rng: np.random.Generator,
     return found
 
 
-def _gaps(recorded: Recorded) -> list[tuple[int, int, int]]:
+def _gaps(recorded: Recording) -> list[tuple[int, int, int]]:
     """Where cycles lack in a recording: stamps of the cycles before and after, ns, and how many lack."""
-    known = [
-        (each.number, int(each.number_of("stamp_seconds")) * 1_000_000_000 + int(each.number_of("stamp_nanoseconds")))
-        for each in recorded.cycles()
-    ]
+    known = [(each.number, each.stamp) for each in recorded.cycles()]
     return [
         (before, stamp, number - last - 1) for (last, before), (number, stamp) in pairwise(known) if number > last + 1
     ]

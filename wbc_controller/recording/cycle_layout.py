@@ -15,7 +15,7 @@ from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, CycleReport, Mode, Reference, References
 
 #: Version of the layout; another one is not read.
-FORMAT = 3
+FORMAT = 4
 MODES = tuple(Mode)
 #: Inputs whose ages are recorded, stages whose times are, and results of the audit.
 AGES = ("joint_states", "odom", "imu", "base estimate")

@@ -18,17 +18,17 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetTrajectory,
     SetWeight,
 )
-from wbc_controller.recording.layout import AGES, MODES
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.cycle_layout import AGES, MODES
 from wbc_controller.recording.recorder import software
-from wbc_controller.recording.replay.solving import Solved
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.replay.cycle_replay import ReplayedCycle
 from wbc_controller.records import ChangeSettings
 
 #: Lines of what happened that are shown, of the beginning and of the end.
 _SHOWN = 25
 
 
-def told(recorded: Recorded) -> str:
+def summarize(recorded: Recording) -> str:
     """What a recording holds: when, how long, by which software, each fault with its sentence, and all requests."""
     lasted = 1e-9 * (recorded.end - recorded.start)
     lines = [
@@ -38,8 +38,8 @@ def told(recorded: Recorded) -> str:
     missing = recorded.last - recorded.first + 1 - recorded.count
     if missing:
         lines.append(f"{missing} cycles lack: the recorder did not keep up, or the disk took nothing")
-    if recorded.torn:
-        lines.append(f"the file breaks off: {recorded.torn}")
+    if recorded.damage:
+        lines.append(f"the file is read up to its first damage: {recorded.damage}")
     lines += differences_of_software(recorded)
     for each in recorded.faults:
         lines.append(
@@ -54,7 +54,7 @@ def told(recorded: Recorded) -> str:
     return "\n".join([*lines, "", *happened])
 
 
-def differences_of_software(recorded: Recorded) -> list[str]:
+def differences_of_software(recorded: Recording) -> list[str]:
     """A sentence for each package of which another version runs here: the torques may differ in their last bits."""
     here = software()
     return [
@@ -64,7 +64,7 @@ def differences_of_software(recorded: Recorded) -> list[str]:
     ]
 
 
-def why(solved: Solved, recorded: Recorded, controller: ControlCycle) -> str:
+def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: ControlCycle) -> str:
     """Why a cycle did what it did: what came in, what was wanted, what was binding, and what the supervisor did."""
     cycle, result = solved.cycle, solved.result
     event: Mapping[str, Any] = recorded.events.get(cycle.number, {})
@@ -99,7 +99,7 @@ def _budget(memory: Mapping[str, Any], limit: float) -> str:
     return f"{memory['_total']:.3f} s (limit {limit:g} s)"
 
 
-def since(recorded: Recorded, time: int) -> str:
+def since(recorded: Recording, time: int) -> str:
     """A time in ns, counted from the start of the recording."""
     return f"{1e-9 * (time - recorded.start):.3f} s"
 
@@ -111,7 +111,7 @@ def clock_time(time: int) -> str:
     return datetime.datetime.fromtimestamp(1e-9 * time).astimezone().strftime("%Y-%m-%d %H:%M:%S.%f %Z")
 
 
-def _happened(recorded: Recorded) -> list[str]:
+def _happened(recorded: Recording) -> list[str]:
     """A line for each cycle with a request, a refusal, a fault, or another mode."""
     lines, mode = [], ""
     for number, event in sorted(recorded.events.items()):

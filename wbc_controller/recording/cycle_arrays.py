@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from wbc_controller.recording.layout import MODES, STAGES
-from wbc_controller.recording.reading import Cycle, Recorded
+from wbc_controller.recording.cycle_layout import MODES, STAGES
+from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import Array
 
 #: Columns of ``audit``.
 AUDIT_COLUMNS = ("energy", "throughput", "force", "torque", "warnings")
 
 
-def audited(cycle: Cycle) -> Array:
+def audited(cycle: RecordedCycle) -> Array:
     """The audit of a cycle, (5,), with the columns of `AUDIT_COLUMNS`; NaN where it has none."""
     number, values = cycle.number_of, cycle.values
     force, torque = np.linalg.norm(values["audit/force"]), np.max(np.abs(values["audit/torques"]))
     return np.array([number("audit/energy"), number("audit/throughput"), force, torque, number("audit/warnings")])
 
 
-def columns(recorded: Recorded) -> dict[str, Array]:
+def cycle_arrays(recorded: Recording) -> dict[str, Array]:
     """The cycles that sent a command, as arrays.
 
     Returns:
@@ -38,7 +38,7 @@ def columns(recorded: Recorded) -> dict[str, Array]:
         values, number = cycle.values, cycle.number_of
         row = {
             "number": int(number("number")),
-            "stamp": int(number("stamp_seconds")) * 1_000_000_000 + int(number("stamp_nanoseconds")),
+            "stamp": cycle.stamp,
             "tau": values["tau"],
             "q": values["q"],
             "v": values["v"],

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from wbc_controller.inverse_dynamics.references.changes import SetSetpoint, SetTrajectory
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory
-from wbc_controller.recording.plain import from_json, to_json
+from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.records import ChangeSettings, Fault, Mode
 
 FLOATS = st.floats(width=64)

@@ -30,7 +30,7 @@ def frame(code: int, at: int, payload: bytes) -> bytes:
     return FRAME.pack(len(payload), code, at) + payload
 
 
-class Link:
+class WriterProcess:
     """Starts the process, and sends it frames without ever waiting for it, unless it is asked to.
 
     Attributes:

@@ -9,16 +9,16 @@ import numpy as np
 
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.recording.layout import MODES
-from wbc_controller.recording.plain import from_json
-from wbc_controller.recording.reading import Cycle, Recorded
+from wbc_controller.recording.cycle_layout import MODES
+from wbc_controller.recording.json_records import from_json
+from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import RobotState, freeze
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
 
 
 @dataclass(frozen=True, slots=True)
-class Solved:
+class ReplayedCycle:
     """A cycle that was solved again.
 
     Attributes:
@@ -27,7 +27,7 @@ class Solved:
         exact: whether the controller began at a memory that holds all, so that the bits have to be the same.
     """
 
-    cycle: Cycle
+    cycle: RecordedCycle
     result: CycleResult
     exact: bool
 
@@ -62,7 +62,7 @@ class Replay:
         skipped: number of cycles that could not be solved again, as what the controller remembered before is not known.
     """
 
-    def __init__(self, recorded: Recorded, config: Config | None = None) -> None:
+    def __init__(self, recorded: Recording, config: Config | None = None) -> None:
         """Make the controller.
 
         Args:
@@ -77,7 +77,7 @@ class Replay:
         self._other = config is not None
         self.controller = ControlCycle(recorded.config if config is None else config, preflight=False)
 
-    def run(self, first: int | None = None, last: int | None = None) -> Iterator[Solved]:
+    def run(self, first: int | None = None, last: int | None = None) -> Iterator[ReplayedCycle]:
         """Solve cycles again, from the last known memory before the first one on.
 
         Args:
@@ -114,7 +114,7 @@ class Replay:
             expected = cycle.number + 1
             if not (cycle.number_of("same_state") and state is not None):
                 state = _state(cycle)
-            yield Solved(cycle, self._cycle(cycle, state), exact)
+            yield ReplayedCycle(cycle, self._cycle(cycle, state), exact)
 
     def _recall(self, number: int) -> bool:
         """Give the controller what it remembered before a cycle; says whether that is all."""
@@ -128,7 +128,7 @@ class Replay:
         self.controller.recall(memory, settings)
         return memory["qp"] is not None or number == 0
 
-    def _cycle(self, cycle: Cycle, state: RobotState | None) -> CycleResult:
+    def _cycle(self, cycle: RecordedCycle, state: RobotState | None) -> CycleResult:
         event = self.recorded.events.get(cycle.number, {})
         if "settings" in event and not self._other:
             self.controller.live.adopt(self.recorded.configured(event["settings"]).settings)
@@ -143,11 +143,10 @@ class Replay:
         )
 
 
-def _state(cycle: Cycle) -> RobotState | None:
+def _state(cycle: RecordedCycle) -> RobotState | None:
     if not cycle.number_of("has_state"):
         return None
-    stamp = int(cycle.number_of("stamp_seconds")) * 1_000_000_000 + int(cycle.number_of("stamp_nanoseconds"))
-    return RobotState(stamp, freeze(np.array(cycle.values["q"])), freeze(np.array(cycle.values["v"])))
+    return RobotState(cycle.stamp, freeze(np.array(cycle.values["q"])), freeze(np.array(cycle.values["v"])))
 
 
 def _for_other(controller: ControlCycle, memory: Mapping[str, object]) -> dict[str, object]:

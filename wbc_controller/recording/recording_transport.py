@@ -8,7 +8,7 @@ from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 
 
-class Tap:
+class RecordingTransport:
     """Passes messages on, and records them: outgoing ones after they were sent, so that none waits for it."""
 
     def __init__(
@@ -58,7 +58,9 @@ class Tap:
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
         """Open a topic for reading, whose messages wait until they are taken: then they are recorded."""
-        return _Tapped(self._transport.stream(endpoint, depth), self._came, self._channel(endpoint.name, endpoint.type))
+        return _RecordingStream(
+            self._transport.stream(endpoint, depth), self._came, self._channel(endpoint.name, endpoint.type)
+        )
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """As the transport."""
@@ -73,7 +75,7 @@ class Tap:
         self._transport.close()
 
 
-class _Tapped:
+class _RecordingStream:
     """A stream that records what is taken from it."""
 
     def __init__(self, stream: Stream, came: Callable[[int, bytes], None], channel: int) -> None:

@@ -1,0 +1,208 @@
+"""The data of a report, made from any recording of the controller: of a real robot, a simulation, or the demo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.inverse_dynamics.tasks import AccelerationTask, Task
+from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.decoding import read_odometry
+from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, endpoints
+from wbc_controller.recording.cycle_arrays import AUDIT_COLUMNS, audited, cycle_arrays
+from wbc_controller.recording.recording_file import RecordedCycle, Recording
+from wbc_controller.recording.report.run_data import Phase, RunData, supports_of
+from wbc_controller.records import Array, Reference
+from wbc_controller.settings import ComTask, FixedContact, PointContact, RollingContact, Settings
+
+#: Largest number of samples of a report; of a longer recording every second, third, … cycle is used.
+LARGEST = 30_000
+#: Topic of a demo's phases, std_msgs/msg/String.
+PHASES = "/wbc_demo/phase"
+
+
+def truth_topics(settings: Settings) -> list[Endpoint]:
+    """Return the topics of a simulation's true state: contact wrenches and, if the base is estimated, its odometry."""
+    estimated = settings.estimation.base_state == "imu"
+    return [
+        endpoint
+        for endpoint in endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts)
+        if endpoint.key == "contact_wrench" or (endpoint.key == "odom" and estimated)
+    ]
+
+
+@dataclass
+class _OtherTopics:
+    """Messages of a recording besides the controller's own: truth of a simulation and phases of a demo.
+
+    Attributes:
+        wrenches: per contact, stamps in s and true wrenches, (6,) in N and N·m.
+        bases: true poses of the base, (7,), by stamp in ns.
+        phases: times of the record in ns, and names.
+    """
+
+    wrenches: dict[str, tuple[list[float], list[list[float]]]] = field(default_factory=dict)
+    bases: dict[int, Array] = field(default_factory=dict)
+    phases: list[tuple[int, str]] = field(default_factory=list)
+
+
+def run_of(recording: Recording, controller: ControlCycle, *, largest: int = LARGEST) -> RunData:
+    """Make the data of a report.
+
+    Args:
+        recording: the recording.
+        controller: a controller with the configuration of the recording.
+        largest: largest number of samples.
+
+    Raises:
+        ConfigurationError: if no command was sent.
+    """
+    table = cycle_arrays(recording)
+    if not table or not np.isfinite(table["q"]).all(axis=1).any():
+        raise ConfigurationError(f"recording {recording.path}: there is nothing to report: no command was sent")
+    stride = -(-recording.count // largest)
+    model, settings, tasks = controller.model, controller.config.settings, controller.tasks
+    other = _read_other_topics(recording, settings, model)
+    com = next((name for name, task in settings.tasks.items() if isinstance(task, ComTask)), None)
+    dynamics = Dynamics(model)
+    rows: dict[str, list[Array]] = {}
+    errors: dict[str, list[float]] = {name: [] for name, task in tasks.items() if isinstance(task, AccelerationTask)}
+    for cycle in _samples(recording, stride):
+        values = cycle.values
+        q = np.array(values["q"])
+        vertical = float(rotation_of(q[3:7])[2] @ values["disturbance"][:3]) if model.floating_base else 0.0
+        dynamics.update(q, np.array(values["v"]))
+        for name, series in errors.items():
+            series.append(_error(cycle, name, tasks[name], dynamics))
+        if cycle.stamp in other.bases:
+            q[:7] = other.bases[cycle.stamp]
+            dynamics.update(q, np.array(values["v"]))
+        reference = np.full(3, np.nan)
+        if com is not None and cycle.references and cycle.references[f"weight/{com}"][0] > 0.0:
+            reference = cycle.references[f"position/{com}"]
+        row = {
+            "q": q,
+            "tau": values["tau"],
+            "com": np.array(dynamics.com),
+            "com_reference": reference,
+            "stamp": np.array(1.0e-9 * cycle.stamp),
+            "recorded": np.array(float(cycle.time)),
+            "audit": audited(cycle),
+            "disturbance": np.array(vertical),
+        }
+        for name in settings.contacts:
+            row[f"wrench/{name}"] = controller.contacts[name].basis @ values[f"force/{name}"]
+        for name, value in row.items():
+            rows.setdefault(name, []).append(value)
+    found = {name: np.array(values) for name, values in rows.items()}
+    start = float(found["stamp"][0])
+    time = np.maximum.accumulate(found["stamp"] - start)
+    sizes = {name: 3 if isinstance(each, PointContact | RollingContact) else 6
+             for name, each in settings.contacts.items()}  # fmt: skip
+    return RunData(
+        robot=str(recording.about["robot"]),
+        actuators=model.actuators,
+        time=time,
+        q=found["q"],
+        tau=found["tau"],
+        effort_limits=model.effort_limits,
+        com=found["com"],
+        com_reference=found["com_reference"],
+        disturbance=found["disturbance"],
+        task_errors={name: np.array(series) for name, series in errors.items() if np.isfinite(series).any()},
+        contact_wrenches={name: found[f"wrench/{name}"][:, :size] for name, size in sizes.items()},
+        true_wrenches={
+            name: _latest(np.array(stamps), np.array(wrenches), found["stamp"])[:, : sizes[name]]
+            for name, (stamps, wrenches) in other.wrenches.items()
+        },
+        friction={
+            name: each.friction for name, each in settings.contacts.items() if not isinstance(each, FixedContact)
+        },
+        cycle_seconds=table["seconds/total"],
+        stage_seconds={
+            stage: table[f"seconds/{stage}"]
+            for stage in ("read", "compute", "supervise", "write")
+            if np.isfinite(table[f"seconds/{stage}"]).all()
+        },
+        phases=tuple(
+            Phase(float(np.interp(float(at), found["recorded"], time)), name)
+            for at, name in other.phases or _requests_and_faults(recording)
+        ),
+        modes=_modes(table["mode"], 1.0e-9 * table["stamp"] - start),
+        supports=supports_of(settings.contacts),
+        audit=dict(zip(AUDIT_COLUMNS, found["audit"].T, strict=True)),
+        start=start,
+        stride=stride,
+    )
+
+
+def _read_other_topics(recording: Recording, settings: Settings, model: RobotModel) -> _OtherTopics:
+    truth = {endpoint.name: endpoint for endpoint in truth_topics(settings)}
+    found = _OtherTopics()
+    if not any(topic.name in truth or topic.name == PHASES for topic in recording.topics.values()):
+        return found
+    for topic, time, payload in recording.messages():
+        if topic.name == PHASES:
+            found.phases.append((time, str(decode(payload, topic.type).data)))
+        elif topic.name in truth:
+            content = decode(payload, topic.type)
+            stamp = content.header.stamp.sec * 1_000_000_000 + content.header.stamp.nanosec
+            if truth[topic.name].key == "odom":
+                found.bases[stamp] = read_odometry(content, model.base_link)[0]
+            else:
+                force, torque = content.wrench.force, content.wrench.torque
+                stamps, wrenches = found.wrenches.setdefault(truth[topic.name].subject, ([], []))
+                stamps.append(1.0e-9 * stamp)
+                wrenches.append([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+    return found
+
+
+def _samples(recording: Recording, stride: int) -> Iterator[RecordedCycle]:
+    """Read every `stride`-th cycle, if it has a state and a command."""
+    for i, cycle in enumerate(recording.cycles()):
+        if i % stride == 0 and cycle.number_of("has_state") and cycle.number_of("has_command"):
+            yield cycle
+
+
+def _latest(stamps: Array, values: Array, time: Array) -> Array:
+    """Return the latest value up to each of the given times, (n, k); NaN before the first. All times in s."""
+    order = np.argsort(stamps, kind="stable")
+    index = np.searchsorted(stamps[order], time + 1.0e-9, side="right") - 1
+    latest: Array = values[order][np.maximum(index, 0)]
+    latest[index < 0] = np.nan
+    return latest
+
+
+def _error(cycle: RecordedCycle, name: str, task: Task, dynamics: Dynamics) -> float:
+    """Return the norm of a task's error; NaN while the task is off or its reference is unknown."""
+    references = cycle.references
+    if not references or not references[f"weight/{name}"][0] > 0.0 or not isinstance(task, AccelerationTask):
+        return float("nan")
+    position, velocity, acceleration = (
+        np.array(references[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration")
+    )
+    _, error = task.right(dynamics, Reference(position, velocity, acceleration))
+    return float(np.linalg.norm(error))
+
+
+def _requests_and_faults(recording: Recording) -> Iterator[tuple[int, str]]:
+    """Times in ns and names of the phases that begin with a request or a fault."""
+    for _, event in sorted(recording.events.items()):
+        words = [str(word) for word in event.get("requests", ())]
+        if event.get("fault") is not None:
+            words.append(event["fault"].code)
+        if words:
+            yield event["time"], ", ".join(words)
+
+
+def _modes(modes: Array, time: Array) -> tuple[tuple[float, str], ...]:
+    """Return each mode with the time of its beginning, s."""
+    changes = np.flatnonzero(np.append(True, modes[1:] != modes[:-1])).tolist()
+    return tuple((max(0.0, float(time[i])), str(modes[i])) for i in changes)
