@@ -41,12 +41,14 @@ class ResultTable:
     Attributes:
         title: title of the table.
         columns: headings; empty for none.
-        rows: cells, and True for a target met, False for a target missed, None for neither.
+        rows: cells, and True for a good row, False for a bad one, None for neither.
+        words: words for a good and a bad row.
     """
 
     title: str
     columns: Sequence[str]
     rows: Sequence[tuple[Sequence[str], bool | None]]
+    words: tuple[str, str] = ("met", "missed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +160,7 @@ def _top(report: PageReport) -> str:
 
 
 def _table(table: ResultTable) -> str:
-    states = {True: ("pass", "met"), False: ("fail", "missed")}
+    states = {True: ("pass", table.words[0]), False: ("fail", table.words[1])}
     columns = [*table.columns, ""] if any(passed is not None for _, passed in table.rows) else [*table.columns]
     head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in columns)
     rows = []

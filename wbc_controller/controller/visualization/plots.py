@@ -40,7 +40,7 @@ class Line:
         dash: ``solid``, ``dash`` or ``dot``.
         width: width in pixels.
         group: lines of a group have one entry in the legend, that of the first line; by default the name.
-        filled: fill the area down to zero.
+        filled: fill the area down to zero in grey.
     """
 
     name: str
@@ -122,6 +122,7 @@ def line_panels(
                 mode="lines",
                 line={"color": color, "dash": line.dash, "width": line.width},
                 fill="tozeroy" if line.filled else None,
+                fillcolor="rgba(139, 149, 163, 0.22)" if line.filled else None,
                 connectgaps=False,
                 hovertemplate="%{y:.4g}",
                 legendgroup=group,

@@ -92,8 +92,8 @@ def _forces(run: RunData) -> Plot:
     panels = []
     for name, wrench in run.contact_wrenches.items():
         lines = [_line(run, "force in the QP", wrench[:, 2], BLUE)]
-        if name in run.true_wrenches:
-            lines.append(_line(run, "force of the ground", run.true_wrenches[name][:, 2], ORANGE, width=1.2))
+        if name in run.true_wrenches:  # below the other line
+            lines.insert(0, _line(run, "force of the ground", run.true_wrenches[name][:, 2], ORANGE, width=1.2))
         panels.append(Panel(f"{name.replace('_', ' ')}<br>f<sub>z</sub> [N]", lines, from_zero=True))
     caption = "Force of the solution of the quadratic program" + (
         ", and true force of the ground," if run.true_wrenches else ""

@@ -226,6 +226,7 @@ def _csv(rows: Sequence[Row]) -> str:
 
 def _write_page(rows: Sequence[Row], outcomes: Sequence[Outcome], path: Path) -> None:
     bad = sum(bool(outcome.violations) for outcome in outcomes)
+    table = [(_cells(row), not row.violations) for row in rows]
     write_page(
         PageReport(
             title="Fault campaign",
@@ -233,7 +234,7 @@ def _write_page(rows: Sequence[Row], outcomes: Sequence[Outcome], path: Path) ->
             verdict=f"{bad} trials with violations." if bad else "No violations.",
             passed=not bad,
             note=f"{summary(outcomes)}.",
-            table=ResultTable("Trials", _COLUMNS, [(_cells(row), not row.violations) for row in rows]),
+            table=ResultTable("Trials", _COLUMNS, table, words=("ok", "violated")),
             plots=campaign_plots(rows, outcomes),
         ),
         path,
