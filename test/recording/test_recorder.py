@@ -134,7 +134,7 @@ def test_what_is_asked_for_while_the_recorder_does_not_keep_up_is_written_later(
     else:
         run.bench.v[0] = 1e4  # no base is as fast
     run.go(10)
-    assert "cycles lack" in run.recorder.status()["recorder"]
+    assert "cycles were dropped" in run.recorder.status()["recorder"]
     run.recorder._process.send = send
     run.go(10)
     run.recorder.close()
@@ -163,7 +163,7 @@ def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_p
     assert Recording(path).count == 33
     assert [said.split(repr(str(path))) for said in caplog.messages if repr(str(path)) in said] == [
         ["the last seconds are written to ", " (look / here)"],
-        ["the last seconds are in ", " already, which goes on (and here)"],
+        ["the last seconds are already in ", ", which is continued (and here)"],
     ]
     assert run.recorder.status()["recorder_said"] == "2"
     assert sorted(each.name for each in folder.glob("*OLD*")) == [

@@ -1,9 +1,8 @@
-"""What the numbers of a recorded cycle are: groups, each a topic with an array of doubles, and slots in these."""
+"""The numbers of a recorded cycle: slots, in groups; each group is a topic with an array of doubles."""
 
 from __future__ import annotations
 
 import operator
-import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,10 +13,10 @@ from wbc_controller.controller.memory import Taped
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, CycleReport, Mode, Reference, References
 
-#: Version of the layout; another one is not read.
+#: Version of the format of recordings; other versions are rejected.
 FORMAT = 4
 MODES = tuple(Mode)
-#: Inputs whose ages are recorded, stages whose times are, and results of the audit.
+#: Inputs with recorded ages, and stages with recorded times.
 AGES = ("joint_states", "odom", "imu", "base estimate")
 STAGES = (
     "read", "compute", "compute/build", "compute/solve", "compute/unpack", "supervise", "write", "total", "audit",
@@ -26,8 +25,6 @@ _HEAD = (
     "number", "now", "stamp_seconds", "stamp_nanoseconds", "mode", "has_state", "has_joint_velocity", "has_command",
     "has_solution", "has_references", "same_state", "has_event", "fault", "iterations", "relaxed", "deadlines_missed",
 )  # fmt: skip
-_NAN = float("nan")
-_NOTHING = (_NAN,) * max(len(AGES), len(STAGES))
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +32,8 @@ class Slot:
     """Some numbers of a cycle.
 
     Attributes:
-        group: the topic that they are on.
-        name: what they are.
+        group: name of the group.
+        name: name of the numbers.
         size: how many.
     """
 
@@ -45,8 +42,8 @@ class Slot:
     size: int
 
 
-def layout_of(qp: WholeBodyQP) -> tuple[Slot, ...]:
-    """The numbers of every cycle of one controller."""
+def cycle_slots(qp: WholeBodyQP) -> tuple[Slot, ...]:
+    """Return the slots of every cycle of a controller."""
     model = qp.model
     slots = [Slot("cycle", name, 1) for name in _HEAD]
     slots += [Slot("cycle", f"age/{name}", 1) for name in AGES]
@@ -61,12 +58,12 @@ def layout_of(qp: WholeBodyQP) -> tuple[Slot, ...]:
     return tuple(slots)
 
 
-def references_of(qp: WholeBodyQP, references: Mapping[str, Reference]) -> tuple[Slot, ...]:
-    """The numbers of the references of a cycle, which are recorded when they change.
+def reference_slots(qp: WholeBodyQP, references: Mapping[str, Reference]) -> tuple[Slot, ...]:
+    """Return the slots of the references, which are recorded when they change.
 
     Args:
         qp: the program.
-        references: of any cycle, for their sizes.
+        references: references of any cycle, for their sizes.
     """
     slots = [Slot("references", "number", 1)]
     for name, reference in references.items():
@@ -78,106 +75,108 @@ def references_of(qp: WholeBodyQP, references: Mapping[str, Reference]) -> tuple
     return tuple(slots)
 
 
-def groups(slots: Sequence[Slot]) -> Iterator[tuple[str, int, int]]:
-    """Each group with the places of its first number and behind its last one; groups stand together."""
-    at, name, start = 0, slots[0].group, 0
+def places_of(slots: Sequence[Slot]) -> Iterator[tuple[Slot, slice]]:
+    """Return the place of each slot in a row."""
+    start = 0
     for slot in slots:
-        if slot.group != name:
-            yield name, start, at
-            name, start = slot.group, at
-        at += slot.size
-    yield name, start, at
+        yield slot, slice(start, start + slot.size)
+        start += slot.size
 
 
-def dumped(slots: Sequence[Slot]) -> list[list[Any]]:
-    """The slots for JSON."""
-    return [[slot.group, slot.name, slot.size] for slot in slots]
+def split(slots: Sequence[Slot], row: Array) -> dict[str, Array]:
+    """Split a row by the names of its slots."""
+    return {slot.name: row[place] for slot, place in places_of(slots)}
 
 
-class Row:
-    """Writes the numbers of one cycle, in the order of the layout."""
+class CycleRow:
+    """Makes the rows of cycles. Absent numbers are NaN."""
 
-    def __init__(self, qp: WholeBodyQP, slots: Sequence[Slot]) -> None:
-        self._head = struct.Struct(f"<{sum(slot.size == 1 and slot.group == 'cycle' for slot in slots)}d")
-        model = qp.model
-        sizes = {slot.name: slot.size for slot in slots}
-        nothing = {size: np.full(size, _NAN) for size in {*sizes.values()}}
-        self._state = (nothing[model.nq], nothing[model.nv])
-        self._joints, self._tau = np.full(model.nj, _NAN), np.full(model.na, _NAN)
-        self._v_dot = nothing[model.nv]
-        self._no_disturbance = np.zeros(model.nv)
-        self._forces = {name: nothing[contact.size] for name, contact in qp.contacts.items()}
-        self._no_ages = _NOTHING[: len(AGES)]
-        self._no_audit = (_NAN, _NAN, 0.0)
-        self._no_force = np.full(3, _NAN)
+    def __init__(self, slots: Sequence[Slot]) -> None:
+        self._places = {slot.name: place for slot, place in places_of(slots)}
+        self._empty = np.full(sum(slot.size for slot in slots), np.nan)
 
-    def write(self, number: int, taped: Taped, report: CycleReport | None, same: bool, event: bool) -> bytes:
-        """The numbers of a cycle as bytes.
+    def write(self, number: int, taped: Taped, report: CycleReport | None, *, same: bool, event: bool) -> Array:
+        """Return the row of a cycle.
 
         Args:
-            number: of the cycle.
-            taped: what it was given, and gave.
-            report: of the loop; None for a cycle that was computed anew before it was sent.
-            same: whether its state is that of the cycle before, the very object.
-            event: whether it has an event, which comes after it: a process that is killed may not get to that.
+            number: number of the cycle.
+            taped: inputs and results of the cycle.
+            report: report of the loop; None for a cycle that was computed again before its command was sent.
+            same: True if its state is the object of the previous cycle.
+            event: True if it has an event, which is recorded later: a killed process may not record it.
         """
         result, state, velocity = taped.result, taped.state, taped.joint_velocity
-        command, solution, references = result.command, result.solution, result.references
+        command, solution = result.command, result.solution
         stamp = 0 if state is None else state.stamp
-        head = [
-            number, taped.now, stamp // 1_000_000_000, stamp % 1_000_000_000, MODES.index(result.mode),
-            state is not None, velocity is not None, command is not None, solution is not None, references is not None,
-            same, event, result.fault is not None, 0.0 if solution is None else solution.iterations,
-            0.0 if solution is None else len(solution.relaxed), 0.0 if report is None else report.deadlines_missed,
-        ]  # fmt: skip
-        stages = result.stage_seconds if report is None else report.stage_seconds
-        head += self._no_ages if report is None else map(report.ages.get, AGES, _NOTHING)
-        head += map(stages.get, STAGES, _NOTHING)
-        audit = None if report is None else report.audit
-        head += self._no_audit if audit is None else (audit.energy, audit.throughput, len(audit.warnings))
-        parts: list[Any] = [self._head.pack(*head)]
-        parts += (self._no_force, self._joints) if audit is None else (audit.force, audit.joint_torques)
-        parts += self._state if state is None else (state.q, state.v)
-        parts.append(self._joints if velocity is None else velocity)
-        parts.append(self._tau if command is None else command.tau)
-        if solution is None:
-            parts += [self._v_dot, self._tau, self._v_dot, *self._forces.values()]
-        else:
-            beside = solution.disturbance
-            parts += [solution.v_dot, solution.tau, self._no_disturbance if beside is None else beside.forces]
-            forces = solution.forces
-            parts += map(forces.get, self._forces, self._forces.values())
-        return b"".join(parts)
+        numbers: dict[str, Any] = {
+            "number": number,
+            "now": taped.now,
+            "stamp_seconds": stamp // 1_000_000_000,
+            "stamp_nanoseconds": stamp % 1_000_000_000,
+            "mode": MODES.index(result.mode),
+            "has_state": state is not None,
+            "has_joint_velocity": velocity is not None,
+            "has_command": command is not None,
+            "has_solution": solution is not None,
+            "has_references": result.references is not None,
+            "same_state": same,
+            "has_event": event,
+            "fault": result.fault is not None,
+            "iterations": 0,
+            "relaxed": 0,
+            "deadlines_missed": 0,
+            "audit/warnings": 0,
+        }
+        stages = result.stage_seconds
+        if report is not None:
+            stages = report.stage_seconds
+            numbers["deadlines_missed"] = report.deadlines_missed
+            numbers |= {f"age/{name}": age for name, age in report.ages.items() if name in AGES}
+            if (audit := report.audit) is not None:
+                numbers |= {"audit/energy": audit.energy, "audit/throughput": audit.throughput}
+                numbers |= {"audit/force": audit.force, "audit/torques": audit.joint_torques}
+                numbers["audit/warnings"] = len(audit.warnings)
+        numbers |= {f"seconds/{name}": seconds for name, seconds in stages.items() if name in STAGES}
+        if state is not None:
+            numbers |= {"q": state.q, "v": state.v}
+        if velocity is not None:
+            numbers["joint_velocity"] = velocity
+        if command is not None:
+            numbers["tau"] = command.tau
+        if solution is not None:
+            disturbance = 0.0 if solution.disturbance is None else solution.disturbance.forces
+            numbers |= {"v_dot": solution.v_dot, "tau_wanted": solution.tau, "disturbance": disturbance}
+            numbers |= {"iterations": solution.iterations, "relaxed": len(solution.relaxed)}
+            numbers |= {f"force/{name}": force for name, force in solution.forces.items()}
+        row = self._empty.copy()
+        for name, value in numbers.items():
+            row[self._places[name]] = value
+        return row
 
 
 class ReferencesRow:
-    """Writes the references of a cycle when they are other ones, and from time to time."""
+    """Makes rows of references: of changed ones, and regularly."""
 
     def __init__(self, every: int) -> None:
         """Make it.
 
         Args:
-            every: number of cycles after which they are written again, so that the last seconds have them too.
+            every: number of cycles after which unchanged references are repeated, so that the last seconds have them.
         """
         self._every = every
         self._due = 0
         self._tasks: list[Reference] = []
-        self._shares: list[float] = []
+        self._weights: list[float] = []
 
-    def write(self, number: int, references: References) -> bytes | None:
-        """The references of a cycle as bytes; None where they are those that were written last."""
+    def write(self, number: int, references: References) -> Array | None:
+        """Return the row of a cycle's references; None if the last row has them."""
         tasks = [*references.tasks.values()]
-        shares = [*references.weights.values(), *references.contacts.values()]
-        if number < self._due and shares == self._shares and all(map(operator.is_, tasks, self._tasks)):
+        weights = [*references.weights.values(), *references.contacts.values()]
+        if number < self._due and weights == self._weights and all(map(operator.is_, tasks, self._tasks)):
             return None
-        self._due, self._tasks, self._shares = number + self._every, tasks, shares
-        parts: list[Any] = [np.array([float(number)])]
+        self._due, self._tasks, self._weights = number + self._every, tasks, weights
+        parts: list[Any] = [[number]]
         for each in tasks:
             parts += (each.position, each.velocity, each.acceleration)
-        return b"".join([*parts, np.array(shares).tobytes()])
-
-
-def split(slots: Sequence[Slot], row: Array) -> dict[str, Array]:
-    """The numbers of a cycle by slot."""
-    ends = np.cumsum([slot.size for slot in slots])
-    return {slot.name: row[end - slot.size : end] for slot, end in zip(slots, ends.tolist(), strict=True)}
+        row: Array = np.concatenate([*parts, weights])
+        return row

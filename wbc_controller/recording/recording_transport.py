@@ -1,4 +1,4 @@
-"""A transport that records what passes through it."""
+"""A transport that records its messages."""
 
 from __future__ import annotations
 
@@ -9,82 +9,81 @@ from wbc_controller.middleware.transports.transport import Publish, Stream, Tran
 
 
 class RecordingTransport:
-    """Passes messages on, and records them: outgoing ones after they were sent, so that none waits for it."""
+    """Passes messages on and records them; outgoing ones after they were sent, so that none is delayed."""
 
     def __init__(
         self,
         transport: Transport,
-        channel: Callable[[str, str], int],
+        add_topic: Callable[[str, str], int],
         came: Callable[[int, bytes], None],
         went: Callable[[int, bytes], None],
         *,
-        all_of_it: bool,
+        whole_run: bool,
     ) -> None:
-        """Make a tap.
+        """Make a transport.
 
         Args:
             transport: carries the messages.
-            channel: gives the number of a topic and type.
-            came: takes what came in: number of its channel, and bytes.
-            went: takes what went out, likewise.
-            all_of_it: whether the recording is to hold what nobody reads, too.
+            add_topic: returns the number of a topic and type.
+            came: takes the number of the topic and the bytes of incoming messages.
+            went: likewise, of outgoing messages.
+            whole_run: True to record topics without other subscriptions, too.
         """
         self.discovery_time = transport.discovery_time
         self._transport = transport
-        self._channel = channel
+        self._add_topic = add_topic
         self._came, self._went = came, went
-        self._all_of_it = all_of_it
+        self._whole_run = whole_run
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
         publish = self._transport.advertise(endpoint)
-        went, channel = self._went, self._channel(endpoint.name, endpoint.type)
+        went, topic = self._went, self._add_topic(endpoint.name, endpoint.type)
 
         def send(payload: bytes) -> None:
             publish(payload)
-            went(channel, payload)
+            went(topic, payload)
 
         return send
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """Open a topic for reading."""
-        came, channel = self._came, self._channel(endpoint.name, endpoint.type)
+        came, topic = self._came, self._add_topic(endpoint.name, endpoint.type)
 
         def receive(payload: bytes) -> None:
-            came(channel, payload)
+            came(topic, payload)
             callback(payload)
 
         self._transport.subscribe(endpoint, receive)
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """Open a topic for reading, whose messages wait until they are taken: then they are recorded."""
-        return _RecordingStream(
-            self._transport.stream(endpoint, depth), self._came, self._channel(endpoint.name, endpoint.type)
-        )
+        """Open a topic for reading whose messages are recorded when they are taken."""
+        stream = self._transport.stream(endpoint, depth)
+        return _RecordingStream(stream, self._came, self._add_topic(endpoint.name, endpoint.type))
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """As the transport."""
+        """Return the names of the publishers, as the transport."""
         return self._transport.publishers(endpoint)
 
     def is_read(self, endpoint: Endpoint) -> bool:
-        """As the transport, but that a recording of all of a run reads what it is given."""
-        return self._all_of_it or self._transport.is_read(endpoint)
+        """Return True if there is a subscription; a recording of the whole run is one."""
+        return self._whole_run or self._transport.is_read(endpoint)
 
     def close(self) -> None:
-        """As the transport."""
+        """Close the transport."""
         self._transport.close()
 
 
 class _RecordingStream:
-    """A stream that records what is taken from it."""
+    """A stream that records the messages that are taken from it."""
 
-    def __init__(self, stream: Stream, came: Callable[[int, bytes], None], channel: int) -> None:
-        self._stream, self._came, self._channel = stream, came, channel
+    def __init__(self, stream: Stream, came: Callable[[int, bytes], None], topic: int) -> None:
+        self._stream, self._came, self._topic = stream, came, topic
         self.wait, self.wake = stream.wait, stream.wake
 
     def take(self) -> list[bytes]:
-        """The serialized messages since the last call, oldest first."""
+        """Return the serialized messages since the last call, oldest first."""
         taken = self._stream.take()
         for payload in taken:
-            self._came(self._channel, payload)
+            self._came(self._topic, payload)
         return taken

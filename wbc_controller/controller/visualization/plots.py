@@ -1,4 +1,4 @@
-"""Figures with plotly: lines over time, series by category, a histogram, and one cycle in the world."""
+"""Figures with plotly: lines in panels, series by category, and one cycle in the world."""
 
 from __future__ import annotations
 
@@ -80,15 +80,17 @@ def line_panels(
     panels: Sequence[Panel],
     *,
     height: int,
+    axis: str = "time [s]",
     marks: Mapping[str, Array] | None = None,
     shaded: Sequence[tuple[float, float]] = (),
     title: str = "",
 ) -> Any:
-    """Draw panels below each other, over the time in s.
+    """Draw panels below each other. Lines of many points are thinned out.
 
     Args:
         panels: the panels.
         height: height of the figure in pixels.
+        axis: title of the x axis.
         marks: times of events by name, in s; drawn in a last panel.
         shaded: times between which the background is shaded, s.
         title: title of the figure.
@@ -115,9 +117,10 @@ def line_panels(
         for line in panel.lines:
             group = line.group or line.name
             color = line.color or colors.setdefault(line.name, PALETTE[len(colors) % len(PALETTE)])
+            x, y = thin_out(line.x, line.y)
             figure.add_scatter(
-                x=line.x,
-                y=line.y,
+                x=x,
+                y=y,
                 name=line.name,
                 mode="lines",
                 line={"color": color, "dash": line.dash, "width": line.width},
@@ -148,7 +151,7 @@ def line_panels(
     for start, end in shaded:
         figure.add_vrect(x0=start, x1=end, fillcolor="rgba(127, 140, 160, 0.10)", line_width=0, layer="below")
     figure.update_yaxes(title_standoff=8, nticks=6)
-    figure.update_xaxes(title_text="time [s]", title_standoff=8, row=rows)
+    figure.update_xaxes(title_text=axis, title_standoff=8, row=rows)
     if title:
         figure.update_layout(title=title)
     else:
@@ -240,69 +243,22 @@ def by_category(
     return figure
 
 
-def histogram(values: Array, *, name: str, axis: str, unit: str, marks: Mapping[str, float]) -> tuple[Any, int]:
-    """Draw the distribution of values; the last bar contains the few values far above all others.
+def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
+    """Thin out a line of more than `POINTS` points so that it looks the same, and halve its precision.
 
-    Args:
-        values: (n,).
-        name: name in the legend.
-        axis: title of the x axis.
-        unit: unit of the values.
-        marks: values of vertical lines, by name.
-
-    Returns:
-        A plotly Figure, and the number of values beyond the last bar.
-
-    Raises:
-        ConfigurationError: if plotly is not installed.
+    Each stretch keeps its lowest and its highest sample; at a gap (NaN), one value and the gap.
     """
-    go, _ = _plotly()
-    end = float(max(np.percentile(values, 99.8) * 1.05, 1.25 * np.median(values)))
-    counts, edges = np.histogram(np.minimum(values, end), bins=70, range=(0.0, end))
-    share = 100.0 * counts / len(values)
-    top = float(share.max()) * 1.06
-    figure = go.Figure()
-    figure.add_bar(
-        x=(edges[:-1] + edges[1:]) / 2.0,
-        y=share,
-        name=name,
-        marker={"color": BLUE},
-        hovertemplate=f"%{{x:.2f}} {unit}: %{{y:.2f}} %<extra></extra>",
-    )
-    for (mark, value), color in zip(marks.items(), (GREEN, ORANGE), strict=False):
-        line = {"color": color, "width": 2.0, "dash": "dash"}
-        figure.add_scatter(
-            x=[value, value], y=[0.0, top], mode="lines", name=f"{mark} {value:.2f} {unit}", line=line, hoverinfo="skip"
-        )
-    figure.update_layout(bargap=0.06, template="plotly_white", height=320, margin=_MARGIN)
-    figure.update_xaxes(title_text=axis, range=[0.0, end * 1.01])
-    figure.update_yaxes(title_text="share [%]", range=[0.0, top], automargin=True)
-    return figure, int((values > end).sum())
-
-
-def thin_out(time: Array, values: Array, points: int = POINTS) -> tuple[Array, Array]:
-    """Thin out a line so that it looks the same: each stretch keeps its lowest and its highest sample.
-
-    Args:
-        time: (n,).
-        values: (n,), with NaN at gaps of the line.
-        points: approximate number of samples to keep.
-
-    Returns:
-        Both in single precision, which halves the size of a page and is far finer than a pixel.
-    """
-    n = len(time)
-    if n > points:
-        keep = []
-        for start, end in pairwise(np.linspace(0, n, points // 2 + 1).astype(np.intp)):
-            stretch = values[start:end]
-            if np.isnan(stretch).any():  # one gap and one value show the interruption
-                keep += [start, start + int(np.argmax(np.isnan(stretch)))]
-            else:
-                keep += [start + int(np.argmin(stretch)), start + int(np.argmax(stretch))]
-        chosen = np.unique(keep)
-        time, values = time[chosen], values[chosen]
-    return np.asarray(time, dtype=np.float32), np.asarray(values, dtype=np.float32)
+    if len(time) <= POINTS:
+        return time, values
+    keep = []
+    for start, end in pairwise(np.linspace(0, len(time), POINTS // 2 + 1).astype(np.intp)):
+        stretch = values[start:end]
+        gap = np.isnan(stretch)
+        keep += [start, start + int(np.argmax(gap))] if gap.any() else [
+            start + int(np.argmin(stretch)), start + int(np.argmax(stretch))
+        ]  # fmt: skip
+    chosen = np.unique(keep)
+    return time[chosen].astype(np.float32), values[chosen].astype(np.float32)
 
 
 def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str, binding: Mapping[str, float]) -> Any:

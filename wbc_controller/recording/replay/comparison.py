@@ -11,7 +11,7 @@ import numpy as np
 
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.controller.visualization.page_report import PageReport, Plot, write_page
-from wbc_controller.controller.visualization.plots import Line, Panel, line_panels, thin_out
+from wbc_controller.controller.visualization.plots import Line, Panel, line_panels
 from wbc_controller.controller.visualization.tables import Table, as_text
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.recording.cycle_layout import MODES
@@ -111,14 +111,14 @@ class Comparison:
             "other torque [N·m]": other,
         }
         panels = [
-            Panel(axis, [Line(self.actuators[i], *thin_out(time, values[:, i])) for i in worst])
+            Panel(axis, [Line(self.actuators[i], time, values[:, i]) for i in worst])
             for axis, values in torques.items()
         ]
         largest = {
             f"{name}: largest of all": 100.0 * np.max(np.abs(values) / self.limits, axis=1)
             for name, values in (("recorded", recorded), ("other", other))
         }
-        lines = [Line(name, *thin_out(time, values)) for name, values in largest.items()]
+        lines = [Line(name, time, values) for name, values in largest.items()]
         panels.append(Panel("torque / limit [%]", lines, from_zero=True))
         caption = f"The {len(worst)} actuators with the largest differences, and the largest torque of all actuators."
         figure = line_panels(panels, height=800)

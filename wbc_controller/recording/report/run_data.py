@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.contacts import placement_of
-from wbc_controller.records import Array, frozen, frozen_mapping
+from wbc_controller.records import Array, frozen
 from wbc_controller.settings import ContactSettings, SurfaceContact
 
 
@@ -58,16 +57,10 @@ class Support:
     placement: Array
     corners: Array
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "placement", _array("placement", self.placement, (7,)))
-        object.__setattr__(self, "corners", _array("corners", self.corners, (None, 3)))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunData:
     """Arrays over the samples of a run: n samples of the state, m cycles of the controller, na actuators.
-
-    Arrays are copied and frozen.
 
     Attributes:
         robot: the robot's name.
@@ -119,45 +112,6 @@ class RunData:
     start: float = 0.0
     stride: int = 1
 
-    def __post_init__(self) -> None:
-        n, na = len(self.time), len(self.actuators)
-        shapes: dict[str, tuple[int | None, ...]] = {
-            "time": (n,),
-            "q": (n, None),
-            "tau": (n, na),
-            "effort_limits": (na,),
-            "com": (n, 3),
-            "com_reference": (n, 3),
-            "disturbance": (n,),
-            "cycle_seconds": (None,),
-        }
-        for name, shape in shapes.items():
-            object.__setattr__(self, name, _array(name, getattr(self, name), shape))
-        m = len(self.cycle_seconds)
-        groups: dict[str, tuple[int | None, ...]] = {
-            "task_errors": (n,),
-            "contact_wrenches": (n, None),
-            "true_wrenches": (n, None),
-            "stage_seconds": (m,),
-            "audit": (n,),
-        }
-        for name, shape in groups.items():
-            group = {key: _array(f"{name}[{key!r}]", value, shape) for key, value in getattr(self, name).items()}
-            object.__setattr__(self, name, frozen_mapping(group))
-        for name in ("friction", "supports"):
-            object.__setattr__(self, name, frozen_mapping(getattr(self, name)))
-        if n == 0:
-            raise ValueError("time is empty; a run has at least one sample")
-        if not (np.isfinite(self.time).all() and (np.diff(self.time) >= 0.0).all()):
-            raise ValueError("time must be finite and never decrease")
-        for name, values in (("q", self.q), ("cycle_seconds", self.cycle_seconds)):
-            if not np.isfinite(values).all():
-                raise ValueError(f"{name} contains values that are not finite")
-        for kind, wrenches in (("contact_wrenches", self.contact_wrenches), ("true_wrenches", self.true_wrenches)):
-            for name, values in wrenches.items():
-                if values.shape[1] not in (3, 6):
-                    raise ValueError(f"{kind}[{name!r}] has {values.shape[1]} columns; a force has 3, a wrench has 6")
-
     @property
     def duration(self) -> float:
         """Length of the run, s."""
@@ -184,12 +138,3 @@ def supports_of(contacts: Mapping[str, ContactSettings]) -> dict[str, Support]:
         placement = pin.SE3ToXYZQUAT(placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0))))
         supports[name] = Support(contact.frame, frozen(placement), corners)
     return supports
-
-
-def _array(name: str, values: Any, shape: tuple[int | None, ...]) -> Array:
-    """Copy and freeze an array, and check its shape; None is any length."""
-    array = frozen(values)
-    if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
-        wanted = "(" + ", ".join("any" if size is None else str(size) for size in shape) + ")"
-        raise ValueError(f"{name} has the shape {array.shape}; it must be {wanted}")
-    return array

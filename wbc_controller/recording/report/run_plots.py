@@ -7,6 +7,7 @@ import numpy as np
 from wbc_controller.controller.visualization.page_report import Plot
 from wbc_controller.controller.visualization.plots import (
     BLUE,
+    GREEN,
     GREY,
     ORANGE,
     PALETTE,
@@ -15,9 +16,7 @@ from wbc_controller.controller.visualization.plots import (
     Panel,
     Series,
     by_category,
-    histogram,
     line_panels,
-    thin_out,
 )
 from wbc_controller.recording.report.run_data import RunData
 from wbc_controller.records import Array
@@ -67,8 +66,8 @@ def _com(run: RunData) -> Plot:
         Panel(
             f"{axis} [m]",
             [
-                _line(run, "centre of mass", run.com[:, i], BLUE),
-                _line(run, "reference", run.com_reference[:, i], ORANGE, dash="dash", width=1.4),
+                Line("centre of mass", run.time, run.com[:, i], BLUE),
+                Line("reference", run.time, run.com_reference[:, i], ORANGE, dash="dash", width=1.4),
             ],
             span=0.02,
         )
@@ -80,9 +79,9 @@ def _com(run: RunData) -> Plot:
 def _torques(run: RunData) -> Plot:
     use = 100.0 * np.abs(run.tau) / run.effort_limits  # (n, na) in %
     peaks = np.max(np.nan_to_num(use), axis=0, initial=0.0)  # (na,)
-    lines = [_line(run, "largest of all joints", use.max(axis=1, initial=0.0), GREY, width=0.8, filled=True)]
+    lines = [Line("largest of all joints", run.time, use.max(axis=1, initial=0.0), GREY, width=0.8, filled=True)]
     for joint, color in zip(np.argsort(-peaks)[:BUSIEST], PALETTE, strict=False):
-        lines.append(_line(run, run.actuators[joint].removesuffix("_joint"), use[:, joint], color, width=1.2))
+        lines.append(Line(run.actuators[joint].removesuffix("_joint"), run.time, use[:, joint], color, width=1.2))
     caption = "The busiest joints by name, and the envelope of all of them. The dotted line is the effort limit."
     panel = Panel("|torque| / limit [%]", lines, range=(0.0, 108.0), limit=100.0)
     return _over_time(run, "torques", "Torques as a share of their limits", caption, [panel], 330)
@@ -91,9 +90,9 @@ def _torques(run: RunData) -> Plot:
 def _forces(run: RunData) -> Plot:
     panels = []
     for name, wrench in run.contact_wrenches.items():
-        lines = [_line(run, "force in the QP", wrench[:, 2], BLUE)]
+        lines = [Line("force in the QP", run.time, wrench[:, 2], BLUE)]
         if name in run.true_wrenches:  # below the other line
-            lines.insert(0, _line(run, "force of the ground", run.true_wrenches[name][:, 2], ORANGE, width=1.2))
+            lines.insert(0, Line("force of the ground", run.time, run.true_wrenches[name][:, 2], ORANGE, width=1.2))
         panels.append(Panel(f"{name.replace('_', ' ')}<br>f<sub>z</sub> [N]", lines, from_zero=True))
     caption = "Force of the solution of the quadratic program" + (
         ", and true force of the ground," if run.true_wrenches else ""
@@ -109,10 +108,10 @@ def _friction(run: RunData) -> Plot:
     for i, (name, coefficient) in enumerate(run.friction.items()):  # a fixed contact has no friction cone
         color = PALETTE[i % len(PALETTE)]
         label = f"{name.replace('_', ' ')} (μ = {coefficient:g})"
-        lines.append(_line(run, label, friction_use(run.contact_wrenches[name], coefficient), color))
+        lines.append(Line(label, run.time, friction_use(run.contact_wrenches[name], coefficient), color))
         if name in run.true_wrenches:
             use = friction_use(run.true_wrenches[name], coefficient)
-            lines.append(_line(run, "ground", use, color, group=label, width=1.0, dash="dot"))
+            lines.append(Line("ground", run.time, use, color, group=label, width=1.0, dash="dot"))
     caption = "Solid: in the QP; dotted: of the ground. " if run.true_wrenches else "Of the forces in the QP. "
     caption += f"At 1 a contact slips. Hidden while a contact bears less than {LIGHT:.0%} of its largest load."
     panel = Panel("|f<sub>t</sub>| / (μ f<sub>z</sub>) [1]", lines, from_zero=True, limit=1.0)
@@ -120,7 +119,7 @@ def _friction(run: RunData) -> Plot:
 
 
 def _errors(run: RunData) -> Plot:
-    lines = [_line(run, name.replace("_", " "), error) for name, error in run.task_errors.items()]
+    lines = [Line(name.replace("_", " "), run.time, error) for name, error in run.task_errors.items()]
     caption = "Norm of each task's error: m for positions, rad for orientations."
     return _over_time(
         run, "errors", "Task errors", caption, [Panel("error [m or rad]", lines, from_zero=True)], 280
@@ -128,8 +127,8 @@ def _errors(run: RunData) -> Plot:
 
 
 def _audit(run: RunData) -> Plot:
-    force = _line(run, "force on the centre of mass", run.audit["force"], RED)
-    energy = _line(run, "energy residual", run.audit["energy"], PALETTE[4])
+    force = Line("force on the centre of mass", run.time, run.audit["force"], RED)
+    energy = Line("energy residual", run.time, run.audit["energy"], PALETTE[4])
     caption = "Forces and power that the model does not explain: none while the robot is undisturbed; every shove."
     panels = [Panel("force [N]", [force], from_zero=True), Panel("power [W]", [energy])]
     return _over_time(run, "audit", "Model audit", caption, panels, 360)
@@ -137,16 +136,20 @@ def _audit(run: RunData) -> Plot:
 
 def _cycles(run: RunData) -> Plot:
     milliseconds = 1.0e3 * run.cycle_seconds
-    median, p99 = (float(value) for value in np.percentile(milliseconds, [50.0, 99.0]))
-    figure, late = histogram(
-        milliseconds,
-        name=f"{len(milliseconds):,} cycles",
-        axis="time of one control cycle [ms]",
-        unit="ms",
-        marks={"median": median, "99th percentile": p99},
-    )
+    median, p99, most = np.percentile(milliseconds, [50.0, 99.0, 99.8])
+    end = max(1.05 * most, 1.25 * median)  # the last bin contains the few longer cycles, which would hide all others
+    counts, edges = np.histogram(np.minimum(milliseconds, end), bins=70, range=(0.0, end))
+    share = 100.0 * counts / len(milliseconds)
+    top = np.array([0.0, share.max()])
+    lines = [
+        Line(f"{len(milliseconds):,} cycles", np.repeat(edges, 2)[1:-1], np.repeat(share, 2), BLUE, filled=True),
+        Line(f"median {median:.2f} ms", np.full(2, median), top, GREEN, dash="dash"),
+        Line(f"99th percentile {p99:.2f} ms", np.full(2, p99), top, ORANGE, dash="dash"),
+    ]
+    figure = line_panels([Panel("share of cycles [%]", lines)], height=320, axis="time of one control cycle [ms]")
+    late = int((milliseconds > end).sum())
     caption = f"Slowest: {milliseconds.max():.2f} ms."
-    caption += f" The last bar contains {late} longer cycles." if late else ""
+    caption += f" The last bin contains {late} longer cycles." if late else ""
     return Plot("cycles", "Cycle times", caption, figure)
 
 
@@ -163,21 +166,6 @@ def _stages(run: RunData) -> Plot:
     return Plot(
         "stages", "Stages of a cycle", "Duration of each stage.", by_category(series, axis="time in one cycle [ms]")
     )
-
-
-def _line(
-    run: RunData,
-    name: str,
-    values: Array,
-    color: str = "",
-    *,
-    dash: str = "solid",
-    width: float = 1.7,
-    group: str = "",
-    filled: bool = False,
-) -> Line:
-    x, y = thin_out(run.time, values)
-    return Line(name, x, y, color, dash=dash, width=width, group=group, filled=filled)
 
 
 def _over_time(run: RunData, key: str, title: str, caption: str, panels: list[Panel], height: int) -> Plot:
