@@ -74,7 +74,7 @@ def test_records():
 
 
 def test_what_is_no_record_is_refused():
-    with pytest.raises(TypeError, match="a object cannot stand in a recording"):
+    with pytest.raises(TypeError, match="a recording cannot contain a object"):
         to_json(object())
     for text in (json.dumps({"$record": "Path"}), json.dumps({"$array": "AA==", "type": "<f8", "shape": [1]}), "{"):
         with pytest.raises(ValueError, match=r"not a value|cannot reshape|buffer size|Expecting"):

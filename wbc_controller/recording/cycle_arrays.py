@@ -1,4 +1,4 @@
-"""A recording as arrays over its cycles: what tables and plots need."""
+"""The cycles of a recording as arrays."""
 
 from __future__ import annotations
 
@@ -13,27 +13,25 @@ AUDIT_COLUMNS = ("energy", "throughput", "force", "torque", "warnings")
 
 
 def audited(cycle: RecordedCycle) -> Array:
-    """The audit of a cycle, (5,), with the columns of `AUDIT_COLUMNS`; NaN where it has none."""
+    """Return the audit of a cycle, (5,), with the columns of `AUDIT_COLUMNS`; NaN without an audit."""
     number, values = cycle.number_of, cycle.values
     force, torque = np.linalg.norm(values["audit/force"]), np.max(np.abs(values["audit/torques"]))
     return np.array([number("audit/energy"), number("audit/throughput"), force, torque, number("audit/warnings")])
 
 
 def cycle_arrays(recorded: Recording) -> dict[str, Array]:
-    """The cycles that sent a command, as arrays.
+    """Return the cycles that sent a command, as arrays.
 
     Returns:
-        ``number`` (n,), by which one follows another where none between them is lost, ``stamp`` (n,) in ns, ``tau``
-        (n, na) in N·m, ``mode`` (n,), ``seconds/<stage>`` (n,) in s, ``q`` (n, nq), ``v`` (n, nv), ``force/<contact>``
-        (n, k) in N and N·m, its force in the solution, NaN without one, ``disturbance`` (n, nv) in N and N·m, what the
-        solution takes into account beside the model, and ``audit`` (n, 5) with the columns of `AUDIT_COLUMNS`: energy
-        residual and throughput in W, unexplained force in N, largest unexplained joint torque in N·m, and the number of
-        warnings. Without an audit the residuals are NaN, as is the time of a stage in a cycle without it. Empty where
-        no command was sent.
+        ``number`` (n,), consecutive unless cycles were dropped; ``stamp`` (n,) in ns; ``tau`` (n, na) in N·m; ``mode``
+        (n,); ``seconds/<stage>`` (n,) in s, NaN in cycles without the stage; ``q`` (n, nq); ``v`` (n, nv);
+        ``force/<contact>`` (n, k) in N and N·m in the solution, NaN without one; ``disturbance`` (n, nv) in N and N·m;
+        ``audit`` (n, 5) with the columns of `AUDIT_COLUMNS`: energy residual and throughput in W, unexplained force in
+        N, largest unexplained joint torque in N·m, and number of warnings. Empty if no command was sent.
     """
     rows: dict[str, list[object]] = {}
     for cycle in recorded.cycles():
-        if not cycle.number_of("has_command") or np.isnan(cycle.number_of("seconds/total")):  # computed, not sent
+        if not cycle.number_of("has_command") or np.isnan(cycle.number_of("seconds/total")):  # computed, but not sent
             continue
         values, number = cycle.values, cycle.number_of
         row = {

@@ -148,7 +148,7 @@ class CycleRow:
             numbers |= {"v_dot": solution.v_dot, "tau_wanted": solution.tau, "disturbance": disturbance}
             numbers |= {"iterations": solution.iterations, "relaxed": len(solution.relaxed)}
             numbers |= {f"force/{name}": force for name, force in solution.forces.items()}
-        row = self._empty.copy()
+        row: Array = self._empty.copy()
         for name, value in numbers.items():
             row[self._places[name]] = value
         return row

@@ -198,7 +198,7 @@ def test_a_long_story_is_cut_in_the_middle(recorded):
     recorded.events.update({1000 + i: {**event, "cycle": 1000 + i} for i in range(200)})
     recorded.count -= 5
     said = summarize(recorded).splitlines()
-    assert said[1].startswith("5 cycles lack: ")
+    assert said[1].startswith("5 cycles were dropped: ")
     assert len(said) < 60
     assert sum(line.endswith(" more") for line in said) == 1
     assert "cycle 1199" in said[-1]

@@ -72,7 +72,12 @@ def test_the_page_holds_the_results(run, page):
 def test_the_verdict_names_what_failed(run, tmp_path):
     recording, model = run
     failed = Result("Stays <up>", "yes", "no", False)
-    write_run_report(dataclasses.replace(recording, results=(*recording.results, failed)), model, tmp_path / "page.html", kind="a run")
+    write_run_report(
+        dataclasses.replace(recording, results=(*recording.results, failed)),
+        model,
+        tmp_path / "page.html",
+        kind="a run",
+    )
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "1 of 10 targets missed: Stays &lt;up&gt;." in page
     assert 'class="pill fail"' in page
@@ -153,7 +158,9 @@ def test_a_bare_recording_makes_a_page(run, tmp_path):
 def test_what_cannot_be_shown_is_refused(run, tmp_path):
     recording, model = run
     with pytest.raises(ValueError, match="19 columns"):
-        write_run_report(dataclasses.replace(recording, q=np.zeros((len(recording.time), 19))), model, tmp_path / "x", kind="a run")
+        write_run_report(
+            dataclasses.replace(recording, q=np.zeros((len(recording.time), 19))), model, tmp_path / "x", kind="a run"
+        )
     lost = {name: dataclasses.replace(support, frame="foo") for name, support in recording.supports.items()}
     with pytest.raises(ConfigurationError, match=r"contacts.left_foot.frame = 'foo'"):
         write_run_report(dataclasses.replace(recording, supports=lost), model, tmp_path / "x", kind="a run")

@@ -1,4 +1,4 @@
-"""A recording under another configuration: what each cycle would have asked for in the states that were."""
+"""A recording with another configuration: the torques of each cycle in the recorded states."""
 
 from __future__ import annotations
 
@@ -20,24 +20,23 @@ from wbc_controller.recording.replay.cycle_replay import Replay, ReplayedCycle
 from wbc_controller.records import Array
 from wbc_controller.settings.config import Config
 
-#: Actuators in the table and in the plot: those whose torques differ most.
+#: Actuators in the table and in the plot: those with the largest differences.
 _MOST = 8
 
 
 @dataclass
 class Comparison:
-    """Both answers to each cycle.
+    """The results of both configurations.
 
     Attributes:
         actuators: names, in the order of the torques.
         limits: effort limits, (na,) in N·m.
-        time: of the cycles, s since the first.
-        recorded: torques that were sent, (na,) per cycle.
+        time: times of the cycles since the first, s.
+        recorded: recorded torques, (na,) per cycle.
         other: torques of the other configuration.
-        errors: norms of the task errors of both, by task, per cycle: in the same states they differ where the
-            references do.
-        binding: names of the constraints that bound in the other configuration, and how often.
-        modes: cycles in which the modes differ.
+        errors: norms of the task errors of both, by task, per cycle; in equal states they differ with the references.
+        binding: per configuration, the binding constraints and in how many cycles they were binding.
+        modes: number of cycles with different modes.
     """
 
     actuators: tuple[str, ...]
@@ -147,21 +146,20 @@ def compare(recorded: Recording, config: Config) -> Comparison:
         config: the other configuration, of the same joints.
 
     Raises:
-        ConfigurationError: where the joints are others, or there is no cycle that can be solved.
+        ConfigurationError: if the joints differ, or no cycle can be solved.
     """
     own, other = Replay(recorded), Replay(recorded, config)
     mine, its = own.controller.model, other.controller.model
     if (mine.joints, mine.actuators, mine.nq) != (its.joints, its.actuators, its.nq):
         raise ConfigurationError(
-            f"{config.source}: its joints are not those of the recording, {', '.join(mine.joints)}: their states mean "
-            "nothing to it"
+            f"{config.source}: its joints are not those of the recording: {', '.join(mine.joints)}"
         )
     made = Comparison(mine.actuators, mine.effort_limits)
     for a, b in zip(own.run(), other.run(), strict=True):
         if a.result.command is not None or b.result.command is not None:
             made.add(1e-9 * (a.cycle.time - recorded.start), a, b.result)
     if not made.time:
-        raise ConfigurationError(f"recording {recorded.path}: no cycle of it can be compared: none sent a command")
+        raise ConfigurationError(f"recording {recorded.path}: no cycle can be compared: none sent a command")
     return made
 
 
