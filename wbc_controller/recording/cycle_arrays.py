@@ -4,48 +4,38 @@ from __future__ import annotations
 
 import numpy as np
 
-from wbc_controller.recording.cycle_layout import MODES, STAGES
-from wbc_controller.recording.recording_file import RecordedCycle, Recording
+from wbc_controller.recording.cycle_layout import MODES, places_of
+from wbc_controller.recording.recording_file import Recording
 from wbc_controller.records import Array
 
-#: Columns of ``audit``.
-AUDIT_COLUMNS = ("energy", "throughput", "force", "torque", "warnings")
 
-
-def audited(cycle: RecordedCycle) -> Array:
-    """Return the audit of a cycle, (5,), with the columns of `AUDIT_COLUMNS`; NaN without an audit."""
-    number, values = cycle.number_of, cycle.values
-    force, torque = np.linalg.norm(values["audit/force"]), np.max(np.abs(values["audit/torques"]))
-    return np.array([number("audit/energy"), number("audit/throughput"), force, torque, number("audit/warnings")])
-
-
-def cycle_arrays(recorded: Recording) -> dict[str, Array]:
-    """Return the cycles that sent a command, as arrays.
+def cycle_arrays(recording: Recording) -> dict[str, Array]:
+    """Return the cycles that sent a command, as arrays by the slots of `cycle_layout`, also those of the references.
 
     Returns:
-        ``number`` (n,), consecutive unless cycles were dropped; ``stamp`` (n,) in ns; ``tau`` (n, na) in N·m; ``mode``
-        (n,); ``seconds/<stage>`` (n,) in s, NaN in cycles without the stage; ``q`` (n, nq); ``v`` (n, nv);
-        ``force/<contact>`` (n, k) in N and N·m in the solution, NaN without one; ``disturbance`` (n, nv) in N and N·m;
-        ``audit`` (n, 5) with the columns of `AUDIT_COLUMNS`: energy residual and throughput in W, unexplained force in
-        N, largest unexplained joint torque in N·m, and number of warnings. Empty if no command was sent.
+        (n,) for single numbers such as ``number``, (n, k) for vectors; NaN if absent. ``stamp`` and ``time`` are in ns,
+        ``mode`` contains names. Empty if no command was sent.
     """
-    rows: dict[str, list[object]] = {}
-    for cycle in recorded.cycles():
+    rows, stamps, times = [], [], []
+    absent = np.full(sum(slot.size for slot in recording.slots if slot.group == "references"), np.nan)
+    for cycle in recording.cycles():
         if not cycle.number_of("has_command") or np.isnan(cycle.number_of("seconds/total")):  # computed, but not sent
             continue
-        values, number = cycle.values, cycle.number_of
-        row = {
-            "number": int(number("number")),
-            "stamp": cycle.stamp,
-            "tau": values["tau"],
-            "q": values["q"],
-            "v": values["v"],
-            "disturbance": values["disturbance"],
-            **{name: value for name, value in values.items() if name.startswith("force/")},
-            "mode": MODES[int(number("mode"))].value,
-            "audit": audited(cycle),
-            **{f"seconds/{stage}": number(f"seconds/{stage}") for stage in STAGES},
-        }
-        for name, value in row.items():
-            rows.setdefault(name, []).append(value)
-    return {name: np.array(values) for name, values in rows.items()}
+        rows.append(np.concatenate([*cycle.values.values(), *(cycle.references.values() or [absent])]))
+        stamps.append(cycle.stamp)
+        times.append(cycle.time)
+    if not rows:
+        return {}
+    table = np.array(rows)
+    arrays: dict[str, Array] = {}
+    for slot, place in places_of(recording.slots):
+        single = slot.size == 1 and (slot.group == "cycle" or slot.name.startswith(("weight/", "contact/")))
+        if slot.name not in arrays:  # the references repeat the number of their cycle
+            arrays[slot.name] = table[:, place.start] if single else table[:, place]
+    return {
+        **arrays,
+        "number": arrays["number"].astype(np.int64),
+        "stamp": np.array(stamps),
+        "time": np.array(times),
+        "mode": np.array([MODES[int(mode)].value for mode in arrays["mode"]]),
+    }

@@ -125,5 +125,5 @@ def _torques(share: Array) -> Result:
 
 
 def passed(results: Sequence[Result]) -> bool:
-    """Whether all targets were met."""
+    """Return True if all targets were met."""
     return bool(results) and all(result.passed for result in results)

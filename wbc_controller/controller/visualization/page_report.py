@@ -111,11 +111,7 @@ def write_page(report: PageReport, path: Path) -> None:
 
 
 def render(report: PageReport) -> str:
-    """Return a report as an HTML page.
-
-    Raises:
-        ConfigurationError: if there are plots and plotly is not installed.
-    """
+    """Return a report as an HTML page."""
     scripts = []
     if report.motion is not None:
         scripts.append(_data("motion-data", report.motion))

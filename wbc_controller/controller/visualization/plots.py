@@ -1,4 +1,7 @@
-"""Figures with plotly: lines in panels, series by category, and one cycle in the world."""
+"""Figures with plotly: lines in panels, series by category, and one cycle in the world.
+
+The functions that draw return a plotly Figure. Without plotly, they raise `ConfigurationError`.
+"""
 
 from __future__ import annotations
 
@@ -94,12 +97,6 @@ def line_panels(
         marks: times of events by name, in s; drawn in a last panel.
         shaded: times between which the background is shaded, s.
         title: title of the figure.
-
-    Returns:
-        A plotly Figure.
-
-    Raises:
-        ConfigurationError: if plotly is not installed.
     """
     _, make_subplots = _plotly()
     rows = len(panels) + bool(marks)
@@ -201,12 +198,6 @@ def by_category(
         axis: title of the x axis.
         limit: x of a dashed line that marks a limit, or None.
         range: range of the x axis; by default from zero.
-
-    Returns:
-        A plotly Figure.
-
-    Raises:
-        ConfigurationError: if plotly is not installed.
     """
     go, _ = _plotly()
     categories = list(dict.fromkeys(category for each in series for category in each.categories))
@@ -269,12 +260,6 @@ def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str,
         shares: torque of each actuator as a share of its limit.
         title: title of the figure.
         binding: the binding constraints with their multipliers.
-
-    Returns:
-        A plotly Figure.
-
-    Raises:
-        ConfigurationError: if plotly is not installed.
     """
     go, make_subplots = _plotly()
     figure = make_subplots(
@@ -341,11 +326,7 @@ def _arrow(points: Array) -> Array:
 
 
 def plotly_script() -> str:
-    """Return the JavaScript of plotly, for a page that needs no network.
-
-    Raises:
-        ConfigurationError: if plotly is not installed.
-    """
+    """Return the JavaScript of plotly, for a page that needs no network."""
     _plotly()
     from plotly.offline import get_plotlyjs
 

@@ -1,4 +1,4 @@
-"""What `wbc identify` reads and prints."""
+"""`wbc identify`: the fit to a recording, and its tables."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def identify(settings: Settings, path: Path) -> tuple[Fit, RobotModel]:
     """Fit masses, armature and frictions to a recording of the controller.
 
     Raises:
-        ConfigurationError: where the file cannot be read, or is not a recording of this robot.
+        ConfigurationError: if the file cannot be read, or is not a recording of this robot.
     """
     recorded = cycle_arrays(Recording(path))
     try:
@@ -37,7 +37,7 @@ def fitted(settings: Settings, recorded: Mapping[str, Array]) -> tuple[Fit, Robo
     """Fit to the columns of a recording.
 
     Raises:
-        ConfigurationError: where they are not those of this robot, or have no moments that can be used.
+        ConfigurationError: if they are of another robot, or contain no usable moment.
     """
     model = make_model(settings)
     contacts = make_qp(settings, model).contacts

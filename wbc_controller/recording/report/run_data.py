@@ -83,8 +83,8 @@ class RunData:
         results: the verdict.
         modes: changes of the supervisor's mode, (time in s, mode).
         supports: per contact, its placement on the robot; contacts without an entry are not drawn.
-        audit: results of the model audit by name, each (n,): ``energy`` and ``throughput`` in W, ``force`` in N,
-            ``torque`` in N·m, and the number of ``warnings``; NaN without an audit.
+        audit: results of the model audit by name, each (n,): ``energy`` in W, ``force`` in N, NaN without an audit, and
+            the number of ``warnings``.
         start: stamp of the first sample, s.
         stride: cycles of the controller per sample.
     """

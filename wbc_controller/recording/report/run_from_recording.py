@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+import pinocchio as pin
 
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
@@ -16,9 +17,9 @@ from wbc_controller.inverse_dynamics.tasks import AccelerationTask, Task
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.decoding import read_odometry
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, endpoints
-from wbc_controller.recording.cycle_arrays import AUDIT_COLUMNS, audited, cycle_arrays
-from wbc_controller.recording.recording_file import RecordedCycle, Recording
-from wbc_controller.recording.report.run_data import Phase, RunData, supports_of
+from wbc_controller.recording.cycle_arrays import cycle_arrays
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.report.run_data import Phase, RunData
 from wbc_controller.records import Array, Reference
 from wbc_controller.settings import ComTask, FixedContact, PointContact, RollingContact, Settings
 
@@ -67,60 +68,44 @@ def run_of(recording: Recording, controller: ControlCycle, *, largest: int = LAR
     table = cycle_arrays(recording)
     if not table or not np.isfinite(table["q"]).all(axis=1).any():
         raise ConfigurationError(f"recording {recording.path}: there is nothing to report: no command was sent")
-    stride = -(-recording.count // largest)
-    model, settings, tasks = controller.model, controller.config.settings, controller.tasks
+    stride = -(-len(table["number"]) // largest)
+    shown = {name: values[::stride][table["has_state"][::stride] > 0.0] for name, values in table.items()}
+    model, settings = controller.model, controller.config.settings
     other = _read_other_topics(recording, settings, model)
-    com = next((name for name, task in settings.tasks.items() if isinstance(task, ComTask)), None)
-    dynamics = Dynamics(model)
-    rows: dict[str, list[Array]] = {}
-    errors: dict[str, list[float]] = {name: [] for name, task in tasks.items() if isinstance(task, AccelerationTask)}
-    for cycle in _samples(recording, stride):
-        values = cycle.values
-        q = np.array(values["q"])
-        vertical = float(rotation_of(q[3:7])[2] @ values["disturbance"][:3]) if model.floating_base else 0.0
-        dynamics.update(q, np.array(values["v"]))
-        for name, series in errors.items():
-            series.append(_error(cycle, name, tasks[name], dynamics))
-        if cycle.stamp in other.bases:
-            q[:7] = other.bases[cycle.stamp]
-            dynamics.update(q, np.array(values["v"]))
-        reference = np.full(3, np.nan)
-        if com is not None and cycle.references and cycle.references[f"weight/{com}"][0] > 0.0:
-            reference = cycle.references[f"position/{com}"]
-        row = {
-            "q": q,
-            "tau": values["tau"],
-            "com": np.array(dynamics.com),
-            "com_reference": reference,
-            "stamp": np.array(1.0e-9 * cycle.stamp),
-            "recorded": np.array(float(cycle.time)),
-            "audit": audited(cycle),
-            "disturbance": np.array(vertical),
-        }
-        for name in settings.contacts:
-            row[f"wrench/{name}"] = controller.contacts[name].basis @ values[f"force/{name}"]
-        for name, value in row.items():
-            rows.setdefault(name, []).append(value)
-    found = {name: np.array(values) for name, values in rows.items()}
-    start = float(found["stamp"][0])
-    time = np.maximum.accumulate(found["stamp"] - start)
+    stamps = 1.0e-9 * shown["stamp"]
+    start = float(stamps[0])
+    time = np.maximum.accumulate(stamps - start)
+    errors = _task_errors(shown, controller.tasks, Dynamics(model))
+    q = np.array(shown["q"])
+    vertical = np.zeros(len(q))
+    if model.floating_base:
+        forces = shown["disturbance"][:, :3]
+        vertical = np.array([rotation_of(row[3:7])[2] @ force for row, force in zip(q, forces, strict=True)])
+    for i, stamp in enumerate(shown["stamp"].tolist()):
+        q[i, :7] = other.bases.get(stamp, q[i, :7])
+    data = model.pinocchio.createData()
+    reference = np.full((len(q), 3), np.nan)
+    for name in [name for name, task in settings.tasks.items() if isinstance(task, ComTask)][:1]:
+        reference = np.where(shown[f"weight/{name}"][:, None] > 0.0, shown[f"position/{name}"], np.nan)
     sizes = {name: 3 if isinstance(each, PointContact | RollingContact) else 6
              for name, each in settings.contacts.items()}  # fmt: skip
     return RunData(
         robot=str(recording.about["robot"]),
         actuators=model.actuators,
         time=time,
-        q=found["q"],
-        tau=found["tau"],
+        q=q,
+        tau=shown["tau"],
         effort_limits=model.effort_limits,
-        com=found["com"],
-        com_reference=found["com_reference"],
-        disturbance=found["disturbance"],
-        task_errors={name: np.array(series) for name, series in errors.items() if np.isfinite(series).any()},
-        contact_wrenches={name: found[f"wrench/{name}"][:, :size] for name, size in sizes.items()},
+        com=np.array([pin.centerOfMass(model.pinocchio, data, row) for row in q]),
+        com_reference=reference,
+        disturbance=vertical,
+        task_errors={name: error for name, error in errors.items() if np.isfinite(error).any()},
+        contact_wrenches={
+            name: (shown[f"force/{name}"] @ controller.contacts[name].basis.T)[:, :size] for name, size in sizes.items()
+        },
         true_wrenches={
-            name: _latest(np.array(stamps), np.array(wrenches), found["stamp"])[:, : sizes[name]]
-            for name, (stamps, wrenches) in other.wrenches.items()
+            name: _latest(np.array(times), np.array(wrenches), stamps)[:, : sizes[name]]
+            for name, (times, wrenches) in other.wrenches.items()
         },
         friction={
             name: each.friction for name, each in settings.contacts.items() if not isinstance(each, FixedContact)
@@ -132,12 +117,15 @@ def run_of(recording: Recording, controller: ControlCycle, *, largest: int = LAR
             if np.isfinite(table[f"seconds/{stage}"]).all()
         },
         phases=tuple(
-            Phase(float(np.interp(float(at), found["recorded"], time)), name)
+            Phase(float(np.interp(float(at), shown["time"], time)), name)
             for at, name in other.phases or _requests_and_faults(recording)
         ),
         modes=_modes(table["mode"], 1.0e-9 * table["stamp"] - start),
-        supports=supports_of(settings.contacts),
-        audit=dict(zip(AUDIT_COLUMNS, found["audit"].T, strict=True)),
+        audit={
+            "energy": shown["audit/energy"],
+            "force": np.linalg.norm(shown["audit/force"], axis=1),
+            "warnings": shown["audit/warnings"],
+        },
         start=start,
         stride=stride,
     )
@@ -164,13 +152,6 @@ def _read_other_topics(recording: Recording, settings: Settings, model: RobotMod
     return found
 
 
-def _samples(recording: Recording, stride: int) -> Iterator[RecordedCycle]:
-    """Read every `stride`-th cycle, if it has a state and a command."""
-    for i, cycle in enumerate(recording.cycles()):
-        if i % stride == 0 and cycle.number_of("has_state") and cycle.number_of("has_command"):
-            yield cycle
-
-
 def _latest(stamps: Array, values: Array, time: Array) -> Array:
     """Return the latest value up to each of the given times, (n, k); NaN before the first. All times in s."""
     order = np.argsort(stamps, kind="stable")
@@ -180,16 +161,19 @@ def _latest(stamps: Array, values: Array, time: Array) -> Array:
     return latest
 
 
-def _error(cycle: RecordedCycle, name: str, task: Task, dynamics: Dynamics) -> float:
-    """Return the norm of a task's error; NaN while the task is off or its reference is unknown."""
-    references = cycle.references
-    if not references or not references[f"weight/{name}"][0] > 0.0 or not isinstance(task, AccelerationTask):
-        return float("nan")
-    position, velocity, acceleration = (
-        np.array(references[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration")
-    )
-    _, error = task.right(dynamics, Reference(position, velocity, acceleration))
-    return float(np.linalg.norm(error))
+def _task_errors(cycles: Mapping[str, Array], tasks: Mapping[str, Task], dynamics: Dynamics) -> dict[str, Array]:
+    """Return the norm of each task's error, (n,); NaN while the task is off or its reference is unknown."""
+    absent = np.full(len(cycles["q"]), np.nan)
+    errors = {name: absent.copy() for name, task in tasks.items() if isinstance(task, AccelerationTask)}
+    for i, (q, v) in enumerate(zip(cycles["q"], cycles["v"], strict=True)):
+        dynamics.update(np.array(q), np.array(v))
+        for name, error in errors.items():
+            task = tasks[name]
+            if cycles[f"weight/{name}"][i] > 0.0 and isinstance(task, AccelerationTask):
+                kinds = ("position", "velocity", "acceleration")
+                reference = Reference(*(cycles[f"{kind}/{name}"][i] for kind in kinds))
+                error[i] = np.linalg.norm(task.right(dynamics, reference)[1])
+    return errors
 
 
 def _requests_and_faults(recording: Recording) -> Iterator[tuple[int, str]]:

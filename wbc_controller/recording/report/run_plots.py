@@ -28,11 +28,7 @@ BUSIEST = 6
 
 
 def run_plots(run: RunData) -> list[Plot]:
-    """Make all plots for which the run has data.
-
-    Raises:
-        ConfigurationError: if plotly is not installed.
-    """
+    """Make all plots for which the run has data."""
     plots = [_com(run), _torques(run)]
     if run.contact_wrenches:
         plots += [_forces(run), _friction(run)]

@@ -29,11 +29,7 @@ _VIOLATION = "#d6455d"
 
 
 def campaign_plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plot]:
-    """Make the plots of a campaign.
-
-    Raises:
-        ConfigurationError: if plotly is not installed.
-    """
+    """Make the plots of a campaign."""
     detected = [each for each in outcomes if each.deadline is not None and each.after is not None]
     survived = [each for each in outcomes if not each.code]
     return [
