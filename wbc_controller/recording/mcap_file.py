@@ -14,6 +14,7 @@ import contextlib
 import os
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -169,17 +170,7 @@ class McapFile:
             )
         self._definitions: tuple[McapRecord, ...] = (*schemas.values(), *channels)
         self._indexes: list[ChunkIndex] = []
-        self._statistics = Statistics(
-            attachment_count=0,
-            channel_count=len(channels),
-            channel_message_counts={},
-            chunk_count=0,
-            message_count=0,
-            message_end_time=0,
-            message_start_time=0,
-            metadata_count=0,
-            schema_count=len(schemas),
-        )
+        self._counts: Counter[int] = Counter()  # messages by topic
         self._file: BinaryIO = path.open("wb", buffering=0)
         self._append(MAGIC + _serialized(Header("ros2", "wbc_controller"), *self._definitions))
 
@@ -193,9 +184,7 @@ class McapFile:
         self._append(chunk.data)
         offsets = {channel: start + offset for channel, offset in chunk.index.message_index_offsets.items()}
         self._indexes.append(replace(chunk.index, chunk_start_offset=start, message_index_offsets=offsets))
-        counts = self._statistics.channel_message_counts
-        for channel, count in chunk.counts.items():
-            counts[channel] = counts.get(channel, 0) + count
+        self._counts.update(chunk.counts)
 
     def close(self) -> None:
         """Write the index of all chunks, and close the file.
@@ -205,10 +194,14 @@ class McapFile:
         """
         try:
             if self._indexes:
-                statistics = replace(
-                    self._statistics,
+                statistics = Statistics(
+                    attachment_count=0,
+                    metadata_count=0,
+                    schema_count=sum(isinstance(record, Schema) for record in self._definitions),
+                    channel_count=sum(isinstance(record, Channel) for record in self._definitions),
                     chunk_count=len(self._indexes),
-                    message_count=sum(self._statistics.channel_message_counts.values()),
+                    message_count=self._counts.total(),
+                    channel_message_counts=dict(self._counts),
                     message_start_time=min(index.message_start_time for index in self._indexes),
                     message_end_time=max(index.message_end_time for index in self._indexes),
                 )
