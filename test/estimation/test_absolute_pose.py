@@ -9,7 +9,7 @@ import pytest
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.estimation.absolute_pose import AGREED, SPEED, Move, PoseSample
+from wbc_controller.estimation.absolute_pose import AGREED, SPEED, PlanarTransform, PoseSample
 from wbc_controller.estimation.base_estimator import ImuSample
 
 PERIOD = 0.004
@@ -79,8 +79,8 @@ def test_the_world_is_that_of_the_poses_once_they_have_agreed(still):
     np.testing.assert_allclose(estimator.base[0], THERE, atol=1e-6)
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-6)
     np.testing.assert_allclose(estimator.odometry[0], own, atol=1e-6)  # which no pose moves
-    back = estimator.poses.odometry.back()
-    np.testing.assert_allclose(back.of(*own[:3]), THERE[:3], atol=1e-6)
+    back = estimator.poses.odometry.inverse()
+    np.testing.assert_allclose(back.point(*own[:3]), THERE[:3], atol=1e-6)
     np.testing.assert_allclose(back.pose[3:], THERE[3:], atol=1e-6)
     assert robot.refused == []
 
@@ -129,8 +129,8 @@ def test_another_world_leaves_what_is_known_of_the_robot_as_it_is(standing):
     half = np.random.default_rng(1).normal(size=found.P.shape) * 1e-3
     found.P = half @ half.T
     before, twist, own = *estimator._running.covariance(), found.P[-6:, -6:].copy()
-    move = Move(0.7, (1.0, 2.0, 3.0))
-    found.move(move.rotation, np.array(move.shift), np.zeros(3), np.zeros((4, 4)))
+    move = PlanarTransform(0.7, (1.0, 2.0, 3.0))
+    found.move(move.rotation, np.array(move.translation), np.zeros(3), np.zeros((4, 4)))
     turn, (after, same) = np.kron(np.eye(2), move.rotation), estimator._running.covariance()
     np.testing.assert_allclose(after, turn @ before @ turn.T, atol=1e-12)
     np.testing.assert_allclose(same, twist, atol=1e-12)
@@ -142,10 +142,10 @@ def test_another_world_leaves_what_is_known_of_the_robot_as_it_is(standing):
 
 
 def test_moves_are_a_group():
-    a, b, x = Move(0.7, (1.0, 2.0, 3.0)), Move(-2.0, (0.5, 0.0, -1.0)), (0.3, -0.2, 0.1)
-    np.testing.assert_allclose(a.after(b).of(*x), a.of(*b.of(*x)))
-    np.testing.assert_allclose(a.back().of(*a.of(*x)), x, atol=1e-15)
-    np.testing.assert_allclose(a.rotation @ x + a.shift, a.of(*x))
+    a, b, x = PlanarTransform(0.7, (1.0, 2.0, 3.0)), PlanarTransform(-2.0, (0.5, 0.0, -1.0)), (0.3, -0.2, 0.1)
+    np.testing.assert_allclose(a.compose(b).point(*x), a.point(*b.point(*x)))
+    np.testing.assert_allclose(a.inverse().point(*a.point(*x)), x, atol=1e-15)
+    np.testing.assert_allclose(a.rotation @ x + a.translation, a.point(*x))
     np.testing.assert_allclose(pin.Quaternion(a.pose[3:]).matrix(), a.rotation, atol=1e-15)
 
 

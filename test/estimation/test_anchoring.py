@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from wbc_controller.estimation.anchoring import Anchoring
-from wbc_controller.estimation.frame_transform import HERE
+from wbc_controller.estimation.planar_transform import IDENTITY
 from wbc_controller.validation.accuracy.rig import Rig
 
 FEET = {
@@ -26,7 +26,7 @@ def drifting(place, seconds, turn=0.02, speed=(0.01, -0.02, 0.005)):
 
 
 def reported(anchoring, places):
-    return places @ anchoring.move.rotation.T + np.array(anchoring.move.shift)
+    return places @ anchoring.transform.rotation.T + np.array(anchoring.transform.translation)
 
 
 def test_points_that_hold_stay_where_they_are_while_the_world_drifts():
@@ -40,7 +40,7 @@ def test_points_that_hold_stay_where_they_are_while_the_world_drifts():
     for name, place in seen.items():
         # behind by what drifts in a time constant: 22 mm/s, and 0.02 rad/s at an arm of 0.15 m
         np.testing.assert_allclose(reported(anchoring, place), began[name], atol=0.006)
-    assert abs(anchoring.move.turn + 0.02 * 19.0) < 0.01
+    assert abs(anchoring.transform.heading + 0.02 * 19.0) < 0.01
     assert np.linalg.norm(drifting(FEET["left"], 19.98) - drifting(FEET["left"], 1.02)) > 0.4
 
 
@@ -72,8 +72,8 @@ def test_a_single_point_tells_no_heading():
     for i in range(200):
         point = drifting(np.array([[0.1, 0.2, 0.0]]), i * PERIOD)
         anchoring.follow(i * PERIOD, {"foot": point})
-    assert anchoring.move.turn == 0.0
-    assert np.linalg.norm(anchoring.move.shift) > 0.05
+    assert anchoring.transform.heading == 0.0
+    assert np.linalg.norm(anchoring.transform.translation) > 0.05
 
 
 def test_a_step_is_too_short_for_an_anchor():
@@ -83,7 +83,7 @@ def test_a_step_is_too_short_for_an_anchor():
         for other in set(FEET) - {foot}:
             anchoring.release(other)
         anchoring.follow(i * PERIOD, {foot: drifting(FEET[foot], i * PERIOD)})
-    assert anchoring.move == HERE
+    assert anchoring.transform == IDENTITY
 
 
 def test_a_robot_whose_estimate_drifts_by_3_cm_a_second_keeps_its_feet():

@@ -15,42 +15,42 @@ FEET = {"left": np.array([3.0, -2.0, 100.0]), "right": np.array([0.0, 0.0, 80.0,
 
 
 @pytest.fixture
-def carried():
+def forces():
     return ContactForces({"left": 2, "right": 2}, on=10.0, off=5.0)
 
 
-def look(carried, count=20, **missed):
+def look(forces, count=20, **missed):
     """For a while, with forces that are this much off what was predicted."""
     lacking = np.zeros(9)
     lacking[2], lacking[5] = missed.get("left", 0.0), missed.get("right", 0.0)
     for _ in range(count):
-        carried.look(FEET, lacking, 0.01)
-    return carried.lifted
+        forces.update(FEET, lacking, 0.01)
+    return forces.unloaded
 
 
-def test_a_contact_without_its_force_is_lifted_until_it_has_some(carried):
-    assert look(carried) == ()
-    assert look(carried, 1, right=-80.0) == ()  # not at once: noise is filtered
-    assert look(carried, right=-80.0) == ("right",)
-    assert look(carried, right=-73.0) == ("right",)  # between off and on
-    assert look(carried, right=-60.0) == ()
-    assert look(carried, right=-73.0) == ()
+def test_a_contact_without_its_force_is_lifted_until_it_has_some(forces):
+    assert look(forces) == ()
+    assert look(forces, 1, right=-80.0) == ()  # not at once: noise is filtered
+    assert look(forces, right=-80.0) == ("right",)
+    assert look(forces, right=-73.0) == ("right",)  # between off and on
+    assert look(forces, right=-60.0) == ()
+    assert look(forces, right=-73.0) == ()
 
 
-def test_one_that_should_carry_little_and_one_that_can_pull_are_none_of_its_business(carried):
+def test_one_that_should_carry_little_and_one_that_can_pull_are_none_of_its_business(forces):
     light = {"left": np.array([0.0, 0.0, 4.0]), "grip": np.array([0.0, 0.0, -50.0])}
     for _ in range(20):
-        carried.look(light, np.zeros(6), 0.01)
-    assert carried.lifted == ()
+        forces.update(light, np.zeros(6), 0.01)
+    assert forces.unloaded == ()
 
 
-def test_one_that_is_switched_off_is_forgotten(carried):
-    assert look(carried, left=-100.0) == ("left",)
-    carried.look({"right": FEET["right"]}, np.zeros(6), 0.01)
-    assert carried.lifted == ()
-    look(carried, left=-100.0)
-    carried.restart()
-    assert carried.lifted == ()
+def test_one_that_is_switched_off_is_forgotten(forces):
+    assert look(forces, left=-100.0) == ("left",)
+    forces.update({"right": FEET["right"]}, np.zeros(6), 0.01)
+    assert forces.unloaded == ()
+    look(forces, left=-100.0)
+    forces.restart()
+    assert forces.unloaded == ()
 
 
 @pytest.mark.parametrize("robot", ["g1", "go2"])
@@ -61,7 +61,7 @@ def test_a_foot_whose_floor_vanishes_is_found_and_said_and_a_sway_lifts_none(rob
     lifted, said = [], []
 
     def note():
-        lifted.extend(rig.controller.beside.lifted)
+        lifted.extend(rig.controller.model_error.unloaded_contacts)
         said.extend(each for each in rig.report.refused if "carries nothing" in each)
 
     rig.run(1.0, note)

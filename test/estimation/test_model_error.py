@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller import Simulation
-from wbc_controller.controller.build.estimation import make_beside_the_model
+from wbc_controller.controller.build.estimation import make_model_error
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.estimation.disturbance_observer import DisturbanceEstimate, DisturbanceLimits
+from wbc_controller.estimation.disturbance_observer import DisturbanceLimits, DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
-from wbc_controller.estimation.model_error import BesideTheModel
-from wbc_controller.estimation.projection import mobility, parts
+from wbc_controller.estimation.model_error import ModelErrorCompensation
+from wbc_controller.estimation.projection import mobility, split_force
 from wbc_controller.records import RobotState
 
 LIMITS = DisturbanceLimits(time_constant=0.5, share=0.2)
@@ -31,10 +31,10 @@ def test_the_free_part_does_what_the_force_does_on_the_contacts(seed, nv, rows, 
     J = np.vstack([J, J[:1]]) if double else J  # rows need not be independent
     inverse = np.linalg.inv(M)
     N = np.eye(nv) - inverse @ J.T @ np.linalg.pinv(J @ inverse @ J.T) @ J
-    np.testing.assert_allclose(parts(M, J, r)[0], N.T @ r, atol=1e-5)
+    np.testing.assert_allclose(split_force(M, J, r)[0], N.T @ r, atol=1e-5)
     np.testing.assert_allclose(mobility(M, J), np.diag(N @ inverse), atol=1e-5)
-    np.testing.assert_allclose(J @ inverse @ parts(M, J, r)[0], 0.0, atol=1e-5)  # it moves no contact
-    np.testing.assert_allclose(J.T @ parts(M, J, r)[1], r - N.T @ r, atol=1e-5)
+    np.testing.assert_allclose(J @ inverse @ split_force(M, J, r)[0], 0.0, atol=1e-5)  # it moves no contact
+    np.testing.assert_allclose(J.T @ split_force(M, J, r)[1], r - N.T @ r, atol=1e-5)
 
 
 def stood(robot="go2", **changes):
@@ -48,34 +48,34 @@ def _changed(robot, changes):
     return load(robot).replace(changes)
 
 
-def fed(estimate, model, missed, seconds, gap=0.002):
+def fed(observer, model, missed, seconds, gap=0.002):
     M, J = np.eye(model.nv), np.zeros((0, model.nv))
     for _ in range(round(seconds / gap)):
-        estimate.look(M, J, (), gap, gap * missed)
+        observer.update(M, J, (), gap, gap * missed)
 
 
 def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
     _, model = robot_of("go2")
-    estimate = DisturbanceEstimate(model, LIMITS)
+    observer = DisturbanceObserver(model, LIMITS)
     knee = model.v_index[model.joints.index("FL_calf_joint")]
     missed = np.zeros(model.nv)
     missed[knee] = 1.0  # N·m, as M is the unit matrix
-    fed(estimate, model, missed, 0.5)
-    assert estimate.forces[knee] == pytest.approx(0.5 / 0.5 * (1.0 - 0.02), rel=0.005)  # ∫ r / T, less the leak
-    assert np.count_nonzero(estimate.forces) == 1
-    assert estimate.at_bound == ()
-    fed(estimate, model, missed, 20.0)
+    fed(observer, model, missed, 0.5)
+    assert observer.forces[knee] == pytest.approx(0.5 / 0.5 * (1.0 - 0.02), rel=0.005)  # ∫ r / T, less the leak
+    assert np.count_nonzero(observer.forces) == 1
+    assert observer.at_bound == ()
+    fed(observer, model, missed, 20.0)
     bound = 0.2 * model.effort_limits[model.actuators.index("FL_calf_joint")]
-    assert estimate.forces[knee] == pytest.approx(min(bound, 25.0 * (1.0 - np.exp(-20.5 / 12.5))), rel=0.02)
-    fed(estimate, model, 10.0 * missed, 5.0)
-    assert estimate.forces[knee] == pytest.approx(bound)
-    assert estimate.at_bound == ("FL_calf_joint",)
-    fed(estimate, model, 0.0 * missed, 5.0)  # what the bound has cut off is forgotten within a few T, the rest in 25
-    rest = estimate.forces[knee]
+    assert observer.forces[knee] == pytest.approx(min(bound, 25.0 * (1.0 - np.exp(-20.5 / 12.5))), rel=0.02)
+    fed(observer, model, 10.0 * missed, 5.0)
+    assert observer.forces[knee] == pytest.approx(bound)
+    assert observer.at_bound == ("FL_calf_joint",)
+    fed(observer, model, 0.0 * missed, 5.0)  # what the bound has cut off is forgotten within a few T, the rest in 25
+    rest = observer.forces[knee]
     assert 0.5 * bound < rest < bound
-    assert estimate.at_bound == ()
-    fed(estimate, model, 0.0 * missed, 12.5)
-    assert estimate.forces[knee] == pytest.approx(rest * np.exp(-1.0), rel=0.02)
+    assert observer.at_bound == ()
+    fed(observer, model, 0.0 * missed, 12.5)
+    assert observer.forces[knee] == pytest.approx(rest * np.exp(-1.0), rel=0.02)
 
 
 def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
@@ -84,54 +84,54 @@ def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
     rng, nv, gap = np.random.default_rng(4), model.nv, 0.002
     A, J = rng.normal(size=(nv, nv)), rng.normal(size=(9, nv))
     M = A @ A.T + np.eye(nv)
-    estimate = DisturbanceEstimate(model, DisturbanceLimits(time_constant=0.05, share=0.2))
+    observer = DisturbanceObserver(model, DisturbanceLimits(time_constant=0.05, share=0.2))
     most = 0.2 * np.concatenate([np.full(6, np.inf), model.effort_limits])
-    lacking = parts(M, J, rng.normal(size=nv))[0]
+    lacking = split_force(M, J, rng.normal(size=nv))[0]
     lacking *= 1.2 * np.min(most / np.abs(lacking))  # one joint lacks more than its bound
     for _ in range(5000):
-        seen = parts(M, J, lacking - estimate.forces)[0]
-        estimate.look(M, J, ("feet",), gap, gap * seen)
-    (joint,) = estimate.at_bound
+        seen = split_force(M, J, lacking - observer.forces)[0]
+        observer.update(M, J, ("feet",), gap, gap * seen)
+    (joint,) = observer.at_bound
     expected = 25.0 / 26.0 * lacking  # the leak takes the rest
     expected[model.v_index[model.joints.index(joint)]] *= 26.0 / 25.0 / 1.2
-    np.testing.assert_allclose(estimate.forces, expected, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(observer.forces, expected, atol=1e-3 * np.abs(expected).max())
 
 
 def test_switched_off_it_fades_and_rests(robot_of):
     _, model = robot_of("go2")
-    estimate = DisturbanceEstimate(model, LIMITS)
-    fed(estimate, model, np.full(model.nv, 0.5), 0.2)
-    estimate.limits, before, steps = DisturbanceLimits(0.5, 0.2, on=False), estimate.forces.copy(), []
-    assert not estimate.rests
-    while not estimate.rests:
-        past = estimate.forces
-        fed(estimate, model, np.ones(model.nv), 0.01)
-        steps.append(np.abs(estimate.forces - past).max())
+    observer = DisturbanceObserver(model, LIMITS)
+    fed(observer, model, np.full(model.nv, 0.5), 0.2)
+    observer.limits, before, steps = DisturbanceLimits(0.5, 0.2, on=False), observer.forces.copy(), []
+    assert not observer.is_idle
+    while not observer.is_idle:
+        past = observer.forces
+        fed(observer, model, np.ones(model.nv), 0.01)
+        steps.append(np.abs(observer.forces - past).max())
     assert max(steps) < 0.05 * np.abs(before).max()  # no jump
     assert 0.5 < 0.01 * len(steps) < 5.0
 
 
 def test_what_is_summed_up_over_a_change_of_contacts_is_dropped(robot_of):
     _, model = robot_of("go2")
-    estimate = DisturbanceEstimate(model, LIMITS)
+    observer = DisturbanceObserver(model, LIMITS)
     M, J = np.eye(model.nv), np.zeros((0, model.nv))
     for contacts in (("a",), ("b",), ("a",), ("b",)):  # each for less than it is summed up
-        estimate.look(M, J, contacts, 0.004, np.ones(model.nv))
-        estimate.look(M, J, contacts, 0.004, np.ones(model.nv))
-    assert not estimate.forces.any()
+        observer.update(M, J, contacts, 0.004, np.ones(model.nv))
+        observer.update(M, J, contacts, 0.004, np.ones(model.nv))
+    assert not observer.forces.any()
 
 
 def estimated(model, *, rows=(), gap=0.002, sent=1.0, relaxed=(), growing=None):
     """What is estimated of a velocity that grows, of which the program has predicted nothing, with M = I."""
-    beside, nv = BesideTheModel(DisturbanceEstimate(model, LIMITS), None, None, 0.002), model.nv
+    compensation, nv = ModelErrorCompensation(DisturbanceObserver(model, LIMITS), None, None, 0.002), model.nv
     tau, J = np.ones(model.na), np.eye(nv)[list(rows)]
     solution = SimpleNamespace(v_dot=np.zeros(nv), tau=tau, forces={"foot": None}, relaxed=relaxed)
     dynamics, growing = SimpleNamespace(M=np.eye(nv), model=model), np.ones(nv) if growing is None else growing
     for i in range(20):
         state = RobotState(1 + round(1e9 * gap * i), np.zeros(model.nq), gap * i * growing)
-        beside.look(state)
-        beside.sent(state, solution, None if sent is None else sent * tau, dynamics, lambda contacts: J)
-    return beside.estimate.forces
+        compensation.update(state)
+        compensation.record_command(state, solution, None if sent is None else sent * tau, dynamics, lambda contacts: J)
+    return compensation.observer.forces
 
 
 def test_only_what_moves_the_robot_on_its_contacts_is_taken_up(robot_of):
@@ -161,25 +161,25 @@ def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_o
     index = model.v_index[3]
     friction = FrictionCompensation(model, {joint: 2.0}, {joint: 0.5})
     M, J, v = 10.0 * np.eye(model.nv), np.zeros((0, model.nv)), np.zeros(model.nv)
-    friction.look(M, J, (), v, 0.002, np.zeros(model.nv))
+    friction.update(M, J, (), v, 0.002, np.zeros(model.nv))
     assert not friction.forces.any()
     for _ in range(200):  # it sticks, and the program wants 1 rad/s²
-        friction.look(M, J, (), v, 0.002, np.full(model.nv, 0.002))
+        friction.update(M, J, (), v, 0.002, np.full(model.nv, 0.002))
     assert friction.forces[index] == pytest.approx(-2.0, rel=0.01)
     assert np.count_nonzero(friction.forces) == 1
     v[index] = 1.0
-    friction.look(M, J, (), v, 0.002, None)
+    friction.update(M, J, (), v, 0.002, None)
     assert friction.forces[index] == pytest.approx(-2.5, rel=0.01)
     light = FrictionCompensation(model, {joint: 2.0}, {})
     v[index] = 0.02
-    light.look(1e-3 * np.eye(model.nv), J, (), v, 0.002, None)
+    light.update(1e-3 * np.eye(model.nv), J, (), v, 0.002, None)
     assert abs(light.forces[index]) < 0.02  # a light joint gets less: a sampled loop would drive it
 
 
 def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
     config, model = robot_of("go2")
     with pytest.raises(ConfigurationError, match=r"robot.friction.FL_calf: did you mean 'FL_calf_joint'"):
-        make_beside_the_model(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model, {})
+        make_model_error(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model, {})
 
 
 def test_what_is_not_asked_for_costs_nothing(robot_of):

@@ -76,7 +76,7 @@ class Controller(ControlCycle):
         self.supervisor = Supervisor(self.model, self._parts.supervisor)
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, self._time)
-        self.beside.restart()
+        self.model_error.restart()
         self.supervisor.request("activate", self._time, None)
 
     def stance(self) -> Array:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.controller.build.estimation import make_beside_the_model
+from wbc_controller.controller.build.estimation import make_model_error
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import check_qp
@@ -58,7 +58,7 @@ class ControlCycle:
         qp: the quadratic program.
         board: the references that the commands have set.
         supervisor: makes the commands, and holds the modes.
-        beside: what acts beside the model.
+        model_error: compensation of friction and disturbances.
         live: the settings with all changes since.
         tape: where it is a list, what each cycle was given, and what it gave, is appended; whoever records empties it.
         holding: names of the contacts that were active in the last cycle, but for those that carry nothing; where none
@@ -97,7 +97,7 @@ class ControlCycle:
         try:
             model = make_model(settings, self.config.urdf) if model is None else model
             self.qp = make_qp(settings, model, timer, tasks=tasks, contacts=contacts, limits=limits)
-            self.beside = make_beside_the_model(settings, model, self.qp.contacts)
+            self.model_error = make_model_error(settings, model, self.qp.contacts)
             self.live = LiveSettings(settings, partial(live_part, qp=self.qp))
             if preflight:
                 check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
@@ -118,7 +118,7 @@ class ControlCycle:
         self._defect: Fault | None = None  # of what stands around the cycle
         self.tape: list[Taped] | None = None
         self._held: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # what `holding` was made from
-        self._apart = False  # whether something has changed beside the cycles since the last one
+        self._apart = False  # True if something has changed between the last cycle and the next
 
     @property
     def model(self) -> RobotModel:
@@ -208,21 +208,21 @@ class ControlCycle:
         was_active = supervisor.mode is Mode.ACTIVE
         command = supervisor.step(now, state, joint_velocity, problem, outcome)
         solution = outcome if isinstance(outcome, Solution) else None
-        if state is not None and not self.beside.rests:
+        if state is not None and not self.model_error.is_idle:
             whole = command is not None and supervisor.torques_before(now) is not None
             tau = command.tau if command is not None and whole else None
-            self.beside.sent(state, solution, tau, self.qp.dynamics, self.qp.contact_jacobian)
+            self.model_error.record_command(state, solution, tau, self.qp.dynamics, self.qp.contact_jacobian)
         if left and outcome is None:
             words = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
             refused.append(
                 f"{len(left)} task or contact commands: the controller is {self.mode.value}; send {words} first"
             )
         if references is not None and supervisor.solving:
-            activations, lifted = references.contacts, self.beside.lifted
-            if self._held is None or self._held[0] is not activations or self._held[1] is not lifted:
-                self._held = activations, lifted
+            activations, unloaded = references.contacts, self.model_error.unloaded_contacts
+            if self._held is None or self._held[0] is not activations or self._held[1] is not unloaded:
+                self._held = activations, unloaded
                 active = [name for name, activation in activations.items() if activation > 0.0]
-                self.holding = tuple(name for name in active if name not in lifted)
+                self.holding = tuple(name for name in active if name not in unloaded)
         else:
             self.holding, self._held = self._at_activation(), None
         self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None
@@ -265,7 +265,7 @@ class ControlCycle:
             "qp": self.qp.memory(),
             "board": taken(self.board),
             "supervisor": taken(self.supervisor),
-            "beside": taken(self.beside),
+            "model_error": taken(self.model_error),
         }
 
     def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
@@ -284,8 +284,8 @@ class ControlCycle:
         self.supervisor = Supervisor(self.model, self._parts.supervisor)
         give_back(self.board, memory["board"])
         give_back(self.supervisor, memory["supervisor"])
-        self.beside.estimate.limits = self._parts.disturbance
-        give_back(self.beside, memory["beside"])
+        self.model_error.observer.limits = self._parts.disturbance
+        give_back(self.model_error, memory["model_error"])
         if memory["qp"] is not None:
             self.qp.recall(memory["qp"])
 
@@ -373,7 +373,7 @@ class ControlCycle:
         if newest is not self._parts:
             self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
             self.supervisor.limits = newest.supervisor
-            self.beside.estimate.limits = newest.disturbance
+            self.model_error.observer.limits = newest.disturbance
             self._parts = newest
 
     def _compute(
@@ -391,7 +391,7 @@ class ControlCycle:
             if starts:
                 self.qp.dynamics.update(state.q, state.v)
                 self.board.reset(self.qp.dynamics, seconds(state))
-                self.beside.restart()
+                self.model_error.restart()
             for each in changes:
                 try:
                     self.board.apply(each, self.qp.dynamics, seconds(state))
@@ -401,23 +401,23 @@ class ControlCycle:
             if self._streamed:
                 references = replace(references, tasks={**references.tasks, **self._streamed})
                 self._streamed = {}
-            if not self.beside.rests:
-                references = self._with_what_acts_beside(state, references, refused)
+            if not self.model_error.is_idle:
+                references = self._add_disturbance(state, references, refused)
             return self.qp.solve(state, references, self.supervisor.torques_before(now), False), references
         except NoSolution as failure:
             return failure, references
         except Exception as error:
             return _defect(error), references
 
-    def _with_what_acts_beside(self, state: RobotState, references: References, refused: list[str]) -> References:
-        """The references with the forces beside the model; a sentence for each contact that newly carries nothing."""
-        lifted = self.beside.lifted
-        disturbance = self.beside.look(state)
-        if self.beside.lifted is not lifted:
+    def _add_disturbance(self, state: RobotState, references: References, refused: list[str]) -> References:
+        """Add the disturbance to the references; report each contact that becomes unloaded."""
+        unloaded = self.model_error.unloaded_contacts
+        disturbance = self.model_error.update(state)
+        if self.model_error.unloaded_contacts is not unloaded:
             refused += [
                 f"contact {name!r} carries nothing, by how the robot moves: the base's estimate leaves it out"
-                for name in self.beside.lifted
-                if name not in lifted
+                for name in self.model_error.unloaded_contacts
+                if name not in unloaded
             ]
         if disturbance is None:
             return references

@@ -1,6 +1,6 @@
 """What a controller remembers from one cycle to the next, taken and given back: so that a recording can go on from it.
 
-A class names what of it outlives a cycle in ``MEMORY``; values that are such objects themselves are taken likewise.
+A class lists the attributes that outlive a cycle in ``STATE_FIELDS``; values with such a list are saved likewise.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ class Taped:
 
 def taken(owner: Any) -> dict[str, Any]:
     """The memory of an object, by attribute: what is written in place is copied, which records never are."""
-    return {name: _copied(getattr(owner, name)) for name in owner.MEMORY}
+    return {name: _copied(getattr(owner, name)) for name in owner.STATE_FIELDS}
 
 
 def give_back(owner: Any, memory: Mapping[str, Any]) -> None:
     """Put back into an object what `taken` gave; it goes on as the one that it was taken from."""
-    for name in owner.MEMORY:
+    for name in owner.STATE_FIELDS:
         present, value = getattr(owner, name), memory[name]
-        if hasattr(type(present), "MEMORY"):
+        if hasattr(type(present), "STATE_FIELDS"):
             if value is not None:
                 give_back(present, value)
         elif isinstance(present, np.ndarray) and present.flags.writeable:
@@ -65,7 +65,7 @@ def give_back(owner: Any, memory: Mapping[str, Any]) -> None:
 
 
 def _copied(value: Any) -> Any:
-    if hasattr(type(value), "MEMORY"):
+    if hasattr(type(value), "STATE_FIELDS"):
         return taken(value)
     if isinstance(value, deque):
         return list(value)

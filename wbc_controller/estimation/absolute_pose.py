@@ -1,4 +1,4 @@
-"""Absolute poses of a frame of the robot, late and at times wrong, for the filter that estimates the base.
+"""Corrections of the base filter by absolute poses of a frame of the robot, which are delayed and sometimes wrong.
 
 A pose of frame F, measured at t, has a position y = p_F + n and an orientation Y = exp(n_R) R_F: observations of the
 world, Y = X b, which are left-invariant in the terms of Hartley and others (`invariant_filter`). With the filter's
@@ -7,17 +7,17 @@ right-invariant error, X̂ X⁻¹ = exp(ξ), p̂_F = exp(ξ_R) p_F + ξ_p to fir
     z = (y - p̂_F, heading of Y R̂_Fᵀ) = -H ξ + n        H = | -p̂_Fₓ  0  I  0 |        columns ξ_R, ξ_v, ξ_p, others
                                                          |   zᵀ    0  0  0 |
 
-which is R̂ times the left-invariant innovation, with its ξˡ = Ad_X̂⁻¹ ξ. Of the orientation the heading alone is taken:
-gravity tells the tilt, and markers that are mounted askew must not.
+which is R̂ times the left-invariant innovation, with its ξˡ = Ad_X̂⁻¹ ξ. Only the heading of the orientation is used:
+gravity determines the tilt, and markers may be mounted askew.
 
-**Latency.** Only what nothing else observes is corrected: a turn about gravity and a shift of everything, motions T of
-the world, X ← T X. The filter's dynamics and its contacts leave such a ξ as it is: Φ ξ = ξ, as g × z = 0, and
-H_contacts ξ = 0. So z, from the estimate of the time t, corrects the present one, and no step in between is made again.
-The noise n grows by what the contacts may have crept since, and by the noise of the gyroscope. (With the whole gain
-P Hᵀ S⁻¹ a position would correct the velocity as well, too late: at 0.2 s that oscillates.) The velocity never jumps.
+**Latency.** Only the unobservable part is corrected: a rotation about gravity and a translation, transforms T of the
+world, X ← T X. The filter's dynamics and contacts preserve such a ξ: Φ ξ = ξ, as g × z = 0, and H_contacts ξ = 0.
+Therefore z, computed with the estimate at time t, corrects the present estimate, and no step in between is repeated.
+The noise n grows by the creep of the contacts and the noise of the gyroscope since then. (With the whole gain P Hᵀ S⁻¹
+a position would also correct the velocity, too late: with 0.2 s of latency this oscillates.) The velocity never jumps.
 
-**Jumps.** The estimate then lives in two more worlds, each of them a turn and a shift (`Move`) away: `odometry`, which
-no correction moves, and `shown`, which follows the filter at a bounded rate. Earlier estimates are kept in the first.
+**Jumps.** The estimate is also expressed in two more worlds, each related by a `PlanarTransform`: `odometry`, which no
+correction moves, and `shown`, which follows the filter at a bounded rate. Past estimates are stored in the first.
 """
 
 from __future__ import annotations
@@ -32,39 +32,39 @@ import numpy as np
 import pinocchio as pin
 from scipy.special import chdtri
 
-from wbc_controller.estimation.frame_transform import HERE, Move
 from wbc_controller.estimation.invariant_filter import InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics
+from wbc_controller.estimation.planar_transform import IDENTITY, PlanarTransform
 from wbc_controller.inverse_dynamics.arrays import solved
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
 
-#: Time for which estimates are kept: a pose that is older is refused, s.
+#: Time for which past estimates are stored: an older pose is refused, s.
 KEPT = 0.5
-#: A stamp further ahead of the IMU's is of another clock, s; nearer ones wait for the IMU.
+#: A stamp further ahead of the IMU's belongs to another clock, s; other poses wait for the IMU.
 AHEAD = 0.1
-#: Poses that wait for the IMU, at most.
+#: Largest number of poses that wait for the IMU.
 _MOST_WAITING = 20
-#: Probability with which a pose that is right is taken for wrong.
+#: Probability of rejecting a correct pose.
 _OUTLIER = 1.0e-5
 _GATE = float(chdtri(4, _OUTLIER))
-#: Poses that contradict the estimate alike for this long are right, and the estimate is wrong, s.
+#: Poses that contradict the estimate consistently for this long replace it, s.
 AGREED = 1.0
-#: How far those may be from each other, m and rad.
+#: Largest difference between consistent poses, m and rad.
 _ALIKE = 0.1
-#: `shown` follows with this time constant, s, and at most so fast, m/s and rad/s: what is seen of it is below what
-#: plausibility bears of a velocity that does not fit.
+#: Time constant of `shown`, s, and its largest rates, m/s and rad/s: below the tolerance of the plausibility checks for
+#: a velocity that does not match the motion.
 _FOLLOWS, SPEED, TURN = 0.2, 0.02, 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class PoseSensor:
-    """Where absolute poses come from.
+    """Source of absolute poses.
 
     Attributes:
-        frame: of the robot, whose poses they are.
-        position: least standard deviation of a position, m.
-        turn: least standard deviation of a heading, rad.
+        frame: measured frame of the robot.
+        position: smallest standard deviation of a position, m.
+        turn: smallest standard deviation of a heading, rad.
     """
 
     frame: str
@@ -88,35 +88,35 @@ class PoseSample:
 
 
 class _Past(NamedTuple):
-    """An estimate: its stamp, orientation and position of the IMU, the frame from there, and how to get to odometry."""
+    """A past estimate: stamp, orientation and position of the IMU, the measured frame in the IMU, and `odometry`."""
 
     stamp: float
     rotation: Array
     position: Array
     frame: pin.SE3
-    odometry: Move
+    odometry: PlanarTransform
 
 
 class AbsolutePoses:
-    """Corrects a filter by absolute poses.
+    """Corrections of a filter by absolute poses.
 
-    Poses that agree for `AGREED` begin the world: until then it is the filter's own. Later ones that contradict the
-    filter by more than noise can are left out; where they agree for as long that it is elsewhere, as after the
-    relocalization of a SLAM system, the world is moved to them, unless it is `held` by a controller that is active.
+    Poses that agree for `AGREED` define the world; before, it is the filter's own. Later poses that contradict the
+    filter by more than noise are rejected. If they consistently do so for `AGREED`, as after a relocalization of a SLAM
+    system, the world is moved to them, unless an active controller holds it (`held`).
 
     Attributes:
-        aligned: whether the world is that of the poses.
-        odometry: from the filter's world to one that no pose moves.
-        shown: from the filter's world to one that follows it without jumps.
-        taken: number of poses that were used.
-        left_out: number of poses that contradicted.
-        moved: how often the world was moved to poses that contradicted.
-        contradiction: what is wrong with the poses for a whole while; empty where nothing is.
+        aligned: True if the world is that of the poses.
+        odometry: transform from the filter's world to one that no pose moves.
+        shown: transform from the filter's world to one that follows it without jumps.
+        taken: number of used poses.
+        left_out: number of rejected poses.
+        moved: number of times the world was moved to contradicting poses.
+        contradiction: description of a persistent contradiction, or empty.
     """
 
     def __init__(self, sensor: PoseSensor, kinematics: LegKinematics, filter: InvariantFilter) -> None:
         self.aligned = False
-        self.odometry = self.shown = HERE
+        self.odometry = self.shown = IDENTITY
         self.taken = self.left_out = self.moved = 0
         self.contradiction = ""
         self._kinematics, self._filter = kinematics, filter
@@ -126,13 +126,16 @@ class AbsolutePoses:
         self._creep = np.array([noise.contact, noise.contact, noise.contact, noise.gyroscope]) ** 2
         self._past: deque[_Past] = deque()
         self._begun = math.inf
-        self._against: tuple[float, Array] | None = None  # since when poses contradict, and by what at first
+        self._against: tuple[float, Array] | None = None  # stamp and difference of the first contradicting pose
         self._waiting: deque[PoseSample] = deque(maxlen=_MOST_WAITING)
 
     @property
     def values(self) -> dict[str, str]:
-        """What became of the poses, for diagnostics."""
-        turn, shift = self.shown.turn, math.dist(self.shown.of(*self._filter.columns[:, 1]), self._filter.columns[:, 1])
+        """Counters of the poses, for diagnostics."""
+        turn, shift = (
+            self.shown.heading,
+            math.dist(self.shown.point(*self._filter.columns[:, 1]), self._filter.columns[:, 1]),
+        )
         return {
             "pose/taken": str(self.taken),
             "pose/left out": f"{self.left_out}, as they contradict the estimate",
@@ -142,7 +145,7 @@ class AbsolutePoses:
 
     @property
     def waits_for(self) -> str:
-        """Why the world is not that of the poses; empty where it is."""
+        """Reason why the world is not yet that of the poses, or empty."""
         if self.aligned:
             return ""
         if self._against is None:
@@ -150,9 +153,9 @@ class AbsolutePoses:
         return f"the absolute poses have to agree for {AGREED:g} s"
 
     def follow(self, stamp: float) -> None:
-        """Keep the present estimate, and bring what is shown nearer to it."""
+        """Store the present estimate, and move `shown` towards it."""
         past, found = self._past, self._filter
-        if past and self.shown is not HERE:
+        if past and self.shown is not IDENTITY:
             self._approach(stamp - past[-1].stamp)
         if past and past[-1].stamp == stamp:
             past.pop()
@@ -164,13 +167,13 @@ class AbsolutePoses:
 
     def _approach(self, dt: float) -> None:
         x, y, z = self._filter.columns[:, 1].tolist()
-        at = self.shown.of(x, y, z)
+        at = self.shown.point(x, y, z)
         gap = x - at[0], y - at[1], z - at[2]
         far, share = math.hypot(*gap), min(1.0, dt / _FOLLOWS)
         step = min(share, SPEED * dt / far) if far > 0.0 else share
-        turn = self.shown.turn - max(-TURN * dt, min(TURN * dt, share * self.shown.turn))
-        turned = Move(turn, (0.0, 0.0, 0.0)).of(x, y, z)
-        self.shown = Move(
+        turn = self.shown.heading - max(-TURN * dt, min(TURN * dt, share * self.shown.heading))
+        turned = PlanarTransform(turn, (0.0, 0.0, 0.0)).point(x, y, z)
+        self.shown = PlanarTransform(
             turn,
             (
                 at[0] + step * gap[0] - turned[0],
@@ -180,17 +183,17 @@ class AbsolutePoses:
         )
 
     def take(self, samples: list[PoseSample], *, held: bool) -> list[str]:
-        """Correct the filter, once per pose that the IMU has reached; the others wait.
+        """Correct the filter by each pose that is not newer than the IMU; the others wait.
 
         Args:
-            samples: poses that have come.
-            held: whether the world must not be moved to poses that contradict.
+            samples: received poses.
+            held: True if the world must not be moved to contradicting poses.
 
         Returns:
-            A sentence for what is refused; one alone for poses that contradict one after the other.
+            A sentence per refusal; a single one for consecutive contradicting poses.
 
         Raises:
-            LinAlgError: where the covariance is lost.
+            LinAlgError: if the covariance is not positive definite.
         """
         refused, newest = [], self._past[-1].stamp
         for sample in samples:
@@ -219,7 +222,7 @@ class AbsolutePoses:
         return refused
 
     def seen(self, stamp: float) -> tuple[Array, Array]:
-        """Where the estimate of a time that is kept has the frame, in the present world.
+        """Return the measured frame of a past estimate in the present world.
 
         Returns:
             Its orientation, (3, 3), and position, (3,) in m.
@@ -231,11 +234,11 @@ class AbsolutePoses:
             earlier = self._past[after - 1]
             share = (stamp - earlier.stamp) / (later.stamp - earlier.stamp)
             placed = pin.SE3.Interpolate(_placed(earlier), placed, share)
-        back = self.odometry.back()
-        return back.rotation @ placed.rotation, np.array(back.of(*placed.translation.tolist()))
+        back = self.odometry.inverse()
+        return back.rotation @ placed.rotation, np.array(back.point(*placed.translation.tolist()))
 
     def innovation(self, sample: PoseSample) -> tuple[Array, Array, Array, Array]:
-        """What a pose contradicts the estimate of its time by.
+        """Compute the innovation of a pose against the estimate at its time.
 
         Returns:
             z, (4,) in m and rad; H, (4, n); the covariance of its noise, (4, 4); and p̂_F, (3,) in m.
@@ -251,21 +254,21 @@ class AbsolutePoses:
         return z, H, noise, p
 
     def _correct(self, sample: PoseSample, *, held: bool) -> str:
-        """Take one pose; why it is left out, where that has not been said."""
+        """Use one pose; return the reason of a rejection, the first time."""
         found = self._filter
         z, H, noise, p = self.innovation(sample)
         S = H @ found.P @ H.T + noise
         if self.aligned and z @ solved(S, z) <= _GATE:
             turn, shift = found.correct_world(H, z, noise, p)
-            undo = Move(turn, (float(shift[0]), float(shift[1]), float(shift[2]))).back()
-            self.odometry, self.shown = self.odometry.after(undo), self.shown.after(undo)
+            undo = PlanarTransform(turn, (float(shift[0]), float(shift[1]), float(shift[2]))).inverse()
+            self.odometry, self.shown = self.odometry.compose(undo), self.shown.compose(undo)
             self.taken += 1
             self._against, self.contradiction = None, ""
             return ""
         return self._contradicted(sample, z, p, noise, held=held and self.aligned)
 
     def _contradicted(self, sample: PoseSample, z: Array, p: Array, noise: Array, *, held: bool) -> str:
-        """Leave a pose out; where poses agree for a while, move the world to them."""
+        """Reject a pose; after consistent contradictions, move the world to them."""
         first = self._against is None
         if self._against is None or not (np.abs(z - self._against[1]) <= _ALIKE).all():
             self._against = sample.stamp, z
@@ -282,20 +285,20 @@ class AbsolutePoses:
                 "controller is active, and the world is moved to them once it is not"
             )
             return "" if said else self.contradiction
-        move = Move.taking(p, sample.pose[:3], float(z[3]))
-        self._filter.move(move.rotation, np.array(move.shift), sample.pose[:3], noise)
-        self.odometry, self.shown = self.odometry.after(move.back()), HERE
+        move = PlanarTransform.mapping(p, sample.pose[:3], float(z[3]))
+        self._filter.move(move.rotation, np.array(move.translation), sample.pose[:3], noise)
+        self.odometry, self.shown = self.odometry.compose(move.inverse()), IDENTITY
         self.moved += self.aligned
         self.aligned, self._against, self.contradiction = True, None, ""
         return ""
 
 
 def _placed(past: _Past) -> pin.SE3:
-    """The frame of a past estimate in the world of odometry."""
-    imu = pin.SE3(past.odometry.rotation @ past.rotation, np.array(past.odometry.of(*past.position.tolist())))
+    """Return the measured frame of a past estimate in the world of odometry."""
+    imu = pin.SE3(past.odometry.rotation @ past.rotation, np.array(past.odometry.point(*past.position.tolist())))
     return imu * past.frame
 
 
 def _heading(R: Array) -> float:
-    """The turn about z of a rotation that else tilts: its twist about z, rad."""
+    """Return the heading of a rotation (its twist about z), rad."""
     return math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])

@@ -1,4 +1,4 @@
-"""The pose and the twist of the base from an IMU, the joints, and the contacts that hold."""
+"""Estimator of the base pose and twist from an IMU, the joints and the active contacts."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from scipy.special import chdtri
 from wbc_controller.estimation.absolute_pose import AbsolutePoses, PoseSample, PoseSensor
 from wbc_controller.estimation.anchoring import Anchoring
 from wbc_controller.estimation.consistency import LIMIT, ContactConsistency
-from wbc_controller.estimation.frame_transform import HERE, Move
 from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter, hat
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
 from wbc_controller.estimation.leg_kinematics_kernels import base_of_imu
+from wbc_controller.estimation.planar_transform import IDENTITY, PlanarTransform
 from wbc_controller.estimation.rolling import Rolling
 from wbc_controller.inverse_dynamics.arrays import all_true, sum_of_squares
 from wbc_controller.records import Array
 
-#: Share of the specific force by which it may differ from gravity at the start: a unit or an axis that is mistaken.
+#: Largest relative difference of the specific force from gravity at the start: beyond it, a unit or axis is wrong.
 _GRAVITY_TOLERANCE = 0.1
-#: Largest bias of a gyroscope, rad/s: a robot that measures more at the start turns, or its gyroscope is broken.
+#: Largest bias of a gyroscope, rad/s: a larger mean at the start means rotation, or a broken gyroscope.
 _MOST_BIAS = 0.5
-#: Probability with which a contact that holds is taken for one that slips, per update.
+#: Probability of a false slip detection, per update.
 _SLIP = 1.0e-5
-#: A contact that was left out rests if it has moved by less than this for this time, m and s: no faster than 0.1 m/s.
+#: A slipping contact is at rest again after moving less than this distance for this time, m and s (0.1 m/s).
 _MOVED, _RESTED = 0.004, 0.04
-#: Share of the settling time that the data have to span: the first and the last of them lie within it.
+#: Share of the settling time that the samples must span.
 _SETTLED = 0.9
-#: Variance of the velocity of a robot that stands still, (m/s)².
+#: Variance of the velocity at the start, (m/s)².
 _VELOCITY = 1.0e-4
-#: Longest time over which one sample of the IMU may be continued, s; after a longer gap the estimate begins anew.
+#: Longest gap between two IMU samples, s; after a longer one the estimate is lost.
 _GAP = 0.1
-#: Variance of the position of the IMU and of its heading at the start, m² and rad²: they define the world.
+#: Variances of position and heading of the IMU at the start, m² and rad²: they define the world.
 _DEFINED = 1.0e-8
 
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """What is known of the IMU and of the start; noise of joints and contact points is the `LegKinematics`' own.
+    """Parameters of the IMU and of the start.
 
     Attributes:
-        noise: of the IMU and of points in contact.
-        accelerometer_bias: of the accelerometer's bias at the start, m/s², one standard deviation.
-        settling: time for which the robot stands still at the start, s.
+        noise: noise of the IMU and of contact points.
+        accelerometer_bias: standard deviation of the accelerometer's bias at the start, m/s².
+        settling: duration of the rest at the start, s.
         stillness: largest standard deviation of the angular velocity in that time, rad/s.
     """
 
@@ -71,38 +71,37 @@ class ImuSample:
 
 
 class BaseEstimator:
-    """Estimates the base from an IMU and the contacts that hold, by an `InvariantFilter`.
+    """Estimator of the base from an IMU and the active contacts, with an `InvariantFilter`.
 
-    At the start the robot stands still for a while, on its contacts: the mean specific force is gravity, the mean
-    angular velocity is the gyroscope's bias. The world has its origin on the ground below the base, and its x axis
-    points where the base does. Nothing observes position and heading: they drift from there, less where contacts hold
-    for long (`anchoring`). With absolute poses the world is theirs, and there is no estimate until they have begun it
-    (`absolute_pose`).
+    At the start the robot stands still on its contacts: the mean specific force is gravity, the mean angular velocity
+    is the bias of the gyroscope. The world has its origin on the ground below the base, and the heading of the base.
+    Position and heading are unobservable and drift, less during long contacts (`anchoring`). With absolute poses the
+    world is theirs, and there is no estimate before they agree (`absolute_pose`).
 
-    A contact whose kinematics contradict the estimate by more than noise can is left out: it slips, or has lifted. It
-    is taken in again where it is once it rests, or at once where no other contact is left.
+    A contact whose kinematics contradict the estimate by more than noise is excluded: it slips, or has lifted off. It
+    is added again at its present place when it is at rest, or at once if no other contact is left.
 
-    If all contacts move in the estimate (`consistency`), the IMU is silent, or the numbers are not finite, the estimate
-    is lost: it starts again when the robot stands still.
+    If all contacts move in the estimate (`consistency`), the IMU is silent, or a number is not finite, the estimate is
+    lost. It starts again when the robot stands still.
 
     Attributes:
         imu_frame: name of the IMU's frame.
-        lost: why the last estimate was lost; empty before the first one, after `restart`, and while there is one.
+        lost: reason for the loss of the last estimate; empty before the first one, after `restart`, and during one.
     """
 
     def __init__(
         self, kinematics: LegKinematics, sensors: Sensors, gravity: Array, poses: PoseSensor | None = None
     ) -> None:
-        """Make an estimator that has seen nothing.
+        """Start without data.
 
         Args:
             kinematics: from the IMU to the contact points.
-            sensors: what is known of the sensors.
+            sensors: parameters of the IMU and of the start.
             gravity: (3,) in m/s², in the world.
-            poses: where absolute poses come from; None where there are none.
+            poses: source of absolute poses, or None.
 
         Raises:
-            ConfigurationError: where the robot has no frame of those poses.
+            ConfigurationError: if the robot has no such frame of the poses.
         """
         if poses is not None:
             kinematics.frame(poses.frame, "estimation.pose_frame")
@@ -118,7 +117,7 @@ class BaseEstimator:
 
     @property
     def waits_for(self) -> str:
-        """Why there is no estimate; empty while there is one."""
+        """Reason why there is no estimate, or empty."""
         return f"the base estimate was lost: {self.lost}; {self._waits_for}" if self.lost else self._waits_for
 
     @property
@@ -128,15 +127,15 @@ class BaseEstimator:
 
     @property
     def slipping(self) -> tuple[str, ...]:
-        """Names of the contacts that are left out, as they move."""
+        """Names of the contacts that are excluded because they move."""
         return self._running.slipping if self._running is not None else ()
 
     @property
     def base(self) -> tuple[Array, Array] | None:
-        """Pose of the base, (7,), and its twist in its own axes, (6,); None where there is no estimate.
+        """Pose of the base, (7,), and its twist in its own axes, (6,); None without an estimate.
 
-        The pose is in the frame that lives with the feet (`anchoring`), which begins as the filter's world; or in that
-        of absolute poses, whose corrections come in at a bounded rate.
+        The pose is in the frame on the feet (`anchoring`), which starts as the filter's world, or in the world of
+        absolute poses, whose corrections are applied at a bounded rate.
         """
         if self._running is None:
             return None
@@ -147,22 +146,22 @@ class BaseEstimator:
 
     @property
     def odometry(self) -> tuple[Array, Array] | None:
-        """As `base`, in a world that no absolute pose moves: it drifts."""
+        """Like `base`, in a drifting world that no absolute pose moves."""
         return self._running.base(self._running.odometry) if self._running is not None else None
 
     @property
     def takes_poses(self) -> bool:
-        """Whether absolute poses are taken."""
+        """True if absolute poses are used."""
         return self._pose_sensor is not None
 
     @property
     def poses(self) -> AbsolutePoses | None:
-        """What became of absolute poses; None where none are taken, or nothing is estimated."""
+        """Corrections by absolute poses; None without them or without an estimate."""
         return self._running.poses if self._running is not None else None
 
     @property
     def stamp(self) -> float:
-        """Stamp of the newest sample that the estimate has taken, s; minus infinity where there is no estimate."""
+        """Stamp of the newest sample in the estimate, s; minus infinity without an estimate."""
         return self._running.stamp if self._running is not None else -np.inf
 
     @property
@@ -178,56 +177,56 @@ class BaseEstimator:
         return turn @ of_pose @ turn.T, of_twist
 
     def restart(self) -> None:
-        """Forget everything: the robot has to stand still again."""
+        """Forget everything: the robot must stand still again."""
         self._running, self._still = None, []
         self.lost, self._waits_for = "", "no IMU data have come"
 
     def update(self, samples: Sequence[ImuSample], q: Array, v: Array, holding: Collection[str]) -> None:
-        """Take what has been measured since the last update.
+        """Update the estimate with the measurements since the last update.
 
         Args:
             samples: of the IMU, in the order of their stamps.
             q: positions of the joints, (nj,) in rad.
             v: velocities of the joints, (nj,) in rad/s.
-            holding: names of the contacts that are meant to hold; those without points are ignored.
+            holding: names of the active contacts; those without points are ignored.
         """
         self._kinematics.update(q, v)
         held = [name for name in self._kinematics.points if name in holding]
         if self._running is None:
-            self._stand(samples, held)
+            self._wait_for_rest(samples, held)
             return
-        self._go_on(self._running.follow(samples, held))
+        self._after_update(self._running.follow(samples, held))
 
     def correct(self, samples: list[PoseSample], *, held: bool) -> list[str]:
-        """Take absolute poses, after the update to the present; before the start they count for nothing.
+        """Correct the estimate by absolute poses, after `update`; ignored before the start.
 
         Args:
-            samples: the poses that have come.
-            held: whether the world must not be moved to poses that contradict.
+            samples: received poses.
+            held: True if the world must not be moved to contradicting poses.
 
         Returns:
-            A sentence for each that is refused.
+            A sentence for each refused pose.
         """
         if self._running is None or self._running.poses is None:
             return []
         try:
             refused = self._running.poses.take(samples, held=held)
         except np.linalg.LinAlgError as error:
-            self._go_on(str(error))
+            self._after_update(str(error))
             return []
-        self._go_on(self._running.broken())
+        self._after_update(self._running.broken())
         return refused
 
-    def _go_on(self, lost: str | None) -> None:
-        """Start again if the estimate is lost; otherwise say what the absolute poses wait for."""
+    def _after_update(self, lost: str | None) -> None:
+        """Restart if the estimate is lost; otherwise update the reason to wait for absolute poses."""
         if lost is not None:
             self.restart()
             self.lost, self._waits_for = lost, f"the robot has to stand still for {self._sensors.settling:g} s"
         elif self._running is not None and self._running.poses is not None:
             self._waits_for = self._running.poses.waits_for
 
-    def _stand(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> None:
-        """Wait until the robot has stood still for a while, and begin."""
+    def _wait_for_rest(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> None:
+        """Wait until the robot has stood still for a while, then start the filter."""
         sensors = self._sensors
         if self._still and samples and not (0.0 < samples[0].stamp - self._still[-1].stamp <= _GAP):
             self._still = []
@@ -261,17 +260,19 @@ class BaseEstimator:
         elif not holding:
             self._waits_for = "no contact holds that does not roll or belong to two links of the robot"
         else:
-            begun = self._begun(turning.mean(axis=0), force.mean(axis=0), holding)
-            poses = AbsolutePoses(self._pose_sensor, self._kinematics, begun) if self._pose_sensor is not None else None
-            self._running = _Running(begun, self._still[-1], self._kinematics, sensors, poses)
+            filter = self._initial_filter(turning.mean(axis=0), force.mean(axis=0), holding)
+            poses = (
+                AbsolutePoses(self._pose_sensor, self._kinematics, filter) if self._pose_sensor is not None else None
+            )
+            self._running = _Running(filter, self._still[-1], self._kinematics, sensors, poses)
             self._still, self.lost, self._waits_for = [], "", ""
-            self._go_on(self._running.follow([], holding))
+            self._after_update(self._running.follow([], holding))
 
-    def _begun(self, turning: Array, force: Array, holding: Sequence[str]) -> InvariantFilter:
-        """The filter of a robot that stands still, from the mean of what its IMU measures."""
+    def _initial_filter(self, turning: Array, force: Array, holding: Sequence[str]) -> InvariantFilter:
+        """Return the filter of a robot at rest, from the mean IMU measurements."""
         sensors, noise, legs = self._sensors, self._sensors.noise, self._kinematics
         up = force / np.linalg.norm(force)
-        across = np.cross(up, legs.imu_rotation[0])  # the base's x axis is level, and is that of the world
+        across = np.cross(up, legs.imu_rotation[0])  # the base's x axis, levelled, is the world's
         across /= np.linalg.norm(across)
         R = np.vstack([np.cross(across, up), across, up])
         heights = [
@@ -281,8 +282,8 @@ class BaseEstimator:
         g = float(np.linalg.norm(self._gravity))
         mean = noise.gyroscope**2 / sensors.settling + noise.gyroscope_bias**2 * sensors.settling
         P = np.diag(np.repeat([_DEFINED, _VELOCITY, _DEFINED, mean, sensors.accelerometer_bias**2], 3))
-        # The accelerometer's bias is taken for a tilt, g ξ_R = up × R ζ_a, so that the two errors are one: were they
-        # independent, a robot that goes on to stand still would learn from it that each is less than it is.
+        # The accelerometer's bias appears as a tilt, g ξ_R = up × R ζ_a, so the two errors are fully correlated. With
+        # independent errors, the filter of a standing robot would underestimate both.
         tilting = hat(np.array([0.0, 0.0, 1.0 / g])) @ R
         P[:3, 12:15] = sensors.accelerometer_bias**2 * tilting
         P[12:15, :3] = P[:3, 12:15].T
@@ -300,12 +301,12 @@ class BaseEstimator:
 
 
 class _Running:
-    """A filter that has begun.
+    """A started filter with its contacts.
 
     Attributes:
         filter: the filter.
-        slipping: contacts that are left out, as they move.
-        poses: what becomes of absolute poses; None where none are taken.
+        slipping: contacts that are excluded because they move.
+        poses: corrections by absolute poses, or None.
     """
 
     def __init__(
@@ -318,7 +319,7 @@ class _Running:
     ) -> None:
         self.filter = filter
         self.poses = poses
-        self._moving: dict[str, tuple[float, Array]] = {}  # of those: where their points were, (k, 3) in m, and when
+        self._moving: dict[str, tuple[float, Array]] = {}  # slipping contacts: stamp and points, (k, 3) in m
         self._last = last
         self._interval = np.inf  # between the last two samples, s
         self._kinematics = kinematics
@@ -326,8 +327,10 @@ class _Running:
         self._anchoring = Anchoring()
         self._rolling = Rolling(kinematics.rolling)
         self._consistency = ContactConsistency(kinematics)
-        self._most = {name: float(chdtri(3 * len(points), _SLIP)) for name, points in kinematics.points.items()}
-        self._limits: dict[tuple[str, ...], Array] = {}  # the same, of several contacts
+        self._largest_square = {
+            name: float(chdtri(3 * len(points), _SLIP)) for name, points in kinematics.points.items()
+        }
+        self._limits: dict[tuple[str, ...], Array] = {}  # of several contacts
 
     @property
     def stamp(self) -> float:
@@ -339,33 +342,33 @@ class _Running:
         return tuple(self._moving)
 
     def follow(self, samples: Sequence[ImuSample], holding: Sequence[str]) -> str | None:
-        """Take measurements; why the estimate is lost, or None."""
+        """Process measurements; return the reason for a loss of the estimate, or None."""
         before = self.stamp
         for sample in samples:
             dt = sample.stamp - self._last.stamp
             if dt > _GAP:
                 return f"the IMU was silent for {dt:.3f} s"
             if dt > 0.0:
-                self._pass(sample, dt)
+                self._propagate(sample, dt)
         try:
-            self._touch(holding)
+            self._correct_by_contacts(holding)
         except np.linalg.LinAlgError as error:
             return str(error)
         lost = self.broken() or self._contradicted(tuple(holding), self.stamp - before)
         if lost is None and self.poses is not None:
             self.poses.follow(self.stamp)
         elif lost is None and self._anchoring.due(self.stamp):
-            self._anchoring.follow(self.stamp, self._places())
+            self._anchoring.follow(self.stamp, self._points())
         return lost
 
     def broken(self) -> str | None:
-        """Why the numbers of the filter cannot be used, or None."""
+        """Return why the numbers of the filter are unusable, or None."""
         if not math.isfinite(sum_of_squares(self.filter.columns) + sum_of_squares(self.filter.P)):
             return "it is not finite"
         return None
 
     def _contradicted(self, holding: tuple[str, ...], elapsed: float) -> str | None:
-        """By how much all contacts contradict the IMU, in words; None if one of them is at rest."""
+        """Return a sentence if all contacts move against the IMU; None if one of them is at rest."""
         found, contacts = self.filter, self._consistency
         omega = self._last.angular_velocity - found.gyroscope_bias
         contacts.update(holding, found.rotation, found.velocity, omega, elapsed)
@@ -377,24 +380,25 @@ class _Running:
         )
 
     @property
-    def odometry(self) -> Move:
-        """From the filter's world to one that no absolute pose moves."""
-        return self._anchoring.move if self.poses is None else self.poses.odometry
+    def odometry(self) -> PlanarTransform:
+        """Transform from the filter's world to one that no absolute pose moves."""
+        return self._anchoring.transform if self.poses is None else self.poses.odometry
 
-    def _places(self) -> dict[str, Array]:
-        """The points in contact in the filter's world, by contact, (k, 3) each in m."""
+    def _points(self) -> dict[str, Array]:
+        """Return the contact points in the filter's world, by contact, (k, 3) each in m."""
         found = self.filter
         places: dict[str, list[Array]] = {}
         for i, point in enumerate(found.names):
             places.setdefault(point.rpartition("/")[0], []).append(found.columns[:, 2 + i])
         return {name: np.array(columns) for name, columns in places.items()}
 
-    def base(self, move: Move = HERE) -> tuple[Array, Array]:
-        """Pose of the base in the filter's world, or in another one, (7,), and its twist in its own axes, (6,)."""
+    def base(self, to: PlanarTransform = IDENTITY) -> tuple[Array, Array]:
+        """Return the base pose in the filter's world or a transformed one, (7,), and the twist in base axes, (6,)."""
         found, legs, pose, twist = self.filter, self._kinematics, np.empty(7), np.empty(6)
         base_of_imu(
             found.rotation, found.columns, self._last.angular_velocity, found.gyroscope_bias, legs.imu,
-            legs.imu_motion, np.array([math.cos(move.turn), math.sin(move.turn)]), np.array(move.shift), pose, twist,
+            legs.imu_motion, np.array([math.cos(to.heading), math.sin(to.heading)]), np.array(to.translation),
+            pose, twist,
         )  # fmt: skip
         return pose, twist
 
@@ -418,8 +422,8 @@ class _Running:
         C[6:, 6:] += found.noise.gyroscope**2 / self._interval * (noise @ noise.T)
         return C[:6, :6], C[6:, 6:]
 
-    def _pass(self, sample: ImuSample, dt: float) -> None:
-        """Propagate to a sample of the IMU, with the mean of it and the one before."""
+    def _propagate(self, sample: ImuSample, dt: float) -> None:
+        """Propagate to an IMU sample, with the mean of this sample and the previous one."""
         last, self._last, self._interval = self._last, sample, dt
         self.filter.propagate(
             0.5 * (sample.angular_velocity + last.angular_velocity),
@@ -427,19 +431,19 @@ class _Running:
             dt,
         )
         if self._rolling.names:
-            self._roll(dt)
+            self._roll_balls(dt)
 
-    def _roll(self, dt: float) -> None:
+    def _roll_balls(self, dt: float) -> None:
         found, legs = self.filter, self._kinematics
         R = found.rotation @ legs.imu_rotation.T
         omega = legs.imu_rotation @ (self._last.angular_velocity - found.gyroscope_bias) - legs.imu_motion[3:]
         self._rolling.turn((omega + legs.sight(self._rolling.names).turning) @ R.T, dt)
 
-    def _touch(self, holding: Sequence[str]) -> None:
-        """Correct by the contacts that hold; those that contradict begin anew."""
+    def _correct_by_contacts(self, holding: Sequence[str]) -> None:
+        """Correct by the active contacts; exclude those that contradict the estimate."""
         found, legs = self.filter, self._kinematics
         for name in [name for name, points in legs.points.items() if points[0] in found.names and name not in holding]:
-            self._leave(name)
+            self._remove_contact(name)
         known = tuple(name for name in holding if legs.points[name][0] in found.names)
         slipping: list[str] = []
         if known:
@@ -450,51 +454,51 @@ class _Running:
                 if rest:
                     self._corrected(rest)
         for name in slipping:
-            self._leave(name)
+            self._remove_contact(name)
         if len(known) == len(holding) and not (slipping or self._moving):
             return
-        alone = not found.names  # what the IMU says alone drifts
+        alone = not found.names  # the IMU alone drifts
         self._moving = {name: seen for name, seen in self._moving.items() if name in holding and not alone}
         for name in holding:
             if name in slipping or name not in known:
                 sight = legs.sight((name,))
                 if name in slipping and not alone:
-                    self._moving[name] = (self.stamp, self._placed(sight))
-                elif self._rests(name, sight):
-                    self._enter(name, sight)
+                    self._moving[name] = (self.stamp, self._points_of(sight))
+                elif self._is_at_rest(name, sight):
+                    self._add_contact(name, sight)
 
     def _corrected(self, contacts: tuple[str, ...]) -> np.ndarray:
-        """Correct by some contacts, if none contradicts too much; which do not."""
+        """Correct by some contacts unless one contradicts; return a flag per contact that agrees."""
         found, sight = self.filter, self._kinematics.sight(contacts)
         if contacts not in self._limits:
-            self._limits[contacts] = np.array([self._most[name] for name in contacts])
+            self._limits[contacts] = np.array([self._largest_square[name] for name in contacts])
         limits, places = self._limits[contacts], sight.places
-        if self._rolling.names:  # where the centres of balls would be had they not rolled
+        if self._rolling.names:  # positions of the balls' centres without their rolling
             places = places - self._rolling.of(contacts, sight.ends) @ found.rotation
         return found.correct(sight.names, places, sight.covariance, ends=sight.ends, limits=limits) <= limits
 
-    def _placed(self, sight: Sight) -> Array:
-        """The points of a contact in the filter's world, (k, 3) in m."""
+    def _points_of(self, sight: Sight) -> Array:
+        """Return the points of a contact in the filter's world, (k, 3) in m."""
         return np.asarray(sight.places @ self.filter.rotation.T + self.filter.position)
 
-    def _rests(self, name: str, sight: Sight) -> bool:
-        """Whether a contact that may have been left out does not move, and is left out no more."""
+    def _is_at_rest(self, name: str, sight: Sight) -> bool:
+        """Return whether a contact is at rest, and end its exclusion."""
         if name not in self._moving:
             return True
         since, there = self._moving[name]
-        here = self._placed(sight)
+        here = self._points_of(sight)
         if np.abs(here - there).max() > _MOVED:
             self._moving[name] = (self.stamp, here)
         elif self.stamp - since >= _RESTED:
             del self._moving[name]
         return name not in self._moving
 
-    def _enter(self, name: str, sight: Sight) -> None:
+    def _add_contact(self, name: str, sight: Sight) -> None:
         for i, point in enumerate(sight.names):
             self.filter.add(point, sight.places[i], sight.covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3])
         self._rolling.enter(name)
 
-    def _leave(self, name: str) -> None:
+    def _remove_contact(self, name: str) -> None:
         for point in self._kinematics.points[name]:
             self.filter.remove(point)
         self._rolling.leave(name)

@@ -1,4 +1,4 @@
-"""Which contacts hold: by what is measured at them where something is, else as is meant."""
+"""Contact detection from force sensors and contact switches, else from the planned contacts."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from wbc_controller.records import Array
 
 
 @dataclass(frozen=True, slots=True)
-class HoldingLimits:
-    """When a measured force says that a contact holds.
+class DetectionLimits:
+    """Thresholds of the measured normal force, with hysteresis.
 
     Attributes:
-        on: force along the normal above which a contact holds that did not, N.
-        off: force below which one does not that did, N; at most `on`.
-        timeout: age from which a force decides nothing, s.
+        on: force along the normal above which an inactive contact becomes active, N.
+        off: force below which an active contact becomes inactive, N; at most `on`.
+        timeout: age from which a force is stale, s.
     """
 
     on: float
@@ -25,55 +25,56 @@ class HoldingLimits:
 
 @dataclass(frozen=True, slots=True)
 class ContactSensing:
-    """What has to be known of the sensors at the contacts.
+    """Parameters of the sensors at the contacts.
 
     Attributes:
         normals: of each contact, the unit normal in the axes of each frame in which its force may be given, (3,).
-        limits: from when on a force says that a contact holds.
+        limits: thresholds of the force.
     """
 
     normals: Mapping[str, Mapping[str, Array]]
-    limits: HoldingLimits
+    limits: DetectionLimits
 
 
-class Holding:
-    """Decides which contacts hold.
+class ContactDetector:
+    """Decides which contacts are active.
 
-    Of each contact: its force, while it is fresh; else what its switch has said last, which may be long ago, as some
-    switches speak on changes alone; else what is meant.
+    The order of precedence, per contact: its force, while it is fresh; the last message of its switch, of any age, as
+    some switches publish changes only; the planned contacts.
 
     Attributes:
-        silent: contacts whose force was measured, and is not fresh any more, in the last decision.
+        silent: contacts whose force was measured and is stale, in the last decision.
     """
 
-    def __init__(self, limits: HoldingLimits) -> None:
-        """Begin with nothing measured."""
+    def __init__(self, limits: DetectionLimits) -> None:
+        """Start without measurements."""
         self.limits = limits
         self.silent: tuple[str, ...] = ()
-        self._pressed: dict[str, bool] = {}
-        self._switched: dict[str, bool] = {}
+        self._by_force: dict[str, bool] = {}
+        self._by_switch: dict[str, bool] = {}
 
-    def press(self, contact: str, force: float) -> None:
-        """Take the force on the robot along the normal of a contact, N, away from what it touches."""
-        self._pressed[contact] = force > (self.limits.off if self._pressed.get(contact) else self.limits.on)
+    def update_force(self, contact: str, force: float) -> None:
+        """Store the force on the robot along the normal of a contact, N; positive if the contact pushes."""
+        self._by_force[contact] = force > (self.limits.off if self._by_force.get(contact) else self.limits.on)
 
-    def switch(self, contact: str, holds: bool) -> None:
-        """Take what a switch says of a contact."""
-        self._switched[contact] = holds
+    def update_switch(self, contact: str, active: bool) -> None:
+        """Store the state of a contact switch."""
+        self._by_switch[contact] = active
 
-    def forget(self) -> None:
-        """Forget the forces: the clock has begun anew."""
-        self._pressed.clear()
+    def forget_forces(self) -> None:
+        """Forget the forces, after a restart of the clock."""
+        self._by_force.clear()
         self.silent = ()
 
-    def decide(self, meant: Collection[str], ages: Mapping[str, float]) -> frozenset[str]:
-        """Names of the contacts that hold.
+    def active(self, planned: Collection[str], ages: Mapping[str, float]) -> frozenset[str]:
+        """Return the names of the active contacts.
 
         Args:
-            meant: names of those that are meant to hold.
-            ages: of the newest force of each contact, s; those that have none may be missing.
+            planned: names of the contacts that the controller uses.
+            ages: age of the newest force of each contact, s; contacts without forces may be missing.
         """
-        fresh = {name: holds for name, holds in self._pressed.items() if ages[name] <= self.limits.timeout}
-        self.silent = tuple(name for name in self._pressed if name not in fresh)
-        said = {**self._switched, **fresh}
-        return frozenset([name for name in meant if name not in said] + [name for name, holds in said.items() if holds])
+        fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self.limits.timeout}
+        self.silent = tuple(name for name in self._by_force if name not in fresh)
+        measured = {**self._by_switch, **fresh}
+        unmeasured = [name for name in planned if name not in measured]
+        return frozenset(unmeasured + [name for name, active in measured.items() if active])

@@ -1,19 +1,19 @@
-"""What the model lacks, as slow generalized forces: friction, torques that do not arrive as sent, wrong masses.
+"""Disturbance observer: slow generalized forces that the model lacks (friction, weak motors, wrong masses).
 
-With a disturbance d, (nv,), the equations of motion of the quadratic program are M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. They
-predict v̇ from the torques sent; what the robot does instead tells how wrong d is,
+With a disturbance d, (nv,), the equations of motion of the QP are M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. They predict v̇ from the
+torques sent; the difference to the measured v̇ corrects d,
 
     ḋ = Nᵀ M (v̇_measured - v̇_predicted) / T - d / (25 T),      N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J,
 
-as the disturbance observer of robot arms does (De Luca, Mattone, "Sensorless robot collision detection and hybrid
-force/motion control", ICRA 2005), but with the accelerations of the program, whose contact forces are chosen with d. Nᵀ
-(`projection`) keeps what can move the robot on its contacts: forces of contacts that no motion shows, and noise along
-them, do not count. So tasks have an integral action, for all of them at once and within all limits. It is slow against
-pushes, bounded, and forgets.
+as in the disturbance observer of robot arms (De Luca, Mattone, "Sensorless robot collision detection and hybrid
+force/motion control", ICRA 2005), but with the accelerations of the QP, which chooses its contact forces with d. Nᵀ
+(`projection`) keeps the forces that move the robot on its contacts; contact forces without motion, and noise along
+them, have no effect. The tasks thereby get an integral action, all at once and within all limits. It is slow compared
+with pushes, bounded, and decays.
 
-Where a component is at its bound, the motion goes on to show what the bound has cut off, and shows it along other
-components too, as Nᵀ joins them. So d is remembered without its bounds, and Nᵀ times what they cut off is taken from
-the residual. Otherwise one component at its bound would wind all others up to theirs.
+If a component of d is at its bound, the remaining residual also appears along other components, as Nᵀ couples them.
+Therefore d is stored without its bounds, and Nᵀ times the clamped part is subtracted from the residual. Otherwise one
+saturated component would wind up all others.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.estimation.projection import parts
+from wbc_controller.estimation.projection import split_force
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, frozen
 
-#: Time in which it forgets, as a multiple of its time constant: it leaves a twenty-fifth of what it takes up.
+#: Time constant of the decay, as a multiple of T: the estimate reaches 24/25 of a constant disturbance.
 _LEAK = 25.0
-#: Lever of the moments that the base may lack, for a share of the robot's weight, m.
+#: Lever of the largest moment on the base, for a share of the robot's weight, m.
 _LEVER = 0.1
-#: Time over which residuals are summed up before they are projected, s.
-_SUMMED = 0.01
-#: Time constant with which what is no longer asked for fades, s.
-_FADE = 0.3
-#: Size below which a fading estimate is none, as a share of its bound.
-_NOTHING = 1.0e-4
+#: Time over which residuals are summed before they are projected, s.
+_SUM_TIME = 0.01
+#: Time constant of the decay after the observer is switched off, s.
+_FADE_TIME = 0.3
+#: Size below which a decaying estimate becomes zero, as a share of the largest size.
+_NEGLIGIBLE = 1.0e-4
 
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceLimits:
-    """How fast the estimate follows, and how large it gets.
+    """Speed and size of the estimate.
 
     Attributes:
         time_constant: T, s.
         share: largest size, as a share of the joints' torques and of the robot's weight.
-        on: whether it follows; otherwise it fades, and is none then.
+        on: True to observe; otherwise the estimate decays to zero.
     """
 
     time_constant: float
@@ -53,94 +53,96 @@ class DisturbanceLimits:
     on: bool = True
 
 
-class DisturbanceEstimate:
-    """Generalized forces that the model lacks.
+class DisturbanceObserver:
+    """Estimate of the generalized forces that the model lacks.
 
     Attributes:
-        limits: how fast it follows.
-        forces: the present estimate, d, (nv,) in N, N·m.
-        at_bound: names of the joints, and ``base``, at which it is as large as it may be.
-        held: the mean force that the contacts took up beyond their prediction, (k,), and over how long, s; None but at
-            the end of a sum in which all was predicted.
+        limits: speed and size of the estimate.
+        forces: the present estimate d, (nv,) in N and N·m.
+        at_bound: names of the joints, and ``base``, at which the estimate is saturated.
+        missing_contact_forces: mean difference of the contact forces from their prediction, (k,), and its duration, s;
+            None except at the end of a sum in which every state was predicted.
     """
 
-    MEMORY = ("forces", "at_bound", "_unbounded", "_contacts", "_sum", "_time", "_whole_sum")
+    STATE_FIELDS = ("forces", "at_bound", "_unbounded", "_contacts", "_sum", "_time", "_all_predicted")
 
     def __init__(self, model: RobotModel, limits: DisturbanceLimits) -> None:
-        """Begin with none.
+        """Start with a zero estimate.
 
         Args:
             model: the robot's model.
-            limits: how fast it follows.
+            limits: speed and size of the estimate.
         """
         self.limits = limits
-        self._whole = np.zeros(model.nv)  # what a share of 1 is
+        self._scale = np.zeros(model.nv)  # size at a share of 1
         if model.floating_base:
             weight = model.mass * model.gravity
-            self._whole[:3], self._whole[3:6] = weight, _LEVER * weight
-        torques = np.abs(model.actuation.ratios).T @ model.effort_limits
-        self._whole[model.v_places] = torques
+            self._scale[:3], self._scale[3:6] = weight, _LEVER * weight
+        self._scale[model.v_places] = np.abs(model.actuation.ratios).T @ model.effort_limits
         self._names = np.full(model.nv, "base", dtype=object)
         self._names[model.v_places] = model.joints
         self.restart()
 
     def restart(self) -> None:
-        """Forget all."""
-        self.forces = self._unbounded = self._judged = frozen(np.zeros(len(self._whole)))
-        self._acts = False  # whether those that were judged last are any
+        """Reset the estimate to zero."""
+        self.forces = self._unbounded = frozen(np.zeros(len(self._scale)))
         self.at_bound: tuple[str, ...] = ()
-        self.held: tuple[Array, float] | None = None
-        self._begin(())
+        self.missing_contact_forces: tuple[Array, float] | None = None
+        self._start_sum(())
 
-    def _begin(self, contacts: tuple[str, ...]) -> None:
-        self._contacts, self._sum, self._time = contacts, np.zeros(len(self._whole)), 0.0
-        self._whole_sum = True  # whether all of it was predicted
+    def _start_sum(self, contacts: tuple[str, ...]) -> None:
+        self._contacts, self._sum, self._time = contacts, np.zeros(len(self._scale)), 0.0
+        self._all_predicted = True
 
     @property
-    def rests(self) -> bool:
-        """Whether it is none, and stays so."""
-        if self.limits.on:
-            return False
-        if self.forces is not self._judged:  # it is another object after each change
-            self._judged, self._acts = self.forces, bool(self.forces.any())
-        return not self._acts
+    def is_idle(self) -> bool:
+        """True if the estimate is zero and stays zero."""
+        return not self.limits.on and not self.forces.any()
 
-    def look(self, M: Array, J: Array, contacts: tuple[str, ...], gap: float, missed: Array | None) -> None:
-        """Take what came of a prediction.
+    def update(self, M: Array, J: Array, contacts: tuple[str, ...], gap: float, residual: Array | None) -> None:
+        """Add the residual of a prediction; update the estimate at the end of a sum.
 
         Args:
-            M: mass matrix in the state that the prediction began from, (nv, nv).
-            J: Jacobian of the contacts that held, (k, nv).
+            M: mass matrix at the state from which the prediction was made, (nv, nv).
+            J: Jacobian of the active contacts, (k, nv).
             contacts: their names.
-            gap: time to the state that it is compared with, s.
-            missed: the generalized impulse by which it has moved more than was predicted, M Δv, (nv,) in N·s, N·m·s;
-                None where nothing was predicted.
+            gap: time from that state to the measured one, s.
+            residual: unpredicted change of the generalized momentum, M Δv, (nv,) in N·s and N·m·s; None without a
+                prediction.
         """
-        self.held = None
+        self.missing_contact_forces = None
         if contacts != self._contacts:
-            self._begin(contacts)
-        if missed is not None:
-            self._sum = self._sum + missed
+            self._start_sum(contacts)
+        if residual is not None:
+            self._sum = self._sum + residual
         else:
-            self._whole_sum = False
+            self._all_predicted = False
         self._time += gap
-        if self._time < _SUMMED:
+        if self._time < _SUM_TIME:
             return
-        if not self.limits.on:
-            forces = self.forces * max(0.0, 1.0 - self._time / _FADE)
-            unbounded = forces = forces if (np.abs(forces) > _NOTHING * self._whole).any() else np.zeros(len(forces))
-            self.at_bound = ()
+        if self.limits.on:
+            self._correct(M, J)
         else:
-            T, most = self.limits.time_constant, self.limits.share * self._whole
-            unexpected, held = parts(M, J, self._sum)
-            if self._whole_sum:
-                self.held = held / self._time, self._time
-            before = self._unbounded
-            beyond = before - self.forces
-            if beyond.any():
-                unexpected = unexpected - parts(M, J, self._time * beyond)[0]
-            unbounded = before + (unexpected - self._time / _LEAK * before) / max(T, self._time)
-            forces = np.clip(unbounded, -most, most)
-            self.at_bound = tuple(dict.fromkeys(self._names[(np.abs(unbounded) > most) & (most > 0.0)].tolist()))
-        self.forces, self._unbounded = frozen(forces), frozen(unbounded)
-        self._begin(contacts)
+            self._decay()
+        self._start_sum(contacts)
+
+    def _decay(self) -> None:
+        forces = self.forces * max(0.0, 1.0 - self._time / _FADE_TIME)
+        if not (np.abs(forces) > _NEGLIGIBLE * self._scale).any():
+            forces = np.zeros(len(forces))
+        self.forces = self._unbounded = frozen(forces)
+        self.at_bound = ()
+
+    def _correct(self, M: Array, J: Array) -> None:
+        """Integrate ḋ over the time of the sum, and clamp d."""
+        T, largest = self.limits.time_constant, self.limits.share * self._scale
+        residual, contact_impulse = split_force(M, J, self._sum)
+        if self._all_predicted:
+            self.missing_contact_forces = contact_impulse / self._time, self._time
+        before = self._unbounded
+        clamped = before - self.forces
+        if clamped.any():
+            residual = residual - split_force(M, J, self._time * clamped)[0]
+        unbounded = before + (residual - self._time / _LEAK * before) / max(T, self._time)
+        self.at_bound = tuple(dict.fromkeys(self._names[(np.abs(unbounded) > largest) & (largest > 0.0)].tolist()))
+        self.forces, self._unbounded = frozen(np.clip(unbounded, -largest, largest)), frozen(unbounded)

@@ -1,21 +1,22 @@
-"""Known friction of the joints: dry and viscous, as torques that act beside those of the model.
+"""Compensation of known joint friction, dry and viscous.
 
-A joint with dry friction c and viscous friction b lacks the torque
+The torque of dry friction c and viscous friction b is
 
     -c tanh(w / w₀) - b v,
 
-where w is the velocity at which it is meant to turn. The measured velocity v is not enough: a joint that friction holds
-does not turn at all. So w follows v, and runs ahead of it as the program wants,
+where w is the intended velocity. The measured velocity v does not suffice, as a joint held by friction does not turn.
+Therefore w follows v, ahead of it by the acceleration of the QP,
 
-    ẇ = v̇_program + (v - w) / T_w.
+    ẇ = v̇_QP + (v - w) / T_w.
 
-Where the model is right, w = v. Where a joint sticks, it grows to T_w v̇_program within T_w, and dry friction is
-compensated before the joint turns. w₀ makes the change of sign smooth (Armstrong-Hélouvry, Dupont, Canudas de Wit, "A
+With a correct model, w = v. If a joint sticks, w grows to T_w v̇_QP within T_w, and dry friction is compensated before
+the joint turns. w₀ makes the change of sign smooth (Armstrong-Hélouvry, Dupont, Canudas de Wit, "A
 survey of models, analysis tools and compensation methods for the control of machines with friction", Automatica 1994).
 
-Near rest the torque has the slope c / w₀ in w. Where friction is less than was said, that drives a joint of inertia I
-with a rate of c / (w₀ I), which a sampled loop has to bear: w₀ is at least c τ / I, where I is what the joint moves on
-the contacts that hold, 1 / (M⁻¹ - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J M⁻¹)ⱼⱼ. So light joints, such as wrists, get less of it.
+Near rest the torque has the slope c / w₀ in w. If the real friction is smaller, this accelerates a joint of inertia I
+at the rate c / (w₀ I), which must stay below the bandwidth of the sampled loop: w₀ is at least c τ / I. I is the
+effective inertia on the active contacts, 1 / (M⁻¹ - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J M⁻¹)ⱼⱼ. Light joints, such as wrists,
+therefore get less compensation.
 """
 
 from __future__ import annotations
@@ -31,21 +32,21 @@ from wbc_controller.records import Array
 #: Least w₀, rad/s or m/s.
 _SMOOTH = 0.02
 #: τ, s.
-_BEARABLE = 0.002
-#: Time after which the inertias are computed anew, s.
-_RENEWED = 0.1
+_LOOP_TIME = 0.002
+#: Time between two computations of the inertias, s.
+_INERTIA_PERIOD = 0.1
 #: T_w, s.
 _AHEAD = 0.2
 
 
 class FrictionCompensation:
-    """Friction torques of the joints at the velocities at which they are meant to turn.
+    """Friction torques of the joints at their intended velocities.
 
     Attributes:
         forces: generalized forces of friction, (nv,) in N·m, N.
     """
 
-    MEMORY = ("forces", "_meant", "_smooth", "_contacts", "_age")
+    STATE_FIELDS = ("forces", "_intended", "_smooth", "_contacts", "_age")
 
     def __init__(self, model: RobotModel, dry: Mapping[str, float], viscous: Mapping[str, float]) -> None:
         """Begin at rest.
@@ -61,31 +62,31 @@ class FrictionCompensation:
         self.restart()
 
     def restart(self) -> None:
-        """Forget where the joints were meant to go."""
+        """Forget the intended velocities."""
         self.forces = np.zeros(len(self._dry))
-        self._meant = np.zeros(len(self._dry))
+        self._intended = np.zeros(len(self._dry))
         self._smooth = np.full(len(self._dry), np.inf)
         self._contacts: tuple[str, ...] = ()
         self._age = np.inf
 
-    def look(self, M: Array, J: Array, contacts: tuple[str, ...], v: Array, gap: float, wanted: Array | None) -> None:
-        """Take a new state.
+    def update(self, M: Array, J: Array, contacts: tuple[str, ...], v: Array, gap: float, change: Array | None) -> None:
+        """Update the torques for a new state.
 
         Args:
             M: mass matrix, (nv, nv).
-            J: Jacobian of the contacts that hold, (k, nv).
+            J: Jacobian of the active contacts, (k, nv).
             contacts: their names.
-            v: its velocity, (nv,).
-            gap: time since the state before, s.
-            wanted: by how much the velocity was meant to change since, (nv,); None where that is not known.
+            v: measured velocity, (nv,).
+            gap: time since the previous state, s.
+            change: predicted change of the velocity since then, (nv,); None if unknown.
         """
-        if wanted is None:
-            self._meant = np.array(v)
+        if change is None:
+            self._intended = np.array(v)
         else:
-            ahead = self._meant + wanted
-            self._meant = ahead + min(1.0, gap / _AHEAD) * (v - ahead)
+            ahead = self._intended + change
+            self._intended = ahead + min(1.0, gap / _AHEAD) * (v - ahead)
         self._age += gap
-        if contacts != self._contacts or self._age > _RENEWED:
+        if contacts != self._contacts or self._age > _INERTIA_PERIOD:
             self._contacts, self._age = contacts, 0.0
-            self._smooth = np.maximum(_SMOOTH, _BEARABLE * self._dry * mobility(M, J))
-        self.forces = -self._dry * np.tanh(self._meant / self._smooth) - self._viscous * v
+            self._smooth = np.maximum(_SMOOTH, _LOOP_TIME * self._dry * mobility(M, J))
+        self.forces = -self._dry * np.tanh(self._intended / self._smooth) - self._viscous * v

@@ -1,4 +1,4 @@
-"""The generalized forces that act beside those of the model: known friction, and what is estimated."""
+"""Generalized forces that the model lacks: known joint friction, and the estimate of the disturbance observer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from wbc_controller.estimation.contact_forces import ContactForces
-from wbc_controller.estimation.disturbance_observer import DisturbanceEstimate
+from wbc_controller.estimation.disturbance_observer import DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Disturbance, Prediction, RobotState, Solution, frozen
@@ -16,88 +16,93 @@ from wbc_controller.records import Array, Disturbance, Prediction, RobotState, S
 _LARGEST_GAP = 3.5
 
 
-class BesideTheModel:
-    """Compares each state with what was predicted for it, and says what acts beside the model.
+class ModelErrorCompensation:
+    """Compares each state with its prediction, and returns the generalized forces that the model lacks.
 
     Attributes:
-        estimate: of what is not known.
-        carried: what the contacts carry, while `estimate` is on; None where nobody asks.
+        observer: the disturbance observer.
+        contact_forces: estimated normal forces, updated while the observer is on; None if they are not needed.
     """
 
-    MEMORY = ("estimate", "carried", "_friction", "_before")
+    STATE_FIELDS = ("observer", "contact_forces", "_friction", "_prediction")
 
     def __init__(
         self,
-        estimate: DisturbanceEstimate,
+        observer: DisturbanceObserver,
         friction: FrictionCompensation | None,
-        carried: ContactForces | None,
+        contact_forces: ContactForces | None,
         period: float,
     ) -> None:
-        """Begin with nothing.
+        """Start without a prediction.
 
         Args:
-            estimate: of what is not known.
-            friction: what is known; None where nothing is.
-            carried: what the contacts carry; None where nobody asks.
-            period: of the control, s.
+            observer: the disturbance observer.
+            friction: compensation of known friction, or None.
+            contact_forces: estimator of unloaded contacts, or None.
+            period: control period, s.
         """
-        self.estimate, self.carried = estimate, carried
+        self.observer, self.contact_forces = observer, contact_forces
         self._friction = friction
         self._largest_gap = _LARGEST_GAP * period
-        self._before: Prediction | None = None
-        self._nothing = frozen(np.zeros(len(estimate.forces)))
+        self._prediction: Prediction | None = None
+        self._zero = frozen(np.zeros(len(observer.forces)))
 
     def restart(self) -> None:
-        """Forget all."""
-        self.estimate.restart()
-        if self.carried is not None:
-            self.carried.restart()
+        """Forget all estimates."""
+        self.observer.restart()
+        if self.contact_forces is not None:
+            self.contact_forces.restart()
         if self._friction is not None:
             self._friction.restart()
-        self._before = None
+        self._prediction = None
 
     @property
-    def lifted(self) -> tuple[str, ...]:
-        """Names of the contacts that carry nothing, where that is known."""
-        return self.carried.lifted if self.carried is not None else ()
+    def unloaded_contacts(self) -> tuple[str, ...]:
+        """Names of the contacts that carry no load, as far as this is known."""
+        return self.contact_forces.unloaded if self.contact_forces is not None else ()
 
-    def look(self, state: RobotState) -> Disturbance | None:
-        """Compare a state with what was predicted for it.
+    @property
+    def is_idle(self) -> bool:
+        """True if the forces are zero and stay so: a cycle then skips `update` and `record_command`."""
+        return self._friction is None and self.observer.is_idle
+
+    def update(self, state: RobotState) -> Disturbance | None:
+        """Compare a state with its prediction.
 
         Args:
             state: the latched state.
 
         Returns:
-            What acts beside the model; None where nothing does.
+            The forces that the model lacks; None if there are none.
         """
-        if self.rests:
+        if self.is_idle:
             return None
-        before, self._before = self._before, None
+        before, self._prediction = self._prediction, None
         gap = 1.0e-9 * (state.stamp - before.stamp) if before is not None else 0.0
         if before is not None and 0.0 < gap <= self._largest_gap:
-            wanted = gap * before.v_dot if before.v_dot is not None else None
-            contacts = tuple(before.forces)
-            if self._friction is not None:
-                self._friction.look(before.M, before.J, contacts, state.v, gap, wanted)
-            if not self.estimate.rests:
-                missed = None
-                if wanted is not None:
-                    missed = before.M @ (state.v - before.v - wanted) - gap * before.excess
-                self.estimate.look(before.M, before.J, contacts, gap, missed)
-                if self.carried is not None and self.estimate.held is not None:
-                    self.carried.look(before.forces, *self.estimate.held)
+            self._compare(before, state, gap)
         elif before is not None and gap <= 0.0:  # the same state again
-            self._before = before
-        estimated, friction = self.estimate.forces, self._friction
-        forces = estimated if friction is None else frozen(estimated + friction.forces)
-        return Disturbance(forces, estimated, self.estimate.at_bound)
+            self._prediction = before
+        estimate, friction = self.observer.forces, self._friction
+        forces = estimate if friction is None else frozen(estimate + friction.forces)
+        return Disturbance(forces, estimate, self.observer.at_bound)
 
-    @property
-    def rests(self) -> bool:
-        """Whether nothing acts, and nothing is to be found out: then a cycle needs neither `look` nor `sent`."""
-        return self._friction is None and self.estimate.rests
+    def _compare(self, before: Prediction, state: RobotState, gap: float) -> None:
+        """Update friction, observer and contact forces with the measured change of velocity."""
+        predicted_change = gap * before.v_dot if before.v_dot is not None else None
+        contacts = tuple(before.forces)
+        if self._friction is not None:
+            self._friction.update(before.M, before.J, contacts, state.v, gap, predicted_change)
+        if self.observer.is_idle:
+            return
+        residual = None
+        if predicted_change is not None:
+            residual = before.M @ (state.v - before.v - predicted_change) - gap * before.excess
+        self.observer.update(before.M, before.J, contacts, gap, residual)
+        if self.contact_forces is not None and self.observer.missing_contact_forces is not None:
+            self.contact_forces.update(before.forces, *self.observer.missing_contact_forces)
 
-    def sent(
+    def record_command(
         self,
         state: RobotState,
         solution: Solution | None,
@@ -105,25 +110,31 @@ class BesideTheModel:
         dynamics: Dynamics,
         jacobian: Callable[[tuple[str, ...]], Array],
     ) -> None:
-        """Remember what a cycle has found.
+        """Store the prediction of a cycle.
 
         Args:
             state: its latched state.
-            solution: its solution, where it has one.
-            tau: torques that were sent, (na,) in N·m; None where none were, or on a ramp, where others hold the robot.
+            solution: its solution, if there is one.
+            tau: torques that were sent, (na,) in N·m; None without torques, or during a ramp, when others hold the
+                robot.
             dynamics: the snapshot of that state.
-            jacobian: gives the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
+            jacobian: returns the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
         """
-        if self.rests or (self._before is not None and self._before.stamp == state.stamp):
+        if self.is_idle or (self._prediction is not None and self._prediction.stamp == state.stamp):
             return  # the torques that were sent first have acted for longer
-        model, excess, v_dot = dynamics.model, self._nothing, None
+        excess, v_dot = self._zero, None
         forces: dict[str, Array] = {}
-        if (
-            solution is not None and tau is not None and not solution.relaxed
-        ):  # one that misses its bounds tells nothing
+        # A solution that violates its bounds predicts nothing.
+        if solution is not None and tau is not None and not solution.relaxed:
             v_dot, forces = solution.v_dot, {name: frozen(force) for name, force in solution.forces.items()}
             if not np.array_equal(tau, solution.tau):
-                excess = model.actuation.generalized_force(tau - solution.tau)
-        self._before = Prediction(
-            state.stamp, state.v, v_dot, excess, forces, frozen(dynamics.M), frozen(jacobian(tuple(forces)))
+                excess = dynamics.model.actuation.generalized_force(tau - solution.tau)
+        self._prediction = Prediction(
+            stamp=state.stamp,
+            v=state.v,
+            v_dot=v_dot,
+            excess=excess,
+            forces=forces,
+            M=frozen(dynamics.M),
+            J=frozen(jacobian(tuple(forces))),
         )

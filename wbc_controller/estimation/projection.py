@@ -1,4 +1,4 @@
-"""The motions that contacts leave to a robot: what of forces moves it, and how easily each joint moves.
+"""Projection of forces onto the motions that the contacts allow, and mobility of the joints on the contacts.
 
 With N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J, a force r accelerates a robot on its contacts by N M⁻¹ r = M⁻¹ Nᵀ r (Gauss's
 principle, equation (31) of the note; S8).
@@ -11,12 +11,12 @@ from scipy.linalg.lapack import dposv, dpotrf, dpotri, dpotrs
 
 from wbc_controller.records import Array
 
-#: What is added to the diagonal of J M⁻¹ Jᵀ, as a share of its mean: contacts may hold the same motion twice.
+#: Regularization of J M⁻¹ Jᵀ, as a share of its mean diagonal: contacts may constrain the same motion twice.
 _RIDGE = 1.0e-9
 
 
-def parts(M: Array, J: Array, force: Array) -> tuple[Array, Array]:
-    """What of generalized forces moves a robot on its contacts, and what the contacts take up: r = Nᵀ r + Jᵀ λ.
+def split_force(M: Array, J: Array, force: Array) -> tuple[Array, Array]:
+    """Split generalized forces into the part that moves the robot and the contacts' part: r = Nᵀ r + Jᵀ λ.
 
     Args:
         M: mass matrix, (nv, nv).
@@ -29,14 +29,14 @@ def parts(M: Array, J: Array, force: Array) -> tuple[Array, Array]:
     if not len(J):
         return force, np.zeros(0)
     spread: Array = dpotrs(dpotrf(M)[0], J.T)[0]  # M⁻¹ Jᵀ, (nv, k)
-    held: Array = dposv(_delassus(J, spread), spread.T @ force)[1]
-    return np.asarray(force - J.T @ held), held
+    contact_forces: Array = dposv(_delassus(J, spread), spread.T @ force)[1]
+    return np.asarray(force - J.T @ contact_forces), contact_forces
 
 
 def mobility(M: Array, J: Array) -> Array:
-    """Acceleration of each coordinate for a unit of force along it on the contacts: the diagonal of N M⁻¹, (nv,).
+    """Return the acceleration of each coordinate per unit of force along it: the diagonal of N M⁻¹, (nv,).
 
-    Its inverse is the inertia that the force has to move. Arguments as for `parts`.
+    Its inverse is the effective inertia on the contacts. Arguments as for `split_force`.
     """
     factor = dpotrf(M)[0]
     free = np.diag(dpotri(factor)[0]).copy()
@@ -47,7 +47,7 @@ def mobility(M: Array, J: Array) -> Array:
 
 
 def _delassus(J: Array, spread: Array) -> Array:
-    """J M⁻¹ Jᵀ, (k, k), with what makes it regular."""
+    """Return J M⁻¹ Jᵀ, (k, k), regularized."""
     A = np.asarray(J @ spread)
     A[np.diag_indices(len(A))] += _RIDGE * float(np.trace(A)) / len(A)
     return A

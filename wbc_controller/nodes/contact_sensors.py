@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
-from wbc_controller.estimation.contact_detection import ContactSensing, Holding
+from wbc_controller.estimation.contact_detection import ContactDetector, ContactSensing
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.stamps import StampTracker
 from wbc_controller.middleware.states import ContactForceReader
@@ -24,7 +24,7 @@ class ContactSensors:
             sensing: what is known of the sensors.
             tracker: makes what judges the stamps of one stream.
         """
-        self._holding = Holding(sensing.limits)
+        self._detector = ContactDetector(sensing.limits)
         self._tracker = tracker
         self._readers = {name: ContactForceReader(name, normals) for name, normals in sensing.normals.items()}
         self._stamps: dict[str, StampTracker] = {}
@@ -46,20 +46,20 @@ class ContactSensors:
         """
         contact = endpoint.subject
         if endpoint.key == "holds":
-            self._holding.switch(contact, bool(decode(payload, endpoint.type).data))
+            self._detector.update_switch(contact, bool(decode(payload, endpoint.type).data))
             return None
         stamp, normal, _ = self._readers[contact].read(payload)
         if contact not in self._stamps:
             self._stamps[contact], self._topics[contact] = self._tracker(), endpoint.name
         reason = self._stamps[contact].judge(stamp, received)
         if reason is None:
-            self._holding.press(contact, normal.item())
+            self._detector.update_force(contact, normal.item())
         return reason
 
     def restart(self) -> None:
         """Take the next stamps as those of a new time."""
         self._stamps.clear()
-        self._holding.forget()
+        self._detector.forget_forces()
 
     def decide(self, now: float, meant: Collection[str]) -> tuple[Collection[str], list[str]]:
         """Which contacts hold, and a sentence for each sensor that is newly silent.
@@ -68,18 +68,18 @@ class ContactSensors:
             now: s, on the clock of the arrivals.
             meant: names of the contacts that are meant to hold.
         """
-        before = self._holding.silent
-        holding = self._holding.decide(meant, {name: stamps.age(now) for name, stamps in self._stamps.items()})
+        before = self._detector.silent
+        holding = self._detector.active(meant, {name: stamps.age(now) for name, stamps in self._stamps.items()})
         return holding, [
-            f"{self._topics[name]}: {self._silence(name)}" for name in self._holding.silent if name not in before
+            f"{self._topics[name]}: {self._silence(name)}" for name in self._detector.silent if name not in before
         ]
 
     def notes(self) -> dict[str, str]:
         """What to know about sensors that are silent, by topic."""
-        return {self._topics[name]: self._silence(name) for name in self._holding.silent}
+        return {self._topics[name]: self._silence(name) for name in self._detector.silent}
 
     def _silence(self, contact: str) -> str:
         return (
-            f"the force sensor is silent for more than {self._holding.limits.timeout:g} s "
+            f"the force sensor is silent for more than {self._detector.limits.timeout:g} s "
             f"(estimation.contact_timeout); contact {contact!r} counts as holding where it is meant to"
         )

@@ -126,7 +126,7 @@ class EstimatorService:
                 self._publish["tf"](encode(transform(stamp, FRAME, self._base, pose)))
                 poses = estimator.poses
                 if poses is not None and poses.aligned:
-                    self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.odometry.back().pose)))
+                    self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.odometry.inverse().pose)))
         elif found is None:
             self._stamp = -math.inf  # an estimate that begins anew may be of a clock that has
         self._say(self._inputs.notes(), latched.estimate)

@@ -78,7 +78,7 @@ class StateWatch:
         bound: limits, and what is remembered, for `safety.supervisor_kernels.compared`.
     """
 
-    MEMORY = (
+    STATE_FIELDS = (
         "doubt", "_state", "_before", "_v_before", "_mismatch", "_untold", "some_untold", "_joint_values",
         "_base_values",
     )  # fmt: skip
@@ -211,7 +211,7 @@ class _Group:
         since: stamp of the state since which they have repeated, ns.
     """
 
-    MEMORY = ("since",)
+    STATE_FIELDS = ("since",)
 
     def __init__(self, what: str, v_places: np.ndarray | slice, limit: float) -> None:
         self.since = 0
@@ -288,7 +288,7 @@ class FallWatch:
         upward: the world's z axis in the base's axes at the activation, (3,).
     """
 
-    MEMORY = ("upward", "_begun", "_height", "_looked")
+    STATE_FIELDS = ("upward", "_begun", "_height", "_looked")
 
     def __init__(self, model: RobotModel, limits: FallLimits) -> None:
         self._limits = limits
@@ -367,7 +367,7 @@ def _limb_ends(model: pin.Model) -> list[tuple[int, Array]]:
 class Budget:
     """Time that was spent within a sliding window."""
 
-    MEMORY = ("_spent", "_total")
+    STATE_FIELDS = ("_spent", "_total")
 
     def __init__(self) -> None:
         self._spent: deque[tuple[float, float]] = deque()

@@ -100,7 +100,7 @@ class Supervisor:
     """
 
     #: What outlives a cycle, beside the limits.
-    MEMORY = (
+    STATE_FIELDS = (
         "mode", "fault", "_since", "_stepped", "_activated", "_held_time", "_relaxed_time", "_relaxed", "_was_relaxed",
         "_share", "_tau", "_held", "_taken_over", "_watch", "_fall",
     )  # fmt: skip

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from wbc_controller.controller.build import contact_shapes
+from wbc_controller.controller.check import contact_shapes
 from wbc_controller.controller.check.preflight import check, support_margin
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError

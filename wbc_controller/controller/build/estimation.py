@@ -1,4 +1,4 @@
-"""What is estimated of a robot, from its settings: its base, and the forces beside its model."""
+"""Builds the estimators from the settings: base, contacts, joint velocities, disturbance, friction."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.estimation.absolute_pose import PoseSensor
 from wbc_controller.estimation.base_estimator import BaseEstimator, Sensors
-from wbc_controller.estimation.model_error import BesideTheModel
+from wbc_controller.estimation.model_error import ModelErrorCompensation
 from wbc_controller.estimation.contact_forces import ContactForces
-from wbc_controller.estimation.disturbance_observer import DisturbanceEstimate, DisturbanceLimits
+from wbc_controller.estimation.disturbance_observer import DisturbanceLimits, DisturbanceObserver
 from wbc_controller.estimation.friction import FrictionCompensation
-from wbc_controller.estimation.contact_detection import ContactSensing, HoldingLimits
+from wbc_controller.estimation.contact_detection import ContactSensing, DetectionLimits
 from wbc_controller.estimation.invariant_filter import ImuNoise
 from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
 from wbc_controller.estimation.leg_kinematics import LegKinematics
@@ -25,31 +25,33 @@ from wbc_controller.settings import Settings
 
 
 def imu_frame(settings: Settings, model: RobotModel) -> str:
-    """Frame of the robot's IMU."""
+    """Return the frame of the robot's IMU."""
     return settings.estimation.imu_frame or model.base_link
 
 
 def pose_frame(settings: Settings, model: RobotModel) -> str:
-    """Frame of the robot whose absolute poses are measured."""
+    """Return the frame of the robot whose absolute poses are measured."""
     return settings.estimation.pose_frame or model.base_link
 
 
 def torque_filter(settings: Settings) -> float:
-    """Time constant with which the torques sent follow those of the solutions, s; 0 for at once."""
+    """Return the time constant of the torque filter, s; 0 without a filter."""
     known = settings.estimation
     asked = known.torque_filter == "always" or (known.torque_filter == "imu" and known.base_state == "imu")
     return known.torque_filter_time if asked else 0.0
 
 
 def disturbance_limits(settings: Settings) -> DisturbanceLimits:
-    """How fast what the model lacks is estimated."""
+    """Return speed and size of the disturbance estimate."""
     known = settings.estimation
     asked = known.disturbance == "always" or (known.disturbance == "imu" and known.base_state == "imu")
     return DisturbanceLimits(known.disturbance_time, known.disturbance_share, asked)
 
 
-def make_beside_the_model(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BesideTheModel:
-    """Make what says which forces act beside the model: known friction, and the estimate.
+def make_model_error(
+    settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]
+) -> ModelErrorCompensation:
+    """Make the compensation of known friction and of the observed disturbance.
 
     Args:
         settings: the robot's settings.
@@ -57,7 +59,7 @@ def make_beside_the_model(settings: Settings, model: RobotModel, contacts: Mappi
         contacts: its contacts, by name.
 
     Raises:
-        ConfigurationError: where a joint with friction is unknown.
+        ConfigurationError: if a joint with friction is unknown.
     """
     friction = settings.robot.friction
     for joint in friction:
@@ -72,29 +74,29 @@ def make_beside_the_model(settings: Settings, model: RobotModel, contacts: Mappi
         if friction
         else None
     )
-    estimate = DisturbanceEstimate(model, disturbance_limits(settings))
-    carried = None
+    observer = DisturbanceObserver(model, disturbance_limits(settings))
+    contact_forces = None
     if estimates_base(settings, model):
         limits = make_sensing(settings, model, contacts).limits
         normals = {name: each.normal for name, each in contacts.items() if isinstance(each, UnilateralContact)}
-        carried = ContactForces(normals, limits.on, limits.off)
-    return BesideTheModel(estimate, known, carried, 1.0 / settings.control.rate)
+        contact_forces = ContactForces(normals, limits.on, limits.off)
+    return ModelErrorCompensation(observer, known, contact_forces, 1.0 / settings.control.rate)
 
 
 def make_velocity_filter(settings: Settings) -> VelocityFilter | None:
-    """Make the filter of joint velocities; None where they are measured."""
+    """Make the filter of joint velocities; None if they are measured."""
     known = settings.estimation
     return VelocityFilter(known.joint_velocity_time) if known.joint_velocity == "differentiated" else None
 
 
 def velocity_delay(settings: Settings) -> float:
-    """By how much joint velocities are late that come once per control period, s; 0 where they are measured."""
+    """Return the delay of the joint velocities, s; 0 if they are measured."""
     known = settings.estimation
     return delay(known.joint_velocity_time, 1.0 / settings.control.rate) if make_velocity_filter(settings) else 0.0
 
 
 def estimates_base(settings: Settings, model: RobotModel) -> bool:
-    """Whether the controller itself estimates its base: it floats, and is not measured elsewhere."""
+    """Return whether the controller estimates its floating base itself."""
     return settings.estimation.base_state == "imu" and model.floating_base
 
 
@@ -107,7 +109,7 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
         contacts: its contacts, by name.
 
     Raises:
-        ConfigurationError: where the base is fixed, the IMU has no frame, or no contact could carry an estimate.
+        ConfigurationError: if the base is fixed, the IMU has no frame, or no contact has fixed points.
     """
     known = settings.estimation
     if not model.floating_base:
@@ -143,19 +145,19 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
 
 
 def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactSensing:
-    """What is known of the sensors at the contacts, by name."""
+    """Make the parameters of the sensors at the contacts."""
     known, weight = settings.estimation, model.mass * model.gravity
-    limits = HoldingLimits(known.contact_force_on * weight, known.contact_force_off * weight, known.contact_timeout)
+    limits = DetectionLimits(known.contact_force_on * weight, known.contact_force_off * weight, known.contact_timeout)
     return ContactSensing(contact_normals(settings, model, contacts), limits)
 
 
 def contact_normals(
     settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]
 ) -> dict[str, dict[str, Array]]:
-    """The normal of each contact in the axes of each frame in which a force on it may be measured, (3,) each.
+    """Return the normal of each contact in the axes of each frame in which its force may be measured, (3,) each.
 
-    These are its own axes, by the contact's name or none; of soles and of links that are held all frames of the link;
-    of balls and wheels, which turn against the ground, the world.
+    These frames are the contact's own (named after it, or unnamed); for soles and held links all frames of the link; for
+    balls and wheels, which rotate against the ground, the world.
 
     Args:
         settings: the robot's settings.

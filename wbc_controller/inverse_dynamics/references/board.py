@@ -84,7 +84,7 @@ class ReferenceBoard:
     """Holds trajectories and ramps; sets of changes are applied between cycles, each set completely or not at all."""
 
     #: What outlives a cycle, beside the plan.
-    MEMORY = (
+    STATE_FIELDS = (
         "_tuning", "_weights", "_enabled", "_weight_ramps", "_contact_ramps", "_anchors", "_trajectories", "_goals",
         "_wrenches",
     )  # fmt: skip

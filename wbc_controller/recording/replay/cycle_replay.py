@@ -167,4 +167,4 @@ def _for_other(controller: ControlCycle, memory: Mapping[str, object]) -> dict[s
         ramp = ramps[name]
         if ramp.after > 0.0 and plan.weight > 0.0:
             ramps[name] = type(ramp)(ramp.start, ramp.duration, ramp.before, plan.weight)
-    return {"qp": None, "board": board, "supervisor": memory["supervisor"], "beside": fresh["beside"]}
+    return {"qp": None, "board": board, "supervisor": memory["supervisor"], "model_error": fresh["model_error"]}
