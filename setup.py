@@ -34,7 +34,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "config/*.yaml", "recording/report/page/*"]},
+    package_data={PACKAGE: ["py.typed", "config/*.yaml", "controller/visualization/page/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -45,10 +45,10 @@ setup(
     ],
     zip_safe=False,
     install_requires=[
-        "backports-zstd>=1.0,<2; python_version < '3.14'",
         "click>=8.1,<9",
         "cyclonedds>=11.0.1,<12",
         "daqp>=0.11,<0.12",
+        "mcap>=1.2,<2",
         "numba>=0.61,<0.70",
         "numpy>=1.26,<3",
         "osqp>=1.0,<2",
@@ -60,6 +60,7 @@ setup(
         "rich>=13,<16",
         "rosbags>=0.10.6,<0.12",
         "scipy>=1.11,<2",
+        "zstandard>=0.21,<1",
     ],
     extras_require={
         "robots": ["example-robot-data>=6,<7"],

@@ -28,7 +28,7 @@ from wbc_controller.apps.page.play import free_domain
 from wbc_controller.apps.terminal.request_parser import parse_request
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.nodes.processes import Processes, memory, processor_time, until
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.recording_file import Recording
 
 #: Duration of a block, s, and what of its beginning is not looked at. The page drops a browser that is silent for 3 s.
 BLOCK, SETTLE = 2.0, 0.3
@@ -102,7 +102,7 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
 
 def loop_times(recording: Path, windows: dict[str, list[tuple[int, int]]]) -> list[tuple[str, np.ndarray]]:
     """The times of the cycles within the windows, s."""
-    cycles = [(each.time, each.number_of("seconds/total")) for each in Recorded(recording).cycles()]
+    cycles = [(each.time, each.number_of("seconds/total")) for each in Recording(recording).cycles()]
     times, seconds = (np.array(column) for column in zip(*cycles, strict=True))
     found = []
     for kind, spans in windows.items():

@@ -52,7 +52,7 @@ ROOMS = {
     "middleware": Room(f"settings {_QP}tasks {_QP}references", "numpy yaml rosbags cyclonedds rclpy"),
     "recording": Room(
         "settings inverse_dynamics controller middleware",
-        "numpy scipy pinocchio yaml click plotly backports compression",
+        "numpy scipy pinocchio yaml click mcap zstandard",
     ),
     "simulation": Room("settings inverse_dynamics controller middleware", "numpy scipy pinocchio coal mujoco pydantic"),
     "nodes": Room(
@@ -65,7 +65,7 @@ ROOMS = {
     ),
     "validation": Room(
         "settings inverse_dynamics estimation safety controller middleware recording simulation nodes",
-        "numpy scipy pinocchio click rich plotly pydantic rosbags hypothesis joblib distributed ray",
+        "numpy scipy pinocchio click rich pydantic rosbags hypothesis joblib distributed ray",
     ),
     "node": Room("nodes"),
     # It names the modules of the commands, and imports each when it is needed.
@@ -78,7 +78,7 @@ RESERVED = {
     "mujoco": ("simulation/*",),
     "cyclonedds": ("middleware/transports/dds*.py",),
     "rclpy": ("middleware/transports/ros2*.py", "nodes/ros2/*"),
-    "plotly": ("controller/visualization/plots.py", "recording/report/*", "validation/campaign/campaign_plots.py"),
+    "plotly": ("controller/visualization/plots.py",),
     "viser": ("apps/page/*",),
 }
 #: Modules that make a cycle irreproducible: `inverse_dynamics` may import none of them.

@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from wbc_controller.recording.columns import columns
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.cycle_arrays import cycle_arrays
+from wbc_controller.recording.recording_file import Recording
 
 pytestmark = pytest.mark.live
 
@@ -38,7 +38,7 @@ def start(processes, dds_user, tmp_path):
 def recorded(user, processes):
     """The commands that the controller sent, by its own record, from which a busy machine loses some."""
     assert processes.stop(user.controller) == 0
-    return columns(Recorded(user.record))
+    return cycle_arrays(Recording(user.record))
 
 
 def assert_bounded(user, cycles):

@@ -5,11 +5,9 @@ from __future__ import annotations
 import dataclasses
 import types
 
-import numpy as np
 import pytest
 from domains import own_domain
 
-from wbc_controller.recording.reading import Cycle
 from wbc_controller.validation.fuzz.floods import CYCLES, STALL, Stop, StopTrial, _gaps, flood_trials
 
 #: Floods here, and stops under each; `wbc fuzz floods` stops a hundred times under each of all.
@@ -54,7 +52,7 @@ def test_a_trial_is_judged_by_what_the_machine_was_late(change, late, obeyed, st
 
 
 def test_cycles_that_lack_in_a_recording_are_found():
-    cycles = [Cycle(number, 0, {"stamp_seconds": np.array([1.0]), "stamp_nanoseconds": np.array([100.0 * number])}, {})
+    cycles = [types.SimpleNamespace(number=number, stamp=1_000_000_000 + 100 * number)
               for number in (3, 4, 5, 9, 10, 12)]  # fmt: skip
     recorded = types.SimpleNamespace(cycles=lambda: iter(cycles))
     assert _gaps(recorded) == [(1_000_000_500, 1_000_000_900, 3), (1_000_001_000, 1_000_001_200, 1)]

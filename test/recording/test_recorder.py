@@ -18,11 +18,11 @@ from rosbags.rosbag2.storage_mcap import McapReader
 from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
-from wbc_controller.recording.columns import columns
-from wbc_controller.recording.mcap import Contents, read
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.cycle_arrays import cycle_arrays
+from wbc_controller.recording.mcap_file import McapMessages
 from wbc_controller.recording.recorder import recording
-from wbc_controller.recording.replay.telling import told
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.replay.recording_summary import summarize
 from wbc_controller.records import ChangeSettings
 
 SCRIPT = Path(__file__).parent.parent / "support" / "killed_recording.py"
@@ -38,15 +38,15 @@ def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path,
     run.go(20)
     recorder = run.recorder
     recorder.close()
-    found = Recorded(path)
-    assert (found.first, found.last, found.count, found.torn) == (0, 52, 53, "")
-    table = columns(found)
+    found = Recording(path)
+    assert (found.first, found.last, found.count, found.damage) == (0, 52, 53, "")
+    table = cycle_arrays(found)
     np.testing.assert_array_equal(table["tau"], bench.efforts())
     assert table["stamp"].tolist() == [each.stamp for each in bench.reports if each.command is not None]
     assert set(table["mode"]) == {"active"}
     for stage in ("read", "compute", "supervise", "write", "total"):
         assert np.isfinite(table[f"seconds/{stage}"]).all()
-    counts = {topic: count for topic, _, count in found.topics()}
+    counts = {topic: count for topic, _, count in found.message_counts()}
     assert counts["/joint_states"] == counts["/odom"] == 53
     assert counts["/effort_controller/commands"] == len(table["tau"])
     (asked,) = [event for event in found.events.values() if "activate" in event.get("requests", ())]
@@ -59,8 +59,7 @@ def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path,
     assert "command 'nonsense' is unknown" in refused["refused"][0]
     weights = [float(cycle.references["weight/com"][0]) for cycle in found.cycles() if cycle.references]
     assert weights[0] == weights[20] > weights[-2] > weights[-1] > 3.5  # on its ramp
-    channels = {channel.topic: number for number, channel in found.channels.items()}
-    stored = [data for number, _, data in read(path, Contents()) if number == channels["/effort_controller/commands"]]
+    stored = [data for topic, _, data in found.messages() if topic.name == "/effort_controller/commands"]
     assert stored == bench._payloads["effort", ""]
 
 
@@ -75,12 +74,11 @@ def test_what_goes_out_stands_before_its_cycle_and_has_its_time(record, tmp_path
     run.bench.loop._shut_down()  # the last torques belong to no cycle
     scribe.set()
     run.recorder.close()
-    contents, waiting, cycles = Contents(), [], []
-    for number, at, _ in read(path, contents):
-        topic = contents.channels[number].topic
-        if topic == "/effort_controller/commands":
+    waiting, cycles = [], []
+    for topic, at, _ in McapMessages(path):
+        if topic.name == "/effort_controller/commands":
             waiting.append(at)
-        elif topic.endswith("/recording/cycle"):
+        elif topic.name.endswith("/recording/cycle"):
             cycles.append((at, waiting))
             waiting = []
     sent = [at for at, came in cycles for _ in came]
@@ -119,7 +117,7 @@ def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
     (path,) = (tmp_path / "faults").iterdir()
     assert path.name.startswith("go2-")
     assert path.name.endswith("IMPLAUSIBLE_STATE.mcap")
-    found = Recorded(path)
+    found = Recording(path)
     (fault,) = found.faults
     assert fault.fault == run.bench.reports[-1].fault
     assert fault.cycle == next(i for i, each in enumerate(run.bench.reports) if each.fault is not None)
@@ -130,14 +128,14 @@ def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
 def test_what_is_asked_for_while_the_recorder_does_not_keep_up_is_written_later(record, tmp_path, what):
     run = record(changes={"recorder": {"folder": str(tmp_path / "faults"), "seconds": 5.0}})
     run.stand(20)
-    send, run.recorder._link.send = run.recorder._link.send, lambda batch: False
+    send, run.recorder._process.send = run.recorder._process.send, lambda batch: False
     if what == "request":
         run.recorder.request("LATER")
     else:
         run.bench.v[0] = 1e4  # no base is as fast
     run.go(10)
-    assert "cycles lack" in run.recorder.status()["recorder"]
-    run.recorder._link.send = send
+    assert "cycles were dropped" in run.recorder.status()["recorder"]
+    run.recorder._process.send = send
     run.go(10)
     run.recorder.close()
     (path,) = (tmp_path / "faults").iterdir()
@@ -162,10 +160,10 @@ def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_p
     run.go(5)
     run.recorder.close()
     (path,) = folder.glob("*look-here.mcap")
-    assert Recorded(path).count == 33
+    assert Recording(path).count == 33
     assert [said.split(repr(str(path))) for said in caplog.messages if repr(str(path)) in said] == [
         ["the last seconds are written to ", " (look / here)"],
-        ["the last seconds are in ", " already, which goes on (and here)"],
+        ["the last seconds are already in ", ", which is continued (and here)"],
     ]
     assert run.recorder.status()["recorder_said"] == "2"
     assert sorted(each.name for each in folder.glob("*OLD*")) == [
@@ -182,7 +180,7 @@ def test_the_last_seconds_are_bounded(record, tmp_path):
     run.go(2)
     run.recorder.close()
     (path,) = folder.iterdir()
-    found = Recorded(path)
+    found = Recording(path)
     assert found.last == 1504
     assert found.count < 1100  # half a second, and what stands in the same chunk of 1 MB
 
@@ -209,7 +207,7 @@ def test_a_disk_that_takes_nothing_is_a_warning_and_the_controller_goes_on(recor
 def test_a_recorder_that_is_killed_is_a_warning_and_the_controller_goes_on(record, tmp_path, caplog):
     run = record(tmp_path / "a.mcap")
     run.stand()
-    process = run.recorder._link._process
+    process = run.recorder._process._process
     process.kill()
     process.wait()
     run.go(40)
@@ -221,7 +219,7 @@ def test_a_pipe_that_is_full_loses_cycles_and_never_waits(bench, tmp_path, caplo
     from wbc_controller.recording.recorder import Recorder
 
     made = bench("go2", {"recorder": {"folder": str(tmp_path)}}, lambda s: Recorder(s, tmp_path / "a.mcap", name="go2"))
-    process = made.recorder._link._process
+    process = made.recorder._process._process
     os.kill(process.pid, signal.SIGSTOP)
     made.cycle(600)
     assert any("does not keep up" in each.getMessage() for each in caplog.records)
@@ -232,7 +230,7 @@ def test_a_pipe_that_is_full_loses_cycles_and_never_waits(bench, tmp_path, caplo
         time.sleep(0.02)
     made.cycle(50)
     made.recorder.close()
-    found = Recorded(tmp_path / "a.mcap")
+    found = Recording(tmp_path / "a.mcap")
     assert 0 < found.count < found.last + 1
     assert found.memory_after(found.last - 49) is not None  # behind the gap there is a snapshot
 
@@ -243,7 +241,7 @@ def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, t
         run.bench.send_bytes("update", bytes((1 << 20) + 1))
         run.go(1)
     run.recorder.close()
-    found = Recorded(tmp_path / "a.mcap")
+    found = Recording(tmp_path / "a.mcap")
     assert found.count == found.last + 1  # no cycle made room for them
     assert (tmp_path / "a.mcap").stat().st_size < 1 << 20
 
@@ -262,16 +260,16 @@ def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_re
     run.bench.send_bytes("setpoint", large, "com")  # one that is alone is recorded
     run.go(20)
     run.recorder.close()
-    found = Recorded(tmp_path / "a.mcap")
+    found = Recording(tmp_path / "a.mcap")
     assert found.count == found.last + 1
-    counts = {topic: count for topic, _, count in found.topics()}
+    counts = {topic: count for topic, _, count in found.message_counts()}
     (update,) = [topic for topic in counts if topic.endswith("/update")]
     left_out = sum(event.get("left out", {}).get(update, 0) for event in found.events.values())
     assert counts[update] + left_out == 800
     assert counts[update] * len(nonsense) < (16 / 8 + 1) * (66 << 10)  # in two or three times eight cycles
     assert counts["/joint_states"] == counts["/odom"] == found.count
     assert [count for topic, count in counts.items() if topic.endswith("/tasks/com/setpoint")] == [1]
-    assert f"messages on {update}" in told(found)
+    assert f"messages on {update}" in summarize(found)
 
 
 @pytest.mark.parametrize("whom", ["controller", "both"])
@@ -292,13 +290,13 @@ def test_what_was_written_before_a_kill_can_be_read(tmp_path, whom):
     (last,) = struct.unpack("<q", counter.read_bytes())
     while any(Path(f"/proc/{each}").exists() and state(each) != "Z" for each in writers):
         time.sleep(0.01)
-    found = Recorded(path)
+    found = Recording(path)
     assert found.last >= last - 1 - (500 if whom == "both" else 20)
     reader = McapReader(path)
     reader.open()
-    assert sum(1 for _ in reader.messages(reader.connections)) == sum(count for *_, count in found.topics())
+    assert sum(1 for _ in reader.messages(reader.connections)) == sum(count for *_, count in found.message_counts())
     if whom == "controller":  # on a busy machine its end may fall into the recording of a fault before
-        kept = [Recorded(each).last for each in (tmp_path / "faults").glob("go2-*.mcap")]
+        kept = [Recording(each).last for each in (tmp_path / "faults").glob("go2-*.mcap")]
         assert max(kept) >= last - 1 - 20
 
 

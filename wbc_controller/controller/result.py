@@ -194,7 +194,7 @@ def plot(results: Sequence[CycleResult]) -> Any:
         ConfigurationError: where plotly is not installed.
         ValueError: where there is no result.
     """
-    from wbc_controller.controller.visualization.plots import plot_series
+    from wbc_controller.controller.visualization.plots import Line, Panel, line_panels
 
     if not results:
         raise ValueError("there is nothing to plot: no results")
@@ -210,16 +210,21 @@ def plot(results: Sequence[CycleResult]) -> Any:
     limits = results[0].qp.model.effort_limits
     torque = np.array([100.0 * float(np.max(np.abs(each.tau) / limits)) for each in results])
     names = dict.fromkeys(name for each in results for name in each.binding)
-    return plot_series(
-        np.array([each.time for each in results]),
-        {
-            "task errors": _columns([each.task_errors for each in results]),
-            "normal forces, N": _columns(normals),
-            "friction used, %": _columns([each.friction_used() for each in results], 100.0),
-            "largest torque, % of its limit": {"torque": torque},
-        },
-        {name: np.array([each.time for each in results if name in each.binding]) for name in names},
-        f"{results[0].qp.model.name}, {results[0].time:.3f} to {results[-1].time:.3f} s",
+    time = np.array([each.time for each in results])
+    panels = {
+        "task errors": _columns([each.task_errors for each in results]),
+        "normal forces, N": _columns(normals),
+        "friction used, %": _columns([each.friction_used() for each in results], 100.0),
+        "largest torque, % of its limit": {"torque": torque},
+    }
+    return line_panels(
+        [
+            Panel("", [Line(name, time, values, group=heading) for name, values in series.items()], heading)
+            for heading, series in panels.items()
+        ],
+        height=180 * (len(panels) + bool(names)) + 120,
+        marks={name: np.array([each.time for each in results if name in each.binding]) for name in names},
+        title=f"{results[0].qp.model.name}, {results[0].time:.3f} to {results[-1].time:.3f} s",
     )
 
 

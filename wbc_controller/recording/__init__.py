@@ -1,1 +1,1 @@
-"""The flight recorder: what each cycle was given and what came of it, on a file that can be read and solved again."""
+"""The flight recorder: inputs and results of each cycle in a file that can be read and solved again."""

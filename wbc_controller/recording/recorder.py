@@ -1,8 +1,8 @@
-"""The flight recorder: what came in, what was decided, and what went out, of every cycle, to a process that writes it.
+"""The flight recorder: inputs, decisions and outputs of every cycle, sent to a process that writes files.
 
-Of each cycle the loop's thread joins the numbers, and sends them with the messages of the cycle through a pipe: that is
-all that it does. What is rare (requests, refusals, faults, changes of settings, and every two seconds all that the
-controller remembers) a thread of its own turns to JSON.
+The loop's thread collects the numbers and messages of some cycles and sends them through a pipe. A thread of the
+recorder converts everything rare to JSON: requests, refusals, faults, changed settings, and every two seconds the
+memory of the controller.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import logging
 import os
 import platform
 import queue
-import struct
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -31,52 +31,51 @@ from wbc_controller.controller.memory import CycleRecord
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.middleware.codec import TYPES, encode, message
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.recording.layout import (
+from wbc_controller.recording.cycle_layout import (
     FORMAT,
     MODES,
+    CycleRow,
     ReferencesRow,
-    Row,
     Slot,
-    dumped,
-    groups,
-    layout_of,
-    references_of,
+    cycle_slots,
+    reference_slots,
 )
-from wbc_controller.recording.link import Link, frame
-from wbc_controller.recording.plain import to_json
-from wbc_controller.recording.tap import Tap
-from wbc_controller.recording.writer import CYCLE, FRAME, PINNED, TOPICS, TRIGGER, WITH_THE_CYCLE
+from wbc_controller.recording.json_records import to_json
+from wbc_controller.recording.recording_transport import RecordingTransport
+from wbc_controller.recording.writer import PINNED, TOPICS, TRIGGER, frame
+from wbc_controller.recording.writer_process import WriterProcess
 from wbc_controller.records import Fault, Mode
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
 
-#: Time between two copies of the controller's memory, s: a replay begins at one of them.
+#: Time between two records of the controller's memory, s: a replay begins at one of them.
 _SNAPSHOT = 2.0
-#: Cycles that are sent together: what is done for several in a row costs half as much.
+#: Cycles that are sent together, which halves the cost of each.
 _TOGETHER = 8
-#: Most bytes of incoming messages that wait for the end of a cycle, and twice the most messages.
-_WAITING, _MOST = 8 << 20, 20_000
-#: Most bytes of a topic that are recorded of the cycles that are sent together, where it is more than one message: who
-#: floods a topic must not cost the recording its cycles.
+#: Largest number of bytes and of messages that wait for the end of a cycle.
+_WAITING, _MOST = 8 << 20, 10_000
+#: Largest number of bytes per topic between two batches, for more than one message: a flooded topic must not displace
+#: cycles from the recording.
 _SHARE = 64 << 10
-#: Largest message that is recorded, bytes: larger ones are turned away unread on every topic, and the events say so.
+#: Largest recorded message, bytes: the controller rejects larger messages unread, and the events report it.
 _LARGEST = 1 << 20
-#: Time for which the same warning is not repeated, s.
+#: Time for which a warning is not repeated, s.
 _SILENCE = 10.0
-#: What is said where there is no recorder.
+#: Status without a recorder.
 NOT_RECORDED = "nothing is recorded: recorder.seconds is 0"
-#: Topics of the recorder itself, below the controller's name.
+#: Topics of the recorder, below the controller's name.
 OWN = "recording"
 #: Packages on which the last bit of a torque depends.
 _SOFTWARE = (
     "wbc_controller", "numba", "llvmlite", "numpy", "scipy", "pin", "daqp", "osqp", "proxsuite", "qpsolvers", "coal",
 )  # fmt: skip
+_ARRAY, _STRING = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
 
 
 def folder_of(settings: Settings) -> Path:
-    """Folder of the recordings that faults leave."""
+    """Return the folder of the recordings of faults."""
     if settings.recorder.folder:
         return Path(settings.recorder.folder).expanduser()
     state = os.environ.get("XDG_STATE_HOME") or str(Path("~/.local/state").expanduser())
@@ -84,7 +83,7 @@ def folder_of(settings: Settings) -> Path:
 
 
 def software() -> dict[str, str]:
-    """Versions of what the torques depend on."""
+    """Return the versions of everything on which torques depend."""
     versions = {"python": platform.python_version(), "machine": platform.machine()}
     for name in _SOFTWARE:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
@@ -99,37 +98,37 @@ class Recorder:
         """Start the process that writes.
 
         Args:
-            settings: of the robot.
-            file: takes all of the run; None keeps the last seconds alone.
-            patient: wait for the process rather than lose a part: for runs in simulated time.
-            name: of the robot, for the names of files.
+            settings: settings of the robot.
+            file: receives the whole run; None keeps the last seconds only.
+            patient: wait for the process instead of dropping cycles: for runs in simulated time.
+            name: name of the robot, for the names of files.
         """
         seconds = settings.recorder.seconds
-        self._all_of_it = file is not None
+        self._whole_run = file is not None
         self._kept = f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"
-        folder = str(folder_of(settings)) if seconds > 0.0 else None
         plan = {
             "file": str(file) if file is not None else None,
-            "folder": folder,
+            "folder": str(folder_of(settings)) if seconds > 0.0 else None,
             "seconds": seconds,
             "files": settings.recorder.files,
             "name": name or "robot",
         }
-        self._link = Link(plan, patient=patient)
+        self._process = WriterProcess(plan, patient=patient)
         self._settings = settings
-        self._channels: list[list[Any]] = []
-        #: What stands before a message in the pipe, and the message, of all that came and went since the last batch.
-        self._messages: list[bytes] = []
+        self._topics: list[list[Any]] = []
+        #: Messages since the last batch: topic, stamp in ns or None for that of the cycle, serialized message.
+        self._messages: list[tuple[int, int | None, bytes]] = []
         self._waiting = 0
-        self._taken: dict[int, int] = {}  # bytes that wait, by channel
-        self._left_out: Counter[int] = Counter()  # messages by channel, since the last event
-        self._done: deque[bytes] = deque()  # frames of the thread
+        self._taken: dict[int, int] = {}  # waiting bytes by topic
+        self._dropped: Counter[int] = Counter()  # messages by topic, since the last event
+        self._json_frames: deque[bytes] = deque()  # from the thread
         self._jobs: queue.SimpleQueue[Callable[[], bytes] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._scribe, name="scribe", daemon=True)
+        self._thread = threading.Thread(target=self._write_json, name="scribe", daemon=True)
         self._controller: Controller | None = None
         self._number = 0
-        #: The cycles that are still to be sent: their times, and how far the messages before them go.
+        #: Cycles since the last batch: records, report, time, and number of the messages before them.
         self._cycles: list[tuple[list[CycleRecord], CycleReport, int, int]] = []
+        self._last = 0  # time of the last cycle, ns
         self._lost = 0
         self._warned = -_SILENCE
         self._state: object = None
@@ -142,42 +141,45 @@ class Recorder:
         self._yaml: list[tuple[Settings, str]] = []  # of the start, and the newest
 
     def tap(self, transport: Transport, stamp: Callable[[], int]) -> Transport:
-        """A transport that records what passes through it.
+        """Return a transport that records its messages.
 
         Args:
             transport: carries the messages.
-            stamp: gives the time of messages, ns.
+            stamp: returns the time of messages, ns.
         """
         self._stamp = stamp
-        return Tap(transport, self.channel, self.came, self.went, all_of_it=self._all_of_it)
+        return RecordingTransport(transport, self.channel, self.came, self.went, whole_run=self._whole_run)
 
     def attach(self, controller: Controller, node: str, robot: str) -> None:
-        """Begin to record a controller, when every topic has been opened.
+        """Begin to record a controller, after all topics were opened.
 
         Args:
-            controller: of the loop.
+            controller: controller of the loop.
             node: its fully qualified name.
             robot: the robot's name.
         """
         self._controller = controller
         config = controller.config
         rests = {name: task.rest(controller.dynamics) for name, task in controller.tasks.items()}
-        slots, wanted = layout_of(controller.qp), references_of(controller.qp, rests)
-        self._row = Row(controller.qp, slots)
+        slots, references = cycle_slots(controller.qp), reference_slots(controller.qp, rests)
+        self._row = CycleRow(slots)
         self._every = max(1, round(_SNAPSHOT / controller.period))
         self._references = ReferencesRow(self._every)
-        spans = []
-        for group, begin, end in groups(slots):
-            channel = self.channel(f"{node}/{OWN}/{group}", "std_msgs/msg/Float64MultiArray")
-            before = _before([slot for slot in slots if slot.group == group])
-            spans.append((channel, before.hex(), 8 * begin, 8 * end))
-        self._wanted = self.channel(f"{node}/{OWN}/references", "std_msgs/msg/Float64MultiArray")
-        self._before_wanted = _before(wanted)
-        self._events = self.channel(f"{node}/{OWN}/events", "std_msgs/msg/String")
-        self._memories = self.channel(f"{node}/{OWN}/memory", "std_msgs/msg/String")
-        start = self.channel(f"{node}/{OWN}/start", "std_msgs/msg/String")
-        description = self.channel(f"{node}/{OWN}/robot_description", "std_msgs/msg/String")
-        self._link.send(frame(TOPICS, 0, json.dumps({"channels": self._channels, "groups": spans}).encode()))
+        topic = f"{node}/{OWN}"
+        self._groups: list[tuple[int, bytes, slice]] = []  # topic, start of its message, place in the row
+        start = 0
+        for group, members in groupby(slots, key=lambda slot: slot.group):
+            content = list(members)
+            end = start + sum(slot.size for slot in content)
+            number = self.channel(f"{topic}/{group}", _ARRAY)
+            self._groups.append((number, _start_of_array(content), slice(start, end)))
+            start = end
+        self._references_topic = self.channel(f"{topic}/references", _ARRAY)
+        self._references_start = _start_of_array(references)
+        self._events = self.channel(f"{topic}/events", _STRING)
+        self._memories = self.channel(f"{topic}/memory", _STRING)
+        about_topic, urdf_topic = (self.channel(f"{topic}/{name}", _STRING) for name in ("start", "robot_description"))
+        self._process.send(frame(TOPICS, 0, json.dumps(self._topics).encode()))
         urdf = config.urdf if config.urdf is not None else read_urdf(self._settings.robot.urdf)
         about = {
             "format": FORMAT,
@@ -185,12 +187,12 @@ class Recorder:
             "node": node,
             "software": software(),
             "config": config.to_yaml(),
-            "layout": dumped((*slots, *wanted)),
+            "layout": [[slot.group, slot.name, slot.size] for slot in (*slots, *references)],
             "modes": [mode.value for mode in MODES],
         }
         at = self._stamp()
-        for channel, text in ((start, json.dumps(about)), (description, urdf)):
-            self._link.send(frame(PINNED, at, struct.pack("<H", channel) + _string(text)))
+        for number, text in ((about_topic, json.dumps(about)), (urdf_topic, urdf)):
+            self._process.send(frame(PINNED, at, number.to_bytes(2, "little") + _string(text)))
         controller.tape = []
         self._live = controller.live.newest
         self._yaml = [(self._live.settings, "")]
@@ -198,44 +200,43 @@ class Recorder:
         self._remember(controller)
 
     def channel(self, topic: str, kind: str) -> int:
-        """The number of a topic."""
+        """Add a topic, and return its number."""
         definition, _ = TYPES.generate_msgdef(kind, ros_version=2)
-        self._channels.append([len(self._channels) + 1, topic, kind, definition])
-        return len(self._channels)
+        self._topics.append([len(self._topics) + 1, topic, kind, definition])
+        return len(self._topics)
 
-    def came(self, channel: int, payload: bytes) -> None:
-        """Record an incoming message, at this moment; from any thread."""
-        size, messages, taken = len(payload), self._messages, self._taken.get(channel, 0)
-        if size > _LARGEST or self._waiting >= _WAITING or len(messages) >= _MOST:  # where the loop does not run
+    def came(self, topic: int, payload: bytes) -> None:
+        """Record an incoming message with the present time; from any thread."""
+        size, taken = len(payload), self._taken.get(topic, 0)
+        if size > _LARGEST or self._waiting >= _WAITING or len(self._messages) >= _MOST:  # the loop does not run
             return
         if taken and taken + size > _SHARE:
-            self._left_out[channel] += 1
+            self._dropped[topic] += 1
             return
-        self._taken[channel] = taken + size
+        self._taken[topic] = taken + size
         self._waiting += size
-        messages += (FRAME.pack(size, channel, self._stamp()), payload)
+        self._messages.append((topic, self._stamp(), payload))
 
-    def went(self, channel: int, payload: bytes) -> None:
-        """Record an outgoing message, at the time of its cycle."""
-        messages = self._messages
-        if len(messages) < _MOST:
-            messages += (FRAME.pack(len(payload), channel, WITH_THE_CYCLE), payload)
+    def went(self, topic: int, payload: bytes) -> None:
+        """Record an outgoing message with the time of its cycle."""
+        if len(self._messages) < _MOST:
+            self._messages.append((topic, None, payload))
 
     def status(self) -> dict[str, str]:
-        """What became of the recordings, for `/diagnostics`: the last sentence, and how many there were."""
-        count, sentence = self._link.said
-        if self._link.dead:
+        """Return the status for `/diagnostics`: the last message of the process, and the number of its messages."""
+        count, sentence = self._process.said
+        if self._process.dead:
             sentence = "the recorder has ended: nothing is recorded any more"
         elif self._lost:
-            sentence = f"the recorder does not keep up: {self._lost} cycles lack"
+            sentence = f"the recorder does not keep up: {self._lost} cycles were dropped"
         return {"recorder": sentence or self._kept, "recorder_said": str(count)}
 
     def request(self, reason: str = "REQUEST") -> None:
-        """Have the last seconds written; from any thread."""
+        """Write the last seconds to a file; from any thread."""
         self._trigger = frame(TRIGGER, 0, reason.encode())
 
     def observe(self, report: CycleReport) -> None:
-        """Record the cycles since the last call: an observer of the loop, when the torques are out."""
+        """Record the cycles since the last call: an observer of the loop, called after the torques were sent."""
         try:
             self._observe(report)
         except Exception:  # a defect of the recorder must not end the run
@@ -257,62 +258,65 @@ class Recorder:
             self._remember(controller)
 
     def _send(self) -> None:
-        """Send the cycles since the last call, the messages that came and went, and what the thread has made."""
+        """Send the cycles and messages since the last call, and the frames of the thread."""
         batch: list[bytes] = []
         cycles, self._cycles = self._cycles, []
-        messages, begin = self._messages, 0
-        number = self._number
+        begin, number = 0, self._number
         for tape, report, at, end in cycles:
-            batch += messages[begin:end]
-            begin = end
+            self._add_messages(batch, begin, end, at)
+            begin, self._last = end, at
             for taped in tape:
-                self._cycle(taped, report if taped is tape[-1] else None, at, batch)
-        end = len(messages)  # other threads add to them, behind
-        batch += messages[begin:end]
-        del messages[:end]
+                self._add_cycle(batch, taped, report if taped is tape[-1] else None, at)
+        end = len(self._messages)  # other threads append more
+        self._add_messages(batch, begin, end, self._last)
+        del self._messages[:end]
         self._waiting = 0
         self._taken = {}
-        while self._done:
-            batch.append(self._done.popleft())
+        while self._json_frames:
+            batch.append(self._json_frames.popleft())
         trigger, self._trigger = self._trigger, None
         if trigger is not None:
             batch.append(trigger)
-        if not self._link.send(b"".join(batch)):
+        if not self._process.send(b"".join(batch)):
             self._lose(self._number - number)
-            if not self._link.dead:  # what is asked for, or a fault leaves, is written as soon as there is room again
+            if not self._process.dead:  # a trigger is repeated until there is room in the pipe
                 self._trigger = self._trigger or trigger
         elif self._lost:
             self._lost, self._snapshot_due = 0, self._number
 
-    def _cycle(self, taped: CycleRecord, report: CycleReport | None, at: int, batch: list[bytes]) -> None:
-        """Add the frames of one cycle; only the last of a loop's cycle has its report."""
+    def _add_messages(self, batch: list[bytes], begin: int, end: int, at: int) -> None:
+        for topic, stamp, payload in self._messages[begin:end]:
+            batch.append(frame(topic, at if stamp is None else stamp, payload))
+
+    def _add_cycle(self, batch: list[bytes], taped: CycleRecord, report: CycleReport | None, at: int) -> None:
+        """Add the frames of one cycle; only the last one of a loop's cycle has a report."""
         same, self._state = taped.inputs.state is not None and taped.inputs.state is self._state, taped.inputs.state
-        row = self._row.write(self._number, taped, report, same, self._rare(taped, report, at))
-        batch += (FRAME.pack(len(row), CYCLE, at), row)
+        event = self._add_event(taped, report, at)
+        row = self._row.write(self._number, taped, report, same=same, event=event)
+        batch += [frame(topic, at, start + row[place].tobytes()) for topic, start, place in self._groups]
         references = taped.result.references
-        wanted = self._references.write(self._number, references) if references is not None else None
-        if wanted is not None:
-            batch.append(frame(self._wanted, at, self._before_wanted + wanted))
+        changed = self._references.write(self._number, references) if references is not None else None
+        if changed is not None:
+            batch.append(frame(self._references_topic, at, self._references_start + changed.tobytes()))
         self._number += 1
 
     def _lose(self, cycles: int) -> None:
-        """A gap: the replay goes on from the next snapshot."""
+        """Count dropped cycles: a replay continues at the next memory."""
         self._lost += cycles
         now = time.monotonic()
         if now - self._warned >= _SILENCE:
             self._warned = now
-            _log.warning("the recorder does not keep up: %d cycles lack in the recording", self._lost)
+            _log.warning("the recorder does not keep up: %d cycles were dropped", self._lost)
 
-    def _rare(self, taped: CycleRecord, report: CycleReport | None, at: int) -> bool:
-        """Hand over what only some cycles have; whether this one has it."""
+    def _add_event(self, taped: CycleRecord, report: CycleReport | None, at: int) -> bool:
+        """Give the rare parts of a cycle to the thread; returns True if there are any."""
         result, inputs = taped.result, taped.inputs
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
-        left_out = self._left_out
-        rare = taped.apart or inputs.requests or inputs.changes or inputs.problem
-        if same and not (rare or refused or left_out):
+        dropped = self._dropped
+        if same and not (taped.apart or inputs.requests or inputs.changes or refused or inputs.problem or dropped):
             return False
-        self._left_out = Counter()
+        self._dropped = Counter()
         event: dict[str, Any] = {"cycle": self._number, "mode": result.mode.value}
         if result.fault is not None and (self._fault is None or self._fault.code != result.fault.code):
             self._trigger = frame(TRIGGER, 0, result.fault.code.encode())
@@ -323,33 +327,27 @@ class Recorder:
         if taped.apart:
             event["apart"] = True
             self._snapshot_due = 0
-        if inputs.problem is not None:
-            event["problem"] = inputs.problem
-        if inputs.requests:
-            event["requests"] = inputs.requests
-        if inputs.changes:
-            event["changes"] = inputs.changes
-        if refused:
-            event["refused"] = refused
-        if left_out:
-            event["left out"] = {self._channels[channel - 1][1]: count for channel, count in left_out.items()}
+        parts = {
+            "problem": inputs.problem,
+            "requests": inputs.requests,
+            "changes": inputs.changes,
+            "refused": refused,
+            "left out": {self._topics[topic - 1][1]: count for topic, count in dropped.items()},
+        }
+        event |= {name: part for name, part in parts.items() if part}
         self._mode, self._fault, self._live = result.mode, result.fault, taped.live
         self._jobs.put(lambda: frame(self._events, at, _string(to_json(self._with_yaml(event)))))
         return True
 
     def _remember(self, controller: Controller) -> None:
-        """Record all that the controller remembers, before the next cycle."""
+        """Record the memory of the controller before the next cycle."""
         self._snapshot_due = self._number + self._every
-        content = {
-            "cycle": self._number,
-            "settings": self._live.settings,
-            "memory": controller.memory(),
-        }
+        content = {"cycle": self._number, "settings": self._live.settings, "memory": controller.memory()}
         at = self._stamp()
         self._jobs.put(lambda: frame(self._memories, at, _string(to_json(self._with_yaml(content)))))
 
     def _with_yaml(self, content: Mapping[str, Any]) -> dict[str, Any]:
-        """The same with settings as YAML: empty where they are those of the start."""
+        """Replace settings by YAML: empty for the settings of the start."""
         settings = content.get("settings")
         if settings is None:
             return dict(content)
@@ -359,20 +357,20 @@ class Recorder:
             self._yaml = [self._yaml[0], (settings, known)]
         return {**content, "settings": known}
 
-    def _scribe(self) -> None:
+    def _write_json(self) -> None:
         while (job := self._jobs.get()) is not None:
             try:
-                self._done.append(job())
+                self._json_frames.append(job())
             except Exception:  # a defect of the recorder must not end the run
-                _log.exception("a part of the recording could not be made")
+                _log.exception("an event or a memory could not be recorded")
 
     def close(self) -> None:
-        """Write all that is left, and end."""
+        """Write everything, and end."""
         if self._thread.is_alive():
             self._jobs.put(None)
             self._thread.join()
             self._send()
-        self._link.close()
+        self._process.close()
         if self._controller is not None:
             self._controller.tape = None
 
@@ -380,19 +378,19 @@ class Recorder:
 def start_recorder(
     settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = ""
 ) -> Recorder | None:
-    """Start a recorder, as `Recorder` takes it; None where nothing is to be recorded, or can be, which is logged."""
+    """Start a recorder, with the arguments of `Recorder`; None if it is off, or cannot be started, which is logged."""
     if file is None and not settings.recorder.seconds > 0.0:
         return None
     try:
         return Recorder(settings, file, patient=patient, name=name)
-    except OSError as error:  # there is no room for another process
+    except OSError as error:  # too many processes
         _log.warning("nothing is recorded: the recorder cannot be started: %s", error.strerror or error)
         return None
 
 
 @contextlib.contextmanager
 def recording(settings: Settings, file: Path | None, *, name: str = "") -> Iterator[Recorder | None]:
-    """A recorder for a run, as `start_recorder` gives it."""
+    """Provide a recorder for a run, as `start_recorder` returns it."""
     recorder = start_recorder(settings, file, name=name)
     try:
         yield recorder
@@ -401,14 +399,14 @@ def recording(settings: Settings, file: Path | None, *, name: str = "") -> Itera
             recorder.close()
 
 
-def _before(slots: Sequence[Slot]) -> bytes:
-    """What stands before the numbers in a serialized array of these slots."""
+def _start_of_array(slots: Sequence[Slot]) -> bytes:
+    """Return a serialized array of these slots up to its numbers."""
     labels = [message("std_msgs/msg/MultiArrayDimension", label=s.name, size=s.size, stride=s.size) for s in slots]
     layout = message("std_msgs/msg/MultiArrayLayout", dim=labels, data_offset=0)
     count = sum(slot.size for slot in slots)
-    whole = encode(message("std_msgs/msg/Float64MultiArray", layout=layout, data=np.zeros(count)))
+    whole = encode(message(_ARRAY, layout=layout, data=np.zeros(count)))
     return whole[: len(whole) - 8 * count]
 
 
 def _string(text: str) -> bytes:
-    return encode(message("std_msgs/msg/String", data=text))
+    return encode(message(_STRING, data=text))

@@ -54,7 +54,9 @@ def play():
             if count in modes:
                 say["state"](encode(message("std_msgs/msg/String", data=modes[count])))
 
-        Director(model, {}, "", ours, mock, MemoryTransport(bus), advance, lambda phase: None).play(SCENARIOS["go2"])
+        Director(model, {}, "", ours, mock, MemoryTransport(bus), (), advance, lambda phase: None).play(
+            SCENARIOS["go2"]
+        )
 
     return play
 

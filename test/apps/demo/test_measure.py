@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from wbc_controller.apps.demo.director import Window
-from wbc_controller.apps.demo.measure import _modes, judge, passed
+from wbc_controller.apps.demo.measure import judge, passed
 from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove
-from wbc_controller.recording.report.run_record import Recording, Result
+from wbc_controller.recording.report.run_data import Result, RunData
 
 WEIGHT, START = 100.0, 50.0
 SCENARIO = Scenario(
@@ -38,26 +38,28 @@ def good_run():
     half = np.zeros((n, 6))
     half[:, 2] = WEIGHT / 2
     half[TIME < 0.9, 2] = 0.0
-    distance = np.where(ROWS["reach hand"], np.linspace(0.5, 0.0, n), np.nan)
-    distance[np.flatnonzero(ROWS["reach hand"])[-1]] = 0.008
     tau = np.full((n, 2), 5.0)
     tau[:20] = np.nan  # before the first command
-    return Recording(
+    return RunData(
         robot="x", actuators=("a", "b"), time=TIME, q=np.zeros((n, 9)), tau=tau, effort_limits=np.array([5.0, 10.0]),
-        com=com, com_reference=np.zeros((n, 3)), frame_errors={"hand": distance},
-        contact_wrenches={"left": half, "right": half}, unmodelled=np.zeros(n),
-        true_wrenches={"left": half, "right": half},
-        friction={"left": 0.7, "right": 0.7}, cycle_seconds=np.full(n, 1e-3), stage_seconds={}, events=(), results=(),
-        supports={},
+        com=com, com_reference=np.zeros((n, 3)), disturbance=np.zeros(n),
+        contact_wrenches={"left": half, "right": half}, true_wrenches={"left": half, "right": half}, start=START,
     )  # fmt: skip
 
 
-def verdict(run, windows=WINDOWS):
-    return {result.name: result for result in judge(run, SCENARIO, windows, START, WEIGHT)}
+def distances():
+    """The distance of the hand from its target."""
+    distance = np.linspace(0.5, 0.0, len(TIME))
+    distance[np.flatnonzero(ROWS["reach hand"])[-1]] = 0.008
+    return {"hand": distance}
 
 
-def missed(run, windows=WINDOWS):
-    return {name for name, result in verdict(run, windows).items() if not result.passed}
+def verdict(run, windows=WINDOWS, reaches=None):
+    return {each.name: each for each in judge(run, SCENARIO, windows, reaches or distances(), WEIGHT)}
+
+
+def missed(run, windows=WINDOWS, reaches=None):
+    return {name for name, result in verdict(run, windows, reaches).items() if not result.passed}
 
 
 def spoiled(array, rows, value, column=None):
@@ -71,7 +73,7 @@ STAND_QP, STAND_SIMULATOR, SWAY, REACH, SHOVE, TORQUE = verdict(good_run())
 
 
 def test_a_good_run_meets_every_target():
-    results = judge(good_run(), SCENARIO, WINDOWS, START, WEIGHT)
+    results = judge(good_run(), SCENARIO, WINDOWS, distances(), WEIGHT)
     assert len(results) == 6
     assert passed(results)
     said = verdict(good_run())
@@ -83,7 +85,7 @@ def test_a_good_run_meets_every_target():
 
 
 def test_what_acts_beside_the_model_carries_weight_in_the_program_and_not_in_the_simulator():
-    run = replace(good_run(), unmodelled=np.full(len(TIME), -0.015 * WEIGHT))
+    run = replace(good_run(), disturbance=np.full(len(TIME), -0.015 * WEIGHT))
     assert missed(run) == {STAND_QP}
     lighter = {name: wrench + [0, 0, 0.0075 * WEIGHT, 0, 0, 0] for name, wrench in run.contact_wrenches.items()}
     assert not missed(replace(run, contact_wrenches=lighter))
@@ -112,14 +114,11 @@ def test_a_move_is_judged_by_its_rms():
     assert missed(replace(run, com=spoiled(run.com, ROWS["sway"], np.nan, 1))) == {SWAY}
 
 
-def test_a_reach_is_judged_by_its_end():
-    run = good_run()
-    distance = run.frame_errors["hand"].copy()
-    last = np.flatnonzero(ROWS["reach hand"])[-1]
-    distance[last] = 0.0101
-    assert missed(replace(run, frame_errors={"hand": distance})) == {REACH}
-    distance[last] = np.nan
-    assert missed(replace(run, frame_errors={"hand": distance})) == {REACH}
+@pytest.mark.parametrize("value", [0.0101, np.nan])
+def test_a_reach_is_judged_by_its_end(value):
+    reaches = distances()
+    reaches["hand"][np.flatnonzero(ROWS["reach hand"])[-1]] = value
+    assert missed(good_run(), reaches=reaches) == {REACH}
 
 
 @pytest.mark.parametrize(("after", "value", "good"), [(0.5, 0.5, True), (1.5, 0.021, False), (1.5, np.nan, False)])
@@ -162,11 +161,3 @@ def test_a_verdict_without_results_is_none():
     assert not passed(())
     assert not passed((Result("a", "b", "c", True), Result("a", "b", "c", False)))
     assert passed((Result("a", "b", "c", True),))
-
-
-def test_the_modes_are_told_from_where_each_began():
-    cycles = {
-        "mode": np.array(["active", "active", "damping", "damping", "fault"]),
-        "stamp": np.array([1.0, 2.0, 3.0, 4.0, 5.0]) * 1e9,
-    }
-    assert _modes(cycles, 0.5) == ((0.5, "active"), (2.5, "damping"), (4.5, "fault"))

@@ -50,7 +50,9 @@ def test_soles_are_drawn_beside_those_of_the_urdf_to_scale(page):
 
 
 def test_the_robot_stands_on_its_forces(page):
-    data = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.S).group(1))
+    data = json.loads(
+        re.search(r'<script type="application/json" id="motion-data">(.*?)</script>', page, re.S).group(1)
+    )
     assert {contact["name"] for contact in data["contacts"]} == {"left_foot", "right_foot"}
     assert len(data["parts"]) > 20
 

@@ -13,6 +13,9 @@ from wbc_controller.controller.build.limits import make_torque_speed
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.middleware.codec import decode, encode
+from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, counterpart, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.guard_service import NODE_NAME, GuardService
 from wbc_controller.safety.supervisor import Supervisor

@@ -7,17 +7,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.inverse_dynamics.contacts import PointContact
 from wbc_controller.inverse_dynamics.contacts.mount import Mount
 from wbc_controller.inverse_dynamics.formulation.rows import CompiledRows, RowEntry
 from wbc_controller.inverse_dynamics.robot import frame_kernels as kernel
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, view_of
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.link_motion_kernels import LinkMotion
 from wbc_controller.inverse_dynamics.tasks import (
+    ComTask,
     FrameOrientationTask,
     FramePoseTask,
     FramePositionTask,
+    PostureTask,
 )
-from wbc_controller.records import Reference
+from wbc_controller.records import Reference, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 
 AXES = pin.LOCAL_WORLD_ALIGNED
@@ -91,6 +95,66 @@ def test_tasks_on_frames_have_the_rows_that_pinocchio_gives(robot, seed):
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @settings(deadline=None)
+@given(seed=seeds)
+def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(robot, seed):
+    dynamics, rng = moved(robot, seed)
+    model, mask = dynamics.model, [True, seed % 2 == 0, True]
+    com = ComTask("com", mask, stiffness=rng.uniform(1.0, 100.0, 3), damping=rng.uniform(1.0, 20.0, 3))
+    joints = rng.permutation(model.joints)[:5].tolist()
+    posture = PostureTask("posture", model, joints, stiffness=rng.uniform(1.0, 100.0, 5))
+    wanted = Reference(*rng.normal(size=(3, 3)))
+    (rows, right), error = filled(dynamics, tasks=[(com, wanted)])
+    for found, plain in zip((rows, right, error), com.equation(dynamics, wanted), strict=True):
+        near(found, plain)
+    wanted = Reference(*rng.normal(size=(3, 5)))
+    targets = np.zeros(model.nv + 1)
+    factors = rng.uniform(0.0, 1.0, (2, 5))
+    block = CompiledRows(
+        dynamics, np.zeros((0, model.nv + 1)), targets, [RowEntry(posture.instruction(), task=posture)]
+    )
+    block.factors["posture"][:] = factors
+    constant, errors = fill(block, dynamics, {"posture": wanted}, [posture])
+    asked, error = posture.right(dynamics, wanted)
+    expected = np.zeros(model.nv + 1)
+    expected[posture.columns] = factors[0] * asked
+    near(targets, expected)
+    near(errors, error)
+    near(constant, 0.5 * factors[1] @ asked**2)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None, max_examples=20)
+@given(seed=seeds)
+def test_the_rate_of_the_momentum_has_the_rows_of_the_snapshot(robot, seed):
+    dynamics, _ = moved(robot, seed)
+    out = np.full((8, dynamics.model.nv + 3), 7.0)
+    momentum = RowEntry(Instruction(kernel.MOMENTUM, np.arange(6)), 1)
+    fill(CompiledRows(dynamics, out, np.zeros(out.shape[1]), [momentum]), dynamics, {})
+    near(out[1:7, :-3], dynamics.centroidal_matrix)
+    near(out[1:7, -1], -dynamics.centroidal_drift)
+    assert (out[[0, 7]] == 7.0).all()
+    assert (out[:, -3:-1] == 7.0).all()
+
+
+def test_a_reference_that_can_be_written_is_read_anew_in_every_cycle():
+    dynamics, _ = moved("g1", 5)
+    task, position = ComTask("com", [True] * 3), np.zeros(3)
+    for fixed in (False, True):
+        wanted = Reference(*(frozen(part) if fixed else part for part in (position, np.zeros(3), np.zeros(3))))
+        out = np.zeros((3, dynamics.model.nv + 1))
+        block = CompiledRows(dynamics, out, np.zeros(out.shape[1]), [RowEntry(task.instruction(), task=task)])
+        fill(block, dynamics, {"com": wanted}, [task])
+        before = out[:, -1].copy()
+        position += 1.0
+        fill(block, dynamics, {"com": wanted}, [task])
+        near(out[:, -1] - before, np.zeros(3) if fixed else task.stiffness * np.ones(3))
+        task.stiffness = 2.0 * task.stiffness  # gains are those of the task in every cycle
+        fill(block, dynamics, {"com": wanted}, [task])
+        near(out[:, -1], task.equation(dynamics, wanted)[1])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
 @given(seed=seeds, between_links=st.booleans())
 def test_contacts_have_the_rows_that_pinocchio_gives(robot, seed, between_links):
     dynamics, _ = moved(robot, seed)
@@ -112,6 +176,19 @@ def test_contacts_have_the_rows_that_pinocchio_gives(robot, seed, between_links)
         (found, acceleration), _ = filled(dynamics, [contact.instruction(rows)])
         near(found, J[rows])
         near(acceleration, -drift[rows])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@settings(deadline=None)
+@given(seed=seeds, radius=st.floats(0.0, 0.2))
+def test_balls_have_the_rows_that_pinocchio_gives(robot, seed, radius):
+    dynamics, rng = moved(robot, seed)
+    normal, centre = rng.normal(size=3), rng.normal(size=3)
+    for frame in FRAMES[robot]:
+        contact = PointContact("contact", dynamics.model, frame, centre, radius, normal=normal)
+        (J, acceleration), _ = filled(dynamics, [contact.instruction()])
+        near(J, contact.jacobian(dynamics))
+        near(acceleration, -contact.drift(dynamics))
 
 
 @settings(deadline=None)

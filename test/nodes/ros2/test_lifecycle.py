@@ -28,7 +28,7 @@ from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.nodes.ros2.controller_node import ControllerNode
 from wbc_controller.nodes.ros2.node_parameters import values
 from wbc_controller.nodes.ros2.parameters import settings_from
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.recording_file import Recording
 from wbc_controller.records import Mode
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -343,7 +343,7 @@ def test_the_last_seconds_are_recorded_on_request(make_node, spin, context, robo
     within(20, lambda: list(tmp_path.glob("*REQUEST*.mcap")))
     assert on_executor(executor, node.trigger_deactivate) == SUCCESS
     (file,) = tmp_path.glob("*.mcap")
-    assert Recorded(file).count > 0
+    assert Recording(file).count > 0
 
 
 def test_deactivating_in_mid_run_is_no_fault(make_node, spin, robot):

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from wbc_controller.cli import main
-from wbc_controller.recording.reading import Recorded
-from wbc_controller.recording.replay.comparing import compare
-from wbc_controller.recording.replay.reporting import recording_of
-from wbc_controller.recording.replay.solving import Replay
-from wbc_controller.recording.replay.telling import told
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.replay.comparison import compare
+from wbc_controller.recording.replay.cycle_replay import Replay
+from wbc_controller.recording.replay.recording_summary import summarize
+from wbc_controller.recording.report.run_from_recording import run_of
 
 
 def wbc(*words: object) -> tuple[int, str]:
@@ -44,7 +45,7 @@ def recorded(record, tmp_path, make):
     run = record(tmp_path / "a.mcap")
     busy(run, make)
     run.recorder.close()
-    return Recorded(tmp_path / "a.mcap")
+    return Recording(tmp_path / "a.mcap")
 
 
 def test_all_cycles_and_those_from_any_memory_on_come_out_bit_for_bit(recorded):
@@ -65,7 +66,7 @@ def test_what_is_estimated_beside_the_model_is_remembered_too(record, tmp_path, 
     run = record(tmp_path / "b.mcap", {"estimation": {"disturbance": "always"}, "robot": {"friction": friction}})
     busy(run, make)
     run.recorder.close()
-    replay = Replay(Recorded(tmp_path / "b.mcap"))
+    replay = Replay(Recording(tmp_path / "b.mcap"))
     middle = sorted(replay.recorded.memories)[-1]
     solved = list(replay.run(replay.recorded.last))
     assert [each.cycle.number for each in solved] == list(range(middle, replay.recorded.count))
@@ -114,7 +115,7 @@ def test_behind_a_cycle_that_failed_it_goes_on_from_the_next_memory(record, tmp_
     controller.fail(ZeroDivisionError("once"))  # as `ControlLoop` does
     run.go(60)
     run.recorder.close()
-    recorded = Recorded(tmp_path / "a.mcap")
+    recorded = Recording(tmp_path / "a.mcap")
     (fault,) = recorded.faults
     assert fault.fault.code == "INTERNAL_ERROR"
     replay = Replay(recorded)
@@ -131,7 +132,7 @@ def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record
     run.go(2)
     run.recorder.close()
     (path,) = (tmp_path / "faults").iterdir()
-    recorded = Recorded(path)
+    recorded = Recording(path)
     assert recorded.first > 0
     replay = Replay(recorded)
     solved = [each.same for each in replay.run()]
@@ -143,7 +144,7 @@ def test_a_solver_with_a_memory_of_its_own_is_exact_from_the_start_alone(record,
     run = record(tmp_path / "a.mcap", {"solver": {"name": "proxqp"}})
     run.stand(130)
     run.recorder.close()
-    recorded = Recorded(tmp_path / "a.mcap")
+    recorded = Recording(tmp_path / "a.mcap")
     assert all(each.same and each.exact for each in Replay(recorded).run(0, 60))
     later = list(Replay(recorded).run(125))
     assert not any(each.exact for each in later)
@@ -196,31 +197,29 @@ def test_a_long_story_is_cut_in_the_middle(recorded):
     event = recorded.events[3]
     recorded.events.update({1000 + i: {**event, "cycle": 1000 + i} for i in range(200)})
     recorded.count -= 5
-    said = told(recorded).splitlines()
-    assert said[1].startswith("5 cycles lack: ")
+    said = summarize(recorded).splitlines()
+    assert said[1].startswith("5 cycles were dropped: ")
     assert len(said) < 60
     assert sum(line.endswith(" more") for line in said) == 1
     assert "cycle 1199" in said[-1]
 
 
 def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_path, monkeypatch):
-    monkeypatch.setattr("wbc_controller.recording.replay.reporting._MOST", 100)  # as of a longer one
+    monkeypatch.setattr("wbc_controller.recording.report.run_report.run_of", partial(run_of, largest=100))
     every = -(-recorded.count // 100)
     status, said = wbc("report", recorded.path, "--out", tmp_path / "a.html")
     assert status == 0
-    assert "Left out, as the controller cannot know it" in said
+    assert "does not contain the true contact forces" in said
     page = (tmp_path / "a.html").read_text()
-    assert f"Of {every} cycles one is shown." in page
-    assert "Left out, as the controller cannot know it" in page
-    assert "given by the ground" not in page.split("plotly.js v", maxsplit=1)[0]
+    assert f"One of {every} cycles is shown." in page
+    assert "does not contain the true contact forces" in page
+    assert '"name":"force of the ground"' not in page
     from wbc_controller.controller.cycle import ControlCycle
 
     controller = ControlCycle(recorded.config, preflight=False)
-    fewer, found = recording_of(recorded, controller)
-    assert found == every > 1
-    monkeypatch.undo()
-    made, found = recording_of(recorded, controller)
-    assert found == 1
+    fewer, made = run_of(recorded, controller, largest=100), run_of(recorded, controller)
+    assert (fewer.stride, made.stride) == (every, 1)
+    assert every > 1
     assert len(fewer.time) == pytest.approx(len(made.time) / every, abs=1)
     assert not made.true_wrenches
     assert made.tau.shape == (len(made.time), 12)
@@ -228,5 +227,5 @@ def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_
     reached = made.com_reference[60] - made.com_reference[20]
     assert reached[0] > 0.0
     assert (np.diff(made.com_reference[22:38, 0]) > 0.0).all()  # in every cycle, with no weight on its way
-    assert np.isfinite(made.frame_errors["com"]).all()
-    assert [event.name for event in made.events] == ["activate", "deactivate", "activate"]
+    assert np.isfinite(made.task_errors["com"]).all()
+    assert [phase.name for phase in made.phases] == ["activate", "deactivate", "activate"]

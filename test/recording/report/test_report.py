@@ -12,10 +12,14 @@ import pinocchio as pin
 import pytest
 from synthetic_run import squat
 
-from wbc_controller.recording.report.report_plots import POINTS, build_plots, decimate, friction_use, phases
-from wbc_controller.recording.report.run_record import Result
-from wbc_controller.recording.report.report import MAX_FRAMES, decode_poses, encode_poses, frame_indices, joint_poses, write_report
+from wbc_controller.controller.visualization.page_report import resource
+from wbc_controller.controller.visualization.plots import POINTS, thin_out
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.recording.report.motion import MAX_FRAMES, encode_poses, frame_indices, joint_poses
+from wbc_controller.recording.report.run_data import Result, supports_of
+from wbc_controller.recording.report.run_plots import friction_use, run_plots
+from wbc_controller.recording.report.run_report import write_run_report
+from wbc_controller.settings.files import find_configuration, load_settings
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +30,18 @@ def run():
 @pytest.fixture(scope="module")
 def page(run, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "demo.html"
-    write_report(*run, path)
+    write_run_report(*run, path, kind="wbc_controller demo")
     return path.read_text(encoding="utf-8")
 
 
 def embedded(page, name):
     return json.loads(re.search(rf'<script type="application/json" id="{name}">(.*?)</script>', page, re.S).group(1))
+
+
+def decode_poses(packed):
+    """Decode the result of `encode_poses`, as ``replay.js`` does."""
+    whole = np.frombuffer(base64.b64decode(packed["data"]), dtype="<i2").reshape(packed["shape"])
+    return whole * np.array(packed["scale"]) + np.array(packed["center"])
 
 
 def without_scripts(page):
@@ -44,7 +54,7 @@ def test_the_page_loads_nothing(page):
     assert re.search(r"default-src 'none'", markup)
     assert not re.search(r"<script[^>]*\bsrc\b", page)
     for name in ("replay.js", "page.js"):
-        code = (resources.files("wbc_controller.recording.report") / "page" / name).read_text(encoding="utf-8")
+        code = resource(name)
         assert code in page
         assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(|WebSocket|sendBeacon", code), name
     assert "{{" not in markup
@@ -55,22 +65,27 @@ def test_the_page_holds_the_results(run, page):
     for result in run[0].results:
         assert result.name in page
         assert result.measured in page
-    assert "All 9 targets met." in page
-    assert "friction use ≤ 1 &lt;always&gt;" in page
+    assert "All 2 targets met." in page
+    assert "never &lt;in it&gt;" in page
 
 
 def test_the_verdict_names_what_failed(run, tmp_path):
     recording, model = run
     failed = Result("Stays <up>", "yes", "no", False)
-    write_report(dataclasses.replace(recording, results=(*recording.results, failed)), model, tmp_path / "page.html")
+    write_run_report(
+        dataclasses.replace(recording, results=(*recording.results, failed)),
+        model,
+        tmp_path / "page.html",
+        kind="a run",
+    )
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "1 of 10 targets missed: Stays &lt;up&gt;." in page
+    assert "1 of 3 targets missed: Stays &lt;up&gt;." in page
     assert 'class="pill fail"' in page
 
 
 def test_poses_of_the_page_are_those_of_pinocchio(run, page):
     recording, model = run
-    data = embedded(page, "replay-data")
+    data = embedded(page, "motion-data")
     poses = decode_poses(data["poses"])
     frames = frame_indices(recording.time)
     time = np.frombuffer(base64.b64decode(data["time"]), "<f4")
@@ -103,7 +118,7 @@ def test_packed_poses_are_exact_where_nothing_moves():
 
 def test_forces_stand_in_the_page_in_world_axes(run, page):
     recording, model = run
-    data = embedded(page, "replay-data")
+    data = embedded(page, "motion-data")
     forces = np.frombuffer(base64.b64decode(data["forces"]), "<f4").reshape(len(frame_indices(recording.time)), 2, 2, 6)
     # The synthetic squat keeps its soles flat, so that the world's vertical is the contacts' normal.
     np.testing.assert_allclose(forces[0, :, 0, 5], [w[0, 2] for w in recording.contact_wrenches.values()], rtol=1e-3)
@@ -120,42 +135,44 @@ def test_long_runs_stay_small():
 
 
 def test_every_plot_has_titles_and_units(run):
-    plots = build_plots(run[0])
+    plots = run_plots(run[0])
     assert [plot.key for plot in plots] == ["com", "torques", "forces", "friction", "errors", "cycles", "stages"]
     for plot in plots:
         assert plot.title
-        assert all("[" in axis.title.text or plot.key == "stages" for axis in plot.figure.select_yaxes())
+        assert all(plot.key == "stages" or "[" in axis.title.text for axis in plot.figure.select_yaxes())
         assert any("[" in (axis.title.text or "") for axis in plot.figure.select_xaxes())
         assert all(trace.type in ("scatter", "bar") for trace in plot.figure.data)  # SVG, not WebGL
 
 
 def test_a_bare_recording_makes_a_page(run, tmp_path):
     recording, model = run
-    nothing = {name: {} for name in ("frame_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "supports")}
+    nothing = {name: {} for name in ("task_errors", "contact_wrenches", "true_wrenches", "stage_seconds", "supports")}
     bare = dataclasses.replace(
-        recording, **nothing, cycle_seconds=np.zeros(0), events=(), results=(), modes=(),
+        recording, **nothing, cycle_seconds=np.zeros(0), phases=(), results=(), modes=(),
         com_reference=np.full_like(recording.com, np.nan),
     )  # fmt: skip
-    write_report(bare, model, tmp_path / "page.html")
-    assert "Nothing was checked" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    write_run_report(bare, model, tmp_path / "page.html", kind="a run")
+    assert "No targets were checked" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 def test_what_cannot_be_shown_is_refused(run, tmp_path):
     recording, model = run
     with pytest.raises(ValueError, match="19 columns"):
-        write_report(dataclasses.replace(recording, q=np.zeros((len(recording.time), 19))), model, tmp_path / "x")
+        write_run_report(
+            dataclasses.replace(recording, q=np.zeros((len(recording.time), 19))), model, tmp_path / "x", kind="a run"
+        )
     lost = {name: dataclasses.replace(support, frame="foo") for name, support in recording.supports.items()}
     with pytest.raises(ConfigurationError, match=r"contacts.left_foot.frame = 'foo'"):
-        write_report(dataclasses.replace(recording, supports=lost), model, tmp_path / "x")
+        write_run_report(dataclasses.replace(recording, supports=lost), model, tmp_path / "x", kind="a run")
     assert not (tmp_path / "x").exists()
 
 
-def test_decimation_keeps_peaks_and_gaps():
+def test_thinning_keeps_peaks_and_gaps():
     time = np.arange(50000.0)
     values = np.sin(time / 3000.0)
     values[31234] = 7.0
     values[40000:41000] = np.nan
-    x, y = decimate(time, values)
+    x, y = thin_out(time, values)
     assert len(x) <= POINTS
     assert np.all(np.diff(x) > 0)
     assert np.nanmax(y) == 7.0
@@ -170,7 +187,7 @@ def test_friction_use():
 
 
 def test_phases_fill_the_run(run):
-    spans = phases(run[0])
+    spans = run[0].spans
     assert spans[0][0] == 0.0
     assert spans[-1][1] == run[0].time[-1]
     assert all(a[1] == b[0] for a, b in pairwise(spans))
@@ -180,7 +197,7 @@ def test_mathematics_of_the_replay(tmp_path):
     node = shutil.which("node")
     if node is None:
         pytest.skip("node is not installed: the functions of replay.js are not run")
-    source = resources.files("wbc_controller.recording.report") / "page" / "replay.js"
+    source = resources.files("wbc_controller.controller.visualization") / "page" / "replay.js"
     quaternion = pin.SE3ToXYZQUAT(pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.7, 1.9), np.zeros(3)))[3:]
     script = tmp_path / "run.js"
     script.write_text(f"""
@@ -208,3 +225,11 @@ def test_mathematics_of_the_replay(tmp_path):
     assert answer["numbers"] == [1, -2]
     assert answer["area"] == pytest.approx(0.5)
     assert answer["longest"] <= 0.3
+
+
+def test_supports_of_surfaces_and_points():
+    foot = supports_of(load_settings(find_configuration("g1")).contacts)["left_foot"]
+    np.testing.assert_allclose(foot.placement, [0.035, 0.0, -0.035, 0.0, 0.0, 0.0, 1.0])
+    np.testing.assert_allclose(np.ptp(foot.corners, axis=0), [0.17, 0.05, 0.0])
+    paw = supports_of(load_settings(find_configuration("go2")).contacts)["front_left_foot"]
+    np.testing.assert_array_equal(paw.corners, [[0.0, 0.0, 0.0]])

@@ -1,4 +1,4 @@
-"""The demo of a robot that has none of its own: motions and shoves that fit its legs or arms, its support, its mass."""
+"""The scenario of a robot without its own: motions and shoves scaled to its legs or arms, its support and its mass."""
 
 from __future__ import annotations
 

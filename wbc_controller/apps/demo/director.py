@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any
@@ -19,11 +19,10 @@ from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.middleware.codec import decode, encode, header, message, stamp
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.setpoints import setpoint_message, vector, wrench_stamped
-from wbc_controller.middleware.stamps import header_time
+from wbc_controller.middleware.stamps import header_stamp, header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Publish, Transport
-from wbc_controller.recording.report.run_record import Event
 from wbc_controller.records import Array
 
 #: Wall time after which the demo is given up that waits for something, s.
@@ -49,50 +48,61 @@ class Window:
 
 
 class Log:
-    """The serialized messages of each topic, in order of arrival; filled by the transport's thread."""
+    """The messages that a demo receives; filled by the transport's thread.
+
+    Attributes:
+        kept: all messages of the topics that the recording of the demo takes, by name and type of the topic.
+        arrived: set with every joint state.
+    """
 
     def __init__(self) -> None:
-        self.messages: dict[tuple[str, str, str], list[bytes]] = {}
-        self.types: dict[tuple[str, str, str], str] = {}
+        self.kept: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
         self.arrived = threading.Event()
+        self._newest: dict[tuple[str, str, str], bytes] = {}
+        self._types: dict[tuple[str, str, str], str] = {}
 
-    def listen(self, owner: str, endpoint: Endpoint, transport: Transport) -> None:
-        """Subscribe to a topic that `owner` publishes."""
+    def listen(self, owner: str, endpoint: Endpoint, transport: Transport, *, keep: bool) -> None:
+        """Subscribe to a topic that `owner` publishes; `keep` all its messages, which have a header."""
         key = (owner, endpoint.key, endpoint.subject)
-        kept: list[bytes] = []
-        self.messages[key], self.types[key] = kept, endpoint.type
-        if endpoint.key == "joint_states":
+        self._types[key] = endpoint.type
+        kept = self.kept.setdefault((endpoint.name, endpoint.type), []) if keep else None
 
-            def receive(payload: bytes) -> None:
-                kept.append(payload)
+        def receive(payload: bytes) -> None:
+            self._newest[key] = payload
+            if kept is not None:
+                kept.append((header_stamp(payload), payload))
+            if endpoint.key == "joint_states":
                 self.arrived.set()
 
-            transport.subscribe(counterpart(endpoint), receive)
-        else:
-            transport.subscribe(counterpart(endpoint), kept.append)
+        transport.subscribe(counterpart(endpoint), receive)
+
+    def newest(self, owner: str, key: str) -> bytes:
+        """Return the newest message of a topic, serialized."""
+        return self._newest[owner, key, ""]
 
     def last(self, owner: str, key: str, subject: str = "") -> Any | None:
-        """The newest message of a topic; None before the first."""
+        """Return the newest message of a topic, or None before the first."""
         place = (owner, key, subject)
-        kept = self.messages[place]
-        return decode(kept[-1], self.types[place]) if kept else None
+        payload = self._newest.get(place)
+        return None if payload is None else decode(payload, self._types[place])
 
     @property
     def time(self) -> float:
         """Simulated time of the newest joint state, s; 0 before the first."""
-        kept = self.messages["mock", "joint_states", ""]
-        return header_time(kept[-1]) if kept else 0.0
+        payload = self._newest.get(("mock", "joint_states", ""))
+        return 0.0 if payload is None else header_time(payload)
 
 
 class Director:
     """Plays a scenario.
 
     Attributes:
-        log: every message received.
-        events: the phases so far.
+        log: messages received.
+        phases: the phases so far: simulated time in s, and name.
         windows: time windows of the measurements, by name of the phase.
         references: centre-of-mass trajectories, in order of their start.
         targets: target position of each reach, by task.
+        frames: frame of each frame task, by the task's name.
     """
 
     def __init__(
@@ -103,6 +113,7 @@ class Director:
         controller: Iterable[Endpoint],
         mock: Iterable[Endpoint],
         transport: Transport,
+        kept: Container[str],
         advance: Callable[[Log], None],
         say: Callable[[str], None],
     ) -> None:
@@ -115,16 +126,17 @@ class Director:
             controller: endpoints of the controller.
             mock: endpoints of the mock robot.
             transport: carries the messages.
+            kept: names of the topics whose messages are all kept.
             advance: lets time pass until a new state has arrived, or for a short while.
             say: called with a line of text at each phase.
         """
         self.log = Log()
-        self.events: list[Event] = []
+        self.phases: list[tuple[float, str]] = []
         self.windows: dict[str, Window] = {}
         self.references: list[tuple[float, Trajectory]] = []
         self.targets: dict[str, Array] = {}
         self._model = model
-        self._frames = frames
+        self.frames = frames
         self._com = com
         self._data = model.pinocchio.createData()
         self._joint_reader = JointStateReader(model.joints, "position")
@@ -136,7 +148,7 @@ class Director:
         for owner, endpoints in (("controller", controller), ("mock", mock)):
             for endpoint in endpoints:
                 if endpoint.direction is Direction.OUT:
-                    self.log.listen(owner, endpoint, transport)
+                    self.log.listen(owner, endpoint, transport, keep=endpoint.name in kept)
                 elif endpoint.key in ("command", "setpoint", "trajectory", "update", "push", "hold"):
                     key = (owner, endpoint.key, endpoint.subject)
                     self._publish[key] = transport.advertise(counterpart(endpoint))
@@ -178,7 +190,7 @@ class Director:
         return self.log.time
 
     def _begin(self, phase: str) -> None:
-        self.events.append(Event(self.time, phase))
+        self.phases.append((self.time, phase))
         self._say(phase)
 
     def _mode(self) -> str:
@@ -237,8 +249,8 @@ class Director:
         model = self._model
         base: tuple[Array, ...] = ()
         if model.floating_base:
-            base = self._base_reader.read(self.log.messages["mock", "odom", ""][-1])[1:]
-        position = self._joint_reader.read(self.log.messages["mock", "joint_states", ""][-1]).position
+            base = self._base_reader.read(self.log.newest("mock", "odom"))[1:]
+        position = self._joint_reader.read(self.log.newest("mock", "joint_states")).position
         return model.state(position, np.zeros(model.nj), *base)[0]
 
     def com(self) -> Array:
@@ -290,7 +302,7 @@ class Director:
         self._begin("reach")
         q = self.state()
         pin.framesForwardKinematics(self._model.pinocchio, self._data, q)
-        pose = self._data.oMf[self._model.frame_id(self._frames[reach.task], f"tasks.{reach.task}.frame")]
+        pose = self._data.oMf[self._model.frame_id(self.frames[reach.task], f"tasks.{reach.task}.frame")]
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
         self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")

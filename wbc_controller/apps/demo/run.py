@@ -1,4 +1,4 @@
-"""Runs the demo: a controller and a mock robot are led through a scenario by topics, and the run is judged."""
+"""Runs the demo: controller and mock robot follow a scenario; the run is recorded, judged and reported."""
 
 from __future__ import annotations
 
@@ -21,35 +21,36 @@ from rich.table import Table
 
 from wbc_controller.apps.demo.derived import derived_scenario
 from wbc_controller.apps.demo.director import DemoFailed, Director, Log
-from wbc_controller.apps.demo.measure import judge, make_recording, passed
+from wbc_controller.apps.demo.measure import distances_to_targets, judge, passed, reference_of
 from wbc_controller.apps.demo.scenario import SCENARIOS, Scenario
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.controller import Controller
+from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.middleware.stamps import header_time
-from wbc_controller.middleware.topics import MOCK_TOPICS, Endpoint, endpoints
+from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.recording.columns import columns
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.added_topics import add_topics
 from wbc_controller.recording.recorder import Recorder
-from wbc_controller.recording.report.report import write_report
-from wbc_controller.recording.report.run_record import Result
-from wbc_controller.records import Array
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.report.run_data import Result
+from wbc_controller.recording.report.run_from_recording import PHASES, run_of, truth_topics
+from wbc_controller.recording.report.run_report import write_run_report
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
-from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.simulation.mock_robot import MockRobot
 
 #: The demo uses domains 100 to 199, chosen by process, so that two demos on one machine do not interfere.
 _FIRST_DOMAIN = 100
 
 
-#: The user's transport, the function that lets time pass, and the controller's own record, filled at the end.
-_Play = tuple[Transport, Callable[[Log], None], dict[str, Array]]
+#: The user's transport, and the function that lets time pass.
+_Play = tuple[Transport, Callable[[Log], None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +64,20 @@ class _Stage:
     scenario: Scenario
     folder: Path
 
+    @property
+    def record(self) -> Path:
+        """File of the recording."""
+        return self.folder / f"{self.name}.mcap"
+
 
 def run_demo(
     robot: str, folder: Path, *, lockstep: bool = False, real_time_factor: float = 1.0, sensors: str | None = None
 ) -> bool:
-    """Run the demo of a robot, print a table and write the report.
+    """Run the demo of a robot, print a table, and write the recording and the report.
 
     Args:
         robot: name of a shipped robot, or the path of a file, for which the scenario is derived.
-        folder: folder of the report.
+        folder: folder of the recording and the report.
         lockstep: run in one process, without real time.
         real_time_factor: simulated seconds per second.
         sensors: quality of the mock robot's sensors, from which the base is estimated; None for odometry, which is
@@ -87,6 +93,7 @@ def run_demo(
     if sensors is not None:
         config = config.replace({"estimation.base_state": "imu", "mock.sensors": sensors})
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{Path(robot).stem}.mcap").unlink(missing_ok=True)
     model = make_model(config.settings)
     scenario = SCENARIOS[robot] if robot in SCENARIOS else derived_scenario(config.settings, model)
     stage = _Stage(Path(robot).stem, config, config.settings, model, scenario, folder)
@@ -97,13 +104,13 @@ def run_demo(
     console.print(f"[bold]{stage.name}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {known}; {how}")
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
-    with _progress(console, stage) as say, play as (transport, advance, cycles):
+    with _progress(console, stage) as say, play as (transport, advance):
         director = _direct(stage, transport, advance, say)
         try:
             director.play(scenario)
         except DemoFailed as error:
             failure = str(error)
-    return _conclude(console, stage, director, cycles, failure)
+    return _conclude(console, stage, director, failure)
 
 
 def _direct(
@@ -116,15 +123,12 @@ def _direct(
         frames,
         stage.scenario.com,
         controller_endpoints(settings, stage.model),
-        _mock_endpoints(settings),
+        endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts),
         transport,
+        {topic.name for topic in truth_topics(settings)},
         advance,
         say,
     )
-
-
-def _mock_endpoints(settings: Settings) -> list[Endpoint]:
-    return list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts))
 
 
 @contextmanager
@@ -158,13 +162,12 @@ def _in_real_time(stage: _Stage, real_time_factor: float) -> Iterator[_Play]:
 
     domain = _FIRST_DOMAIN + os.getpid() % 100
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    cycles: dict[str, Array] = {}
     with tempfile.TemporaryDirectory() as folder:
-        record, file = Path(folder) / "cycles.mcap", Path(folder) / f"{stage.name}.yaml"
+        file = Path(folder) / f"{stage.name}.yaml"
         file.write_text(stage.config.to_yaml(), encoding="utf-8")
         commands = {
             "mock": ["mock", str(file), "--real-time-factor", str(real_time_factor)],
-            "run": ["run", str(file), "--record", str(record)],
+            "run": ["run", str(file), "--record", str(stage.record)],
         }
         transport = DdsTransport("wbc_demo", domain_id=domain, discovery_range="LOCALHOST")
         processes = {
@@ -172,15 +175,13 @@ def _in_real_time(stage: _Stage, real_time_factor: float) -> Iterator[_Play]:
             for name, words in commands.items()
         }
         try:
-            yield transport, partial(_wait_for_state, processes), cycles
+            yield transport, partial(_wait_for_state, processes)
         finally:
             for process in processes.values():
                 process.send_signal(signal.SIGINT)
             for process in processes.values():
                 process.wait(timeout=20)
             transport.close()
-            if record.exists():
-                cycles.update(columns(Recorded(record)))
 
 
 def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], log: Log) -> None:
@@ -197,8 +198,7 @@ def _in_lockstep(stage: _Stage) -> Iterator[_Play]:
     bus = MemoryBus()
     transport = MemoryTransport(bus)
     clock = ManualClock()
-    path = stage.folder / f"{stage.name}-lockstep.mcap"
-    recorder = Recorder(stage.settings, path, patient=True, name=stage.name)
+    recorder = Recorder(stage.settings, stage.record, patient=True, name=stage.name)
     robot = MockRobot(stage.model, stage.settings, MemoryTransport(bus))
     loop = make_loop(
         Controller(stage.settings, preflight=False, model=stage.model),
@@ -214,45 +214,42 @@ def _in_lockstep(stage: _Stage) -> Iterator[_Play]:
         loop.cycle()
         robot.advance()
 
-    cycles: dict[str, Array] = {}
     try:
-        yield transport, advance, cycles
+        yield transport, advance
     finally:
         recorder.close()
-        if path.exists():
-            cycles.update(columns(Recorded(path)))
 
 
-def _conclude(
-    console: Console, stage: _Stage, director: Director, cycles: dict[str, Array], failure: str | None
-) -> bool:
-    """Judge the run, print the table, write the report."""
-    if "seconds/total" not in cycles or not director.log.messages["controller", "joint_commands", ""]:
-        console.print(f"[red]the demo ended before the controller sent a command: {failure}[/red]")
+def _conclude(console: Console, stage: _Stage, director: Director, failure: str | None) -> bool:
+    """Complete the recording, judge the run, print the table, write the report."""
+    phases = [(round(1.0e9 * time), encode(message("std_msgs/msg/String", data=name)))
+              for time, name in director.phases]  # fmt: skip
+    try:
+        add_topics(stage.record, {**director.log.kept, (PHASES, "std_msgs/msg/String"): phases})
+        recording = Recording(stage.record)
+        run = run_of(recording, ControlCycle(recording.config, preflight=False), largest=recording.count)
+    except ConfigurationError as error:
+        console.print(f"[red]the demo ended before the controller sent a command: {failure or error}[/red]")
         return False
-    recording = make_recording(stage.name, stage.settings, stage.model, director, cycles)
-    start = _start(director)
-    results = judge(recording, stage.scenario, director.windows, start, stage.model.mass * stage.model.gravity)
+    run = replace(run, robot=stage.name, com_reference=reference_of(run, director))
+    distances = distances_to_targets(run, director, stage.model)
+    weight = stage.model.mass * stage.model.gravity
+    results = judge(run, stage.scenario, director.windows, distances, weight)
     if failure is not None:
         results = (Result("the run", "goes to its end", failure, False), *results)
-    recording = replace(recording, results=results)
-    _print_table(console, recording.results)
-    times = 1e3 * recording.cycle_seconds
+    _print_table(console, results)
+    times = 1e3 * run.cycle_seconds
     console.print(
         f"cycle time of the controller: median {np.median(times):.2f} ms, 99 % below {np.quantile(times, 0.99):.2f} ms "
         f"({len(times)} cycles)"
     )
     path = stage.folder / f"{stage.name}.html"
-    write_report(recording, stage.model, path)
-    recording.save(stage.folder / f"{stage.name}.npz")
+    write_run_report(replace(run, results=results), stage.model, path, kind="wbc_controller demo")
+    console.print(f"recording: {stage.record}")
     console.print(f"report: {path}")
     good = passed(results)
     console.print("[green]all targets met[/green]" if good else "[red]targets missed[/red]")
     return good
-
-
-def _start(director: Director) -> float:
-    return header_time(director.log.messages["mock", "joint_states", ""][0])
 
 
 def _print_table(console: Console, results: tuple[Result, ...]) -> None:

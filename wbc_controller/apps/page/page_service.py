@@ -21,7 +21,7 @@ from wbc_controller.apps.page.topic_source import TopicSource
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import MOCK_NODE
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.recording_file import Recording
 from wbc_controller.settings import Settings
 
 #: Name of the page's own node.
@@ -84,7 +84,7 @@ def serve(
 
 def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) -> None:
     """Serve the page of a recording until the event is set; arguments and errors as for `serve`."""
-    recorded = Recorded(path)
+    recorded = Recording(path)
     robot = Robot(recorded.config.settings, recorded.config.urdf)
     click.echo(f"{path}: {recorded.count} cycles of {recorded.about['robot']}")
     playback = Playback(recorded, robot)

@@ -16,9 +16,8 @@ from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.apps.terminal.robot_status import RobotStatus
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode
-from wbc_controller.recording.layout import MODES
-from wbc_controller.recording.mcap import Contents, read
-from wbc_controller.recording.reading import Cycle, Recorded
+from wbc_controller.recording.cycle_layout import MODES
+from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import Array, Reference, References
 
 #: Largest number of cycles kept of a recording: of a longer one, every second, third, … cycle.
@@ -53,7 +52,7 @@ class Playback:
         speed: recorded seconds per second.
     """
 
-    def __init__(self, recorded: Recorded, robot: Robot) -> None:
+    def __init__(self, recorded: Recording, robot: Robot) -> None:
         """Read the recording of a robot.
 
         Raises:
@@ -63,7 +62,7 @@ class Playback:
         self.time, self.speed, self.playing = 0.0, 1.0, True
         self._now = time.monotonic()
         self._times: list[float] = []
-        self._cycles: list[Cycle] = []
+        self._cycles: list[RecordedCycle] = []
         self.marks: list[Mark] = sorted(self._read(), key=lambda mark: mark.time)
         if not self._cycles:
             raise ConfigurationError(f"recording {recorded.path}: it holds no state of the robot")
@@ -89,7 +88,7 @@ class Playback:
         """Return no refusals."""
         return ()
 
-    def _of(self, cycle: Cycle) -> Snapshot:
+    def _of(self, cycle: RecordedCycle) -> Snapshot:
         values, model = cycle.values, self._robot.model
         mode = MODES[int(cycle.number_of("mode"))].value
         moved = time_of(self._recorded, cycle.time)
@@ -153,10 +152,10 @@ class Playback:
         """Read the times and the statuses of the controller."""
         times: list[float] = []
         found: list[RobotStatus] = []
-        contents, count = Contents(), 0
+        count = 0
         node = f"{self._recorded.about['node'].strip('/')}: control loop"
-        for number, stamp, payload in read(self._recorded.path, contents):
-            if not contents.channels[number].topic.endswith("/diagnostics"):
+        for topic, stamp, payload in self._recorded.messages():
+            if not topic.name.endswith("/diagnostics"):
                 continue
             for status in decode(payload, "diagnostic_msgs/msg/DiagnosticArray").status:
                 if status.name == node:
@@ -228,7 +227,7 @@ def strip(playback: Playback) -> str:
     )
 
 
-def time_of(recorded: Recorded, stamp: int) -> float:
+def time_of(recorded: Recording, stamp: int) -> float:
     """Return the time of a stamp since the start of the recording, s."""
     return 1.0e-9 * (stamp - recorded.start)
 

@@ -1,9 +1,8 @@
-"""The page of `wbc check --html`: the robot as it is configured to stand, and what the check found."""
+"""The page of `wbc check --html`: the robot in its configured stance, its support, and the findings."""
 
 from __future__ import annotations
 
 import html
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -15,17 +14,17 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.contact_shapes import undersides
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.preflight import stance
-from wbc_controller.controller.visualization.geometry import build_parts
+from wbc_controller.controller.visualization.page_report import Drawing, PageReport, ResultTable, write_page
 from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
 from wbc_controller.inverse_dynamics.contacts.support import support_polygon
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
-from wbc_controller.recording.report.report import json_in_page, replay_data, resource
-from wbc_controller.recording.report.run_record import Recording, supports_of
+from wbc_controller.recording.report.motion import motion_of
+from wbc_controller.recording.report.run_data import RunData, supports_of
 from wbc_controller.records import Array, RobotState, frozen
 from wbc_controller.settings.config import Config
 
-#: Margin around what stands on the floor, m, and width of the drawing, pixels.
+#: Margin around the contacts, m, and width of the drawing, pixels.
 _MARGIN, _WIDTH = 0.05, 560
 #: Radius of the dot at the centre of mass, and of one at a contact without corners, as shares of the drawing's width.
 _DOT = 0.012
@@ -36,14 +35,13 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
 
     Args:
         config: the configuration that was checked.
-        findings: what the check found; empty where it failed.
-        failure: the sentence with which it failed; empty where it did not.
+        findings: findings of the check; empty if it failed.
+        failure: error of the check; empty if it did not fail.
         path: the file to write.
 
     Raises:
-        ConfigurationError: if there is nothing to draw: the robot or its quadratic program cannot be built, or the
-            visual geometry of the URDF cannot be read.
-        OSError: if the file cannot be written.
+        ConfigurationError: if the robot or its quadratic program cannot be built, the visual geometry of the URDF
+            cannot be read, or the file cannot be written.
     """
     settings = config.settings
     model = make_model(settings, config.urdf)
@@ -54,70 +52,55 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
     forces = _forces(config, qp, q)
     qp.dynamics.update(q, np.zeros(model.nv))
     name = config.source or "robot"
-    still = np.tile(q, (2, 1))
-    picture = Recording(
+    picture = RunData(
         robot=name,
         actuators=model.actuators,
-        time=np.array([0.0, 1.0]),
-        q=still,
-        tau=np.zeros((2, model.na)),
+        time=np.zeros(1),
+        q=q[None],
+        tau=np.zeros((1, model.na)),
         effort_limits=model.effort_limits,
-        com=np.tile(qp.dynamics.com, (2, 1)),
-        com_reference=np.full((2, 3), np.nan),
-        frame_errors={},
-        contact_wrenches={key: np.tile(force, (2, 1)) for key, force in forces.items()},
-        unmodelled=np.zeros(2),
-        true_wrenches={},
-        friction={},
-        cycle_seconds=np.zeros(0),
-        stage_seconds={},
-        events=(),
-        results=(),
+        com=np.array(qp.dynamics.com)[None],
+        com_reference=np.full((1, 3), np.nan),
+        disturbance=np.zeros(1),
+        contact_wrenches={key: force[None] for key, force in forces.items()},
         supports=supports_of(settings.contacts),
     )
-    data = replay_data(picture, model, build_parts(model))
-    facts = {"Mass": f"{model.mass:.1f} kg", "Joints": str(model.nj), "Contacts": str(len(active))}
-    pieces = {
-        "title": html.escape(f"{name}: wbc check"),
-        "robot": html.escape(Path(name).stem),
-        "verdict": _verdict(failure),
-        "facts": "".join(f"<div><dt>{key}</dt><dd>{value}</dd></div>" for key, value in facts.items()),
-        "findings": "\n".join(
-            f'<tr><th scope="row">{html.escape(finding.subject)}</th><td>{html.escape(finding.text)}</td></tr>'
-            for finding in findings
-        )
-        or "<tr><td>The check ended with the sentence above.</td></tr>",
-        "floor": _floor_plan(qp, active, undersides(settings, qp)),
-        "data": json_in_page(data),
-        "style": resource("report.css"),
-        "replay": resource("replay.js"),
-    }
-    page = re.sub(r"\{\{(\w+)\}\}", lambda match: pieces[match.group(1)], resource("check.html"))
-    path.write_text(page, encoding="utf-8")
+    rows: list[tuple[tuple[str, str], bool | None]] = [((each.subject, each.text), None) for each in findings]
+    caption = (
+        'x is up, y to the left.<i style="--c: var(--planned)"></i>contact in the configuration'
+        '<i style="--c: var(--true)"></i>underside in the URDF<i style="--c: var(--com)"></i>centre of mass'
+    )
+    write_page(
+        PageReport(
+            title=Path(name).stem,
+            kind="wbc check",
+            verdict=failure or "ok",
+            passed=not failure,
+            facts={"Mass": f"{model.mass:.1f} kg", "Joints": str(model.nj), "Contacts": str(len(active))},
+            motion=motion_of(picture, model),
+            drawing=Drawing("From above", caption, _floor_plan(qp, active, undersides(settings, qp))),
+            table=ResultTable("Findings", (), rows or [(("The check ended with the error above.",), None)]),
+        ),
+        path,
+    )
 
 
 def _forces(config: Config, qp: WholeBodyQP, q: Array) -> Mapping[str, Array]:
-    """The contact forces of the first cycle at rest; zero where the robot cannot stand."""
+    """Compute the contact forces of the first cycle at rest; zero without a solution."""
     state = RobotState(0, frozen(q), frozen(np.zeros(qp.model.nv)))
     board = make_board(config.settings, qp)
     qp.dynamics.update(q, np.zeros(qp.model.nv))
     board.reset(qp.dynamics, 0.0)
     try:
         found = qp.solve(state, board.sample(0.0), None).forces
-    except NoSolution:  # the sentence of the check says why
+    except NoSolution:  # the check reports the reason
         found = {}
     sizes = {name: contact.size for name, contact in qp.contacts.items() if isinstance(contact, UnilateralContact)}
     return {name: found.get(name, np.zeros(size)) for name, size in sizes.items()}
 
 
-def _verdict(failure: str) -> str:
-    if failure:
-        return f'<p class="verdict fail"><span class="mark"></span>{html.escape(failure)}</p>'
-    return '<p class="verdict pass"><span class="mark"></span>ok</p>'
-
-
 def _floor_plan(qp: WholeBodyQP, active: Sequence[str], true: Mapping[str, Array]) -> str:
-    """Contacts, what the URDF has there, and the centre of mass from above: an SVG with x upwards and y to the left."""
+    """Draw contacts, undersides of the URDF and centre of mass from above: an SVG with x upwards and y to the left."""
     feet = {
         name: contact.points(qp.dynamics)[:, :2]
         for name in active

@@ -1,1 +1,1 @@
-"""How results look: tables in a terminal and in a notebook, and plots."""
+"""Tables, plots and pages of results; shapes and geometry of the robot."""

@@ -193,7 +193,7 @@ def _points(shape: coal.CollisionGeometry) -> Array | None:
 
 
 def _embedded(part: Part, other: Part) -> bool:
-    """Whether a part lies within another part of the same joint, or nearly so."""
+    """Return True if a part lies within another part of the same joint, or nearly so."""
     if part is other or part.joint != other.joint:
         return False
     equations = ConvexHull(other.vertices).equations

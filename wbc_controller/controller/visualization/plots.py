@@ -1,8 +1,13 @@
-"""Plots of what the controller did, with plotly: one cycle in the world, and a run over time."""
+"""Figures with plotly: lines in panels, series by category, and one cycle in the world.
+
+The functions that draw return a plotly Figure. Without plotly, they raise `ConfigurationError`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,11 +16,240 @@ from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_LI
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 
-#: Actuators that are shown: those with the largest shares.
+#: Mid-tones that are legible on white and on black.
+PALETTE = ("#2f7de1", "#e5812b", "#22a06b", "#d6455d", "#8a63d2", "#149eb0", "#b58900", "#7d8794")
+BLUE, ORANGE, GREEN, RED = PALETTE[:4]
+GREY = "#8b95a3"
+#: Largest number of points of a thinned line: more than its pixels.
+POINTS = 2400
+#: Actuators in the plot of a cycle: those with the largest torques, as shares of their limits.
 _MOST = 12
-#: Length of an arrow's head, as a share of its length.
+#: Length of an arrow's head, as a share of the arrow's length.
 _HEAD = 0.2
-_LINE_COLORS = ("#2980b9", "#c0392b", "#27ae60", "#8e44ad", "#f39c12", "#16a085", "#7f8c8d", "#d35400")
+#: Heights in pixels: of one category, and of the axis and legend around all categories.
+_CATEGORY, _AROUND = 22, 160
+_MARGIN = {"l": 74, "r": 16, "t": 8, "b": 46}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """One line of a panel.
+
+    Attributes:
+        name: name in the legend.
+        x: (n,).
+        y: (n,); the line is interrupted at NaN.
+        color: CSS colour; by default each name has one colour in all panels.
+        dash: ``solid``, ``dash`` or ``dot``.
+        width: width in pixels.
+        group: lines of a group have one entry in the legend, that of the first line; by default the name.
+        filled: fill the area down to zero in grey.
+    """
+
+    name: str
+    x: Array
+    y: Array
+    color: str = ""
+    dash: str = "solid"
+    width: float = 1.7
+    group: str = ""
+    filled: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Panel:
+    """Lines above a common x axis.
+
+    Attributes:
+        axis: title of the y axis.
+        lines: the lines.
+        heading: title of the panel.
+        span: smallest span of the y axis, so that noise is not magnified; 0 for the range of the data.
+        range: range of the y axis; None for the range of the data.
+        from_zero: extend the y axis to zero.
+        limit: y of a dotted line that marks a limit, or None.
+    """
+
+    axis: str
+    lines: Sequence[Line]
+    heading: str = ""
+    span: float = 0.0
+    range: tuple[float, float] | None = None
+    from_zero: bool = False
+    limit: float | None = None
+
+
+def line_panels(
+    panels: Sequence[Panel],
+    *,
+    height: int,
+    axis: str = "time [s]",
+    marks: Mapping[str, Array] | None = None,
+    shaded: Sequence[tuple[float, float]] = (),
+    title: str = "",
+) -> Any:
+    """Draw panels below each other. Lines of many points are thinned out.
+
+    Args:
+        panels: the panels.
+        height: height of the figure in pixels.
+        axis: title of the x axis.
+        marks: times of events by name, in s; drawn in a last panel.
+        shaded: times between which the background is shaded, s.
+        title: title of the figure.
+    """
+    _, make_subplots = _plotly()
+    rows = len(panels) + bool(marks)
+    headings = [panel.heading for panel in panels]
+    figure = make_subplots(
+        rows=rows,
+        cols=1,
+        shared_xaxes=True,
+        vertical_spacing=(0.3 if any(headings) else 0.15) / rows,
+        subplot_titles=[*headings, "binding constraints"][:rows] if any(headings) else None,
+    )
+    colors: dict[str, str] = {}
+    groups: set[str] = set()
+    for row, panel in enumerate(panels, 1):
+        for line in panel.lines:
+            group = line.group or line.name
+            color = line.color or colors.setdefault(line.name, PALETTE[len(colors) % len(PALETTE)])
+            x, y = thin_out(line.x, line.y)
+            figure.add_scatter(
+                x=x,
+                y=y,
+                name=line.name,
+                mode="lines",
+                line={"color": color, "dash": line.dash, "width": line.width},
+                fill="tozeroy" if line.filled else None,
+                fillcolor="rgba(139, 149, 163, 0.22)" if line.filled else None,
+                connectgaps=False,
+                hovertemplate="%{y:.4g}",
+                legendgroup=group,
+                legendgrouptitle={"text": group} if group == panel.heading else None,
+                showlegend=group == panel.heading or group not in groups,
+                row=row,
+                col=1,
+            )
+            groups.add(group)
+        if panel.limit is not None:
+            figure.add_hline(y=panel.limit, line={"color": RED, "width": 1.2, "dash": "dot"}, row=row, col=1)
+        figure.update_yaxes(
+            title_text=panel.axis,
+            range=_widened(panel) if panel.span else panel.range,
+            rangemode="tozero" if panel.from_zero else None,
+            row=row,
+        )
+    for name, times in (marks or {}).items():
+        marker = {"symbol": "line-ns-open", "color": RED}
+        figure.add_scatter(
+            x=times, y=[name] * len(times), mode="markers", marker=marker, showlegend=False, row=rows, col=1
+        )
+    for start, end in shaded:
+        figure.add_vrect(x0=start, x1=end, fillcolor="rgba(127, 140, 160, 0.10)", line_width=0, layer="below")
+    figure.update_yaxes(title_standoff=8, nticks=6)
+    figure.update_xaxes(title_text=axis, title_standoff=8, row=rows)
+    if title:
+        figure.update_layout(title=title)
+    else:
+        figure.update_layout(margin=_MARGIN, hovermode="x unified")
+    figure.update_layout(template="plotly_white", height=height)
+    return figure
+
+
+def _widened(panel: Panel) -> tuple[float, float] | None:
+    values = np.concatenate([line.y for line in panel.lines])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return None
+    low, high = float(values.min()), float(values.max())
+    margin = max(0.08 * (high - low), 0.5 * (panel.span - (high - low)))
+    return low - margin, high + margin
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Values by category.
+
+    Attributes:
+        name: name in the legend.
+        categories: category of each value; they may repeat, except for bars.
+        values: the values.
+        color: CSS colour.
+        symbol: ``bar``, or a plotly symbol for points.
+        texts: text of each value under the pointer; by default the value.
+    """
+
+    name: str
+    categories: Sequence[str]
+    values: Sequence[float]
+    color: str
+    symbol: str = "circle"
+    texts: Sequence[str] = ()
+
+
+def by_category(
+    series: Sequence[Series], *, axis: str, limit: float | None = None, range: tuple[float, float] | None = None
+) -> Any:
+    """Draw series with their categories below each other; bars are stacked.
+
+    Args:
+        series: the series.
+        axis: title of the x axis.
+        limit: x of a dashed line that marks a limit, or None.
+        range: range of the x axis; by default from zero.
+    """
+    go, _ = _plotly()
+    categories = list(dict.fromkeys(category for each in series for category in each.categories))
+    figure = go.Figure()
+    for each in series:
+        common = {
+            "name": each.name,
+            "x": list(each.values),
+            "y": list(each.categories),
+            "hovertext": list(each.texts) or [f"{value:.4g}" for value in each.values],
+            "hovertemplate": "%{y}: %{hovertext}",
+        }
+        if each.symbol == "bar":
+            figure.add_bar(**common, orientation="h", marker={"color": each.color})
+        else:
+            line = {"width": 2.5, "color": each.color}
+            marker = {"color": each.color, "symbol": each.symbol, "size": 9, "opacity": 0.7, "line": line}
+            if each.symbol == "circle":
+                marker.pop("line")
+            figure.add_scatter(**common, mode="markers", marker=marker)
+    if limit is not None:
+        figure.add_vline(x=limit, line={"color": RED, "dash": "dash"})
+    figure.update_layout(
+        barmode="stack",
+        template="plotly_white",
+        height=_CATEGORY * len(categories) + _AROUND,
+        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "traceorder": "normal"},
+        margin=_MARGIN,
+    )
+    figure.update_xaxes(title_text=axis, range=range, rangemode="tozero")
+    figure.update_yaxes(
+        categoryorder="array", categoryarray=categories, range=[len(categories) - 0.5, -0.5], automargin=True, dtick=1
+    )
+    return figure
+
+
+def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
+    """Thin out a line of more than `POINTS` points so that it looks the same, and halve its precision.
+
+    Each stretch keeps its lowest and its highest sample; at a gap (NaN), one value and the gap.
+    """
+    if len(time) <= POINTS:
+        return time, values
+    keep = []
+    for start, end in pairwise(np.linspace(0, len(time), POINTS // 2 + 1).astype(np.intp)):
+        stretch = values[start:end]
+        gap = np.isnan(stretch)
+        keep += [start, start + int(np.argmax(gap))] if gap.any() else [
+            start + int(np.argmin(stretch)), start + int(np.argmax(stretch))
+        ]  # fmt: skip
+    chosen = np.unique(keep)
+    return time[chosen].astype(np.float32), values[chosen].astype(np.float32)
 
 
 def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str, binding: Mapping[str, float]) -> Any:
@@ -23,15 +257,9 @@ def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str,
 
     Args:
         shapes: from `scene.draw`.
-        shares: of each actuator its torque as a share of its limit.
-        title: of the figure.
-        binding: the binding constraints, with their multipliers.
-
-    Returns:
-        A plotly Figure.
-
-    Raises:
-        ConfigurationError: where plotly is not installed.
+        shares: torque of each actuator as a share of its limit.
+        title: title of the figure.
+        binding: the binding constraints with their multipliers.
     """
     go, make_subplots = _plotly()
     figure = make_subplots(
@@ -39,26 +267,23 @@ def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str,
     )
     shown: set[str] = set()
     for shape in shapes:
-        first = shape.group not in shown
+        figure.add_trace(_shape_trace(go, shape, in_legend=shape.group not in shown), row=1, col=1)
         shown.add(shape.group)
-        figure.add_trace(_trace(go, shape, first), row=1, col=1)
     largest = sorted(shares.items(), key=lambda item: item[1])[-_MOST:]
     bound = {name.split(":")[1] for name in binding if name.startswith("torque:")}
-    figure.add_trace(
-        go.Bar(
-            x=[100.0 * share for _, share in largest],
-            y=[name for name, _ in largest],
-            orientation="h",
-            marker_color=["#c0392b" if name in bound else "#2980b9" for name, _ in largest],
-            showlegend=False,
-            hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
-        ),
+    figure.add_bar(
+        x=[100.0 * share for _, share in largest],
+        y=[name for name, _ in largest],
+        orientation="h",
+        marker_color=[RED if name in bound else BLUE for name, _ in largest],
+        showlegend=False,
+        hovertemplate="%{y}: %{x:.1f} %<extra></extra>",
         row=1,
         col=2,
     )
-    said = ", ".join(f"{name} ({value:.2g})" for name, value in binding.items()) or "none"
+    constraints = ", ".join(f"{name} ({value:.2g})" for name, value in binding.items()) or "none"
     figure.update_layout(
-        title={"text": f"{title}<br><sup>binding constraints: {said}</sup>"},
+        title={"text": f"{title}<br><sup>binding constraints: {constraints}</sup>"},
         template="plotly_white",
         scene={
             "aspectmode": "data",
@@ -74,64 +299,7 @@ def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str,
     return figure
 
 
-def plot_series(time: Array, panels: Mapping[str, Mapping[str, Array]], marks: Mapping[str, Array], title: str) -> Any:
-    """Draw series over time in panels below each other, and below them when each constraint was binding.
-
-    Args:
-        time: (n,) in s.
-        panels: by heading, series by name, each (n,); NaN where there is no value.
-        marks: by name of the constraint, the times at which it was binding, s.
-        title: of the figure.
-
-    Returns:
-        A plotly Figure.
-
-    Raises:
-        ConfigurationError: where plotly is not installed.
-    """
-    go, make_subplots = _plotly()
-    rows = len(panels) + bool(marks)
-    figure = make_subplots(
-        rows=rows,
-        cols=1,
-        shared_xaxes=True,
-        vertical_spacing=0.06,
-        subplot_titles=[*panels, "binding constraints"][:rows],
-    )
-    names = list(dict.fromkeys(name for series in panels.values() for name in series))
-    for row, (heading, series) in enumerate(panels.items(), 1):
-        for name, values in series.items():
-            color = _LINE_COLORS[names.index(name) % len(_LINE_COLORS)]  # one name has one colour in all panels
-            figure.add_trace(
-                go.Scatter(
-                    x=time,
-                    y=values,
-                    name=name,
-                    line={"color": color},
-                    legendgroup=heading,
-                    legendgrouptitle={"text": heading},
-                ),
-                row=row,
-                col=1,
-            )
-    for name, times in marks.items():
-        figure.add_trace(
-            go.Scatter(
-                x=times,
-                y=[name] * len(times),
-                mode="markers",
-                marker={"symbol": "line-ns-open", "color": "#c0392b"},
-                showlegend=False,
-            ),
-            row=rows,
-            col=1,
-        )
-    figure.update_layout(title=title, template="plotly_white", height=180 * rows + 120)
-    figure.update_xaxes(title="time, s", row=rows, col=1)
-    return figure
-
-
-def _trace(go: Any, shape: Shape, first: bool) -> Any:
+def _shape_trace(go: Any, shape: Shape, *, in_legend: bool) -> Any:
     r, g, b, opacity = COLORS[shape.group]
     color = f"rgb({255 * r:.0f}, {255 * g:.0f}, {255 * b:.0f})"
     points = shape.points
@@ -140,20 +308,29 @@ def _trace(go: Any, shape: Shape, first: bool) -> Any:
     elif shape.kind == ARROW:
         points = _arrow(points)
     x, y, z = points.T
-    common = {"name": shape.group.replace("_", " "), "legendgroup": shape.group, "showlegend": first, "x": x, "y": y}
+    name = shape.group.replace("_", " ")
+    common = {"name": name, "legendgroup": shape.group, "showlegend": in_legend, "x": x, "y": y, "z": z}
     if shape.kind == SPHERE_LIST:
-        return go.Scatter3d(**common, z=z, mode="markers", marker={"size": 250.0 * shape.size, "color": color})
+        return go.Scatter3d(**common, mode="markers", marker={"size": 250.0 * shape.size, "color": color})
     width = 8 if shape.kind == ARROW else 4
-    return go.Scatter3d(**common, z=z, mode="lines", opacity=opacity, line={"color": color, "width": width})
+    return go.Scatter3d(**common, mode="lines", opacity=opacity, line={"color": color, "width": width})
 
 
 def _arrow(points: Array) -> Array:
-    """An arrow as a line: shaft, and two strokes for its head."""
+    """Return an arrow as one line: its shaft, and two strokes for its head."""
     tail, tip = points
     along = tip - tail
     side = np.cross(along, [0.0, 1.0, 0.0] if abs(along[1]) < 0.9 * np.linalg.norm(along) else [1.0, 0.0, 0.0])
     back = tip - _HEAD * along
     return np.array([tail, tip, back + 0.4 * _HEAD * side, tip, back - 0.4 * _HEAD * side])
+
+
+def plotly_script() -> str:
+    """Return the JavaScript of plotly, for a page that needs no network."""
+    _plotly()
+    from plotly.offline import get_plotlyjs
+
+    return str(get_plotlyjs())
 
 
 def _plotly() -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""What the controller sees and counts on, as shapes in the world: drawn by the markers for RViz and by the plots."""
+"""Shapes in the world of one cycle: contacts, forces, support, centre of mass, references; for markers and plots."""
 
 from __future__ import annotations
 
@@ -75,14 +75,14 @@ def draw(
     references: References | None,
     forces: Mapping[str, Array],
 ) -> Iterator[Shape]:
-    """Draw one state with what is wanted and what was answered, shape by shape.
+    """Draw one state with its references and its solution, shape by shape.
 
     Args:
         dynamics: the snapshot at the state.
         tasks: by name.
         contacts: by name.
-        references: what is wanted, where the controller is active.
-        forces: what it counts on, by contact, in the form of `Solution.forces`; empty where there is no solution.
+        references: references, or None if the controller is not active.
+        forces: contact forces in the form of `Solution.forces`; empty without a solution.
 
     Yields:
         The shapes that have points.
@@ -127,7 +127,7 @@ def _shapes(
 
 
 def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], weight: float) -> dict[str, float]:
-    """Of each contact with a friction cone the tangential force, as a share of what friction allows.
+    """Return the tangential force of each contact with a friction cone, as a share of its friction limit.
 
     Args:
         contacts: by name.
@@ -135,7 +135,7 @@ def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], 
         weight: of the robot, N.
 
     Returns:
-        The shares by name, NaN where a contact bears next to nothing.
+        The shares by name; NaN for an unloaded contact.
     """
     used = {}
     for name, force in forces.items():
@@ -152,7 +152,7 @@ def _shape(group: str, number: int, kind: str, size: float, points: Sequence[Arr
 
 
 def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array) -> tuple[list[Array], list[Array]]:
-    """The force at its centre of pressure, and the edges of the pyramid that it must stay in."""
+    """Return the force at its centre of pressure, and the edges of the friction pyramid."""
     weight, centre = dynamics.model.mass * dynamics.model.gravity, corners.mean(axis=0)
     wrench = array_from(contact, "wrench_in_world", (6,), dynamics, force)
     if not isinstance(contact, UnilateralContact):
@@ -187,7 +187,7 @@ def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
 
 
 def _from_to(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
-    """Where a task's point is and where it should be, in the world; nothing for a task that has no place."""
+    """Return the positions of a task's point and of its reference in the world; nothing for a task without a point."""
     wanted = reference.position
     if isinstance(task, ComTask | FramePositionTask | FramePoseTask):
         return [task.position(dynamics)[:3], wanted[:3]]
@@ -204,7 +204,7 @@ def _from_to(task: Task, dynamics: Dynamics, reference: Reference, ground: float
 
 
 def _supports(contact: Contact) -> bool:
-    """Whether a contact carries the robot on the world: not where it is held, nor between two links."""
+    """Return True if a contact supports the robot: not a fixed contact, nor one between two links."""
     return isinstance(contact, UnilateralContact) and not contact.internal
 
 

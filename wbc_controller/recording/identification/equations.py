@@ -77,7 +77,7 @@ def moments(recorded: Mapping[str, Array], model: RobotModel, contacts: Mapping[
     """Find moments at which the controller was active and its contacts did not change, and smooth around them.
 
     Args:
-        recorded: columns, as `recording.columns` gives them.
+        recorded: arrays of the cycles (`recording.cycle_arrays`).
         model: the robot's model.
         contacts: the contacts, by name.
 

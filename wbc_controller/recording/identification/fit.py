@@ -1,4 +1,4 @@
-"""Least squares within what is physically possible, and how sure each value is."""
+"""Least squares within physical bounds, with standard errors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wbc_controller.records import Array
 _SHARES = (0.2, 5.0)
 #: Standard error above which a recording does not tell a value, as a share of it: twice that is 5 %.
 UNSURE = 0.025
-#: How far unknowns are from the model's values before anything is measured, one standard deviation: shares of masses,
+#: Standard deviations of the unknowns from the model's values before the measurement: shares of masses,
 #: kg·m², N·m, N·m·s/rad. So weak that only what the recording does not show stays at the model's.
 _PRIOR = {"mass": 0.5, "armature": 0.5, "dry": 20.0, "viscous": 20.0}
 
@@ -38,7 +38,7 @@ class Fit:
     count: int
 
     def determined(self, i: int) -> bool:
-        """Whether the recording tells an unknown."""
+        """Return True if the recording determines an unknown."""
         return bool(self.errors[i] < UNSURE * self.values[i])
 
 

@@ -1,4 +1,4 @@
-"""What `wbc identify` reads and prints."""
+"""`wbc identify`: the fit to a recording, and its tables."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.visualization.tables import Table, as_text
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.recording.columns import columns
+from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.identification.equations import equations, moments
 from wbc_controller.recording.identification.fit import UNSURE, Fit, fit
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.recording_file import Recording
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 
@@ -24,9 +24,9 @@ def identify(settings: Settings, path: Path) -> tuple[Fit, RobotModel]:
     """Fit masses, armature and frictions to a recording of the controller.
 
     Raises:
-        ConfigurationError: where the file cannot be read, or is not a recording of this robot.
+        ConfigurationError: if the file cannot be read, or is not a recording of this robot.
     """
-    recorded = columns(Recorded(path))
+    recorded = cycle_arrays(Recording(path))
     try:
         return fitted(settings, recorded)
     except ConfigurationError as error:
@@ -37,7 +37,7 @@ def fitted(settings: Settings, recorded: Mapping[str, Array]) -> tuple[Fit, Robo
     """Fit to the columns of a recording.
 
     Raises:
-        ConfigurationError: where they are not those of this robot, or have no moments that can be used.
+        ConfigurationError: if they are of another robot, or contain no usable moment.
     """
     model = make_model(settings)
     contacts = make_qp(settings, model).contacts

@@ -1,1 +1,1 @@
-"""Recordings that are looked at and solved again: `wbc replay` and `wbc report`."""
+"""Recordings that are summarized and solved again: `wbc replay`."""

@@ -1,4 +1,4 @@
-"""The commands that look at recordings: `wbc replay` and `wbc report`."""
+"""The commands `wbc replay` and `wbc report`."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import click
 from wbc_controller.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from wbc_controller.recording.reading import Recorded
+    from wbc_controller.recording.recording_file import Recording
 
-#: Exit status where a cycle did not come out as it was recorded.
+#: Exit status if a cycle differs from the recording.
 DIFFERENT = 1
 
 _FILE = click.argument("file", metavar="FILE", type=click.Path(path_type=Path, exists=True, dir_okay=False))
@@ -21,28 +21,28 @@ _FILE = click.argument("file", metavar="FILE", type=click.Path(path_type=Path, e
 
 @click.command()
 @_FILE
-@click.option("--cycle", "number", type=click.IntRange(0), help="Solve this cycle, and say why it did what it did.")
+@click.option("--cycle", "number", type=click.IntRange(0), help="Solve this cycle, and explain its result.")
 @click.option("--config", "other", metavar="OTHER", help="Compare with this configuration: a robot's name or a file.")
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False),
               help="With --config: write the comparison over time to this .html file.")  # fmt: skip
-@click.option("--only-tell", is_flag=True, help="Say what the recording holds, and solve nothing.")
+@click.option("--only-tell", is_flag=True, help="Summarize the recording, and solve nothing.")
 def replay(file: Path, number: int | None, other: str | None, plot: Path | None, only_tell: bool) -> None:
-    """Say what happened in a recording, name its faults, and solve its cycles again: docs/recording.md.
+    """Summarize a recording, list its faults, and solve its cycles again: docs/recording.md.
 
-    The status is 1 where a cycle that has to come out bit for bit does not.
+    The exit status is 1 if a cycle that must be equal bit for bit differs.
     """
-    from wbc_controller.recording.reading import Recorded
-    from wbc_controller.recording.replay.telling import told
+    from wbc_controller.recording.recording_file import Recording
+    from wbc_controller.recording.replay.recording_summary import summarize
 
     if plot is not None and other is None:
-        raise ConfigurationError("--plot draws a comparison: it needs --config")
-    recorded = Recorded(file)
+        raise ConfigurationError("--plot draws a comparison and requires --config")
+    recorded = Recording(file)
     if other is not None:
         _compare(recorded, other, plot)
     elif number is not None:
         _explain(recorded, number)
     else:
-        click.echo(told(recorded))
+        click.echo(summarize(recorded))
         if not only_tell:
             sys.exit(_solve(recorded))
 
@@ -52,20 +52,21 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False),
               help="The .html file; by default FILE with this ending.")  # fmt: skip
 def report(file: Path, out: Path | None) -> None:
-    """Make the demo's report of any recording, a real robot's too: what only a simulation knows is left out."""
-    from wbc_controller.recording.reading import Recorded
-    from wbc_controller.recording.replay import reporting
+    """Make a report of any recording, like the demo's; the true contact forces are shown if they were recorded."""
+    from wbc_controller.recording.recording_file import Recording
+    from wbc_controller.recording.report.run_report import report_recording
 
     path = file.with_suffix(".html") if out is None else out
-    reporting.report(Recorded(file), path)
-    click.echo(reporting.LEFT_OUT)
+    notes = report_recording(Recording(file), path)
+    if notes:
+        click.echo(notes)
     click.echo(f"report: {path}")
 
 
-def _solve(recorded: Recorded) -> int:
-    """Solve all cycles, and say whether they come out as they were recorded."""
-    from wbc_controller.recording.replay.solving import Replay
-    from wbc_controller.recording.replay.telling import since
+def _solve(recorded: Recording) -> int:
+    """Solve all cycles, compare them with the recording, and return the exit status."""
+    from wbc_controller.recording.replay.cycle_replay import Replay
+    from wbc_controller.recording.replay.recording_summary import since
 
     run = Replay(recorded)
     count, different, worst, exact = 0, 0, 0.0, True
@@ -78,37 +79,37 @@ def _solve(recorded: Recorded) -> int:
             first = first or f"the first is cycle {solved.cycle.number} at {since(recorded, solved.cycle.time)}"
     click.echo()
     if run.skipped:
-        click.echo(f"{run.skipped} cycles cannot be solved again: what the controller was asked or remembered is lost")
+        click.echo(
+            f"{run.skipped} cycles cannot be solved again: their requests or the controller's memory are not recorded"
+        )
     if not different:
         click.echo(f"{count} cycles solved again: all torques are the same, bit for bit")
         return 0 if count else DIFFERENT
-    why = "" if not exact else " (the solver keeps its warm start to itself: only whole recordings come out the same)"
-    click.echo(f"{count} cycles solved again: {different} differ, by up to {worst:.3g} N·m; {first}{why}")
+    reason = "" if not exact else " (the solver does not expose its warm start: only whole recordings are exact)"
+    click.echo(f"{count} cycles solved again: {different} differ, by up to {worst:.3g} N·m; {first}{reason}")
     return 0 if exact else DIFFERENT
 
 
-def _explain(recorded: Recorded, number: int) -> None:
-    from wbc_controller.recording.replay.solving import Replay
-    from wbc_controller.recording.replay.telling import why
+def _explain(recorded: Recording, number: int) -> None:
+    from wbc_controller.recording.replay.cycle_replay import Replay
+    from wbc_controller.recording.replay.recording_summary import explain_cycle
 
     if not recorded.first <= number <= recorded.last:
         raise ConfigurationError(f"--cycle {number}: the recording has the cycles {recorded.first} to {recorded.last}")
     run = Replay(recorded)
     for solved in run.run(number, number):
         if solved.cycle.number == number:
-            click.echo(why(solved, recorded, run.controller))
+            click.echo(explain_cycle(solved, recorded, run.controller))
             return
     known = recorded.memory_after(number)
     raise ConfigurationError(
-        f"--cycle {number}: it lacks in the recording, or cannot be solved, as what the controller remembered before "
-        f"is not known; from cycle {known} on it is"
-        if known is not None
-        else f"--cycle {number}: what the controller remembered before is not known"
+        f"--cycle {number}: the cycle or the controller's memory before it is not recorded; "
+        + (f"cycles from {known} on can be solved" if known is not None else "no later cycle can be solved")
     )
 
 
-def _compare(recorded: Recorded, other: str, plot: Path | None) -> None:
-    from wbc_controller.recording.replay.comparing import compare
+def _compare(recorded: Recording, other: str, plot: Path | None) -> None:
+    from wbc_controller.recording.replay.comparison import compare
     from wbc_controller.settings.config import load
 
     config = load(other)

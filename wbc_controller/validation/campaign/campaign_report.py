@@ -1,8 +1,9 @@
-"""The report of a campaign: one row for each kind of fault and robot, as a table, as files, and as plots."""
+"""The report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
 
 from __future__ import annotations
 
 import csv
+import importlib.util
 import io
 import json
 import shlex
@@ -16,7 +17,9 @@ from rich import box
 from rich.table import Table
 from scipy import stats
 
+from wbc_controller.controller.visualization.page_report import PageReport, ResultTable, write_page
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.validation.campaign.campaign_plots import campaign_plots
 from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS, Outcome
 from wbc_controller.validation.campaign.results import Key, key_of
 from wbc_controller.validation.campaign.trial import ALL_KINDS
@@ -37,16 +40,16 @@ class Row:
     """The trials of one kind of fault on one robot.
 
     Attributes:
-        place: where the fault acts.
+        place: place of the fault in the data flow.
         kind: the kind.
         robot: the robot.
         trials: their number.
-        survived: number of those after which the robot still stood.
+        survived: number of trials that the robot survived.
         interval: Wilson's interval of the share survived at 95 %, two shares.
-        reasons: number of those that were damped, by the code of their fault.
-        must: number of those in which the fault had to be detected.
-        delays: in these, the times until it was detected, s.
-        deadline: longest deadline of these, s; None where there are none.
+        reasons: number of damped trials by code of the fault.
+        must: number of trials whose fault must be detected.
+        delays: times until detection in these trials, s.
+        deadline: longest deadline of these trials, s; None without any.
         violations: number of trials by name of a violation.
     """
 
@@ -127,7 +130,7 @@ def terminal_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """The whole campaign in one sentence."""
+    """Summarize the campaign in one sentence."""
     kinds, robots = {outcome.kind for outcome in outcomes}, {outcome.robot for outcome in outcomes}
     survived = sum(not outcome.code for outcome in outcomes)
     bad = sum(bool(outcome.violations) for outcome in outcomes)
@@ -142,7 +145,7 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 
 
 def repetitions(outcomes: Sequence[Outcome], before: Mapping[Key, Outcome]) -> list[str]:
-    """A sentence for each trial that was repeated because of a stall, by its outcome before."""
+    """Return one sentence per trial that was repeated because of a stall."""
     return [
         f"{outcome.robot}, {outcome.kind}, seed {outcome.seed} was repeated: its longest cycle took "
         f"{1e3 * first.longest:.1f} ms of processor time, and {1e3 * outcome.longest:.1f} ms in a new process"
@@ -163,25 +166,24 @@ def command_that_repeats(outcome: Outcome) -> str:
 
 
 def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> None:
-    """Write the table as Markdown and CSV, and the plots where plotly is installed.
+    """Write the table as Markdown and CSV, and, if plotly is installed, a page with plots.
 
     Args:
         outcomes: of all trials.
         folder: of the files.
-        repeated: what `repetitions` says.
+        repeated: the result of `repetitions`.
 
     Raises:
-        ConfigurationError: where a file cannot be written.
+        ConfigurationError: if a file cannot be written.
     """
     rows = rows_of(outcomes)
     try:
         (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")
         (folder / "faults.csv").write_text(_csv(rows), encoding="utf-8")
-        html = _plots(rows, outcomes)
-        if html is not None:
-            (folder / "faults.html").write_text(html, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"{folder}: the report cannot be written: {error.strerror or error}") from error
+    if importlib.util.find_spec("plotly") is not None:
+        _write_page(rows, outcomes, folder / "faults.html")
 
 
 def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequence[str]) -> str:
@@ -222,10 +224,18 @@ def _csv(rows: Sequence[Row]) -> str:
     return text.getvalue()
 
 
-def _plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> str | None:
-    """The page with the plots; None where plotly is not installed."""
-    try:
-        from wbc_controller.validation.campaign.campaign_plots import page
-    except ModuleNotFoundError:
-        return None
-    return page(rows, outcomes, summary(outcomes))
+def _write_page(rows: Sequence[Row], outcomes: Sequence[Outcome], path: Path) -> None:
+    bad = sum(bool(outcome.violations) for outcome in outcomes)
+    table = [(_cells(row), not row.violations) for row in rows]
+    write_page(
+        PageReport(
+            title="Fault campaign",
+            kind="wbc faults",
+            verdict=f"{bad} trials with violations." if bad else "No violations.",
+            passed=not bad,
+            note=f"{summary(outcomes)}.",
+            table=ResultTable("Trials", _COLUMNS, table, words=("ok", "violated")),
+            plots=campaign_plots(rows, outcomes),
+        ),
+        path,
+    )

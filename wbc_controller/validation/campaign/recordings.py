@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.recording.reading import Recorded
-from wbc_controller.recording.replay.solving import Replay
-from wbc_controller.recording.replay.telling import told
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.replay.cycle_replay import Replay
+from wbc_controller.recording.replay.recording_summary import summarize
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +42,8 @@ class Place:
         if not files:
             return f"there is none of {code}"
         try:
-            found = [Recorded(file) for file in files]
-            named = [each for each in found if f"fault {code} " in told(each) and sentence in told(each)]
+            found = [Recording(file) for file in files]
+            named = [each for each in found if f"fault {code} " in summarize(each) and sentence in summarize(each)]
             if not named:
                 return f"{files[-1]} does not name {code}"
             run = Replay(named[0])

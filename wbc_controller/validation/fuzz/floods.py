@@ -17,8 +17,8 @@ from wbc_controller.errors import ConfigurationError, WbcError, valid_choices
 from wbc_controller.middleware.codec import encode, message
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.dds import DdsTransport
-from wbc_controller.recording.columns import columns
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.cycle_arrays import cycle_arrays
+from wbc_controller.recording.recording_file import Recording
 from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.examples import ordinary
 from wbc_controller.validation.fuzz.lateness import MACHINE
@@ -211,8 +211,8 @@ def _under_one_flood(
     status = nodes.stop("controller")
     if status != 0 or not nodes.record.exists():
         raise WbcError(f"the controller ended with exit status {status} after the flood {kind!r}")
-    recorded = Recorded(nodes.record)
-    record, gaps, period = columns(recorded), _gaps(recorded), 1.0 / nodes.settings.control.rate
+    recorded = Recording(nodes.record)
+    record, gaps, period = cycle_arrays(recorded), _gaps(recorded), 1.0 / nodes.settings.control.rate
     return [_compared(kind, stop, record, gaps, period) for stop in stops]
 
 
@@ -231,12 +231,9 @@ def _compared(
     return StopTrial(kind, stop, cycles, float(slowest), period)
 
 
-def _gaps(recorded: Recorded) -> list[tuple[int, int, int]]:
+def _gaps(recorded: Recording) -> list[tuple[int, int, int]]:
     """Gaps of a recording: stamps of the cycles before and after, ns, and the number of missing cycles."""
-    known = [
-        (each.number, int(each.number_of("stamp_seconds")) * 1_000_000_000 + int(each.number_of("stamp_nanoseconds")))
-        for each in recorded.cycles()
-    ]
+    known = [(each.number, each.stamp) for each in recorded.cycles()]
     return [
         (before, stamp, number - last - 1) for (last, before), (number, stamp) in pairwise(known) if number > last + 1
     ]

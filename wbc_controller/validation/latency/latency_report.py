@@ -1,4 +1,4 @@
-"""What `wbc bench latency` prints and keeps."""
+"""The results of `wbc bench latency`: for a file, and as text."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _NAMES = ("median", "p99", "p99.9")
 
 
 def figures(found: Latency) -> dict[str, Any]:
-    """The figures by name, with their units, for a file."""
+    """Return the results by name and unit, for a file."""
     ours, bare = found.controller, found.echo
     return {
         "rate_hz": 1.0 / ours.period,
@@ -30,7 +30,7 @@ def figures(found: Latency) -> dict[str, Any]:
 
 
 def lines(found: Latency) -> list[str]:
-    """The same to read."""
+    """Return the results as lines of text."""
     ours, bare = found.controller, found.echo
     rows = {"controller": ours.quantiles, "bare echo": bare.quantiles, "difference": _difference(found)}
     table = [f"{'us':12}" + "".join(f"{name:>9}" for name in _NAMES)]

@@ -1,4 +1,4 @@
-"""The package's records as JSON and back, bit for bit: arrays as base64 of their bytes, records by name and field."""
+"""Records of the package as JSON and back, bit for bit: arrays as base64 of their bytes, records by name and field."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, 
 from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
 from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, Prediction, Reference, RobotState, Tuning
 
-#: Every record that may stand in a recording.
+#: All records that a recording may contain.
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
@@ -38,16 +38,16 @@ def to_json(value: Any) -> str:
     """Write a value as one line of JSON.
 
     Raises:
-        TypeError: where it holds an object that is no record.
+        TypeError: if it contains an object that is not one of the records.
     """
     return json.dumps(_plain(value), separators=(",", ":"), allow_nan=False)
 
 
 def from_json(text: str) -> Any:
-    """Read what `to_json` has written; sequences come as lists.
+    """Read the result of `to_json`; sequences become lists.
 
     Raises:
-        ValueError: where the text is something else.
+        ValueError: if the text is not a result of `to_json`.
     """
     try:
         return _value(json.loads(text))
@@ -61,7 +61,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else {"$float": repr(float(value))}
     if isinstance(value, np.ndarray):
-        # The order counts too: products of a matrix differ in their last bit between one stored by rows and by columns.
+        # The order is kept: products of a matrix stored by rows and by columns differ in their last bit.
         order: Literal["F", "C"] = "F" if value.flags.fnc else "C"
         data = base64.b64encode(value.tobytes(order)).decode("ascii")
         return {"$array": data, "type": value.dtype.str, "shape": list(value.shape), "order": order}
@@ -77,7 +77,7 @@ def _plain(value: Any) -> Any:
         return [_plain(each) for each in value]
     name = type(value).__name__
     if name not in _RECORDS:
-        raise TypeError(f"a {name} cannot stand in a recording")
+        raise TypeError(f"a recording cannot contain a {name}; valid: {', '.join(_RECORDS)}")
     return {"$record": name, **{f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}}
 
 

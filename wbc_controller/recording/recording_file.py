@@ -1,4 +1,4 @@
-"""Recordings that are read: the cycles one after the other, and what only some of them have."""
+"""A recording that is read: its configuration, its cycles, and the events of some cycles."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.middleware.codec import decode
-from wbc_controller.recording.layout import FORMAT, Slot, split
-from wbc_controller.recording.mcap import Channel, Contents, read
-from wbc_controller.recording.plain import from_json
+from wbc_controller.recording.cycle_layout import FORMAT, Slot, split
+from wbc_controller.recording.json_records import from_json
+from wbc_controller.recording.mcap_file import McapMessages, Topic
 from wbc_controller.recording.recorder import OWN
 from wbc_controller.records import Array, Fault
 from wbc_controller.settings.config import Config
@@ -24,14 +24,14 @@ _STRING = "std_msgs/msg/String"
 
 
 @dataclass(frozen=True, slots=True)
-class Cycle:
+class RecordedCycle:
     """The numbers of one cycle.
 
     Attributes:
-        number: of the cycle, counted from the start of the run.
-        time: at which it was recorded, ns.
-        values: by slot, as `layout` names them; those of an absent state, command or solution are NaN.
-        references: likewise, those in force; empty before the first.
+        number: number of the cycle since the start of the run.
+        time: time of the record, ns.
+        values: arrays by slot of `cycle_layout`; NaN without a state, a command or a solution.
+        references: arrays by slot of the references in force; empty before the first references.
     """
 
     number: int
@@ -40,18 +40,23 @@ class Cycle:
     references: Mapping[str, Array]
 
     def number_of(self, name: str) -> float:
-        """A slot with one number."""
+        """Return the value of a slot of size 1."""
         return float(self.values[name][0])
+
+    @property
+    def stamp(self) -> int:
+        """Stamp of the state, ns; 0 without a state."""
+        return int(self.number_of("stamp_seconds")) * 1_000_000_000 + int(self.number_of("stamp_nanoseconds"))
 
 
 @dataclass(frozen=True, slots=True)
-class NamedFault:
+class RecordedFault:
     """A fault of a recording.
 
     Attributes:
-        cycle: in which it was found.
-        time: of that cycle, ns.
-        fault: with the last sentence that was said of it.
+        cycle: number of the cycle that found it.
+        time: time of that cycle, ns.
+        fault: the fault with its final sentence.
     """
 
     cycle: int
@@ -59,33 +64,33 @@ class NamedFault:
     fault: Fault
 
 
-class Recorded:
+class Recording:
     """A recording.
 
     Attributes:
-        path: of the file.
-        about: what it says of itself at its start: ``robot``, ``node``, ``software``, ``layout``.
-        config: the configuration of the run, with the URDF.
-        events: what only some cycles have, by cycle.
-        memories: what the controller remembered before a cycle, by cycle, as JSON.
+        path: path of the file.
+        about: contents of the topic ``start``: ``robot``, ``node``, ``software``, ``layout``, …
+        config: configuration of the run, with the URDF.
+        events: events by number of their cycle.
+        memories: memory of the controller before a cycle, by number of the cycle, as JSON.
         first: number of the first cycle.
         last: number of the last cycle.
         count: number of cycles.
         start: time of the first cycle, ns.
         end: time of the last cycle, ns.
-        channels: the topics, by number.
-        counts: number of messages of each topic.
-        torn: why it was read up to some point alone; empty where it is whole.
+        topics: topics of the file, by number.
+        counts: number of messages by number of the topic.
+        damage: why the reading ended early; empty if the file is complete.
     """
 
     def __init__(self, path: Path) -> None:
-        """Read all but the cycles.
+        """Read everything except the cycles.
 
         Args:
-            path: of the file.
+            path: path of the file.
 
         Raises:
-            ConfigurationError: where it cannot be read, or is no recording of a controller.
+            ConfigurationError: if the file cannot be read, is not a recording of a controller, or has another format.
         """
         self.path = path
         self.events: dict[int, dict[str, Any]] = {}
@@ -94,11 +99,11 @@ class Recorded:
         self.counts: dict[int, int] = {}
         self.first = self.last = -1
         self.start = self.end = self.count = 0
-        contents, urdf = Contents(), ""
+        file, urdf = McapMessages(path), ""
         try:
-            for number, time, payload in read(path, contents):
-                self.counts[number] = self.counts.get(number, 0) + 1
-                kind = _kind(contents.channels[number])
+            for topic, time, payload in file:
+                self.counts[topic.number] = self.counts.get(topic.number, 0) + 1
+                kind = _kind(topic)
                 if kind == "cycle":
                     if not self.about:
                         raise ValueError(f"its cycles have no topic …/{OWN}/start before them")
@@ -110,27 +115,31 @@ class Recorded:
                     urdf = _text(payload)
                 elif kind == "start":
                     self.about = from_json(_text(payload))
-                    self._understand()
+                    self._read_layout()
                 elif kind == "events":
                     event = from_json(_text(payload))
                     self.events[int(event["cycle"])] = {**event, "time": time}
                 elif kind == "memory":
-                    self.memories[int(from_json_number(_text(payload)))] = _text(payload)
+                    self.memories[_cycle_of_memory(_text(payload))] = _text(payload)
         except OSError as error:
             raise ConfigurationError(f"recording {path}: cannot be read: {error.strerror or error}") from error
         except (ValueError, KeyError, IndexError, InputRefused) as error:
             raise ConfigurationError(f"recording {path}: {error}") from error
-        self.torn, self.channels = contents.torn, contents.channels
+        self.damage, self.topics = file.damage, file.topics
         if not self.about or not urdf:
             raise ConfigurationError(
                 f"recording {path}: not a recording of this controller: it has no topic …/{OWN}/start"
-                + (f"; {self.torn}" if self.torn else "")
+                + (f"; {self.damage}" if self.damage else "")
             )
         self.config = self.configured(self.about["config"], urdf)
 
-    def _understand(self) -> None:
+    def _read_layout(self) -> None:
         if self.about["format"] != FORMAT:
-            raise ValueError(f"its format is {self.about['format']!r}; this version reads {FORMAT}")
+            version = self.about.get("software", {}).get("wbc_controller", "unknown")
+            raise ValueError(
+                f"its format is {self.about['format']!r}; this version reads format {FORMAT}: read it with the version "
+                f"of wbc_controller that wrote it ({version})"
+            )
         self.slots = tuple(Slot(*each) for each in self.about["layout"])
         self._groups = {
             name: [s for s in self.slots if s.group == name] for name in dict.fromkeys(s.group for s in self.slots)
@@ -139,11 +148,15 @@ class Recorded:
     def _cycle_size(self) -> int:
         return sum(slot.size for slot in self._groups["cycle"])
 
+    def messages(self) -> Iterator[tuple[Topic, int, bytes]]:
+        """Read all messages: topic, time of arrival in ns, and serialized message."""
+        return iter(McapMessages(self.path))
+
     def configured(self, text: str, urdf: str | None = None) -> Config:
-        """The configuration that some text of the recording holds; an empty one is that of the start.
+        """Parse a configuration of the recording; an empty text means the one of the start.
 
         Raises:
-            ConfigurationError: where this version does not take it.
+            ConfigurationError: if this version refuses it.
         """
         if not text:
             return self.config
@@ -153,24 +166,23 @@ class Recorded:
         source = f"the configuration in {self.path}"
         return Config(parse_settings(tree, source), source, self.config.urdf if urdf is None else urdf)
 
-    def cycles(self, first: int = 0) -> Iterator[Cycle]:
-        """The cycles, from a number on."""
+    def cycles(self, first: int = 0) -> Iterator[RecordedCycle]:
+        """Read the cycles, from a number on."""
         groups = self._groups
         sizes = {name: sum(slot.size for slot in slots) for name, slots in groups.items()}
         *_, end = [name for name in groups if name != "references"]
-        contents = Contents()
         found: dict[str, Array] = {}
         references: Mapping[str, Array] = {}
-        waiting: Cycle | None = None
-        for number, time, payload in read(self.path, contents):
-            kind = _kind(contents.channels[number])
+        waiting: RecordedCycle | None = None
+        for topic, time, payload in self.messages():
+            kind = _kind(topic)
             if kind not in groups:
                 continue
             row = _numbers(payload, sizes[kind], sizes[kind])
             if kind == "references":
                 references = split(groups[kind], row)
                 if waiting is not None and int(references["number"][0]) == waiting.number:
-                    waiting = Cycle(waiting.number, waiting.time, waiting.values, references)
+                    waiting = RecordedCycle(waiting.number, waiting.time, waiting.values, references)
                 continue
             if kind == "cycle":
                 if waiting is not None:
@@ -179,24 +191,24 @@ class Recorded:
                 found = {}
             found |= split(groups[kind], row)
             if kind == end and "number" in found and int(found["number"][0]) >= first:
-                waiting = Cycle(int(found["number"][0]), time, found, references)
+                waiting = RecordedCycle(int(found["number"][0]), time, found, references)
         if waiting is not None:
             yield waiting
 
     def memory_before(self, cycle: int) -> int | None:
-        """The last cycle before which the memory is known, up to the one given."""
+        """Return the last cycle up to the given one whose memory is recorded, or None."""
         known = sorted(self.memories)
         place = bisect.bisect_right(known, cycle)
         return known[place - 1] if place else None
 
     def memory_after(self, cycle: int) -> int | None:
-        """The first cycle from the one given on before which the memory is known."""
+        """Return the first cycle from the given one on whose memory is recorded, or None."""
         return next((each for each in sorted(self.memories) if each >= cycle), None)
 
     @property
-    def faults(self) -> list[NamedFault]:
-        """Every fault, in order, each once."""
-        found: list[NamedFault] = []
+    def faults(self) -> list[RecordedFault]:
+        """All faults in order, each once."""
+        found: list[RecordedFault] = []
         before: Fault | None = None
         for cycle in sorted(self.events):
             event = self.events[cycle]
@@ -204,29 +216,31 @@ class Recorded:
                 continue
             fault = event["fault"]
             if fault is not None and before is not None and fault.code == before.code:
-                found[-1] = NamedFault(found[-1].cycle, found[-1].time, fault)  # now it is explained
+                found[-1] = RecordedFault(found[-1].cycle, found[-1].time, fault)  # now it is explained
             elif fault is not None:
-                found.append(NamedFault(cycle, event["time"], fault))
+                found.append(RecordedFault(cycle, event["time"], fault))
             before = fault
         return found
 
-    def topics(self) -> Sequence[tuple[str, str, int]]:
-        """Name, type and number of messages of each topic that has any."""
-        return [(c.topic, c.type, self.counts[number]) for number, c in self.channels.items() if number in self.counts]
+    def message_counts(self) -> Sequence[tuple[str, str, int]]:
+        """Return name, type and number of messages of each topic with messages."""
+        return [(topic.name, topic.type, self.counts[number]) for number, topic in self.topics.items()
+                if number in self.counts]  # fmt: skip
 
 
-def from_json_number(text: str) -> float:
-    """The number of the cycle that a memory stands before."""
-    return float(text[text.index(":") + 1 : text.index(",")])
+def _cycle_of_memory(text: str) -> int:
+    """Return the cycle of a memory without parsing all of it."""
+    return int(text[text.index(":") + 1 : text.index(",")])
 
 
-def _kind(channel: Channel) -> str:
-    before, _, name = channel.topic.rpartition("/")
+def _kind(topic: Topic) -> str:
+    """Return the name of one of the recorder's own topics, and an empty text for any other topic."""
+    before, _, name = topic.name.rpartition("/")
     return name if before.endswith(f"/{OWN}") else ""
 
 
 def _numbers(payload: bytes, count: int, size: int) -> Array:
-    """The first numbers of a serialized array of some size."""
+    """Return the first `count` numbers of a serialized array of `size` doubles."""
     at = len(payload) - 8 * size
     if at < 0:
         raise ValueError("a cycle has fewer numbers than its layout")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from wbc_controller.inverse_dynamics.references.changes import SetSetpoint, SetTrajectory
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory
-from wbc_controller.recording.plain import from_json, to_json
+from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.records import ChangeSettings, Fault, Mode
 
 FLOATS = st.floats(width=64)
@@ -74,7 +74,7 @@ def test_records():
 
 
 def test_what_is_no_record_is_refused():
-    with pytest.raises(TypeError, match="a object cannot stand in a recording"):
+    with pytest.raises(TypeError, match="a recording cannot contain a object"):
         to_json(object())
     for text in (json.dumps({"$record": "Path"}), json.dumps({"$array": "AA==", "type": "<f8", "shape": [1]}), "{"):
         with pytest.raises(ValueError, match=r"not a value|cannot reshape|buffer size|Expecting"):

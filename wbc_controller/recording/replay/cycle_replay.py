@@ -1,4 +1,4 @@
-"""Solves the cycles of a recording again."""
+"""Solves the cycles of a recording again, bit for bit."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ import numpy as np
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.recording.layout import MODES
-from wbc_controller.recording.plain import from_json
-from wbc_controller.recording.reading import Cycle, Recorded
+from wbc_controller.recording.cycle_layout import MODES
+from wbc_controller.recording.json_records import from_json
+from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import RobotState, freeze
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config
 
 
 @dataclass(frozen=True, slots=True)
-class Solved:
+class ReplayedCycle:
     """A cycle that was solved again.
 
     Attributes:
-        cycle: as it was recorded.
-        result: as it came out.
-        exact: whether the controller began at a memory that holds all, so that the bits have to be the same.
+        cycle: the recorded cycle.
+        result: the new result.
+        exact: True if the controller began with a complete memory, so that the result must be equal bit for bit.
     """
 
-    cycle: Cycle
+    cycle: RecordedCycle
     result: CycleResult
     exact: bool
 
     @property
     def same(self) -> bool:
-        """Whether mode, torques and accelerations are those of the recording, bit for bit."""
+        """True if mode, torques and accelerations equal the recorded ones bit for bit."""
         values, result = self.cycle.values, self.result
         if MODES.index(result.mode) != int(self.cycle.number_of("mode")):
             return False
@@ -48,7 +48,7 @@ class Solved:
 
     @property
     def difference(self) -> float:
-        """Largest difference of a torque from the recorded one, N·m; infinite where only one of them was sent."""
+        """Largest difference of a torque from the recorded one, N·m; infinite if only one of them was sent."""
         recorded = bool(self.cycle.number_of("has_command"))
         if self.result.command is None or not recorded:
             return np.inf if recorded or self.result.command is not None else 0.0
@@ -59,31 +59,31 @@ class Replay:
     """Runs a controller on the inputs of a recording.
 
     Attributes:
-        controller: of the last cycle.
-        skipped: number of cycles that could not be solved again, as what the controller remembered before is not known.
+        controller: the controller after the last cycle.
+        skipped: number of cycles that were not solved again, because the controller's memory before them is unknown.
     """
 
-    def __init__(self, recorded: Recorded, config: Config | None = None) -> None:
+    def __init__(self, recorded: Recording, config: Config | None = None) -> None:
         """Make the controller.
 
         Args:
             recorded: the recording.
-            config: another configuration, of the same joints; None for that of the recording.
+            config: another configuration with the same joints; None for the recorded one.
 
         Raises:
-            ConfigurationError: where this version does not take the configuration.
+            ConfigurationError: if this version refuses the configuration.
         """
         self.recorded = recorded
         self.skipped = 0
         self._other = config is not None
         self.controller = ControlCycle(recorded.config if config is None else config, preflight=False)
 
-    def run(self, first: int | None = None, last: int | None = None) -> Iterator[Solved]:
-        """Solve cycles again, from the last known memory before the first one on.
+    def run(self, first: int | None = None, last: int | None = None) -> Iterator[ReplayedCycle]:
+        """Solve cycles again, beginning with the last recorded memory before the first cycle.
 
         Args:
-            first: number of the first cycle; None for that of the recording.
-            last: number of the last cycle; None for that of the recording.
+            first: number of the first cycle; None for the first recorded one.
+            last: number of the last cycle; None for the last recorded one.
         """
         recorded = self.recorded
         begin = recorded.memory_before(recorded.first if first is None else first)
@@ -101,11 +101,11 @@ class Replay:
                 continue
             event = recorded.events.get(cycle.number)
             apart = event is not None and event.get("apart", False)
-            if event is None and cycle.number_of("has_event"):  # it was lost, as where the controller was killed
+            if event is None and cycle.number_of("has_event"):  # not recorded, because the controller was killed
                 self.skipped += 1
                 begin, expected = recorded.memory_after(cycle.number + 1), None
                 continue
-            if cycle.number != expected or apart:  # the first, one behind a gap, or behind what is not known
+            if cycle.number != expected or apart:  # the first one, or one after a gap or an unknown state
                 if cycle.number not in recorded.memories:
                     self.skipped += 1
                     begin = recorded.memory_after(cycle.number)
@@ -115,10 +115,10 @@ class Replay:
             expected = cycle.number + 1
             if not (cycle.number_of("same_state") and state is not None):
                 state = _state(cycle)
-            yield Solved(cycle, self._cycle(cycle, state), exact)
+            yield ReplayedCycle(cycle, self._cycle(cycle, state), exact)
 
     def _recall(self, number: int) -> bool:
-        """Give the controller what it remembered before a cycle; says whether that is all."""
+        """Restore the memory before a cycle. Returns True if the memory is complete."""
         content = from_json(self.recorded.memories[number])
         memory = content["memory"]
         if self._other:
@@ -129,7 +129,7 @@ class Replay:
         self.controller.recall(memory, settings)
         return memory["qp"] is not None or number == 0
 
-    def _cycle(self, cycle: Cycle, state: RobotState | None) -> CycleResult:
+    def _cycle(self, cycle: RecordedCycle, state: RobotState | None) -> CycleResult:
         event = self.recorded.events.get(cycle.number, {})
         if "settings" in event and not self._other:
             self.controller.live.adopt(self.recorded.configured(event["settings"]).settings)
@@ -146,15 +146,14 @@ class Replay:
         )
 
 
-def _state(cycle: Cycle) -> RobotState | None:
+def _state(cycle: RecordedCycle) -> RobotState | None:
     if not cycle.number_of("has_state"):
         return None
-    stamp = int(cycle.number_of("stamp_seconds")) * 1_000_000_000 + int(cycle.number_of("stamp_nanoseconds"))
-    return RobotState(stamp, freeze(np.array(cycle.values["q"])), freeze(np.array(cycle.values["v"])))
+    return RobotState(cycle.stamp, freeze(np.array(cycle.values["q"])), freeze(np.array(cycle.values["v"])))
 
 
 def _for_other(controller: ControlCycle, memory: Mapping[str, object]) -> dict[str, object]:
-    """A memory for a controller of another configuration: what both have, with the weights and gains of the latter."""
+    """Convert a memory for another configuration: the common parts, with the weights and gains of the latter."""
     fresh, plans = controller.memory(), controller.live.newest.board.tasks
     board = {}
     for name, own in fresh["board"].items():

@@ -1,4 +1,4 @@
-"""A recording under another configuration: what each cycle would have asked for in the states that were."""
+"""A recording with another configuration: the torques of each cycle in the recorded states."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.controller.visualization.plots import plot_series
+from wbc_controller.controller.visualization.page_report import PageReport, Plot, write_page
+from wbc_controller.controller.visualization.plots import Line, Panel, line_panels
 from wbc_controller.controller.visualization.tables import Table, as_text
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.recording.layout import MODES
-from wbc_controller.recording.reading import Recorded
-from wbc_controller.recording.replay.solving import Replay, Solved
+from wbc_controller.recording.cycle_layout import MODES
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.replay.cycle_replay import Replay, ReplayedCycle
 from wbc_controller.records import Array
 from wbc_controller.settings.config import Config
 
-#: Actuators in the table and in the plot: those whose torques differ most.
+#: Actuators in the table and in the plot: those with the largest differences.
 _MOST = 8
 
 
 @dataclass
 class Comparison:
-    """Both answers to each cycle.
+    """The results of both configurations.
 
     Attributes:
         actuators: names, in the order of the torques.
         limits: effort limits, (na,) in N·m.
-        time: of the cycles, s since the first.
-        recorded: torques that were sent, (na,) per cycle.
+        time: times of the cycles since the first, s.
+        recorded: recorded torques, (na,) per cycle.
         other: torques of the other configuration.
-        errors: norms of the task errors of both, by task, per cycle: in the same states they differ where the
-            references do.
-        binding: names of the constraints that bound in the other configuration, and how often.
-        modes: cycles in which the modes differ.
+        errors: norms of the task errors of both, by task, per cycle; in equal states they differ with the references.
+        binding: per configuration, the binding constraints and in how many cycles they were binding.
+        modes: number of cycles with different modes.
     """
 
     actuators: tuple[str, ...]
@@ -48,7 +48,7 @@ class Comparison:
     binding: tuple[dict[str, int], dict[str, int]] = field(default_factory=lambda: ({}, {}))
     modes: int = 0
 
-    def add(self, time: float, solved: Solved, other: CycleResult) -> None:
+    def add(self, time: float, solved: ReplayedCycle, other: CycleResult) -> None:
         """Add a cycle."""
         self.time.append(time)
         self.recorded.append(solved.result.tau)
@@ -86,12 +86,8 @@ class Comparison:
             (name, str(self.binding[0].get(name, 0)), str(self.binding[1].get(name, 0)))
             for name in sorted({*self.binding[0], *self.binding[1]})
         ]
-        heading = (
-            f"{len(self.time)} cycles, each answered in the state that was recorded; the mode differs in {self.modes}, "
-            f"and the torques by up to {np.max(np.abs(difference)):.3g} N·m"
-        )
         return as_text(
-            heading,
+            self._heading(),
             [
                 Table(("torques, N·m", "RMS", "other RMS", "RMS of diff.", "largest diff.", "other, of limit"),
                       tuple(torques)),
@@ -100,34 +96,49 @@ class Comparison:
             ],
         )  # fmt: skip
 
-    def figure(self, title: str) -> Any:
-        """Draw both over time, as a plotly Figure."""
-        recorded, other = np.array(self.recorded), np.array(self.other)
-        worst = self._worst()
-        panels = {
-            "difference of the torques, N·m": {self.actuators[i]: self._difference[:, i] for i in worst},
-            "recorded torques, N·m": {self.actuators[i]: recorded[:, i] for i in worst},
-            "torques of the other configuration, N·m": {self.actuators[i]: other[:, i] for i in worst},
-            "largest torque, % of its limit": {
-                "recorded": 100.0 * np.max(np.abs(recorded) / self.limits, axis=1),
-                "other": 100.0 * np.max(np.abs(other) / self.limits, axis=1),
-            },
-        }
-        return plot_series(np.array(self.time), panels, {}, title)
-
     def plot(self, path: Path, title: str) -> None:
-        """Write the figure as one HTML file that needs no network.
+        """Write both over time as one HTML file that needs no network.
 
         Raises:
-            ConfigurationError: where the file cannot be written.
+            ConfigurationError: if the file cannot be written, or plotly is not installed.
         """
-        try:
-            self.figure(title).write_html(path, include_plotlyjs=True)
-        except OSError as error:
-            raise ConfigurationError(f"the plots {path}: cannot be written: {error.strerror or error}") from error
+        time, recorded, other = np.array(self.time), np.array(self.recorded), np.array(self.other)
+        worst = self._worst()
+        torques = {
+            "difference [N·m]": self._difference,
+            "recorded torque [N·m]": recorded,
+            "other torque [N·m]": other,
+        }
+        panels = [
+            Panel(axis, [Line(self.actuators[i], time, values[:, i]) for i in worst])
+            for axis, values in torques.items()
+        ]
+        largest = {
+            f"{name}: largest of all": 100.0 * np.max(np.abs(values) / self.limits, axis=1)
+            for name, values in (("recorded", recorded), ("other", other))
+        }
+        lines = [Line(name, time, values) for name, values in largest.items()]
+        panels.append(Panel("torque / limit [%]", lines, from_zero=True))
+        caption = f"The {len(worst)} actuators with the largest differences, and the largest torque of all actuators."
+        figure = line_panels(panels, height=800)
+        write_page(
+            PageReport(
+                title=title,
+                kind="wbc replay",
+                verdict=self._heading(),
+                plots=[Plot("torques", "Torques", caption, figure, over_time=True)],
+            ),
+            path,
+        )
+
+    def _heading(self) -> str:
+        return (
+            f"{len(self.time)} cycles, each solved in its recorded state; the mode differs in {self.modes}, "
+            f"and the torques by up to {np.max(np.abs(self._difference)):.3g} N·m"
+        )
 
 
-def compare(recorded: Recorded, config: Config) -> Comparison:
+def compare(recorded: Recording, config: Config) -> Comparison:
     """Solve a recording with its own and with another configuration.
 
     Args:
@@ -135,21 +146,20 @@ def compare(recorded: Recorded, config: Config) -> Comparison:
         config: the other configuration, of the same joints.
 
     Raises:
-        ConfigurationError: where the joints are others, or there is no cycle that can be solved.
+        ConfigurationError: if the joints differ, or no cycle can be solved.
     """
     own, other = Replay(recorded), Replay(recorded, config)
     mine, its = own.controller.model, other.controller.model
     if (mine.joints, mine.actuators, mine.nq) != (its.joints, its.actuators, its.nq):
         raise ConfigurationError(
-            f"{config.source}: its joints are not those of the recording, {', '.join(mine.joints)}: their states mean "
-            "nothing to it"
+            f"{config.source}: its joints are not those of the recording: {', '.join(mine.joints)}"
         )
     made = Comparison(mine.actuators, mine.effort_limits)
     for a, b in zip(own.run(), other.run(), strict=True):
         if a.result.command is not None or b.result.command is not None:
             made.add(1e-9 * (a.cycle.time - recorded.start), a, b.result)
     if not made.time:
-        raise ConfigurationError(f"recording {recorded.path}: no cycle of it can be compared: none sent a command")
+        raise ConfigurationError(f"recording {recorded.path}: no cycle can be compared: none sent a command")
     return made
 
 

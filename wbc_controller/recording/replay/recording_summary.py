@@ -1,4 +1,4 @@
-"""What happened in a recording, and why a cycle did what it did, as a person reads it."""
+"""Texts about a recording: its summary, and the explanation of one cycle."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetTrajectory,
     SetWeight,
 )
-from wbc_controller.recording.layout import AGES, MODES
-from wbc_controller.recording.reading import Recorded
+from wbc_controller.recording.cycle_layout import AGES, MODES
 from wbc_controller.recording.recorder import software
-from wbc_controller.recording.replay.solving import Solved
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.replay.cycle_replay import ReplayedCycle
 from wbc_controller.records import ChangeSettings
 
-#: Lines of what happened that are shown, of the beginning and of the end.
+#: Lines of the history that are shown of its beginning and of its end.
 _SHOWN = 25
 
 
-def told(recorded: Recorded) -> str:
-    """What a recording holds: when, how long, by which software, each fault with its sentence, and all requests."""
+def summarize(recorded: Recording) -> str:
+    """Summarize a recording: start, duration, software, faults, and history of requests and modes."""
     lasted = 1e-9 * (recorded.end - recorded.start)
     lines = [
         f"{recorded.path}: {recorded.about['robot']}, {recorded.count} cycles in {lasted:.3f} s "
@@ -37,9 +37,9 @@ def told(recorded: Recorded) -> str:
     ]
     missing = recorded.last - recorded.first + 1 - recorded.count
     if missing:
-        lines.append(f"{missing} cycles lack: the recorder did not keep up, or the disk took nothing")
-    if recorded.torn:
-        lines.append(f"the file breaks off: {recorded.torn}")
+        lines.append(f"{missing} cycles were dropped: the recorder did not keep up, or the disk was full")
+    if recorded.damage:
+        lines.append(f"the file is read up to its first damage: {recorded.damage}")
     lines += differences_of_software(recorded)
     for each in recorded.faults:
         lines.append(
@@ -48,14 +48,14 @@ def told(recorded: Recorded) -> str:
         )
     if not recorded.faults:
         lines.append("no fault")
-    happened = _happened(recorded)
-    if len(happened) > 2 * _SHOWN:
-        happened[_SHOWN:-_SHOWN] = [f"{'…':>12}  {len(happened) - 2 * _SHOWN} more"]
-    return "\n".join([*lines, "", *happened])
+    history = _history(recorded)
+    if len(history) > 2 * _SHOWN:
+        history[_SHOWN:-_SHOWN] = [f"{'…':>12}  {len(history) - 2 * _SHOWN} more"]
+    return "\n".join([*lines, "", *history])
 
 
-def differences_of_software(recorded: Recorded) -> list[str]:
-    """A sentence for each package of which another version runs here: the torques may differ in their last bits."""
+def differences_of_software(recorded: Recording) -> list[str]:
+    """Return one sentence per package with another version: the torques may differ in their last bits."""
     here = software()
     return [
         f"recorded with {name} {version}, solved with {here.get(name, 'none')}: the last bits of the torques may differ"
@@ -64,8 +64,8 @@ def differences_of_software(recorded: Recorded) -> list[str]:
     ]
 
 
-def why(solved: Solved, recorded: Recorded, controller: ControlCycle) -> str:
-    """Why a cycle did what it did: what came in, what was wanted, what was binding, and what the supervisor did."""
+def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: ControlCycle) -> str:
+    """Explain a cycle: its inputs, its solution with the binding constraints, and the supervisor."""
     cycle, result = solved.cycle, solved.result
     event: Mapping[str, Any] = recorded.events.get(cycle.number, {})
     heading = f"cycle {cycle.number} at {since(recorded, cycle.time)}: {result!r}"
@@ -99,20 +99,20 @@ def _budget(memory: Mapping[str, Any], limit: float) -> str:
     return f"{memory['_total']:.3f} s (limit {limit:g} s)"
 
 
-def since(recorded: Recorded, time: int) -> str:
-    """A time in ns, counted from the start of the recording."""
+def since(recorded: Recording, time: int) -> str:
+    """Format a time in ns as seconds since the start of the recording."""
     return f"{1e-9 * (time - recorded.start):.3f} s"
 
 
 def clock_time(time: int) -> str:
-    """A time in ns as date and time, where it is one: a simulator's time is not."""
+    """Format a time in ns as date and time, or as simulated time."""
     if time < 10**17:  # before 1973
         return f"{1e-9 * time:.3f} s of simulated time"
     return datetime.datetime.fromtimestamp(1e-9 * time).astimezone().strftime("%Y-%m-%d %H:%M:%S.%f %Z")
 
 
-def _happened(recorded: Recorded) -> list[str]:
-    """A line for each cycle with a request, a refusal, a fault, or another mode."""
+def _history(recorded: Recording) -> list[str]:
+    """Return one line per cycle with a request, a refusal, a fault, or a new mode."""
     lines, mode = [], ""
     for number, event in sorted(recorded.events.items()):
         words = [f"{kind} {text}" for kind, text in _words(event) if kind != "problem"]
@@ -124,7 +124,7 @@ def _happened(recorded: Recorded) -> list[str]:
 
 
 def _words(event: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What an event holds, by kind."""
+    """Return the parts of an event: kind and text."""
     words = [("command", str(word)) for word in event.get("requests", ())]
     words += [("change", change_in_words(change)) for each in event.get("changes", ()) for change in each]
     words += [("refused", str(sentence)) for sentence in event.get("refused", ())]
@@ -138,7 +138,7 @@ def _words(event: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def change_in_words(change: object) -> str:
-    """A change in a few words."""
+    """Describe a change in a few words."""
     if isinstance(change, SetSetpoint):
         where = f" in {change.frame}" if change.frame else ""
         return f"setpoint of {change.task}: {np.array2string(change.position, precision=3, threshold=8)}{where}"

@@ -1,0 +1,190 @@
+"""MCAP files: complete after every write, readable up to their first damage."""
+
+from __future__ import annotations
+
+import errno
+import resource
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.rosbag2.storage_mcap import McapReader
+
+from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessages, PackedChunk, Topic
+from wbc_controller.recording.writer import Sink
+
+STRING = "string data\n"
+TOPICS = [Topic(1, "/a", "std_msgs/msg/String", STRING), Topic(7, "/b", "std_msgs/msg/String", STRING)]
+Found = list[tuple[str, int, bytes]]
+
+
+def chunk(start: int, count: int = 5) -> PackedChunk:
+    builder = ChunkBuilder()
+    rng = np.random.default_rng(start)
+    for i in range(count):
+        builder.add(1 if i % 2 else 7, 1000 * start + i, rng.bytes(100))
+    return builder.take()
+
+
+def read(path: Path) -> tuple[Found, McapMessages]:
+    messages = McapMessages(path)
+    return [(topic.name, time, data) for topic, time, data in messages], messages
+
+
+def by_rosbags(path: Path) -> Found:
+    reader = McapReader(path)
+    reader.open()
+    found = [(connection.topic, time, bytes(data)) for connection, time, data in reader.messages(reader.connections)]
+    reader.close()
+    return found
+
+
+def by_index(path: Path) -> Found:
+    """The messages by the indexed reader of `mcap`, which follows the chunk and message indexes."""
+    with path.open("rb") as file:
+        messages = make_reader(file, validate_crcs=True).iter_messages()
+        return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_every_reader_finds_every_message(tmp_path, closed):
+    path = tmp_path / "a.mcap"
+    file = McapFile(path, TOPICS)
+    for i in range(4):
+        file.write(chunk(i))
+        assert len(by_rosbags(path)) == 5 * (i + 1)
+    if closed:
+        file.close()
+    found, messages = read(path)
+    assert len(found) == 20
+    assert messages.damage == ""
+    assert messages.topics == {topic.number: topic for topic in TOPICS}
+    assert by_rosbags(path) == by_index(path) == found
+
+
+def test_the_summary_counts_messages_and_locates_chunks(tmp_path):
+    path = tmp_path / "a.mcap"
+    file = McapFile(path, TOPICS)
+    for i in range(3):
+        file.write(chunk(i))
+    file.close()
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary.statistics.channel_message_counts == {1: 6, 7: 9}
+    assert (summary.statistics.message_count, summary.statistics.chunk_count) == (15, 3)
+    assert [index.message_start_time for index in summary.chunk_indexes] == [0, 1000, 2000]
+    data = path.read_bytes()
+    for index in summary.chunk_indexes:
+        assert data[index.chunk_start_offset] == 0x06
+        assert {data[offset] for offset in index.message_index_offsets.values()} == {0x07}
+
+
+def test_a_file_that_could_not_begin_begins_when_there_is_room(tmp_path, monkeypatch):
+    path, said = tmp_path / "a.mcap", []
+    sink = Sink(path, said.append)
+
+    def no_room(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(McapFile, "write", no_room)
+    sink.write(chunk(1), TOPICS, lambda at: chunk(0, 1))
+    monkeypatch.undo()
+    sink.write(chunk(2), TOPICS, lambda at: chunk(0, 1))
+    sink.close()
+    assert [time for _, time, _ in read(path)[0]] == [0, *range(2000, 2005)]
+    assert [sentence.partition(" ")[2].partition("' ")[2] for sentence in said] == [
+        "cannot be written: No space left on device",
+        "resumed; 1 chunk is missing",
+    ]
+
+
+def test_a_truncated_file_is_read_up_to_its_end(tmp_path):
+    whole, part = tmp_path / "a.mcap", tmp_path / "part.mcap"
+    file = McapFile(whole, TOPICS)
+    ends = [file.end]
+    for i in range(3):
+        file.write(chunk(i))
+        ends.append(file.end)
+    file.close()
+    data = whole.read_bytes()
+    for length in range(8, len(data), 7):
+        part.write_bytes(data[:length])
+        found, messages = read(part)
+        assert len(found) >= 5 * sum(length >= end for end in ends[1:])
+        assert len(found) % 5 == 0
+        assert messages.damage == "its last record is incomplete" or length >= ends[-1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_damaged_byte_ends_the_reading_with_a_reason_or_is_skipped(tmp_path, seed):
+    path, rng = tmp_path / "a.mcap", np.random.default_rng(seed)
+    file = McapFile(path, TOPICS)
+    file.write(chunk(0))
+    middle = file.end
+    file.write(chunk(1))
+    file.close()
+    whole = path.read_bytes()
+    expected = read(path)[0]
+    for place in rng.integers(middle, file.end, 200):
+        data = bytearray(whole)
+        data[place] ^= int(rng.integers(1, 256))
+        path.write_bytes(data)
+        found, messages = read(path)
+        assert found == expected[: len(found)]
+        assert len(found) in (5, 10)
+        assert len(found) == 10 or messages.damage or data[middle] != whole[middle]
+
+
+def test_damage_is_named(tmp_path):
+    path = tmp_path / "a.mcap"
+    file = McapFile(path, TOPICS)
+    file.write(chunk(0))
+    middle = file.end
+    file.write(chunk(1))
+    data = bytearray(path.read_bytes())
+    data[middle + 100] ^= 0xFF
+    path.write_bytes(data)
+    found, messages = read(path)
+    assert len(found) == 5
+    assert "damaged" in messages.damage
+    data[middle + 1 : middle + 9] = b"\xff" * 7 + b"\x7f"  # the length of the record: more than any memory
+    path.write_bytes(data)
+    found, messages = read(path)
+    assert len(found) == 5
+    assert messages.damage == "its last record is incomplete"
+    for text in (b"something else", b""):
+        path.write_bytes(text)
+        with pytest.raises(ValueError, match="does not begin as an MCAP file"):
+            read(path)
+
+
+def test_log_times_never_decrease_and_times_of_arrival_are_kept(tmp_path):
+    builder, path = ChunkBuilder(), tmp_path / "a.mcap"
+    for time in (50, 40, 60):
+        builder.add(1, time, b"xxxx")
+    file = McapFile(path, TOPICS)
+    file.write(builder.take())
+    assert [time for _, time, _ in by_rosbags(path)] == [50, 50, 60]
+    assert [time for _, time, _ in read(path)[0]] == [50, 40, 60]
+
+
+def test_after_an_error_of_the_disk_the_file_is_as_before_and_can_be_continued(tmp_path):
+    path = tmp_path / "a.mcap"
+    file = McapFile(path, TOPICS)
+    file.write(chunk(0))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 200, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large") as caught:
+            file.write(chunk(1))
+        assert caught.value.errno == errno.EFBIG
+        assert len(by_rosbags(path)) == 5
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+    file.write(chunk(2))
+    file.close()
+    assert len(by_rosbags(path)) == len(by_index(path)) == 10

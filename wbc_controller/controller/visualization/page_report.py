@@ -1,0 +1,205 @@
+"""Reports as HTML pages: one file per report with verdict, 3-D motion, table and plots, which needs no network."""
+
+from __future__ import annotations
+
+import html
+import importlib.resources
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from wbc_controller.controller.visualization.plots import plotly_script
+from wbc_controller.errors import ConfigurationError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plot:
+    """One plot of a page.
+
+    Attributes:
+        key: id of its element in the page.
+        title: title of the plot.
+        caption: one or two sentences on how to read it.
+        figure: the plotly figure.
+        over_time: True if its x axis is the time of the motion.
+    """
+
+    key: str
+    title: str
+    caption: str
+    figure: Any
+    over_time: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ResultTable:
+    """The table of a page.
+
+    Attributes:
+        title: title of the table.
+        columns: headings; empty for none.
+        rows: cells, and True for a good row, False for a bad one, None for neither.
+        words: words for a good and a bad row.
+    """
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[tuple[Sequence[str], bool | None]]
+    words: tuple[str, str] = ("met", "missed")
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A drawing of a page.
+
+    Attributes:
+        title: title of the drawing.
+        caption: its legend, as HTML.
+        content: the drawing, as HTML or SVG.
+    """
+
+    title: str
+    caption: str
+    content: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PageReport:
+    """The contents of a page. Absent parts are left out.
+
+    Attributes:
+        title: title, such as the robot's name.
+        kind: kind of the report, above the title.
+        verdict: the result in one sentence.
+        passed: True for a good result, False for a bad one, None for neither.
+        note: text below the verdict.
+        facts: short values by name.
+        motion: input of ``replay.js``, or None.
+        drawing: the drawing below the motion, or None.
+        table: the table, or None.
+        plots: the plots.
+        footer: text at the end.
+    """
+
+    title: str
+    kind: str
+    verdict: str
+    passed: bool | None = None
+    note: str = ""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    motion: Mapping[str, Any] | None = None
+    drawing: Drawing | None = None
+    table: ResultTable | None = None
+    plots: Sequence[Plot] = ()
+    footer: str = ""
+
+
+def write_page(report: PageReport, path: Path) -> None:
+    """Write a report as one HTML file.
+
+    Raises:
+        ConfigurationError: if the file cannot be written, or there are plots and plotly is not installed.
+    """
+    page = render(report)
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise ConfigurationError(f"the report {path}: cannot be written: {error.strerror or error}") from error
+
+
+def render(report: PageReport) -> str:
+    """Return a report as an HTML page."""
+    scripts = []
+    if report.motion is not None:
+        scripts.append(_data("motion-data", report.motion))
+    if report.plots:
+        scripts += [_data("plot-data", {plot.key: _figure_data(plot) for plot in report.plots}), plotly_script()]
+    scripts += [resource("replay.js"), resource("page.js")]
+    pieces = {
+        "title": html.escape(f"{report.title}: {report.kind}"),
+        "style": resource("report.css"),
+        "header": _header(report),
+        "top": _top(report),
+        "plots": "\n".join(_figure(plot) for plot in report.plots),
+        "footer": html.escape(report.footer),
+        "scripts": "\n".join(part if part.startswith("<script") else f"<script>{part}</script>" for part in scripts),
+    }
+    # In one pass, so that text like a placeholder within a piece is not replaced.
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: pieces[match.group(1)], resource("report.html"))
+
+
+def _header(report: PageReport) -> str:
+    state = {True: " pass", False: " fail", None: ""}[report.passed]
+    mark = '<span class="mark"></span>' if report.passed is not None else ""
+    note = f"<p>{html.escape(report.note)}</p>" if report.note else ""
+    facts = "".join(
+        f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>" for name, value in report.facts.items()
+    )
+    return (
+        f'<div><p class="eyebrow">{html.escape(report.kind)}</p><h1>{html.escape(report.title)}</h1>'
+        f'<p class="verdict{state}">{mark}{html.escape(report.verdict)}</p>{note}</div><dl class="facts">{facts}</dl>'
+    )
+
+
+def _top(report: PageReport) -> str:
+    """Return motion, drawing and table; beside each other if there is a motion."""
+    left = resource("motion.html") if report.motion is not None else ""
+    if (drawing := report.drawing) is not None:
+        left += f'<div class="card plan"><h2>{html.escape(drawing.title)}</h2><p>{drawing.caption}</p>'
+        left += f"{drawing.content}</div>"
+    right = _table(report.table) if report.table is not None else ""
+    columns = "two" if left and right else "one"
+    return f'<section class="top {columns}">{f"<div>{left}</div>" if left else ""}{right}</section>'
+
+
+def _table(table: ResultTable) -> str:
+    states = {True: ("pass", table.words[0]), False: ("fail", table.words[1])}
+    columns = [*table.columns, ""] if any(passed is not None for _, passed in table.rows) else [*table.columns]
+    head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in columns)
+    rows = []
+    for (name, *cells), passed in table.rows:
+        row = f'<th scope="row">{html.escape(name)}</th>'
+        row += "".join(
+            f'<td data-label="{html.escape(column)}">{html.escape(cell)}</td>'
+            for column, cell in zip(table.columns[1:] or [""] * len(cells), cells, strict=True)
+        )
+        if passed is not None:
+            state, word = states[passed]
+            row += f'<td><span class="pill {state}">{word}</span></td>'
+        rows.append(f"<tr>{row}</tr>")
+    return (
+        f'<div class="card results"><h2>{html.escape(table.title)}</h2><table>'
+        + (f"<thead><tr>{head}</tr></thead>" if table.columns else "")
+        + f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _figure(plot: Plot) -> str:
+    width = "wide" if plot.over_time else "half"
+    return (
+        f'<figure class="card plot {width}" data-plot="{plot.key}" data-over-time="{str(plot.over_time).lower()}">'
+        f"<figcaption><h2>{html.escape(plot.title)}</h2><p>{html.escape(plot.caption)}</p></figcaption>"
+        '<div class="legend"></div><div class="phases" aria-hidden="true"></div>'
+        f'<div class="chart" style="height:{plot.figure.layout.height}px"></div></figure>'
+    )
+
+
+def _figure_data(plot: Plot) -> Any:
+    """Return a figure for JSON. The page sets its colours and draws its legend, which wraps on narrow screens."""
+    content = json.loads(plot.figure.to_json())
+    content["layout"] |= {"template": None, "showlegend": False}
+    return content
+
+
+def _data(key: str, value: Any) -> str:
+    """Return JSON in a script element, which its content cannot end."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    return f'<script type="application/json" id="{key}">{text}</script>'
+
+
+def resource(name: str) -> str:
+    """Return a file of the folder ``page``."""
+    return (importlib.resources.files(__package__) / "page" / name).read_text(encoding="utf-8")

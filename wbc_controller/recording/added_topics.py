@@ -1,0 +1,54 @@
+"""Topics that are added to a recording after the run: the true state of a simulation, the phases of a demo."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from wbc_controller.middleware.codec import TYPES
+from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessages, Topic
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.writer import CHUNK_BYTES
+
+#: Messages of each topic, by its name and type: stamp in ns and serialized message, in order of the stamps.
+AddedTopics = Mapping[tuple[str, str], Sequence[tuple[int, bytes]]]
+
+
+def add_topics(path: Path, added: AddedTopics) -> None:
+    """Add topics to a recording. Each message is recorded at the time of the cycle with its stamp.
+
+    Args:
+        path: the recording; the new one replaces it.
+        added: the topics and their messages.
+
+    Raises:
+        ConfigurationError: if the file is not a recording of a controller.
+        OSError: if the new file cannot be written.
+    """
+    recording = Recording(path)
+    stamps, times = np.array([(cycle.stamp, cycle.time) for cycle in recording.cycles()], dtype=np.float64).T
+    number = max(recording.topics)
+    topics, messages = list(recording.topics.values()), []
+    for (name, kind), content in added.items():
+        number += 1
+        topics.append(Topic(number, name, kind, TYPES.generate_msgdef(kind, ros_version=2)[0]))
+        messages.append([(round(float(np.interp(stamp, stamps, times))), number, data) for stamp, data in content])
+    recorded = ((time, topic.number, data) for topic, time, data in McapMessages(path))
+    draft = path.with_suffix(".part")
+    file, builder = McapFile(draft, topics), ChunkBuilder()
+    for time, channel, data in heapq.merge(recorded, *messages, key=lambda message: message[0]):
+        builder.add(channel, time, data)
+        if builder.size >= CHUNK_BYTES:
+            _write(file, builder)
+    _write(file, builder)
+    file.close()
+    draft.replace(path)
+
+
+def _write(file: McapFile, builder: ChunkBuilder) -> None:
+    chunk = builder.take()
+    if chunk is not None:
+        file.write(chunk)

@@ -1,0 +1,184 @@
+"""The numbers of a recorded cycle: slots, in groups; each group is a topic with an array of doubles."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.memory import CycleRecord
+from wbc_controller.controller.report import CycleReport
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.records import Array, Mode, Reference, References
+
+#: Version of the format of recordings; other versions are rejected.
+FORMAT = 4
+MODES = tuple(Mode)
+#: Inputs with recorded ages, and stages with recorded times.
+AGES = ("joint_states", "odom", "imu", "base estimate")
+STAGES = (
+    "read", "compute", "compute/build", "compute/solve", "compute/unpack", "supervise", "write", "total", "audit",
+)  # fmt: skip
+_HEAD = (
+    "number", "now", "stamp_seconds", "stamp_nanoseconds", "mode", "has_state", "has_joint_velocity", "has_command",
+    "has_solution", "has_references", "same_state", "has_event", "fault", "iterations", "relaxed", "deadlines_missed",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """Some numbers of a cycle.
+
+    Attributes:
+        group: name of the group.
+        name: name of the numbers.
+        size: how many.
+    """
+
+    group: str
+    name: str
+    size: int
+
+
+def cycle_slots(qp: WholeBodyQP) -> tuple[Slot, ...]:
+    """Return the slots of every cycle of a controller."""
+    model = qp.model
+    slots = [Slot("cycle", name, 1) for name in _HEAD]
+    slots += [Slot("cycle", f"age/{name}", 1) for name in AGES]
+    slots += [Slot("cycle", f"seconds/{name}", 1) for name in STAGES]
+    slots += [Slot("cycle", f"audit/{name}", 1) for name in ("energy", "throughput", "warnings")]
+    slots += [Slot("cycle", "audit/force", 3), Slot("cycle", "audit/torques", model.nj)]
+    slots += [Slot("state", "q", model.nq), Slot("state", "v", model.nv), Slot("state", "joint_velocity", model.nj)]
+    slots += [Slot("torques", "tau", model.na)]
+    slots += [Slot("solution", "v_dot", model.nv), Slot("solution", "tau_wanted", model.na)]
+    slots.append(Slot("solution", "disturbance", model.nv))
+    slots += [Slot("solution", f"force/{name}", contact.size) for name, contact in qp.contacts.items()]
+    return tuple(slots)
+
+
+def reference_slots(qp: WholeBodyQP, references: Mapping[str, Reference]) -> tuple[Slot, ...]:
+    """Return the slots of the references, which are recorded when they change.
+
+    Args:
+        qp: the program.
+        references: references of any cycle, for their sizes.
+    """
+    slots = [Slot("references", "number", 1)]
+    for name, reference in references.items():
+        slots.append(Slot("references", f"position/{name}", len(reference.position)))
+        slots.append(Slot("references", f"velocity/{name}", len(reference.velocity)))
+        slots.append(Slot("references", f"acceleration/{name}", len(reference.acceleration)))
+    slots += [Slot("references", f"weight/{name}", 1) for name in qp.tasks]
+    slots += [Slot("references", f"contact/{name}", 1) for name in qp.contacts]
+    return tuple(slots)
+
+
+def places_of(slots: Sequence[Slot]) -> Iterator[tuple[Slot, slice]]:
+    """Return the place of each slot in a row."""
+    start = 0
+    for slot in slots:
+        yield slot, slice(start, start + slot.size)
+        start += slot.size
+
+
+def split(slots: Sequence[Slot], row: Array) -> dict[str, Array]:
+    """Split a row by the names of its slots."""
+    return {slot.name: row[place] for slot, place in places_of(slots)}
+
+
+class CycleRow:
+    """Makes the rows of cycles. Absent numbers are NaN."""
+
+    def __init__(self, slots: Sequence[Slot]) -> None:
+        self._places = {slot.name: place for slot, place in places_of(slots)}
+        self._empty = np.full(sum(slot.size for slot in slots), np.nan)
+
+    def write(self, number: int, taped: CycleRecord, report: CycleReport | None, *, same: bool, event: bool) -> Array:
+        """Return the row of a cycle.
+
+        Args:
+            number: number of the cycle.
+            taped: inputs and results of the cycle.
+            report: report of the loop; None for a cycle that was computed again before its command was sent.
+            same: True if its state is the object of the previous cycle.
+            event: True if it has an event, which is recorded later: a killed process may not record it.
+        """
+        result, inputs = taped.result, taped.inputs
+        state, velocity = inputs.state, inputs.joint_velocity
+        command, solution = result.command, result.solution
+        stamp = 0 if state is None else state.stamp
+        numbers: dict[str, Any] = {
+            "number": number,
+            "now": inputs.now,
+            "stamp_seconds": stamp // 1_000_000_000,
+            "stamp_nanoseconds": stamp % 1_000_000_000,
+            "mode": MODES.index(result.mode),
+            "has_state": state is not None,
+            "has_joint_velocity": velocity is not None,
+            "has_command": command is not None,
+            "has_solution": solution is not None,
+            "has_references": result.references is not None,
+            "same_state": same,
+            "has_event": event,
+            "fault": result.fault is not None,
+            "iterations": 0,
+            "relaxed": 0,
+            "deadlines_missed": 0,
+            "audit/warnings": 0,
+        }
+        stages = result.stage_seconds
+        if report is not None:
+            stages = report.stage_seconds
+            numbers["deadlines_missed"] = report.deadlines_missed
+            numbers |= {f"age/{name}": age for name, age in report.inputs.ages.items() if name in AGES}
+            if (audit := report.audit) is not None:
+                numbers |= {"audit/energy": audit.energy, "audit/throughput": audit.throughput}
+                numbers |= {"audit/force": audit.force, "audit/torques": audit.joint_torques}
+                numbers["audit/warnings"] = len(audit.warnings)
+        numbers |= {f"seconds/{name}": seconds for name, seconds in stages.items() if name in STAGES}
+        if state is not None:
+            numbers |= {"q": state.q, "v": state.v}
+        if velocity is not None:
+            numbers["joint_velocity"] = velocity
+        if command is not None:
+            numbers["tau"] = command.tau
+        if solution is not None:
+            disturbance = 0.0 if solution.disturbance is None else solution.disturbance.forces
+            numbers |= {"v_dot": solution.v_dot, "tau_wanted": solution.tau, "disturbance": disturbance}
+            numbers |= {"iterations": solution.iterations, "relaxed": len(solution.relaxed)}
+            numbers |= {f"force/{name}": force for name, force in solution.forces.items()}
+        row: Array = self._empty.copy()
+        for name, value in numbers.items():
+            row[self._places[name]] = value
+        return row
+
+
+class ReferencesRow:
+    """Makes rows of references: of changed ones, and regularly."""
+
+    def __init__(self, every: int) -> None:
+        """Make it.
+
+        Args:
+            every: number of cycles after which unchanged references are repeated, so that the last seconds have them.
+        """
+        self._every = every
+        self._due = 0
+        self._tasks: list[Reference] = []
+        self._weights: list[float] = []
+
+    def write(self, number: int, references: References) -> Array | None:
+        """Return the row of a cycle's references; None if the last row has them."""
+        tasks = [*references.tasks.values()]
+        weights = [*references.weights.values(), *references.contacts.values()]
+        if number < self._due and weights == self._weights and all(map(operator.is_, tasks, self._tasks)):
+            return None
+        self._due, self._tasks, self._weights = number + self._every, tasks, weights
+        parts: list[Any] = [[number]]
+        for each in tasks:
+            parts += (each.position, each.velocity, each.acceleration)
+        row: Array = np.concatenate([*parts, weights])
+        return row

@@ -1,0 +1,296 @@
+"""MCAP files: written so that they are complete after every chunk, and read up to their first damage.
+
+The package `mcap` serializes and parses the records (https://mcap.dev/spec). Its `Writer` writes the end of a file
+only when it closes the file, which a killed process never does. `McapFile` therefore writes each chunk together with an
+end of the file; the next chunk replaces this end. The index of all chunks is written when the file is closed; without
+it, readers scan the file.
+
+The process that writes recordings imports this module, so it imports little.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import BinaryIO
+
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Schema,
+    Statistics,
+)
+from mcap.stream_reader import StreamReader
+
+MAGIC = b"\x89MCAP0\r\n"
+_COMPRESSION_LEVEL = 1
+#: Errors of the parser and of the decompressors on damaged data.
+_DAMAGE = (McapError, struct.error, zstandard.ZstdError, ValueError, KeyError, OverflowError, MemoryError, RuntimeError)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One topic of a file.
+
+    Attributes:
+        number: number of its channel.
+        name: name of the topic.
+        type: message type, such as ``std_msgs/msg/String``.
+        definition: definition of the type in the format ``ros2msg``.
+    """
+
+    number: int
+    name: str
+    type: str
+    definition: str
+
+
+@dataclass(frozen=True, slots=True)
+class PackedChunk:
+    """Serialized, compressed messages.
+
+    Attributes:
+        data: the chunk record, followed by one message index per channel.
+        index: entry of the file's index, with offsets from the beginning of `data`.
+        counts: number of messages per channel.
+    """
+
+    data: bytes
+    index: ChunkIndex
+    counts: dict[int, int]
+
+
+class ChunkBuilder:
+    """Collects messages to a chunk. Log times never decrease: readers without an index take messages as they come."""
+
+    def __init__(self) -> None:
+        self._newest = 0
+        self._messages = RecordBuilder()
+        self._indexes: dict[int, MessageIndex] = {}
+
+    @property
+    def size(self) -> int:
+        """Size of the collected messages, bytes."""
+        return int(self._messages.count)
+
+    def add(self, channel: int, time: int, payload: bytes) -> None:
+        """Add a message with a time in ns. Its log time is at least that of the previous message."""
+        self._newest = max(time, self._newest)
+        index = self._indexes.setdefault(channel, MessageIndex(channel, []))
+        index.records.append((self._newest, self._messages.count))
+        Message(
+            channel_id=channel, sequence=0, log_time=self._newest, publish_time=max(time, 0), data=payload
+        ).write(self._messages)  # fmt: skip
+
+    def take(self) -> PackedChunk | None:
+        """Return a chunk of all messages since the last call, or None without messages."""
+        if not self._indexes:
+            return None
+        indexes, self._indexes = self._indexes, {}
+        raw = self._messages.end()
+        chunk = Chunk(
+            compression="zstd",
+            data=zstandard.compress(raw, _COMPRESSION_LEVEL),
+            message_start_time=min(index.records[0][0] for index in indexes.values()),
+            message_end_time=self._newest,
+            uncompressed_crc=zlib.crc32(raw),
+            uncompressed_size=len(raw),
+        )
+        builder, offsets = RecordBuilder(), {}
+        chunk.write(builder)
+        length = builder.count
+        for channel, index in indexes.items():
+            offsets[channel] = builder.count
+            index.write(builder)
+        entry = ChunkIndex(
+            chunk_start_offset=0,
+            chunk_length=length,
+            message_index_offsets=offsets,
+            message_index_length=builder.count - length,
+            message_start_time=chunk.message_start_time,
+            message_end_time=chunk.message_end_time,
+            compression=chunk.compression,
+            compressed_size=len(chunk.data),
+            uncompressed_size=len(raw),
+        )
+        return PackedChunk(builder.end(), entry, {channel: len(index.records) for channel, index in indexes.items()})
+
+
+class McapFile:
+    """A file that is being written; it is complete after every call.
+
+    Attributes:
+        path: path of the file.
+        end: size of the file without its end records, bytes.
+    """
+
+    def __init__(self, path: Path, topics: Iterable[Topic]) -> None:
+        """Create the file, or replace an existing one.
+
+        Args:
+            path: path of the file.
+            topics: all topics.
+
+        Raises:
+            OSError: if the file cannot be written.
+        """
+        self.path = path
+        self.end = 0
+        schemas: dict[str, Schema] = {}
+        channels = []
+        for topic in topics:
+            schema = schemas.setdefault(
+                topic.type,
+                Schema(id=len(schemas) + 1, name=topic.type, encoding="ros2msg", data=topic.definition.encode()),
+            )
+            channels.append(
+                Channel(
+                    id=topic.number,
+                    topic=topic.name,
+                    message_encoding="cdr",
+                    metadata={"offered_qos_profiles": ""},  # rosbag2 expects this entry
+                    schema_id=schema.id,
+                )
+            )
+        self._definitions: tuple[McapRecord, ...] = (*schemas.values(), *channels)
+        self._indexes: list[ChunkIndex] = []
+        self._counts: Counter[int] = Counter()  # messages by topic
+        self._file: BinaryIO = path.open("wb", buffering=0)
+        self._append(MAGIC + _serialized(Header("ros2", "wbc_controller"), *self._definitions))
+
+    def write(self, chunk: PackedChunk) -> None:
+        """Append a chunk.
+
+        Raises:
+            OSError: if it cannot be written; the earlier chunks remain.
+        """
+        start = self.end
+        self._append(chunk.data)
+        offsets = {channel: start + offset for channel, offset in chunk.index.message_index_offsets.items()}
+        self._indexes.append(replace(chunk.index, chunk_start_offset=start, message_index_offsets=offsets))
+        self._counts.update(chunk.counts)
+
+    def close(self) -> None:
+        """Write the index of all chunks, and close the file.
+
+        Raises:
+            OSError: if the index cannot be written; the file stays readable without it.
+        """
+        try:
+            if self._indexes:
+                statistics = Statistics(
+                    attachment_count=0,
+                    metadata_count=0,
+                    schema_count=sum(isinstance(record, Schema) for record in self._definitions),
+                    channel_count=sum(isinstance(record, Channel) for record in self._definitions),
+                    chunk_count=len(self._indexes),
+                    message_count=self._counts.total(),
+                    channel_message_counts=dict(self._counts),
+                    message_start_time=min(index.message_start_time for index in self._indexes),
+                    message_end_time=max(index.message_end_time for index in self._indexes),
+                )
+                self._write_at_end(_end_of_file(self.end, *self._definitions, *self._indexes, statistics))
+        finally:
+            self._file.close()
+
+    def _append(self, data: bytes) -> None:
+        self._write_at_end(data + _end_of_file(0))
+        self.end += len(data)
+
+    def _write_at_end(self, data: bytes) -> None:
+        """Replace the end records of the file by `data`; on an error restore them."""
+        self._file.seek(self.end)
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[self._file.write(view) :]
+        except OSError:
+            with contextlib.suppress(OSError):  # the earlier chunks are worth more than a proper end
+                self._file.truncate(self.end)
+                self._file.seek(self.end)
+                self._file.write(_end_of_file(0))
+            raise
+
+
+def _serialized(*records: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())
+
+
+def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
+    """Return the end records of a file; without a summary, readers scan the file.
+
+    Args:
+        data_size: size of everything before them, bytes.
+        summary: records of the summary.
+    """
+    data_end = _serialized(DataEnd(0))
+    footer = Footer(summary_start=data_size + len(data_end) if summary else 0, summary_offset_start=0, summary_crc=0)
+    return data_end + _serialized(*summary, footer) + MAGIC
+
+
+class McapMessages:
+    """The messages of a file, up to its first damage.
+
+    Attributes:
+        path: path of the file.
+        topics: the topics by number of their channel; filled while the messages are read.
+        damage: why the reading ended early; empty if the file is complete.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.topics: dict[int, Topic] = {}
+        self.damage = ""
+
+    def __iter__(self) -> Iterator[tuple[Topic, int, bytes]]:
+        """Read all messages: topic, time of arrival in ns, and serialized message.
+
+        Raises:
+            OSError: if the file cannot be read.
+            ValueError: if the file is not an MCAP file.
+        """
+        schemas: dict[int, Schema] = {}
+        with self.path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise ValueError("it does not begin as an MCAP file")
+            size = os.fstat(file.fileno()).st_size
+            records = StreamReader(file, skip_magic=True, validate_crcs=True, record_size_limit=size).records
+            while True:
+                try:
+                    record = next(records)
+                    if isinstance(record, DataEnd):
+                        return
+                    if isinstance(record, Schema):
+                        schemas[record.id] = record
+                    elif isinstance(record, Channel):
+                        schema = schemas[record.schema_id]
+                        self.topics[record.id] = Topic(record.id, record.topic, schema.name, schema.data.decode())
+                    topic = self.topics[record.channel_id] if isinstance(record, Message) else None
+                except (EndOfFile, RecordLengthLimitExceeded):
+                    self.damage = "its last record is incomplete"
+                    return
+                except _DAMAGE as error:
+                    at_end = file.read(1) == b""
+                    self.damage = "its last record is incomplete" if at_end else f"a record is damaged ({error})"
+                    return
+                if topic is not None and isinstance(record, Message):
+                    yield topic, record.publish_time, record.data

@@ -1,0 +1,193 @@
+"""The data of a report, made from any recording of the controller: of a real robot, a simulation, or the demo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.inverse_dynamics.tasks import AccelerationTask, Task
+from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.stamps import header_time
+from wbc_controller.middleware.states import OdometryReader
+from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, endpoints
+from wbc_controller.recording.cycle_arrays import cycle_arrays
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.report.run_data import Phase, RunData
+from wbc_controller.records import Array, Reference
+from wbc_controller.settings import ComTask, FixedContact, PointContact, RollingContact, Settings
+
+#: Largest number of samples of a report; of a longer recording every second, third, … cycle is used.
+LARGEST = 30_000
+#: Topic of a demo's phases, std_msgs/msg/String.
+PHASES = "/wbc_demo/phase"
+
+
+def truth_topics(settings: Settings) -> list[Endpoint]:
+    """Return the topics of a simulation's true state: contact wrenches and, if the base is estimated, its odometry."""
+    estimated = settings.estimation.base_state == "imu"
+    return [
+        endpoint
+        for endpoint in endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts)
+        if endpoint.key == "contact_wrench" or (endpoint.key == "odom" and estimated)
+    ]
+
+
+@dataclass
+class _OtherTopics:
+    """Messages of a recording besides the controller's own: truth of a simulation and phases of a demo.
+
+    Attributes:
+        wrenches: per contact, stamps in s and true wrenches, (6,) in N and N·m.
+        bases: true poses of the base, (7,), by stamp in ns.
+        phases: times of the record in ns, and names.
+    """
+
+    wrenches: dict[str, tuple[list[float], list[list[float]]]] = field(default_factory=dict)
+    bases: dict[int, Array] = field(default_factory=dict)
+    phases: list[tuple[int, str]] = field(default_factory=list)
+
+
+def run_of(recording: Recording, controller: ControlCycle, *, largest: int = LARGEST) -> RunData:
+    """Make the data of a report.
+
+    Args:
+        recording: the recording.
+        controller: a controller with the configuration of the recording.
+        largest: largest number of samples.
+
+    Raises:
+        ConfigurationError: if no command was sent.
+    """
+    table = cycle_arrays(recording)
+    if not table or not np.isfinite(table["q"]).all(axis=1).any():
+        raise ConfigurationError(f"recording {recording.path}: there is nothing to report: no command was sent")
+    stride = -(-len(table["number"]) // largest)
+    shown = {name: values[::stride][table["has_state"][::stride] > 0.0] for name, values in table.items()}
+    model, settings = controller.model, controller.config.settings
+    other = _read_other_topics(recording, settings, model)
+    stamps = 1.0e-9 * shown["stamp"]
+    start = float(stamps[0])
+    time = np.maximum.accumulate(stamps - start)
+    errors = _task_errors(shown, controller.tasks, Dynamics(model))
+    q = np.array(shown["q"])
+    vertical = np.zeros(len(q))
+    if model.floating_base:
+        forces = shown["disturbance"][:, :3]
+        vertical = np.array([rotation_of(row[3:7])[2] @ force for row, force in zip(q, forces, strict=True)])
+    for i, stamp in enumerate(shown["stamp"].tolist()):
+        q[i, :7] = other.bases.get(stamp, q[i, :7])
+    data = model.pinocchio.createData()
+    reference = np.full((len(q), 3), np.nan)
+    for name in [name for name, task in settings.tasks.items() if isinstance(task, ComTask)][:1]:
+        reference = np.where(shown[f"weight/{name}"][:, None] > 0.0, shown[f"position/{name}"], np.nan)
+    sizes = {name: 3 if isinstance(each, PointContact | RollingContact) else 6
+             for name, each in settings.contacts.items()}  # fmt: skip
+    return RunData(
+        robot=str(recording.about["robot"]),
+        actuators=model.actuators,
+        time=time,
+        q=q,
+        tau=shown["tau"],
+        effort_limits=model.effort_limits,
+        com=np.array([pin.centerOfMass(model.pinocchio, data, row) for row in q]),
+        com_reference=reference,
+        disturbance=vertical,
+        task_errors={name: error for name, error in errors.items() if np.isfinite(error).any()},
+        contact_wrenches={
+            name: (shown[f"force/{name}"] @ controller.contacts[name].basis.T)[:, :size] for name, size in sizes.items()
+        },
+        true_wrenches={
+            name: _latest(np.array(times), np.array(wrenches), stamps)[:, : sizes[name]]
+            for name, (times, wrenches) in other.wrenches.items()
+        },
+        friction={
+            name: each.friction for name, each in settings.contacts.items() if not isinstance(each, FixedContact)
+        },
+        cycle_seconds=table["seconds/total"],
+        stage_seconds={
+            stage: table[f"seconds/{stage}"]
+            for stage in ("read", "compute", "supervise", "write")
+            if np.isfinite(table[f"seconds/{stage}"]).all()
+        },
+        phases=tuple(
+            Phase(float(np.interp(float(at), shown["time"], time)), name)
+            for at, name in other.phases or _requests_and_faults(recording)
+        ),
+        modes=_modes(table["mode"], 1.0e-9 * table["stamp"] - start),
+        audit={
+            "energy": shown["audit/energy"],
+            "force": np.linalg.norm(shown["audit/force"], axis=1),
+            "warnings": shown["audit/warnings"],
+        },
+        start=start,
+        stride=stride,
+    )
+
+
+def _read_other_topics(recording: Recording, settings: Settings, model: RobotModel) -> _OtherTopics:
+    truth = {endpoint.name: endpoint for endpoint in truth_topics(settings)}
+    found, base_reader = _OtherTopics(), OdometryReader(model.base_link)
+    if not any(topic.name in truth or topic.name == PHASES for topic in recording.topics.values()):
+        return found
+    for topic, time, payload in recording.messages():
+        if topic.name == PHASES:
+            found.phases.append((time, str(decode(payload, topic.type).data)))
+        elif topic.name in truth:
+            if truth[topic.name].key == "odom":
+                base = base_reader.read(payload)
+                found.bases[base.stamp] = base.pose
+            else:
+                content = decode(payload, topic.type)
+                force, torque = content.wrench.force, content.wrench.torque
+                stamps, wrenches = found.wrenches.setdefault(truth[topic.name].subject, ([], []))
+                stamps.append(header_time(payload))
+                wrenches.append([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+    return found
+
+
+def _latest(stamps: Array, values: Array, time: Array) -> Array:
+    """Return the latest value up to each of the given times, (n, k); NaN before the first. All times in s."""
+    order = np.argsort(stamps, kind="stable")
+    index = np.searchsorted(stamps[order], time + 1.0e-9, side="right") - 1
+    latest: Array = values[order][np.maximum(index, 0)]
+    latest[index < 0] = np.nan
+    return latest
+
+
+def _task_errors(cycles: Mapping[str, Array], tasks: Mapping[str, Task], dynamics: Dynamics) -> dict[str, Array]:
+    """Return the norm of each task's error, (n,); NaN while the task is off or its reference is unknown."""
+    absent = np.full(len(cycles["q"]), np.nan)
+    errors = {name: absent.copy() for name, task in tasks.items() if isinstance(task, AccelerationTask)}
+    for i, (q, v) in enumerate(zip(cycles["q"], cycles["v"], strict=True)):
+        dynamics.update(np.array(q), np.array(v))
+        for name, error in errors.items():
+            task = tasks[name]
+            if cycles[f"weight/{name}"][i] > 0.0 and isinstance(task, AccelerationTask):
+                kinds = ("position", "velocity", "acceleration")
+                reference = Reference(*(cycles[f"{kind}/{name}"][i] for kind in kinds))
+                error[i] = np.linalg.norm(task.right(dynamics, reference)[1])
+    return errors
+
+
+def _requests_and_faults(recording: Recording) -> Iterator[tuple[int, str]]:
+    """Times in ns and names of the phases that begin with a request or a fault."""
+    for _, event in sorted(recording.events.items()):
+        words = [str(word) for word in event.get("requests", ())]
+        if event.get("fault") is not None:
+            words.append(event["fault"].code)
+        if words:
+            yield event["time"], ", ".join(words)
+
+
+def _modes(modes: Array, time: Array) -> tuple[tuple[float, str], ...]:
+    """Return each mode with the time of its beginning, s."""
+    changes = np.flatnonzero(np.append(True, modes[1:] != modes[:-1])).tolist()
+    return tuple((max(0.0, float(time[i])), str(modes[i])) for i in changes)

@@ -1,0 +1,170 @@
+"""The plots of a run: centre of mass, torques, contact forces, friction, task errors, audit, and cycle times."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wbc_controller.controller.visualization.page_report import Plot
+from wbc_controller.controller.visualization.plots import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALETTE,
+    RED,
+    Line,
+    Panel,
+    Series,
+    by_category,
+    line_panels,
+)
+from wbc_controller.recording.report.run_data import RunData
+from wbc_controller.records import Array
+
+#: Share of a contact's largest normal force below which its use of friction is noise, and not shown.
+LIGHT = 0.05
+#: Number of joints whose torque is drawn as a separate line.
+BUSIEST = 6
+
+
+def run_plots(run: RunData) -> list[Plot]:
+    """Make all plots for which the run has data."""
+    plots = [_com(run), _torques(run)]
+    if run.contact_wrenches:
+        plots += [_forces(run), _friction(run)]
+    if run.task_errors:
+        plots.append(_errors(run))
+    if run.audit:
+        plots.append(_audit(run))
+    if len(run.cycle_seconds):
+        plots.append(_cycles(run))
+        if run.stage_seconds:
+            plots.append(_stages(run))
+    return plots
+
+
+def friction_use(wrench: Array, coefficient: float) -> Array:
+    """Return the share of the friction cone that a contact uses, |f_t| / (μ f_z), (n,); NaN under a small load.
+
+    Args:
+        wrench: force or wrench of the contact, (n, k) in N, normal along the third axis.
+        coefficient: μ.
+    """
+    normal = wrench[:, 2]
+    borne = normal > LIGHT * np.nanmax(normal, initial=0.0)
+    use = np.full(len(wrench), np.nan)
+    use[borne] = np.linalg.norm(wrench[borne, :2], axis=1) / (coefficient * normal[borne])
+    return use
+
+
+def _com(run: RunData) -> Plot:
+    panels = [
+        Panel(
+            f"{axis} [m]",
+            [
+                Line("centre of mass", run.time, run.com[:, i], BLUE),
+                Line("reference", run.time, run.com_reference[:, i], ORANGE, dash="dash", width=1.4),
+            ],
+            span=0.02,
+        )
+        for i, axis in enumerate("xyz")
+    ]
+    return _over_time(run, "com", "Centre of mass", "Position in the world against its reference.", panels, 500)
+
+
+def _torques(run: RunData) -> Plot:
+    use = 100.0 * np.abs(run.tau) / run.effort_limits  # (n, na) in %
+    peaks = np.max(np.nan_to_num(use), axis=0, initial=0.0)  # (na,)
+    lines = [Line("largest of all joints", run.time, use.max(axis=1, initial=0.0), GREY, width=0.8, filled=True)]
+    for joint, color in zip(np.argsort(-peaks)[:BUSIEST], PALETTE, strict=False):
+        lines.append(Line(run.actuators[joint].removesuffix("_joint"), run.time, use[:, joint], color, width=1.2))
+    caption = "The busiest joints by name, and the envelope of all of them. The dotted line is the effort limit."
+    panel = Panel("|torque| / limit [%]", lines, range=(0.0, 108.0), limit=100.0)
+    return _over_time(run, "torques", "Torques as a share of their limits", caption, [panel], 330)
+
+
+def _forces(run: RunData) -> Plot:
+    panels = []
+    for name, wrench in run.contact_wrenches.items():
+        lines = [Line("force in the QP", run.time, wrench[:, 2], BLUE)]
+        if name in run.true_wrenches:  # below the other line
+            lines.insert(0, Line("force of the ground", run.time, run.true_wrenches[name][:, 2], ORANGE, width=1.2))
+        panels.append(Panel(f"{name.replace('_', ' ')}<br>f<sub>z</sub> [N]", lines, from_zero=True))
+    caption = "Force of the solution of the quadratic program" + (
+        ", and true force of the ground," if run.true_wrenches else ""
+    )
+    return _over_time(
+        run, "forces", "Vertical contact forces", f"{caption} along each contact's normal.", panels,
+        110 + 145 * len(panels),
+    )  # fmt: skip
+
+
+def _friction(run: RunData) -> Plot:
+    lines = []
+    for i, (name, coefficient) in enumerate(run.friction.items()):  # a fixed contact has no friction cone
+        color = PALETTE[i % len(PALETTE)]
+        label = f"{name.replace('_', ' ')} (μ = {coefficient:g})"
+        lines.append(Line(label, run.time, friction_use(run.contact_wrenches[name], coefficient), color))
+        if name in run.true_wrenches:
+            use = friction_use(run.true_wrenches[name], coefficient)
+            lines.append(Line("ground", run.time, use, color, group=label, width=1.0, dash="dot"))
+    caption = "Solid: in the QP; dotted: of the ground. " if run.true_wrenches else "Of the forces in the QP. "
+    caption += f"At 1 a contact slips. Hidden while a contact bears less than {LIGHT:.0%} of its largest load."
+    panel = Panel("|f<sub>t</sub>| / (μ f<sub>z</sub>) [1]", lines, from_zero=True, limit=1.0)
+    return _over_time(run, "friction", "Use of friction", caption, [panel], 300)
+
+
+def _errors(run: RunData) -> Plot:
+    lines = [Line(name.replace("_", " "), run.time, error) for name, error in run.task_errors.items()]
+    caption = "Norm of each task's error: m for positions, rad for orientations."
+    return _over_time(
+        run, "errors", "Task errors", caption, [Panel("error [m or rad]", lines, from_zero=True)], 280
+    )  # fmt: skip
+
+
+def _audit(run: RunData) -> Plot:
+    force = Line("force on the centre of mass", run.time, run.audit["force"], RED)
+    energy = Line("energy residual", run.time, run.audit["energy"], PALETTE[4])
+    caption = "Forces and power that the model does not explain: none while the robot is undisturbed; every shove."
+    panels = [Panel("force [N]", [force], from_zero=True), Panel("power [W]", [energy])]
+    return _over_time(run, "audit", "Model audit", caption, panels, 360)
+
+
+def _cycles(run: RunData) -> Plot:
+    milliseconds = 1.0e3 * run.cycle_seconds
+    median, p99, most = np.percentile(milliseconds, [50.0, 99.0, 99.8])
+    end = max(1.05 * most, 1.25 * median)  # the last bin contains the few longer cycles, which would hide all others
+    counts, edges = np.histogram(np.minimum(milliseconds, end), bins=70, range=(0.0, end))
+    share = 100.0 * counts / len(milliseconds)
+    top = np.array([0.0, share.max()])
+    lines = [
+        Line(f"{len(milliseconds):,} cycles", np.repeat(edges, 2)[1:-1], np.repeat(share, 2), BLUE, filled=True),
+        Line(f"median {median:.2f} ms", np.full(2, median), top, GREEN, dash="dash"),
+        Line(f"99th percentile {p99:.2f} ms", np.full(2, p99), top, ORANGE, dash="dash"),
+    ]
+    figure = line_panels([Panel("share of cycles [%]", lines)], height=320, axis="time of one control cycle [ms]")
+    late = int((milliseconds > end).sum())
+    caption = f"Slowest: {milliseconds.max():.2f} ms."
+    caption += f" The last bin contains {late} longer cycles." if late else ""
+    return Plot("cycles", "Cycle times", caption, figure)
+
+
+def _stages(run: RunData) -> Plot:
+    names = [name.replace("_", " ") for name in run.stage_seconds]
+    median, p99 = (
+        [1.0e3 * float(np.nanpercentile(seconds, share)) for seconds in run.stage_seconds.values()]
+        for share in (50.0, 99.0)
+    )
+    series = [
+        Series("median", names, median, BLUE, "bar", [f"{value:.3f} ms" for value in median]),
+        Series("99th percentile", names, p99, ORANGE, "line-ns", [f"{value:.3f} ms" for value in p99]),
+    ]
+    return Plot(
+        "stages", "Stages of a cycle", "Duration of each stage.", by_category(series, axis="time in one cycle [ms]")
+    )
+
+
+def _over_time(run: RunData, key: str, title: str, caption: str, panels: list[Panel], height: int) -> Plot:
+    figure = line_panels(panels, height=height, shaded=[(start, end) for start, end, _ in run.spans[1::2]])
+    figure.update_xaxes(range=[float(run.time[0]), float(run.time[-1])])
+    return Plot(key, title, caption, figure, over_time=True)

@@ -1,0 +1,91 @@
+"""The report of a run as one HTML file: verdict, motion and plots."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.controller.visualization.page_report import PageReport, ResultTable, write_page
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.report.motion import motion_of
+from wbc_controller.recording.report.run_data import RunData
+from wbc_controller.recording.report.run_from_recording import run_of
+from wbc_controller.recording.report.run_plots import run_plots
+
+#: Note of a report without the truth of a simulation.
+LEFT_OUT = (
+    "Made from the controller's recording, which does not contain the true contact forces and the targets of a demo."
+)
+
+
+def report_recording(recording: Recording, path: Path) -> str:
+    """Write the report of a recording, and return its notes.
+
+    Args:
+        recording: the recording.
+        path: the file to write.
+
+    Raises:
+        ConfigurationError: if no command was sent, or the file cannot be written.
+    """
+    controller = ControlCycle(recording.config, preflight=False)
+    run = run_of(recording, controller)
+    notes = [] if run.true_wrenches else [LEFT_OUT]
+    if run.stride > 1:
+        notes.append(f"One of {run.stride} cycles is shown.")
+    if recording.damage:
+        notes.append(f"The recording is read up to its first damage: {recording.damage}.")
+    write_run_report(run, controller.model, path, kind="wbc_controller recording", note=" ".join(notes))
+    return " ".join(notes)
+
+
+def write_run_report(run: RunData, model: RobotModel, path: Path, *, kind: str, note: str = "") -> None:
+    """Write the report of a run.
+
+    Args:
+        run: the run, with its verdict.
+        model: the robot.
+        path: the file to write.
+        kind: kind of the run, above the robot's name.
+        note: text below the verdict.
+
+    Raises:
+        ConfigurationError: if the file cannot be written, the robot's visual geometry cannot be read, a support names
+            an unknown frame, or plotly is not installed.
+        ValueError: if the run is of another robot.
+    """
+    missed = [result.name for result in run.results if not result.passed]
+    count = len(run.results)
+    verdict = (
+        f"{len(missed)} of {count} targets missed: {', '.join(missed)}." if missed else f"All {count} targets met."
+    )
+    facts = {"Simulated" if run.true_wrenches else "Recorded": f"{run.duration:.1f} s"}
+    facts["Actuators"] = str(len(run.actuators))
+    if len(run.cycle_seconds):
+        median, p99 = 1.0e3 * np.percentile(run.cycle_seconds, [50.0, 99.0])
+        facts |= {"Control cycles": f"{len(run.cycle_seconds):,}", "Median cycle": f"{median:.2f} ms"}
+        facts |= {"99th percentile": f"{p99:.2f} ms"}
+    write_page(
+        PageReport(
+            title=run.robot,
+            kind=kind,
+            verdict=verdict if count else "No targets were checked in this run.",
+            passed=not missed if count else None,
+            note=note,
+            facts=facts,
+            motion=motion_of(run, model),
+            table=ResultTable(
+                "Results",
+                ("Check", "Target", "Measured"),
+                [((each.name, each.target, each.measured), each.passed) for each in run.results],
+            )
+            if count
+            else None,
+            plots=run_plots(run),
+            footer="Click in a plot to show the motion at that time. Drag to zoom in, double-click to zoom out.",
+        ),
+        path,
+    )
