@@ -18,7 +18,7 @@ class Room(NamedTuple):
 
 
 #: Files at the top of the package that every room may import.
-BASICS = ("errors", "records", "compilation", "compiled")
+BASICS = ("errors", "records", "compilation")
 #: Other files at the top of the package: entry points, and the public names.
 ENTRY_POINTS = ("cli", "node", "__main__", "__init__")
 
@@ -28,8 +28,6 @@ ROOMS = {
     "errors": Room(),
     "records": Room("", "numpy"),
     "compilation": Room("", "numpy numba typing_extensions"),
-    "arguments": Room("", "numpy numba llvmlite"),
-    "compiled": Room("arguments", "numpy numba"),
     "settings": Room("", "pydantic yaml"),
     "mechanics": Room("", "numpy scipy pinocchio"),
     _QP + "arrays": Room("", "numpy scipy"),
@@ -41,7 +39,7 @@ ROOMS = {
     _QP + "tasks": Room(f"{_QP}arrays {_QP}tunable {_QP}method_calls {_QP}robot {_QP}contacts", "numpy pinocchio"),
     _QP + "references": Room(f"{_QP}robot {_QP}contacts {_QP}tasks", "numpy pinocchio"),
     _QP + "formulation": Room(
-        f"{_QP}arrays {_QP}tunable {_QP}method_calls {_QP}robot {_QP}contacts {_QP}limits {_QP}tasks", "numpy scipy"
+        f"{_QP}arrays {_QP}method_calls {_QP}robot {_QP}contacts {_QP}limits {_QP}tasks", "numpy scipy"
     ),
     _QP + "solvers": Room(_QP + "formulation", "numpy scipy qpsolvers daqp osqp proxsuite"),
     _QP + "whole_body_qp": Room(f"{_QP}robot {_QP}contacts {_QP}tasks {_QP}formulation {_QP}solvers"),

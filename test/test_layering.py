@@ -133,7 +133,7 @@ def test_the_table_allows_nothing_unused():
 
 
 def test_the_top_of_the_package_is_small():
-    assert {path.stem for path in SOURCES.glob("*.py")} <= {*BASICS, *ENTRY_POINTS, "arguments"}
+    assert {path.stem for path in SOURCES.glob("*.py")} <= {*BASICS, *ENTRY_POINTS}
     folders = [path for path in SOURCES.iterdir() if path.is_dir() and path.name != "__pycache__"]
     assert len(folders) <= 13
 
