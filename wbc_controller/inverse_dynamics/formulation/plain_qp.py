@@ -113,7 +113,7 @@ def task_rows(
     if not isinstance(task, AccelerationTask):
         return None
     J, right, error = task_motion(task, dynamics, reference)
-    return np.hstack([J, np.zeros((len(J), n - J.shape[1]))]), right, error
+    return in_columns(J, 0, n), right, error
 
 
 def bias_forces(dynamics: Dynamics, references: References) -> Array:
@@ -147,88 +147,55 @@ def plain_qp(
         tau_before: the present torques, (na,) in N·m; None for no torque rate limit.
         regularization: the weights of the regularization.
     """
-    model, actuation, q, v = dynamics.model, dynamics.model.actuation, dynamics.q, dynamics.v
-    nv, free = model.nv, actuation.free
+    model, actuation, period = dynamics.model, dynamics.model.actuation, limits.period
     activations = {c.name: 1.0 if c.permanent else references.contacts.get(c.name, 0.0) for c in contacts}
     active = [contact for contact in contacts if activations[contact.name] > 0.0]
-    ends = np.cumsum([nv, *(contact.size for contact in active)]).tolist()
+    ends = np.cumsum([model.nv, *(contact.size for contact in active)]).tolist()
     columns = {contact.name: slice(*ends[i : i + 2]) for i, contact in enumerate(active)}
-    n, nf = ends[-1], ends[-1] - nv
-
-    # Motion of the active contacts: J v̇ = -J̇v - D J v + K e.
-    motions = [contact_motion(contact, dynamics) for contact in active]
-    J = np.vstack([np.zeros((0, nv)), *(J for J, _ in motions)])  # (nf, nv)
-    D = np.concatenate([np.zeros(0), *(np.full(contact.size, contact.damping) for contact in active)])
-    at_rest = np.concatenate([np.zeros(0), *(acceleration for _, acceleration in motions)])
-    anchored = [
-        (contact, slice(columns[contact.name].start - nv, columns[contact.name].stop - nv))
-        for contact in active
-        if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0
-    ]
-    contact_acceleration = at_rest - D * (J @ v) + pull(J, anchored, dynamics, references.anchors)
+    nv, n = model.nv, ends[-1]
 
     # Equations of motion: N (M v̇ + h - Jᵀf) = 0 and τ = T (M v̇ + h - Jᵀf); joints that follow others: C v̇ = 0.
-    h = bias_forces(dynamics, references)
-    projected = actuation.split(np.hstack([dynamics.M, -FORCE_UNIT * J.T]))  # [N; T] [M, -Jᵀ]
-    projected_h = actuation.split(h)
-    coupling = np.hstack([actuation.C, np.zeros((len(actuation.C), nf))])
-    A = np.vstack([np.hstack([J, np.zeros((nf, nf))]), coupling, projected[:free]])
-    b = np.concatenate([contact_acceleration, np.zeros(len(coupling)), -projected_h[:free]])
-    torque_map = projected[free:], projected_h[free:]
+    J, J_acceleration = contact_accelerations(dynamics, active, references)
+    h = actuation.split(bias_forces(dynamics, references))  # [N; T] h
+    rows = actuation.split(np.hstack([dynamics.M, -FORCE_UNIT * J.T]))  # [N; T] [M, -Jᵀ]
+    free = actuation.free
+    torque_map = rows[free:], h[free:]
 
-    # Forces of the contacts: within bounds, and in the cone C f ≤ 0.
+    # Contacts: J v̇ = -J̇v - D J v + K e, forces within bounds, and in the cone C f ≤ 0.
+    A = np.vstack([in_columns(J, 0, n), in_columns(actuation.C, 0, n), rows[:free]])
+    b = np.concatenate([J_acceleration, np.zeros(len(actuation.C)), -h[:free]])
     x_lower, x_upper = np.full(n, -np.inf), np.full(n, np.inf)
-    cones = [np.zeros((0, n))]
+    cone = np.zeros((0, n))
     for contact in active:
         own = columns[contact.name]
-        bounds = contact.bounds(activations[contact.name])
-        x_lower[own], x_upper[own] = bounds[0] / FORCE_UNIT, bounds[1] / FORCE_UNIT
-        cones.append(
-            np.hstack(
-                [np.zeros((len(contact.cone), own.start)), contact.cone, np.zeros((len(contact.cone), n - own.stop))]
-            )
-        )
-    cone = np.vstack(cones)
+        lower, upper = contact.bounds(activations[contact.name])
+        x_lower[own], x_upper[own] = lower / FORCE_UNIT, upper / FORCE_UNIT
+        cone = np.vstack([cone, in_columns(contact.cone, own.start, n)])
 
-    # Limits: of joint motion, of τ (within the available torques, and |τ - τ_before| ≤ rate τ_max Δt), and of G v̇.
-    x_lower[model.v_index], x_upper[model.v_index] = limits.motion.bounds(
-        q[model.q_index], v[model.v_index], limits.period
-    )
-    tau_lower, tau_upper = limits.torque.available(actuation.speeds(v))
-    if tau_before is not None:
-        held, step = (
-            np.clip(tau_before, tau_lower, tau_upper),
-            limits.torque.rate * limits.period * limits.torque.effort_limits,
-        )
-        tau_lower, tau_upper = np.maximum(tau_lower, held - step), np.minimum(tau_upper, held + step)
-    rows, lower, upper = (
-        [torque_map[0], cone],
-        [tau_lower - torque_map[1], np.full(len(cone), -np.inf)],
-        [tau_upper - torque_map[1], np.zeros(len(cone))],
-    )
+    # Limits: of joint motion, of τ, and of other combinations G v̇.
+    joints = dynamics.q[model.q_index], dynamics.v[model.v_index]
+    x_lower[model.v_index], x_upper[model.v_index] = limits.motion.bounds(*joints, period)
+    tau_lower, tau_upper = torque_bounds(limits, actuation.speeds(dynamics.v), tau_before)
+    C = [torque_map[0], cone]
+    C_lower = [tau_lower - torque_map[1], np.full(len(cone), -np.inf)]
+    C_upper = [tau_upper - torque_map[1], np.zeros(len(cone))]
     for limit in limits.rows:
-        count = len(limit.names)
-        G, least, most = np.zeros((count, nv)), np.zeros(count), np.zeros(count)
-        limit.fill(dynamics, limits.period, G, least, most)
-        rows.append(np.hstack([G, np.zeros((count, nf))]))
-        lower.append(least)
-        upper.append(most)
-    qp = PlainQP(
-        H=np.zeros((n, n)), g=np.zeros(n), A=A, b=b,
-        C=np.vstack(rows), lower=np.concatenate(lower), upper=np.concatenate(upper), x_lower=x_lower, x_upper=x_upper,
-        torque_map=torque_map, columns=columns,
-    )  # fmt: skip
+        G, lower, upper = np.zeros((len(limit.names), nv)), np.zeros(len(limit.names)), np.zeros(len(limit.names))
+        limit.fill(dynamics, period, G, lower, upper)
+        C.append(in_columns(G, 0, n))
+        C_lower.append(lower)
+        C_upper.append(upper)
+    bounds = np.concatenate(C_lower), np.concatenate(C_upper), x_lower, x_upper
+    qp = PlainQP(np.zeros((n, n)), np.zeros(n), A, b, np.vstack(C), *bounds, torque_map, columns)
 
-    # Regularization: of the joint accelerations, the forces, and the rate of the momentum ḣ_G = A_G v̇ + Ȧ_G v.
-    joints = np.arange(6 if model.floating_base else 0, nv)
-    qp.H[joints, joints] = regularization.acceleration
-    forces = np.arange(nv, n)
-    qp.H[forces, forces] = (
-        regularization.force * FORCE_UNIT**2 * np.concatenate([np.zeros(0), *(c.metric for c in active)])
-    )
+    # Regularization: of q̈, of f, and of the rate of the momentum ḣ_G = A_G v̇ + Ȧ_G v.
+    metric = np.concatenate([np.zeros(0), *(contact.metric for contact in active)])
+    base = 6 if model.floating_base else 0
+    qp.H[range(base, nv), range(base, nv)] = regularization.acceleration
+    qp.H[range(nv, n), range(nv, n)] = regularization.force * FORCE_UNIT**2 * metric
     if model.floating_base:
         scale = np.repeat([1.0, 1.0 / ROTATION_LENGTH], 3) / model.mass
-        momentum = np.hstack([dynamics.centroidal_matrix, np.zeros((6, nf))]) * scale[:, None]
+        momentum = in_columns(scale[:, None] * dynamics.centroidal_matrix, 0, n)
         add_squares(qp, regularization.acceleration, momentum, -scale * dynamics.centroidal_drift)
 
     # Tasks: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖².
@@ -237,6 +204,36 @@ def plain_qp(
         if weight > 0.0 and (found := task_rows(task, dynamics, qp, references.tasks[task.name], n)) is not None:
             add_squares(qp, weight, found[0], found[1])
     return qp
+
+
+def contact_accelerations(dynamics: Dynamics, active: Sequence[Contact], references: References) -> tuple[Array, Array]:
+    """Return J (nf, nv) of the active contacts, and the required J v̇ = -J̇v - D J v + K e, (nf,)."""
+    J, at_rest, D = np.zeros((0, dynamics.model.nv)), np.zeros(0), np.zeros(0)
+    anchored = []
+    for contact in active:
+        own_J, own_at_rest = contact_motion(contact, dynamics)
+        if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0:
+            anchored.append((contact, slice(len(J), len(J) + contact.size)))
+        J, at_rest = np.vstack([J, own_J]), np.concatenate([at_rest, own_at_rest])
+        D = np.concatenate([D, np.full(contact.size, contact.damping)])
+    return J, at_rest - D * (J @ dynamics.v) + pull(J, anchored, dynamics, references.anchors)
+
+
+def torque_bounds(limits: Limits, speeds: Array, tau_before: Array | None) -> tuple[Array, Array]:
+    """Return the bounds of τ: the available torques, and |τ - τ_before| ≤ rate τ_max Δt, both (na,) in N·m."""
+    lower, upper = limits.torque.available(speeds)
+    if tau_before is None:
+        return lower, upper
+    before = np.clip(tau_before, lower, upper)
+    step = limits.torque.rate * limits.period * limits.torque.effort_limits
+    return np.maximum(lower, before - step), np.minimum(upper, before + step)
+
+
+def in_columns(block: Array, start: int, n: int) -> Array:
+    """Return rows in x, (k, n), with a block (k, m) in the columns from `start` on and zeros elsewhere."""
+    rows = np.zeros((len(block), n))
+    rows[:, start : start + block.shape[1]] = block
+    return rows
 
 
 def add_squares(qp: PlainQP, weight: float, R: Array, r: Array) -> None:
