@@ -24,6 +24,7 @@ from wbc_controller.nodes.loop import ControlLoop
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.nesting import merged
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -45,14 +46,6 @@ def standing(name: str) -> np.ndarray:
     settings, model = shipped(name)
     made = [contact for contact, spec in settings.contacts.items() if spec.enabled]
     return stance(model, make_qp(settings, model), made)
-
-
-def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    result = dict(base)
-    for key, value in changes.items():
-        below = isinstance(value, Mapping) and isinstance(base.get(key), Mapping)
-        result[key] = merged(base[key], value) if below else value
-    return result
 
 
 def _vector(kind: str, values: Any) -> Any:

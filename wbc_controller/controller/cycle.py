@@ -393,12 +393,7 @@ class ControlCycle:
                 for name in self.model_error.unloaded_contacts
                 if name not in unloaded
             ]
-        if disturbance is None:
-            return references
-        return References(
-            references.tasks, references.weights, references.contacts, references.external_wrenches,
-            references.tuning, references.anchors, disturbance,
-        )  # fmt: skip
+        return replace(references, disturbance=disturbance)
 
 
 def _defect(error: Exception) -> Fault:
