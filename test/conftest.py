@@ -26,6 +26,7 @@ from wbc_controller.nodes.loop import ControlLoop
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.settings.nesting import merged
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -49,6 +50,7 @@ def standing(name: str) -> np.ndarray:
     return stance(model, make_qp(settings, model), made)
 
 
+<<<<<<< HEAD
 def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     result = dict(base)
     for key, value in changes.items():
@@ -60,6 +62,10 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
 def _twist(twist: Any) -> Any:
     linear, angular = np.split(np.asarray(twist, dtype=float), [3])
     return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
+=======
+def _vector(kind: str, values: Any) -> Any:
+    return message(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", map(float, values), strict=False)))
+>>>>>>> slim1
 
 
 def _transform(pose: Any) -> Any:

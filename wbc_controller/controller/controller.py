@@ -122,17 +122,17 @@ class Controller(ControlCycle):
         """Give a task a reference.
 
         With a position alone the reference moves there along a quintic. With a velocity or acceleration it is streamed:
-        the next step takes it as it is, and where no other follows it stays at the position.
+        the next step uses it unchanged, and without another one it stays at the position.
 
         Args:
             position: in the form of the task (docs/tasks.md): m, rad, unit quaternions (x, y, z, w). For tasks on
                 joints it may be a dictionary of some of them, for poses a `pinocchio.SE3`.
             velocity: feed-forward, with as many values as the task has axes; world axes, linear part first.
             acceleration: feed-forward, in the same form.
-            duration: time in which the position is reached, s; the task's ``setpoint_duration`` where it is not given.
+            duration: time in which the position is reached, s; by default the task's ``setpoint_duration``.
 
         Raises:
-            InputRefused: where there is no such task, or a value cannot be used.
+            InputRefused: if there is no such task, or a value cannot be used.
         """
         values = self._position(task, position, f"the position of task {task!r}")
         streamed = velocity is not None or acceleration is not None
@@ -163,11 +163,10 @@ class Controller(ControlCycle):
         Args:
             times: of the points, counted from now, rising, (n,) in s.
             positions: n of them, each as in `set`.
-            velocities: at the points, (n, m); zero where they are not given.
-            accelerations: likewise.
+            velocities: at the points, (n, m); by default zero, as the accelerations.
 
         Raises:
-            InputRefused: where there is no such task, or a value cannot be used.
+            InputRefused: if there is no such task, or a value cannot be used.
         """
         self._task(task)
         seconds = finite(times, "times")
@@ -237,15 +236,12 @@ class Controller(ControlCycle):
         self._command(SetExternalWrench(frame, frozen(_finite(wrench, 6, f"the wrench at {frame!r}"))))
 
     def update(self, changes: Mapping[str, Any]) -> None:
-        """Change settings that may change while the controller runs: gains, limits, weights, times of ramps.
+        """Change live settings (docs/configuration.md) by dotted key, such as ``{"tasks.com.stiffness": 200.0}``.
 
-        They are reached along a ramp, and outlive `reset`. docs/configuration.md marks them as *live*.
-
-        Args:
-            changes: by dotted key, such as ``{"tasks.com.stiffness": 200.0}``; all are applied, or none.
+        All are applied, or none. They are reached along a ramp, and outlive `reset`.
 
         Raises:
-            ConfigurationError: where a value is not valid, or the key is read only at the start.
+            ConfigurationError: if a value is not valid, or the key is read only at the start.
         """
         self.live.accept(nested(changes), "update")
         self._take_live(self._time)

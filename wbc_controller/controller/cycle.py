@@ -43,7 +43,7 @@ _EXPLAIN_PAUSE = 1.0
 class ControlCycle:
     """References, quadratic program and supervisor of one robot, called once per control period.
 
-    What calls it is the front door for Python users, `Controller`, or the service behind the topics.
+    It is called by `Controller`, for Python users, and by the service behind the topics.
 
     Attributes:
         config: the configuration that it was made from.
@@ -52,9 +52,9 @@ class ControlCycle:
         supervisor: makes the commands, and holds the modes.
         model_error: compensation of friction and disturbances.
         live: the settings with all changes since.
-        tape: where it is a list, what each cycle was given, and what it gave, is appended; whoever records empties it.
-        holding: names of the contacts that were active in the last cycle, but for those that carry nothing; where none
-            was solved, of those that are active when the controller is activated.
+        tape: records of the cycles, for a recorder that empties the list; None without a recorder.
+        holding: names of the loaded contacts that were active in the last cycle; if none was solved, of those that are
+            active when the controller is activated.
     """
 
     def __init__(
@@ -72,12 +72,12 @@ class ControlCycle:
 
         Args:
             config: the configuration, or what `load` takes.
-            tasks: your own: each is a class, or a function, that is called with the robot's model and gives a `Task`.
-                Its attributes ``weight``, ``enabled``, ``level`` and ``setpoint_duration`` count.
+            tasks: your own classes, or functions, each called with the robot's model to make a `Task`. Its attributes
+                ``weight``, ``enabled``, ``level`` and ``setpoint_duration`` count.
             contacts: likewise; their attributes ``enabled`` and ``ramp`` count.
             limits: likewise.
             preflight: also check that the robot can stand as configured, as ``wbc check`` does.
-            model: the robot's model, where it has been built already.
+            model: the robot's model, if it has been built already.
             timer: gives seconds, for the stage times.
 
         Raises:
@@ -229,11 +229,9 @@ class ControlCycle:
         return result
 
     def memory(self) -> dict[str, Any]:
-        """All that the next cycles depend on, beside what they are given.
+        """State that the next cycles depend on, by part.
 
-        Returns:
-            By part; that of ``qp`` is None where the solver keeps its warm start to itself, so that who goes on from
-            here does not come to the same bits.
+        ``qp`` is None if the solver hides its warm start: a cycle from here then does not repeat the same bits.
         """
         return {
             "qp": self.qp.memory(),
@@ -243,14 +241,10 @@ class ControlCycle:
         }
 
     def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
-        """Go on from what `memory` gave.
-
-        Args:
-            memory: of a controller of the same configuration.
-            settings: those that were in force then.
+        """Continue from the `memory` of a controller of the same configuration, with the settings of that time.
 
         Raises:
-            ConfigurationError: where the settings do not fit the model.
+            ConfigurationError: if the settings do not fit the model.
         """
         self.live.adopt(settings)
         self._parts = self.live.newest
@@ -273,20 +267,16 @@ class ControlCycle:
         self._defect = _defect(error)
 
     def shut_down(self, now: float) -> CycleResult:
-        """Leave the joints without torque when the process ends: the last result.
-
-        Args:
-            now: s, on the clock of the loop.
-        """
+        """Leave the joints without torque when the process ends, at `now` in s: the last result."""
         self._apart = True
         command = self.supervisor.shut_down(now)
         return CycleResult(qp=self.qp, time=now, mode=self.mode, fault=self.fault, command=command)
 
     def explain_failure(self, now: float) -> None:
-        """Begin to find out which constraints conflict, where the last cycle had no solution: the torques are out.
+        """Begin to search for the constraints that conflict, if the last cycle had no solution: the torques are out.
 
-        A thread does it; a later cycle's fault says what it found. Once per failure: while holding, the sentence of its
-        first cycle stays in force.
+        A thread searches, and a later cycle's fault names the result. Once per failure: while holding, the sentence of
+        its first cycle stays in force.
         """
         failure, self._failure = self._failure, None
         if failure is not None and self._explanation is None and now - self._explained >= _EXPLAIN_PAUSE:
@@ -294,7 +284,7 @@ class ControlCycle:
             self._explanation = self._explaining.submit(failure.explained)
 
     def _take_explanation(self) -> None:
-        """Say which constraints conflict, when that has been found out."""
+        """Report the constraints that conflict, when they have been found."""
         if self._explanation is None or not self._explanation.done():
             return
         explanation, self._explanation = self._explanation, None
@@ -307,7 +297,7 @@ class ControlCycle:
         _log.warning("NO_SOLUTION: %s", failure)
 
     def _take_requests(self, words: Sequence[str], now: float, problem: Fault | None, refused: list[str]) -> bool:
-        """Hand the requests to the supervisor; say whether the controller starts from the present state."""
+        """Hand the requests to the supervisor; return whether the controller starts from the present state."""
         starts = False
         for i, word in enumerate(words):
             if "estop" in words[:i]:  # silence may only follow zeros that were sent
@@ -324,7 +314,7 @@ class ControlCycle:
     def _take_changes(
         self, changes: Iterable[Sequence[Change | ChangeSettings]], state: RobotState | None, refused: list[str]
     ) -> list[tuple[Change, ...]]:
-        """Go over to changed settings; give the changes of references that are left to be applied."""
+        """Take over changed settings; return the changes of references that remain to be applied."""
         left = []
         for each in changes:
             references = tuple(change for change in each if not isinstance(change, ChangeSettings))
@@ -342,7 +332,7 @@ class ControlCycle:
         return left
 
     def _take_live(self, time: float | None) -> None:
-        """Go over to the newest settings, along ramps where the references are followed."""
+        """Take over the newest settings, along ramps if the references are followed."""
         newest = self.live.newest
         if newest is not self._parts:
             self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
@@ -405,12 +395,7 @@ class ControlCycle:
                 for name in self.model_error.unloaded_contacts
                 if name not in unloaded
             ]
-        if disturbance is None:
-            return references
-        return References(
-            references.tasks, references.weights, references.contacts, references.external_wrenches,
-            references.tuning, references.anchors, disturbance,
-        )  # fmt: skip
+        return replace(references, disturbance=disturbance)
 
 
 def _defect(error: Exception) -> Fault:

@@ -27,14 +27,14 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class LivePart:
-    """What of the settings the parts of a running loop go by.
+    """The part of the settings that a running loop uses.
 
     Attributes:
         settings: all of the settings.
-        board: how references, gains and limits move.
-        supervisor: what the supervisor holds.
+        board: plans of references, gains and limits.
+        supervisor: times and limits of the supervisor.
         state_timeout: oldest state that torques may be computed from, s.
-        disturbance: how fast what the model lacks is estimated.
+        disturbance: speed and size of the disturbance estimate.
     """
 
     settings: Settings
@@ -54,12 +54,7 @@ class LiveSettings:
     """
 
     def __init__(self, settings: Settings, derive: Callable[[Settings], LivePart]) -> None:
-        """Begin with the settings that the controller was built from.
-
-        Args:
-            settings: those that the controller was built from.
-            derive: makes their live part; raises `ConfigurationError` where settings and model do not fit.
-        """
+        """Begin with the settings of the controller; `derive` makes their live part, or raises `ConfigurationError`."""
         self.settings = settings
         self.newest = derive(settings)
         self.changed: Callable[[], None] = lambda: None
@@ -70,14 +65,10 @@ class LiveSettings:
         self._prepared: tuple[Any, Settings, Any] = (None, settings, None)
 
     def check(self, change: Mapping[str, Any], source: str) -> None:
-        """Say whether a change would be accepted.
-
-        Args:
-            change: a part of a configuration, nested as in its file.
-            source: where it comes from, for messages.
+        """Check whether a change, a part of a configuration nested as in its file, would be accepted.
 
         Raises:
-            ConfigurationError: where it would not, with the reason.
+            ConfigurationError: if it would not, with its source and the reason.
         """
         self._result(change, source)
 
@@ -99,10 +90,10 @@ class LiveSettings:
         self.changed()
 
     def adopt(self, settings: Settings) -> None:
-        """Go over to settings that another controller of the same configuration had, as its recording says.
+        """Take over settings that another controller of the same configuration had, as its recording says.
 
         Raises:
-            ConfigurationError: where they do not fit the model.
+            ConfigurationError: if they do not fit the model.
         """
         live = self._derive(settings)
         with self._lock:
@@ -155,10 +146,10 @@ def _beyond(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str =
 
 
 def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
-    """Collect what of the settings can change while a controller runs.
+    """Collect the settings that can change while a controller runs.
 
     Raises:
-        ConfigurationError: where settings and model do not fit.
+        ConfigurationError: if settings and model do not fit.
     """
     supervisor = make_supervisor_limits(settings, qp.model)
     plan = make_board_plan(settings, qp)

@@ -36,12 +36,12 @@ class CycleRecord:
 
 
 def taken(owner: Any) -> dict[str, Any]:
-    """The memory of an object, by attribute: what is written in place is copied, which records never are."""
+    """State of an object, by attribute; arrays that are written in place are copied."""
     return {name: _copied(getattr(owner, name)) for name in owner.STATE_FIELDS}
 
 
 def give_back(owner: Any, memory: Mapping[str, Any]) -> None:
-    """Put back into an object what `taken` gave; it goes on as the one that it was taken from."""
+    """Restore the state of an object from `taken`."""
     for name in owner.STATE_FIELDS:
         present, value = getattr(owner, name), memory[name]
         if hasattr(type(present), "STATE_FIELDS"):

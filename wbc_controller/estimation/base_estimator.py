@@ -316,7 +316,6 @@ class _Running:
         self._largest_square = {
             name: float(chdtri(3 * len(points), _SLIP)) for name, points in kinematics.points.items()
         }
-        self._limits: dict[tuple[str, ...], Array] = {}  # of several contacts
 
     @property
     def stamp(self) -> float:
@@ -457,9 +456,7 @@ class _Running:
     def _corrected(self, contacts: tuple[str, ...]) -> np.ndarray:
         """Correct by some contacts unless one contradicts; return a flag per contact that agrees."""
         found, sight = self.filter, self._kinematics.sight(contacts)
-        if contacts not in self._limits:
-            self._limits[contacts] = np.array([self._largest_square[name] for name in contacts])
-        limits, places = self._limits[contacts], sight.places
+        limits, places = np.array([self._largest_square[name] for name in contacts]), sight.places
         if self._rolling.names:  # positions of the balls' centres without their rolling
             places = places - self._rolling.of(contacts, sight.ends) @ found.rotation
         return found.correct(sight.names, places, sight.covariance, ends=sight.ends, limits=limits) <= limits

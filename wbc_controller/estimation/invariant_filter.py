@@ -83,7 +83,6 @@ class InvariantFilter:
         self.accelerometer_bias = np.array(accelerometer_bias)
         self.P = np.array(P)
         self.names: list[str] = []
-        self._known: dict[tuple[str, ...], np.ndarray] = {}  # which of the points have these names
 
     @property
     def velocity(self) -> Array:
@@ -145,7 +144,8 @@ class InvariantFilter:
         squares = np.empty(len(ends))
         before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
         after = np.empty((3, 3)), np.empty(self.columns.shape), np.empty(3), np.empty(3), np.empty(self.P.shape)
-        found = kernel.correct(*before, self._places(tuple(names)), ends, places, covariance, limits, squares, *after)
+        points = np.array([self.names.index(name) for name in names], dtype=np.int64)
+        found = kernel.correct(*before, points, ends, places, covariance, limits, squares, *after)
         if found < 0:
             raise np.linalg.LinAlgError("the covariance of the innovation is not positive definite")
         if found > 0:
@@ -227,7 +227,6 @@ class InvariantFilter:
         """Begin a contact point at its place seen by the kinematics, (3,) in m from the IMU; covariance (3, 3)."""
         end = 9 + 3 * len(self.names)
         self.names.append(name)
-        self._known.clear()
         self.columns = np.ascontiguousarray(np.column_stack([self.columns, self.position + self.rotation @ place]))
         keep = np.concatenate([np.arange(end), np.arange(6, 9), np.arange(end, len(self.P))])
         self.P = np.ascontiguousarray(self.P[np.ix_(keep, keep)])
@@ -237,16 +236,9 @@ class InvariantFilter:
         """End a contact point."""
         i = self.names.index(name)
         self.names.pop(i)
-        self._known.clear()
         self.columns = np.ascontiguousarray(np.delete(self.columns, 2 + i, axis=1))
         gone = np.arange(_POINTS + 3 * i, _POINTS + 3 * i + 3)
         self.P = np.ascontiguousarray(np.delete(np.delete(self.P, gone, axis=0), gone, axis=1))
-
-    def _places(self, names: tuple[str, ...]) -> np.ndarray:
-        """Which of the points d have these names, (k,)."""
-        if names not in self._known:
-            self._known[names] = np.array([self.names.index(name) for name in names], dtype=np.int64)
-        return self._known[names]
 
 
 def hat(w: Array) -> Array:

@@ -74,7 +74,7 @@ def footprint(
     plane: pin.SE3,
     layer: float = LAYER,
 ) -> Footprint | None:
-    """Find the footprint of a body on a plane.
+    """Find the footprint of a body on a plane; None if no link of the body has a collision element.
 
     The body is all links that one joint moves: a foot that is fixed to its shank belongs to the shank's body. Its
     shapes count as their convex hull, as a plane meets nothing else.
@@ -85,9 +85,6 @@ def footprint(
         plane: placement in the joint's frame of the plane's own frame: x and y span the plane, and z is its normal,
             which points to the body's side.
         layer: thickness of the layer above the body's lowest point that counts, m.
-
-    Returns:
-        The footprint; None if no link of the body has a collision element.
     """
     shapes = [
         element
@@ -136,7 +133,7 @@ def fewer_corners(polygon: Array, most: int) -> Array:
 
 
 def fitted_ball(points: Array) -> tuple[Array, float] | None:
-    """Centre, (3,), and radius of the ball that points, (n, 3), fit best; None where they are in one plane, as of many.
+    """Centre, (3,), and radius of the ball that fits points, (n, 3), best; None if they are in one plane.
 
     |p - c|² = r² is linear in c and in r² - |c|².
     """

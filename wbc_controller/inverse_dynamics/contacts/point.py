@@ -80,7 +80,7 @@ class PointContact(UnilateralContact):
             **limits: the other keywords of `UnilateralContact`.
 
         Raises:
-            ConfigurationError: where the model has no such frame, or the normal has no length.
+            ConfigurationError: if the model has no such frame, or the normal has no length.
         """
         self._axes = axes_with_normal(unit(f"contacts.{name}.normal", np.asarray(normal)))
         super().__init__(

@@ -205,20 +205,15 @@ class SelfCollisionLimit(RowLimit):
 def _levers(
     moves: np.ndarray, links: np.ndarray, reach: Array, pairs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Array, np.ndarray]:
-    """How fast the joints between two links can change the distance of shapes on them.
+    """Speed of the distance of shapes on two links per speed of the joints between the links.
 
     A joint that moves one link of a pair and not the other changes their distance at most by its speed times the
     largest distance from it of the shape on that link. For a shape these are the joints from its link towards the root,
     up to the first one that moves both links: a part of the same sum for all of its pairs.
 
-    Args:
-        moves: 1 where a component of v moves a link, (links, nv).
-        links: index of the link of each shape, (s,).
-        reach: largest distance of each shape from each joint, (s, nv).
-        pairs: indices of the two shapes of each pair, (k, 2).
-
-    Returns:
-        `starts`, `components`, `levers` and `ends`, as `limits.self_collision_kernels.near_pairs` takes them.
+    `moves` is 1 where a component of v moves a link, (links, nv); `links` is the index of the link of each shape,
+    (s,), `reach` the largest distance of each shape from each joint, (s, nv), and `pairs` the two shapes of each pair.
+    The results are `starts`, `components`, `levers` and `ends` of `limits.self_collision_kernels.near_pairs`.
     """
     starts, components, levers, ends = [0], [], [], np.zeros(pairs.shape, dtype=np.int64)
     for shape, link in enumerate(links):

@@ -294,8 +294,7 @@ class ReferenceBoard:
     def _sampled(self, time: float) -> References:
         tasks = {name: trajectory.sample(time) for name, trajectory in self._trajectories.items()}
         if self._settled is not None and time >= self._settled[0]:
-            same = self._settled[1]
-            return References(tasks, same.weights, same.contacts, same.external_wrenches, same.tuning, same.anchors)
+            return replace(self._settled[1], tasks=tasks)
         references = References(
             tasks=tasks,
             weights=MappingProxyType({name: ramp.sample(time) for name, ramp in self._weight_ramps.items()}),

@@ -18,18 +18,13 @@ def own_frames(task: str) -> tuple[str, str]:
 
 
 def in_world(task: str, frame: str, position: Array, goal: Array, form: ReferenceForm, dynamics: Dynamics) -> Array:
-    """Where a setpoint is that was given in another frame.
+    """Transform a setpoint that was given in another frame to the frame of the task's references, mostly the world.
 
     Args:
-        frame: one of `own_frames`, or a frame of the robot, which counts where it is now.
+        frame: one of `own_frames`, or a frame of the robot at its present place.
         position: in the form of the task's references: in m for positions, and a unit quaternion for orientations.
-        goal: the reference that the task is on its way to, in the same form. To this a vector is added; an orientation
-            turns it, about axes through its origin.
-        form: form of the task's references.
-        dynamics: the snapshot in which the frames of the robot are.
-
-    Returns:
-        The setpoint in the frame of the task's references, of the same shape; for most tasks that is the world.
+        goal: the reference that the task moves to, in the same form. A vector is added to it; an orientation turns it,
+            about axes through its origin.
     """
     n = form.vector
     reference, heading = own_frames(task)

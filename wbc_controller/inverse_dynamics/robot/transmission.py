@@ -114,13 +114,8 @@ def make_drive(
 ) -> Drive:
     """Make the drive of a robot from its settings.
 
-    Args:
-        joints: names of the joints, (nj,).
-        joint_efforts: effort limits of the URDF, (nj,) in N·m, which apply to the joints' own motors.
-        actuators: as in `from_urdf.build_model`.
-        transmission: actuators with ratios, by name.
-        passive: names of the joints without a motor of their own.
-        by_joint: True if the command consists of torques at the driven joints.
+    The arguments are those of `from_urdf.build_model`, with the effort limits of the URDF, (nj,) in N·m, which apply to
+    the joints' own motors, and the names of the joints without a motor.
 
     Raises:
         ConfigurationError: if a name is unknown, a joint is neither driven nor passive, or the actuators are not
