@@ -50,22 +50,9 @@ def standing(name: str) -> np.ndarray:
     return stance(model, make_qp(settings, model), made)
 
 
-<<<<<<< HEAD
-def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    result = dict(base)
-    for key, value in changes.items():
-        below = isinstance(value, Mapping) and isinstance(base.get(key), Mapping)
-        result[key] = merged(base[key], value) if below else value
-    return result
-
-
 def _twist(twist: Any) -> Any:
     linear, angular = np.split(np.asarray(twist, dtype=float), [3])
     return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
-=======
-def _vector(kind: str, values: Any) -> Any:
-    return message(f"geometry_msgs/msg/{kind}", **dict(zip("xyzw", map(float, values), strict=False)))
->>>>>>> slim1
 
 
 def _transform(pose: Any) -> Any:
