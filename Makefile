@@ -5,10 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo browser play test lint bench docs lock clean
+.PHONY: help demo browser play test lint bench boundscheck kernel-coverage docs lock clean
 
 help:  ## say what there is to make
-	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 10
+	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 17
 
 demo: $(VENV)/demo.installed  ## watch a robot stand, sway, squat, reach and be shoved: make demo ROBOT=talos
 	$(BIN)/wbc demo $(ROBOT) --sensors good
@@ -32,6 +32,17 @@ bench: $(VENV)/dev.installed  ## time the solvers, and whole cycles beside tsid'
 	$(BIN)/python benchmarks/solvers.py
 	$(BIN)/python benchmarks/compare.py $(if $(AGAINST),--against $(AGAINST))
 
+# The tests of the rooms with kernels, without those that depend on wall time.
+KERNEL_TESTS := test/test_compilation.py test/test_kernel_sizes.py test/inverse_dynamics test/estimation test/safety
+NOT_LIVE := -n logical --dist worksteal -m "not live and not browser"
+
+boundscheck: $(VENV)/dev.installed  ## test the kernels with bounds checks of arrays
+	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest $(NOT_LIVE) $(KERNEL_TESTS)
+
+kernel-coverage: $(VENV)/dev.installed  ## test the kernels as Python functions, and report the lines that ran
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest $(NOT_LIVE) --cov wbc_controller --cov-config pyproject.toml \
+	    --cov-report term-missing:skip-covered $(KERNEL_TESTS)
+
 docs: $(VENV)/dev.installed  ## write the generated pages of docs/
 	$(BIN)/python docs/reference_pages.py docs
 
@@ -43,7 +54,7 @@ lock:  ## resolve requirements/*.txt anew; needs uv
 	    --output-file requirements/dev.txt
 
 clean:  ## remove the virtual environment and everything that was built
-	rm -rf $(VENV) .venv-tsid .venv-placo build *.egg-info report faults bench .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-tsid .venv-placo build *.egg-info report faults bench .pytest_cache .coverage .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("wbc_controller needs Python 3.10 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 …")'

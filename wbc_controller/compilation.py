@@ -106,6 +106,7 @@ class Struct(_Proxy):
 
     NumbaType: ClassVar[Any]
     numba_type: ClassVar[Any]
+    _numba_type_: ClassVar[Any]
     _fields: ClassVar[dict[str, Any]]
     _allocate: ClassVar[Any] = None
 
@@ -116,7 +117,7 @@ class Struct(_Proxy):
         # As an attribute of the class it can be found by name, which the cache on disk requires.
         names = {"__module__": cls.__module__, "__qualname__": f"{cls.__qualname__}.NumbaType"}
         cls.NumbaType = structref.register(type(cls.__name__, (types.StructRef,), names))
-        cls.numba_type = cls.NumbaType(list(cls._fields.items()))
+        cls.numba_type = cls._numba_type_ = cls.NumbaType(list(cls._fields.items()))  # an attribute: faster calls
         if not numba.config.DISABLE_JIT:
             structref.define_boxing(cls.NumbaType, cls)
 

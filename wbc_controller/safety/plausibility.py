@@ -313,7 +313,8 @@ class FallWatch:
             self.upward, self._height, self._looked = upward(state.q), self._height_of(state), now
             self._begun = True
             return None
-        cosine = sum(a * b for a, b in zip(self.upward, upward(state.q), strict=True))
+        (a, b, c), (x, y, z) = self.upward, upward(state.q)
+        cosine = a * x + b * y + c * z
         tilted = math.acos(max(-1.0, min(1.0, cosine)))
         if not (tilted <= limits.tilt):
             return Fault(

@@ -53,15 +53,16 @@ def _damp(table: DynamicsRows, v: Array) -> None:
 def _project(table: DynamicsRows, k: int, h: Array) -> float:
     """Fill row k of [N; T] (M v̇ - Jᵀf); return its product with h."""
     M, rows, row, nv, constant = table.M, table.rows, table.rows[table.first + k], len(h), 0.0
-    nf = len(table.damping)
-    row[: nv + nf] = 0.0
+    nf, unit, columns, values = len(table.damping), table.unit, table.columns, table.values
+    for j in range(nv + nf):
+        row[j] = 0.0
     for place in range(table.starts[k], table.starts[k + 1]):
-        column, value = table.columns[place], table.values[place]
+        column, value = columns[place], values[place]
         constant += value * h[column]
         for j in range(nv):
             row[j] += value * M[column, j]
         for i in range(nf):
-            row[nv + i] -= table.unit * value * rows[i, column]
+            row[nv + i] -= unit * value * rows[i, column]
     return constant
 
 

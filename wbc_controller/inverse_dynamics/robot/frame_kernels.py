@@ -33,6 +33,7 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     scale,
     subtract,
     three,
+    three_of,
     to_frame,
     transform,
 )
@@ -81,16 +82,18 @@ def _contact_rows(motion: LinkMotion, link: int, other: int, mount: Array, rows:
         out: J, and -ν̇ at v̇ = 0 in the last column, (r, …).
     """
     C, column, right = np.empty(12), np.empty(6), out.shape[1] - 1
+    twists, moves, links = motion.joint_twists, motion.moves, motion.links
     place(motion.joints[link], mount, C)
-    for j in range(len(motion.joint_twists)):
-        sign = motion.moves[link, j] - motion.moves[other, j]
-        put_motion(column, to_frame(C, motion.joint_twists[j]))
+    for j in range(len(twists)):
+        sign = moves[link, j] - moves[other, j]
+        put_motion(column, to_frame(C, three_of(twists, j, 0), three_of(twists, j, 3)))
         for i in range(len(rows)):
             out[i, j] = sign * column[rows[i]] if sign != 0 else 0.0
-    linear, angular = to_frame(C, motion.links[other, :6])  # X ν_B
-    own_linear, own_angular = to_frame(C, motion.links[link, :6])
+    linear, angular = to_frame(C, three_of(links, other, 0), three_of(links, other, 3))  # X ν_B
+    own_linear, own_angular = to_frame(C, three_of(links, link, 0), three_of(links, link, 3))
     nu_linear, nu_angular = subtract(own_linear, linear), subtract(own_angular, angular)
-    own, others = to_frame(C, motion.links[link, 6:]), to_frame(C, motion.links[other, 6:])
+    own = to_frame(C, three_of(links, link, 6), three_of(links, link, 9))
+    others = to_frame(C, three_of(links, other, 6), three_of(links, other, 9))
     carried = add(cross(nu_angular, linear), cross(nu_linear, angular))
     put(column, 0, add(subtract(own[0], others[0]), carried))
     put(column, 3, add(subtract(own[1], others[1]), cross(nu_angular, angular)))
@@ -110,14 +113,13 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
         numbers: the centre on that link in m; r, to the lowest point in world axes, in m; Eᵀ by rows, (15,).
         out: J, and the required J v̇ at J v = 0 in the last column, (3, …).
     """
-    at, right = motion.links[link], out.shape[1] - 1
+    at, right, twists, moves = motion.links[link], out.shape[1] - 1, motion.joint_twists, motion.moves
     centre = transform(motion.joints[link], three(numbers, 0))
     lowest = add(centre, three(numbers, 3))
-    for j in range(len(motion.joint_twists)):
-        twist = motion.joint_twists[j]
-        velocity = add(cross(three(twist, 3), lowest), three(twist, 0))
+    for j in range(len(twists)):
+        velocity = add(cross(three_of(twists, j, 3), lowest), three_of(twists, j, 0))
         for i in range(3):
-            out[i, j] = dot(three(numbers, 6 + 3 * i), velocity) if motion.moves[link, j] else 0.0
+            out[i, j] = dot(three(numbers, 6 + 3 * i), velocity) if moves[link, j] else 0.0
     angular = three(at, 3)
     centripetal = cross(angular, add(three(at, 0), cross(angular, centre)))
     drift = add(add(three(at, 6), cross(three(at, 9), lowest)), centripetal)
@@ -128,9 +130,10 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 @part
 def _momentum_rows(motion: LinkMotion, out: Array) -> None:
     """Fill rows of the rate of the centroidal momentum: A_G v̇ = -Ȧ_G v."""
+    centroidal = motion.centroidal
     for i in range(6):
-        for j in range(len(motion.centroidal)):
-            out[i, j] = motion.centroidal[j, i]
+        for j in range(len(centroidal)):
+            out[i, j] = centroidal[j, i]
         out[i, out.shape[1] - 1] = -motion.drift[i]
 
 
@@ -178,12 +181,12 @@ def _frame_rows(
 @part
 def _frame_jacobian(motion: LinkMotion, link: int, p: Vector3, first: int, rows: Indices, out: Array) -> None:
     """Fill J of a frame's selected components: columns of the joints that move the link, at the point p."""
-    column = np.empty(6)
-    for j in range(len(motion.joint_twists)):
-        linear, angular = three(motion.joint_twists[j], 0), three(motion.joint_twists[j], 3)
-        put_motion(column, (add(linear, cross(angular, p)), angular))
+    column, twists, moves = np.empty(6), motion.joint_twists, motion.moves
+    for j in range(len(twists)):
+        angular = three_of(twists, j, 3)
+        put_motion(column, (add(three_of(twists, j, 0), cross(angular, p)), angular))
         for i in range(len(rows)):
-            out[i, j] = column[first + rows[i]] if motion.moves[link, j] else 0.0
+            out[i, j] = column[first + rows[i]] if moves[link, j] else 0.0
 
 
 @part
@@ -216,10 +219,11 @@ def _rotation_error(frame: Array, reference: Array) -> Vector3:
 @part
 def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, error: Array) -> None:
     """Fill rows of a task on the centre of mass; `numbers`: K, D, position, velocity, acceleration, (3,) each."""
+    per_mass = motion.per_mass
     for i in range(len(rows)):
         k = rows[i]
-        for j in range(len(motion.per_mass)):
-            out[i, j] = motion.per_mass[j, k]
+        for j in range(len(per_mass)):
+            out[i, j] = per_mass[j, k]
         error[i] = numbers[6 + k] - motion.com[k]
         asked = numbers[k] * error[i] + numbers[3 + k] * (numbers[9 + k] - motion.com_velocity[k])
         out[i, out.shape[1] - 1] = asked + numbers[12 + k] - motion.com_drift[k]
@@ -295,11 +299,11 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
     Returns:
         The constant cost of the tasks on single accelerations.
     """
-    motion, rest = table.motion, 0.0
-    for k in range(len(table.instructions)):
-        step = table.instructions[k]
+    motion, instructions, places, rest = table.motion, table.instructions, table.places, 0.0
+    for k in range(len(instructions)):
+        step = instructions[k]
         kind, link, first, size = step[KIND], step[LINK], step[FIRST], step[SIZE]
-        rows = table.places[step[PLACE] : step[PLACE] + step[COUNT]]
+        rows = places[step[PLACE] : step[PLACE] + step[COUNT]]
         out, numbers, error = (
             table.out[step[ROW] : step[ROW] + step[COUNT]],
             table.numbers[step[NUMBER] :],
@@ -310,7 +314,7 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
         elif kind == COM:
             _com_rows(motion, numbers, rows, out, error)
         elif kind == JOINTS:
-            rest += _joint_targets(q, v, numbers, table.places[step[PLACE] :], size, table.target, error)
+            rest += _joint_targets(q, v, numbers, places[step[PLACE] :], size, table.target, error)
         elif kind == SURFACE:
             _contact_rows(motion, link, step[OTHER], numbers, rows, out)
         elif kind == BALL:

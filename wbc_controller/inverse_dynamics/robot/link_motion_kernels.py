@@ -12,10 +12,10 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
     add,
     cross,
     put,
-    put_motion,
     rotate,
     subtract,
     three,
+    three_of,
     to_world,
 )
 
@@ -80,17 +80,22 @@ def link_terms(motion: LinkMotion, velocity: Vector) -> None:
     if len(velocity) != len(motion.joint_twists):
         raise ValueError("link_terms: the velocity has another size than the model")
     joints, links, gravity = motion.joints, motion.links, three(motion.gravity, 0)
+    twists, accelerations = motion.local_twists, motion.local_accelerations
     for i in range(1, len(joints)):
-        put_motion(links[i, :6], to_world(joints[i], motion.local_twists[i]))
-        linear, angular = to_world(joints[i], motion.local_accelerations[i])
-        put_motion(links[i, 6:], (add(linear, gravity), angular))
+        frame, link = joints[i], links[i]
+        linear, angular = to_world(frame, three_of(twists, i, 0), three_of(twists, i, 3))
+        put(link, 0, linear)
+        put(link, 3, angular)
+        linear, angular = to_world(frame, three_of(accelerations, i, 0), three_of(accelerations, i, 3))
+        put(link, 6, add(linear, gravity))
+        put(link, 9, angular)
     _momentum_rate(motion)
-    per_mass, com_velocity = motion.per_mass, motion.com_velocity
+    per_mass, com_velocity, centroidal, mass = motion.per_mass, motion.com_velocity, motion.centroidal, motion.mass
     for k in range(3):
         com_velocity[k] = 0.0
         motion.com_drift[k] = motion.drift[k] / motion.mass
     for j in range(len(velocity)):
         for k in range(6):
-            per_mass[j, k] = motion.centroidal[j, k] / motion.mass
+            per_mass[j, k] = centroidal[j, k] / mass
         for k in range(3):
             com_velocity[k] += per_mass[j, k] * velocity[j]

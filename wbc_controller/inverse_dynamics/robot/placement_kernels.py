@@ -23,6 +23,12 @@ def three(array: Array, start: int) -> Vector3:
 
 
 @part
+def three_of(matrix: Array, row: int, start: int) -> Vector3:
+    """Return three numbers of a row of a matrix."""
+    return matrix[row, start], matrix[row, start + 1], matrix[row, start + 2]
+
+
+@part
 def put(out: Array, start: int, a: Vector3) -> None:
     """Write a vector into an array."""
     out[start], out[start + 1], out[start + 2] = a
@@ -100,16 +106,15 @@ def place(frame: Array, mount: Array, out: Array) -> None:
 
 
 @part
-def to_world(frame: Array, motion: Array) -> Motion:
+def to_world(frame: Array, linear: Vector3, angular: Vector3) -> Motion:
     """Express a motion in the axes and at the origin of a frame in world axes at the world's origin."""
-    angular = rotate(frame, three(motion, 3))
-    return add(rotate(frame, three(motion, 0)), cross(three(frame, 9), angular)), angular
+    angular = rotate(frame, angular)
+    return add(rotate(frame, linear), cross(three(frame, 9), angular)), angular
 
 
 @part
-def to_frame(frame: Array, motion: Array) -> Motion:
+def to_frame(frame: Array, linear: Vector3, angular: Vector3) -> Motion:
     """Express a motion at the world's origin, in world axes, in the axes and at the origin of a frame."""
-    linear, angular = three(motion, 0), three(motion, 3)
     return rotate_back(frame, add(linear, cross(angular, three(frame, 9)))), rotate_back(frame, angular)
 
 
