@@ -33,8 +33,12 @@ def _commands(command: click.Command, path: str) -> Iterator[str]:
         yield from (f"{path} {name}" for name in (*parameter.opts, *parameter.secondary_opts))
         if isinstance(parameter.type, click.Choice):
             yield from (f"{path} {parameter.opts[0]}={choice}" for choice in parameter.type.choices)
-    for name, below in getattr(command, "commands", {}).items():
-        yield from _commands(below, f"{path} {name}")
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            below = command.get_command(context, name)
+            assert below is not None
+            yield from _commands(below, f"{path} {name}")
 
 
 def _keys(schema: dict[str, Any], node: dict[str, Any] | None = None, path: str = "") -> Iterator[str]:

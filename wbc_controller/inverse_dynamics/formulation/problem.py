@@ -161,7 +161,7 @@ class QuadraticProgram:
 
     def residuals(self, x: Array) -> Residuals:
         """Compute the residuals of the constraints at x."""
-        found = Residuals.empty(self)
+        found = Residuals(self)
         found.value[: self.n] = x
         found.least_room, found.largest_equality = residuals(
             self.constraints, found.value, found.room, found.equalities, found.outputs
@@ -180,7 +180,6 @@ class QuadraticProgram:
         return self.residuals(x).violation
 
 
-@dataclass(slots=True)
 class Residuals:
     """Residuals of the constraints at a point x.
 
@@ -193,19 +192,14 @@ class Residuals:
         largest_equality: largest value of `equalities`.
     """
 
-    value: Array
-    room: Array
-    equalities: Array
-    outputs: Array
-    least_room: float = math.nan
-    largest_equality: float = math.nan
+    __slots__ = ("equalities", "largest_equality", "least_room", "outputs", "room", "value")
 
-    @classmethod
-    def empty(cls, problem: QuadraticProgram) -> Residuals:
+    def __init__(self, problem: QuadraticProgram) -> None:
         """Allocate the arrays for a problem."""
         count = problem.bounds.shape[1]
-        arrays = np.empty(count), np.empty((2, count)), np.empty(len(problem.b)), np.empty(len(problem.offset))
-        return cls(*arrays)
+        self.value, self.room = np.empty(count), np.empty((2, count))
+        self.equalities, self.outputs = np.empty(len(problem.b)), np.empty(len(problem.offset))
+        self.least_room = self.largest_equality = math.nan
 
     @property
     def violation(self) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from wbc_controller.records import Array
 _MOST_ROWS = 1.25
 
 
-@dataclass(slots=True)
 class LevelMemory:
     """Arrays that the levels of one problem share, for `solve_condensed`; one level is a hierarchy of one.
 
@@ -31,14 +29,9 @@ class LevelMemory:
         residuals: residuals of the constraints at the solution of the last level.
     """
 
-    base_map: Array
-    upper_rows: Array
-    multipliers: Array
-    residuals: Residuals
-    above: int = 0
+    __slots__ = ("above", "base_map", "multipliers", "residuals", "upper_rows")
 
-    @classmethod
-    def empty(cls, problem: QuadraticProgram, base: int, kept: int = 0) -> LevelMemory:
+    def __init__(self, problem: QuadraticProgram, base: int, kept: int = 0) -> None:
         """Allocate the arrays.
 
         Args:
@@ -46,13 +39,12 @@ class LevelMemory:
             base: number of the base accelerations.
             kept: number of rows that all levels together keep.
         """
-        width, rows = problem.n + 1 - base, len(problem.b) - base + kept
-        return cls(
-            np.empty((base, width)),
-            np.empty((rows, width)),
-            np.empty(problem.bounds.shape[1]),
-            Residuals.empty(problem),
-        )
+        width = problem.n + 1 - base
+        self.base_map = np.empty((base, width))
+        self.upper_rows = np.empty((len(problem.b) - base + kept, width))
+        self.above = 0
+        self.multipliers = np.empty(problem.bounds.shape[1])
+        self.residuals = Residuals(problem)
 
 
 class ActiveSet:
@@ -120,7 +112,7 @@ class ActiveSet:
         squares = problem.cost.squares
         if squares is None or len(squares.weights) > _MOST_ROWS * self._n:
             return self._full(problem)
-        memory = LevelMemory.empty(problem, squares.base)
+        memory = LevelMemory(problem, squares.base)
         outcome, _, cost = self.solve_level(problem, squares, memory)
         if outcome != kernel.SOLVED:
             return None

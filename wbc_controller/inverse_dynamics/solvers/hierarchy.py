@@ -122,7 +122,7 @@ class Hierarchy:
         if len(self._active_sets) != len(levels):
             self._active_sets = [ActiveSet(problem.n, len(problem.b), len(problem.upper)) for _ in levels]
         kept = sum(len(level.kept) for level in levels)
-        memory, iterations, reports = LevelMemory.empty(problem, costs[0].base, kept), 0, []
+        memory, iterations, reports = LevelMemory(problem, costs[0].base, kept), 0, []
         for level, squares, active_set in zip(levels, costs, self._active_sets, strict=True):
             if not level.tasks and level is not levels[-1]:
                 continue
