@@ -20,19 +20,12 @@ _NONE = np.zeros(0)
 
 
 class JointStates(NamedTuple):
-    """Measured joint states in the robot's joint order.
+    """Measured joint states in the robot's joint order."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        position: (nj,) in rad; like the other arrays it is empty if the reader ignores it.
-        velocity: (nj,) in rad/s.
-        effort: (nj,) in N·m.
-    """
-
-    stamp: int
-    position: Array = _NONE
-    velocity: Array = _NONE
-    effort: Array = _NONE
+    stamp: int  # timestamp, ns
+    position: Array = _NONE  # (nj,) in rad; like the other arrays it is empty if the reader ignores it
+    velocity: Array = _NONE  # (nj,) in rad/s
+    effort: Array = _NONE  # (nj,) in N·m
 
 
 class StateReader(ABC):
@@ -97,7 +90,6 @@ class JointStateReader(StateReader):
         """Make a decoder.
 
         Args:
-            joints: names of the robot's joints, in its order.
             columns: the arrays that are read: ``position``, ``velocity``, ``effort``; by default the first two.
         """
         super().__init__()

@@ -33,7 +33,6 @@ def setpoint_message(
 
     Args:
         type_name: its type, one of `TASK_TYPES`.
-        kind: kind of the task.
         position: in the form of the task's references; coordinates that the form lacks are 0 in the message.
         frame: for its header.
         stamp: for its header, ns.

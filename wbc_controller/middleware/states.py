@@ -31,59 +31,35 @@ _POSE = (*_axes("pose.pose.position"), *_axes("pose.pose.orientation", "xyzw"))
 
 
 class BaseState(NamedTuple):
-    """Measured state of a floating base.
+    """Measured state of a floating base."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        pose: position in m and quaternion x, y, z, w in the world, (7,).
-        twist: linear and angular velocity in the base frame, (6,) in m/s and rad/s.
-    """
-
-    stamp: int
-    pose: Array
-    twist: Array
+    stamp: int  # timestamp, ns
+    pose: Array  # position in m and quaternion x, y, z, w in the world, (7,)
+    twist: Array  # linear and angular velocity in the base frame, (6,) in m/s and rad/s
 
 
 class ImuData(NamedTuple):
-    """One measurement of an IMU, in its own axes.
+    """One measurement of an IMU, in its own axes."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        angular_velocity: (3,) in rad/s.
-        specific_force: acceleration less gravity, (3,) in m/s².
-    """
-
-    stamp: int
-    angular_velocity: Array
-    specific_force: Array
+    stamp: int  # timestamp, ns
+    angular_velocity: Array  # (3,) in rad/s
+    specific_force: Array  # acceleration less gravity, (3,) in m/s²
 
 
 class AbsolutePose(NamedTuple):
-    """Measured pose of the base in the world.
+    """Measured pose of the base in the world."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        pose: position in m and quaternion x, y, z, w, (7,).
-        covariance: of the position and of turns about the world's axes, (6, 6) in m² and rad².
-    """
-
-    stamp: int
-    pose: Array
-    covariance: Array
+    stamp: int  # timestamp, ns
+    pose: Array  # position in m and quaternion x, y, z, w, (7,)
+    covariance: Array  # of the position and of turns about the world's axes, (6, 6) in m² and rad²
 
 
 class ContactForce(NamedTuple):
-    """Measured force on the robot at a contact.
+    """Measured force on the robot at a contact."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        normal: component along the contact's normal, N.
-        force: (3,) in N, in the axes of the message's frame.
-    """
-
-    stamp: int
-    normal: float
-    force: Array
+    stamp: int  # timestamp, ns
+    normal: float  # component along the contact's normal, N
+    force: Array  # (3,) in N, in the axes of the message's frame
 
 
 class OdometryReader(StateReader):
@@ -176,7 +152,6 @@ class ContactForceReader(StateReader):
         """Make a decoder.
 
         Args:
-            contact: the contact's name.
             normals: its unit normal in the axes of each frame in which the force may be given, (3,).
         """
         super().__init__()

@@ -46,23 +46,14 @@ LATCHED = Qos(reliable=True, latched=True, depth=1)
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        key: short name of the row, used in the code.
-        name: template of the topic's name.
-        type: message type, such as ``sensor_msgs/msg/JointState``; if it depends on the task, one of `BY_TASK`.
-        direction: direction seen from the node that owns the row.
-        qos: quality of service that the owner requests or offers.
-        meaning: one sentence for the documentation.
-    """
-
-    key: str
-    name: str
-    type: str
-    direction: Direction
-    qos: Qos
-    meaning: str
+    key: str  # short name of the row, used in the code
+    name: str  # template of the topic's name
+    type: str  # message type, such as ``sensor_msgs/msg/JointState``; if it depends on the task, one of `BY_TASK`
+    direction: Direction  # direction seen from the node that owns the row
+    qos: Qos  # quality of service that the owner requests or offers
+    meaning: str  # one sentence for the documentation
 
 
 #: Message types of a task's setpoint and trajectory, by kind of task; without reference derivatives, no trajectory.
@@ -271,22 +262,13 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """One topic of one node with its resolved name, as a transport opens it.
+    """One topic of one node with its resolved name, as a transport opens it."""
 
-    Attributes:
-        key: key of the row in the topic table.
-        subject: the task, contact or frame that the topic belongs to; empty for the other topics.
-        name: fully qualified topic name, such as ``/wbc_controller/state``.
-        type: message type, such as ``std_msgs/msg/String``.
-        direction: whether the node subscribes or publishes.
-        qos: quality of service.
-    """
-
-    key: str
-    subject: str
-    name: str
+    key: str  # key of the row in the topic table
+    subject: str  # the task, contact or frame that the topic belongs to; empty for the other topics
+    name: str  # fully qualified topic name, such as ``/wbc_controller/state``
     type: str
-    direction: Direction
+    direction: Direction  # whether the node subscribes or publishes
     qos: Qos
 
 
@@ -295,7 +277,6 @@ def resolve(name: str, node: str, namespace: str = "/", remappings: Mapping[str,
 
     Args:
         name: relative, private (``~/…``) or absolute name.
-        node: name of the node.
         namespace: namespace of the node, starting with a slash.
         remappings: from name to name; both names are expanded by the same rules.
 
@@ -330,12 +311,8 @@ def endpoints(
 
     Args:
         table: `CONTROLLER_TOPICS`, `MOCK_TOPICS` or `GUARD_TOPICS`.
-        node: name of the node.
         task_kinds: kind of each task, by its name.
-        contacts: names of the contacts.
         frames: names of the frames that accept external wrenches.
-        namespace: namespace of the node.
-        remappings: as in `resolve`.
 
     Yields:
         One endpoint per topic.

@@ -48,9 +48,6 @@ class GuardService:
     The transport's callbacks decode commands and modes, and store joint states undecoded; everything else runs on the
     thread that calls `cycle`. Before a takeover this thread reads the newest command and mode itself, in case the
     computer is so busy that the callbacks did not run.
-
-    Attributes:
-        guard: decides when to take over and which torques to send.
     """
 
     def __init__(

@@ -56,18 +56,11 @@ _WAITED = 0.01
 
 @dataclass(slots=True)
 class _Queue:
-    """Messages of one topic that a cycle has not decoded yet.
-
-    Attributes:
-        endpoint: the topic.
-        stream: messages that wait in the transport.
-        pending: messages taken from the transport, with the times of arrival, s.
-        largest: size limit of a message, bytes.
-    """
+    """Messages of one topic that a cycle has not decoded yet."""
 
     endpoint: Endpoint
     stream: Stream
-    pending: deque[tuple[float, bytes]]
+    pending: deque[tuple[float, bytes]]  # messages taken from the transport, with the times of arrival, s
     largest: int
 
 
@@ -84,7 +77,6 @@ class Inputs:
     """Subscriptions of all incoming topics, latched at the start of each cycle.
 
     Attributes:
-        requests: requests of users.
         holding: names of the contacts that the base's estimate assumed to hold in the last cycle.
         estimator: the estimator of the base; None if its state is measured.
     """
@@ -106,10 +98,6 @@ class Inputs:
         """Subscribe.
 
         Args:
-            model: the robot's model.
-            vocabulary: the names that messages may use.
-            endpoints: of the controller's node.
-            transport: carries the messages.
             clock: dates the messages at their arrival.
             prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
             clock_tolerance: largest time by which a timestamp may be ahead of the clock, s; None if the clocks are not
@@ -287,13 +275,7 @@ class Inputs:
         return None if odometry is None else (odometry.pose, odometry.twist)
 
     def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, held: bool) -> list[str]:
-        """Update the estimate of the base; return a sentence for each newly silent sensor, left-out contact and pose.
-
-        Args:
-            estimator: the estimator.
-            holding: as in `latch`.
-            held: as in `latch`.
-        """
+        """Update the estimate of the base; report each newly silent sensor, left-out contact and refused pose."""
         sentences: list[str] = []
         self.holding = holding
         if self._contact_sensors is not None:

@@ -41,12 +41,7 @@ _WITHDRAWN = ("damp", "reset")
 
 
 class ControlLoop:
-    """Passes the latched inputs to the controller and its result to the outputs, once per cycle.
-
-    Attributes:
-        controller: computes the command of each cycle.
-        observers: called with the report of every cycle.
-    """
+    """Passes the latched inputs to the controller and its result to the outputs, once per cycle."""
 
     def __init__(
         self,
@@ -63,12 +58,7 @@ class ControlLoop:
         """Make a loop.
 
         Args:
-            controller: computes the command of each cycle.
-            inputs: latch the incoming messages.
-            outputs: publish the outgoing messages.
-            audit: compares the model with the measured motion.
             ownership: finds other publishers on the topics.
-            clock: measures ages and durations.
             timer: returns seconds, for the stage times.
             observers: called with the report of every cycle.
         """
@@ -242,7 +232,6 @@ class ControlLoop:
         """Run cycles until stopped.
 
         Args:
-            stop: event that ends the loop.
             period: time between cycles, s.
             triggered: run one cycle for each joint state, and once they are stale one cycle per period; otherwise run
                 on absolute deadlines.

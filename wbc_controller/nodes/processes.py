@@ -27,9 +27,7 @@ class Processes:
     """The processes of one robot: they read one configuration, and communicate on the loopback.
 
     Attributes:
-        settings: those of the robot.
         configuration: the file that all processes read.
-        processes: those that run, by name.
     """
 
     def __init__(

@@ -59,7 +59,6 @@ class Requests:
         """Create an empty queue.
 
         Args:
-            vocabulary: the names that messages may use.
             prepare: validates a change of the settings before a cycle takes it; raises `ConfigurationError`.
             stop: called at an emergency stop, on the thread that receives it.
         """

@@ -44,7 +44,6 @@ class SimulatedClock:
 
         Args:
             stream: messages of the clock topic, at most `_DEPTH` of them.
-            topic: endpoint of the clock topic.
         """
         self._stream, self._topic = stream, topic
         self._stamp: int | None = None
@@ -118,7 +117,6 @@ def clock_of(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock
     """Make a clock that follows the simulated time on the clock topic.
 
     Args:
-        topics: the node's endpoints.
         transport: carries the messages; it delivers clock messages in every mode and lifecycle state of the node.
 
     Raises:

@@ -23,7 +23,6 @@ class RecordingTransport:
         """Make a transport.
 
         Args:
-            transport: carries the messages.
             add_topic: returns the number of a topic and type.
             came: takes the number of the topic and the bytes of incoming messages.
             went: likewise, of outgoing messages.

@@ -110,7 +110,6 @@ class Writer:
         Args:
             plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the
                 robot, and the largest number of ``files`` in the folder.
-            say: takes a message for the user.
         """
         self._plan, self._say = plan, say
         self._topics: list[Topic] = []

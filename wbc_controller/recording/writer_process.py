@@ -37,7 +37,6 @@ class WriterProcess:
         """Start the process.
 
         Args:
-            plan: plan of `writer.Writer`.
             patient: wait if the pipe is full: for runs in simulated time, which drop nothing.
         """
         root = str(Path(__file__).resolve().parents[2])

@@ -97,7 +97,6 @@ class Director:
     """Plays a scenario.
 
     Attributes:
-        log: messages received.
         phases: the phases so far: simulated time in s, and name.
         windows: time windows of the measurements, by name of the phase.
         references: centre-of-mass trajectories, in order of their start.
@@ -120,12 +119,7 @@ class Director:
         """Open the opposite ends of all topics of both nodes.
 
         Args:
-            model: the robot's model.
-            frames: frame of each frame task, by the task's name.
             com: name of the task of the centre of mass; empty where there is none.
-            controller: endpoints of the controller.
-            mock: endpoints of the mock robot.
-            transport: carries the messages.
             kept: names of the topics whose messages are all kept.
             advance: lets time pass until a new state has arrived, or for a short while.
             say: called with a line of text at each phase.

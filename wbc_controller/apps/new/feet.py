@@ -25,28 +25,19 @@ Elements = Mapping[int, Sequence[pin.GeometryObject]]
 
 @dataclass(frozen=True, slots=True)
 class Limb:
-    """An end of the kinematic tree, with the joints that move nothing else.
+    """An end of the kinematic tree, with the joints that move nothing else."""
 
-    Attributes:
-        end: number of the last joint.
-        joints: numbers of the joints from the trunk on, the last one included.
-        mass: of what they move, kg.
-        low: height of the lowest point of what the last joint moves, m, with the base upright.
-    """
-
-    end: int
-    joints: tuple[int, ...]
-    mass: float
-    low: float
+    end: int  # number of the last joint
+    joints: tuple[int, ...]  # numbers of the joints from the trunk on, the last one included
+    mass: float  # of what they move, kg
+    low: float  # height of the lowest point of what the last joint moves, m, with the base upright
 
 
 class Body:
     """The robot in one posture, its base upright at the world's origin.
 
     Attributes:
-        model: the robot's model, with a floating base.
         data: its kinematics in the posture.
-        limbs: its limbs.
         height: of the whole robot, m.
     """
 

@@ -45,10 +45,8 @@ class Playback:
     """The snapshots of a recording, by time.
 
     Attributes:
-        marks: its events, in order of time.
         duration: its duration, s.
         time: the present time, s; `seek` sets it.
-        playing: True while time passes.
         speed: recorded seconds per second.
     """
 

@@ -135,9 +135,7 @@ def open_server(host: str, port: int, gate: Gate, *, commands: bool = False) -> 
     """Open the server, which answers only requests that the gate accepts, and reads only messages on the allow-list.
 
     Args:
-        host: address to listen on.
         port: port; if it is taken, the next free one. 0 for any.
-        gate: checks the requests.
         commands: True if the page may command.
 
     Raises:

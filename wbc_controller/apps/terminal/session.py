@@ -46,15 +46,10 @@ class NoAnswer(WbcError):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Answer:
-    """The outcome of a request.
+    """The outcome of a request."""
 
-    Attributes:
-        done: False if it was refused.
-        sentence: the outcome in words.
-    """
-
-    done: bool
-    sentence: str
+    done: bool  # False if it was refused
+    sentence: str  # the outcome in words
 
 
 def topics_of(

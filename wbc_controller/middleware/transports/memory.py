@@ -34,12 +34,6 @@ class MemoryTransport:
 
     Attributes:
         name: fully qualified name of the node.
-        closed: True after `close`.
-
-    Args:
-        bus: connects it with the others.
-        node: name of the node.
-        namespace: namespace of the node, starting with a slash.
     """
 
     discovery_time = 0.0

@@ -34,8 +34,6 @@ class _Span:
     Only the newest report is kept: to free many at once, with their solutions, takes longer than a cycle.
 
     Attributes:
-        last: the newest report.
-        count: number of reports.
         names: stages of the newest report.
         seconds: times of these stages, s, cycle by cycle since they last changed.
         runs: stages and times of all runs of cycles with the same stages.
@@ -74,7 +72,6 @@ class StatusSummary:
 
         Args:
             node: name of the node with its namespace, since two robots in one graph share the topic.
-            hardware: name of the robot.
             scheduling: scheduling of the process; empty if unknown.
             model: the robot's model, for the disturbances at its joints; None to leave them out.
             recorder: returns the status of the recorder, by key.

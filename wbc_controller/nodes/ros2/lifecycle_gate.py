@@ -17,7 +17,6 @@ class LifecycleGate:
 
     Attributes:
         open: True while messages are delivered.
-        discovery_time: that of the transport, s.
     """
 
     def __init__(self, transport: Transport) -> None:

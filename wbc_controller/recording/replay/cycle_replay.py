@@ -20,17 +20,11 @@ from wbc_controller.settings.config import Config
 
 @dataclass(frozen=True, slots=True)
 class ReplayedCycle:
-    """A cycle that was solved again.
-
-    Attributes:
-        cycle: the recorded cycle.
-        result: the new result.
-        exact: True if the controller began with a complete memory, so that the result must be equal bit for bit.
-    """
+    """A cycle that was solved again."""
 
     cycle: RecordedCycle
     result: CycleResult
-    exact: bool
+    exact: bool  # True if the controller began with a complete memory, so that the result must be equal bit for bit
 
     @property
     def same(self) -> bool:
@@ -67,7 +61,6 @@ class Replay:
         """Make the controller.
 
         Args:
-            recorded: the recording.
             config: another configuration with the same joints; None for the recorded one.
 
         Raises:
