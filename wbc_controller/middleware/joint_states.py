@@ -82,16 +82,15 @@ class StateReader(ABC):
 
 
 class JointStateReader(StateReader):
-    """Decoder of sensor_msgs/JointState, matched by joint name; additional joints are ignored."""
+    """Decoder of sensor_msgs/JointState, matched by joint name; additional joints are ignored.
+
+    Args:
+        columns: the arrays that are read: ``position``, ``velocity``, ``effort``; by default the first two.
+    """
 
     type = "sensor_msgs/msg/JointState"
 
     def __init__(self, joints: Sequence[str], *columns: str) -> None:
-        """Make a decoder.
-
-        Args:
-            columns: the arrays that are read: ``position``, ``velocity``, ``effort``; by default the first two.
-        """
         super().__init__()
         self._joints, self.paths = tuple(joints), columns or ("position", "velocity")
 

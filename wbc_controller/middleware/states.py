@@ -69,7 +69,6 @@ class OdometryReader(StateReader):
     paths = (*_POSE, *_axes("twist.twist.linear"), *_axes("twist.twist.angular"))
 
     def __init__(self, base_link: str) -> None:
-        """Make a decoder; `base_link` is the link whose pose and twist are measured."""
         super().__init__()
         self._base_link = base_link
 
@@ -100,7 +99,6 @@ class ImuReader(StateReader):
     )  # fmt: skip
 
     def __init__(self, frame: str) -> None:
-        """Make a decoder; `frame` is the frame of the IMU."""
         super().__init__()
         self._frame = frame
 
@@ -143,17 +141,16 @@ class PoseReader(StateReader):
 
 
 class ContactForceReader(StateReader):
-    """Decoder of geometry_msgs/WrenchStamped from a force sensor at a contact; its torque is not used."""
+    """Decoder of geometry_msgs/WrenchStamped from a force sensor at a contact; its torque is not used.
+
+    Args:
+        normals: its unit normal in the axes of each frame in which the force may be given, (3,).
+    """
 
     type = "geometry_msgs/msg/WrenchStamped"
     paths = _axes("wrench.force")
 
     def __init__(self, contact: str, normals: Mapping[str, Array]) -> None:
-        """Make a decoder.
-
-        Args:
-            normals: its unit normal in the axes of each frame in which the force may be given, (3,).
-        """
         super().__init__()
         self._contact, self._normals, self._normal = contact, normals, np.zeros(3)
 

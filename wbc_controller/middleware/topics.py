@@ -56,54 +56,29 @@ class Topic:
     meaning: str  # one sentence for the documentation
 
 
+_POINT, _VECTOR, _POSE = (f"geometry_msgs/msg/{name}Stamped" for name in ("Point", "Vector3", "Pose"))
+_JOINTS = "sensor_msgs/msg/JointState"
+
+
+def _with_trajectory(setpoint: str, trajectory: str = "MultiDOFJointTrajectory") -> Mapping[str, str]:
+    return {"setpoint": setpoint, "trajectory": f"trajectory_msgs/msg/{trajectory}"}
+
+
 #: Message types of a task's setpoint and trajectory, by kind of task; without reference derivatives, no trajectory.
 TASK_TYPES: Mapping[str, Mapping[str, str]] = {
-    "posture": {
-        "setpoint": "sensor_msgs/msg/JointState",
-        "trajectory": "trajectory_msgs/msg/JointTrajectory",
-    },
-    "com": {
-        "setpoint": "geometry_msgs/msg/PointStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "frame_pose": {
-        "setpoint": "geometry_msgs/msg/PoseStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "frame_position": {
-        "setpoint": "geometry_msgs/msg/PointStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "frame_orientation": {
-        "setpoint": "geometry_msgs/msg/PoseStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "relative_pose": {
-        "setpoint": "geometry_msgs/msg/PoseStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "axis_alignment": {
-        "setpoint": "geometry_msgs/msg/Vector3Stamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "gaze": {
-        "setpoint": "geometry_msgs/msg/PointStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "linear_momentum": {
-        "setpoint": "geometry_msgs/msg/Vector3Stamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "angular_momentum": {
-        "setpoint": "geometry_msgs/msg/Vector3Stamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "capture_point": {
-        "setpoint": "geometry_msgs/msg/PointStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
+    "posture": _with_trajectory(_JOINTS, "JointTrajectory"),
+    "com": _with_trajectory(_POINT),
+    "frame_pose": _with_trajectory(_POSE),
+    "frame_position": _with_trajectory(_POINT),
+    "frame_orientation": _with_trajectory(_POSE),
+    "relative_pose": _with_trajectory(_POSE),
+    "axis_alignment": _with_trajectory(_VECTOR),
+    "gaze": _with_trajectory(_POINT),
+    "linear_momentum": _with_trajectory(_VECTOR),
+    "angular_momentum": _with_trajectory(_VECTOR),
+    "capture_point": _with_trajectory(_POINT),
     "contact_wrench": {"setpoint": "geometry_msgs/msg/WrenchStamped"},
-    "torque": {"setpoint": "sensor_msgs/msg/JointState"},
+    "torque": {"setpoint": _JOINTS},
 }
 
 #: Types that depend on the task: a key of `TASK_TYPES`, or the value of a task with a motion, in the setpoint's type.

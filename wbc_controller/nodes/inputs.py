@@ -76,9 +76,14 @@ class _Source:
 class Inputs:
     """Subscriptions of all incoming topics, latched at the start of each cycle.
 
-    Attributes:
-        holding: names of the contacts that the base's estimate assumed to hold in the last cycle.
-        estimator: the estimator of the base; None if its state is measured.
+    Args:
+        clock: dates the messages at their arrival.
+        prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
+        clock_tolerance: largest time by which a timestamp may be ahead of the clock, s; None if the clocks are not
+            synchronized.
+        estimator: estimates a floating base; None if its odometry is measured elsewhere.
+        sensing: the sensors at the contacts that the estimate uses; None to read none.
+        velocity_filter: computes joint velocities from positions; None if they are measured.
     """
 
     def __init__(
@@ -95,28 +100,18 @@ class Inputs:
         sensing: ContactSensing | None = None,
         velocity_filter: VelocityFilter | None = None,
     ) -> None:
-        """Subscribe.
-
-        Args:
-            clock: dates the messages at their arrival.
-            prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
-            clock_tolerance: largest time by which a timestamp may be ahead of the clock, s; None if the clocks are not
-                synchronized.
-            estimator: estimates a floating base; None if its odometry is measured elsewhere.
-            sensing: the sensors at the contacts that the estimate uses; None to read none.
-            velocity_filter: computes joint velocities from positions; None if they are measured.
-        """
         self._model = model
         self._clock = clock
         self.requests = Requests(vocabulary, prepare, self.wake)
         self._woken = False
         self._clock_tolerance = clock_tolerance
         self._velocity_filter = velocity_filter
-        self.estimator = estimator
+        self.estimator = estimator  # the estimator of the base; None if its state is measured
         self._imu: list[ImuSample] = []  # not estimated from yet
         self._poses: list[PoseSample] = []
         self._base: tuple[Array, Array] | None = None  # pose and twist, estimated in the last cycle
         self._contact_sensors = ContactSensors(sensing, self._tracker) if sensing is not None else None
+        #: Names of the contacts that the base's estimate assumed to hold in the last cycle.
         self.holding: Collection[str] = ()
         self._refusals: dict[str, str] = {}  # newest reason of each topic whose newest message was refused
         columns = ("position", "velocity") if velocity_filter is None else ("position",)

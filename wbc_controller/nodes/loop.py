@@ -41,7 +41,13 @@ _WITHDRAWN = ("damp", "reset")
 
 
 class ControlLoop:
-    """Passes the latched inputs to the controller and its result to the outputs, once per cycle."""
+    """Passes the latched inputs to the controller and its result to the outputs, once per cycle.
+
+    Args:
+        ownership: finds other publishers on the topics.
+        timer: returns seconds, for the stage times.
+        observers: called with the report of every cycle.
+    """
 
     def __init__(
         self,
@@ -55,13 +61,6 @@ class ControlLoop:
         timer: Callable[[], float] = time.perf_counter,
         observers: Sequence[Callable[[CycleReport], None]] = (),
     ) -> None:
-        """Make a loop.
-
-        Args:
-            ownership: finds other publishers on the topics.
-            timer: returns seconds, for the stage times.
-            observers: called with the report of every cycle.
-        """
         self.controller = controller
         self.observers = tuple(observers)
         self._inputs = inputs

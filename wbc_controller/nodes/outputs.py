@@ -64,7 +64,16 @@ class _Readers:
 
 
 class Outputs:
-    """Publishes the results of a cycle."""
+    """Publishes the results of a cycle.
+
+    Args:
+        contacts: contacts whose forces are published, by name.
+        diagnostics_period: time between two diagnostics messages, and between two of a task, s.
+        markers_period: time between two marker messages, s; inf for none.
+        node: name of the node, with its namespace.
+        scheduling: how the process is scheduled, for diagnostics.
+        recorder: returns diagnostics of the recordings, by key.
+    """
 
     def __init__(
         self,
@@ -81,16 +90,6 @@ class Outputs:
         scheduling: str = "",
         recorder: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
-        """Advertise every outgoing topic.
-
-        Args:
-            contacts: contacts whose forces are published, by name.
-            diagnostics_period: time between two diagnostics messages, and between two of a task, s.
-            markers_period: time between two marker messages, s; inf for none.
-            node: name of the node, with its namespace.
-            scheduling: how the process is scheduled, for diagnostics.
-            recorder: returns diagnostics of the recordings, by key.
-        """
         self._actuation = model.actuation
         self._contacts = contacts
         outgoing = [endpoint for endpoint in endpoints if endpoint.direction is Direction.OUT]

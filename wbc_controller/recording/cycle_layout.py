@@ -148,14 +148,13 @@ class CycleRow:
 
 
 class ReferencesRow:
-    """Makes rows of references: of changed ones, and regularly."""
+    """Makes rows of references: of changed ones, and regularly.
+
+    Args:
+        every: number of cycles after which unchanged references are repeated, so that the last seconds have them.
+    """
 
     def __init__(self, every: int) -> None:
-        """Make it.
-
-        Args:
-            every: number of cycles after which unchanged references are repeated, so that the last seconds have them.
-        """
         self._every = every
         self._due = 0
         self._tasks: list[Reference] = []

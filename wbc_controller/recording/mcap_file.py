@@ -120,11 +120,7 @@ class ChunkBuilder:
 
 
 class McapFile:
-    """A file that is being written; it is complete after every call.
-
-    Attributes:
-        end: size of the file without its end records, bytes.
-    """
+    """A file that is being written; it is complete after every call."""
 
     def __init__(self, path: Path, topics: Iterable[Topic]) -> None:
         """Create the file, or replace an existing one.
@@ -133,7 +129,7 @@ class McapFile:
             OSError: if the file cannot be written.
         """
         self.path = path
-        self.end = 0
+        self.end = 0  # size of the file without its end records, bytes
         schemas: dict[str, Schema] = {}
         channels = []
         for topic in topics:
@@ -230,17 +226,12 @@ def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
 
 
 class McapMessages:
-    """The messages of a file, up to its first damage.
-
-    Attributes:
-        topics: the topics by number of their channel; filled while the messages are read.
-        damage: why the reading ended early; empty if the file is complete.
-    """
+    """The messages of a file, up to its first damage."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.topics: dict[int, Topic] = {}
-        self.damage = ""
+        self.topics: dict[int, Topic] = {}  # the topics by number of their channel; filled while the messages are read
+        self.damage = ""  # why the reading ended early; empty if the file is complete
 
     def __iter__(self) -> Iterator[tuple[Topic, int, bytes]]:
         """Read all messages: topic, time of arrival in ns, and serialized message.

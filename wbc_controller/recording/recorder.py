@@ -92,15 +92,14 @@ def software() -> dict[str, str]:
 
 
 class Recorder:
-    """Records the cycles of one loop."""
+    """Records the cycles of one loop.
+
+    Args:
+        file: receives the whole run; None keeps the last seconds only.
+        patient: wait for the process instead of dropping cycles: for runs in simulated time.
+    """
 
     def __init__(self, settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = "") -> None:
-        """Start the process that writes.
-
-        Args:
-            file: receives the whole run; None keeps the last seconds only.
-            patient: wait for the process instead of dropping cycles: for runs in simulated time.
-        """
         seconds = settings.recorder.seconds
         self._whole_run = file is not None
         self._kept = f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"

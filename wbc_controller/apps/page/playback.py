@@ -48,14 +48,12 @@ class Playback:
         duration: its duration, s.
         time: the present time, s; `seek` sets it.
         speed: recorded seconds per second.
+
+    Raises:
+        ConfigurationError: if it holds no state of the robot.
     """
 
     def __init__(self, recorded: Recording, robot: Robot) -> None:
-        """Read the recording of a robot.
-
-        Raises:
-            ConfigurationError: if it holds no state of the robot.
-        """
         self._recorded, self._robot = recorded, robot
         self.time, self.speed, self.playing = 0.0, 1.0, True
         self._now = time.monotonic()

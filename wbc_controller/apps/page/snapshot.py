@@ -22,11 +22,7 @@ FOLLOWING = ("active", "holding")
 
 
 class Robot:
-    """A robot as the page draws it: its settings and model, with the tasks and contacts by name.
-
-    Attributes:
-        dynamics: the dynamics at the drawn snapshot, updated by `Drawing`.
-    """
+    """A robot as the page draws it: its settings and model, with the tasks and contacts by name."""
 
     def __init__(self, settings: Settings, urdf: str | None = None) -> None:
         """Build the robot; `urdf` is the URDF if the settings name no file.
@@ -42,7 +38,7 @@ class Robot:
         self.tasks: dict[str, Task] = {
             name: make_task(name, task, self.model, self.contacts) for name, task in settings.tasks.items()
         }
-        self.dynamics = Dynamics(self.model)
+        self.dynamics = Dynamics(self.model)  # the dynamics at the drawn snapshot, updated by `Drawing`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

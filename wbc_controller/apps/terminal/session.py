@@ -79,11 +79,7 @@ def topics_of(
 
 
 class Session:
-    """Sends messages to the nodes, and keeps their newest messages.
-
-    Attributes:
-        topics: as `topics_of`.
-    """
+    """Sends messages to the nodes, and keeps their newest messages."""
 
     def __init__(
         self,

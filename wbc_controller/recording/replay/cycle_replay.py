@@ -52,23 +52,19 @@ class ReplayedCycle:
 class Replay:
     """Runs a controller on the inputs of a recording.
 
-    Attributes:
-        controller: the controller after the last cycle.
-        skipped: number of cycles that were not solved again, because the controller's memory before them is unknown.
+    Args:
+        config: another configuration with the same joints; None for the recorded one.
+
+    Raises:
+        ConfigurationError: if this version refuses the configuration.
     """
 
     def __init__(self, recorded: Recording, config: Config | None = None) -> None:
-        """Make the controller.
-
-        Args:
-            config: another configuration with the same joints; None for the recorded one.
-
-        Raises:
-            ConfigurationError: if this version refuses the configuration.
-        """
         self.recorded = recorded
+        #: Number of cycles that were not solved again, because the controller's memory before them is unknown.
         self.skipped = 0
         self._other = config is not None
+        #: The controller after the last cycle.
         self.controller = ControlCycle(recorded.config if config is None else config, preflight=False)
 
     def run(self, first: int | None = None, last: int | None = None) -> Iterator[ReplayedCycle]:
