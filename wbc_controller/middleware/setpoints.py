@@ -49,7 +49,7 @@ def setpoint_message(
         pose = message("geometry_msgs/msg/Pose", position=at, orientation=turn)
         return message(type_name, header=top, pose=pose)
     if type_name == "geometry_msgs/msg/WrenchStamped":
-        return wrench_stamped(values, frame, stamp)
+        return wrench_stamped(np.pad(values, (0, 6 - len(values))), frame, stamp)
     if type_name == "geometry_msgs/msg/PointStamped":
         return message(type_name, header=top, point=_xyz("Point", values))
     return message(type_name, header=top, vector=_xyz("Vector3", values))
