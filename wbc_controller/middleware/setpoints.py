@@ -9,7 +9,7 @@ import numpy as np
 
 from wbc_controller.middleware.codec import header, message
 from wbc_controller.middleware.message_layout import Template
-from wbc_controller.middleware.odometry import quaternion, vector
+from wbc_controller.middleware.odometry import quaternion
 from wbc_controller.records import Array
 
 #: Kinds of task whose references are given by joint name, and the field of the JointState that holds them.
@@ -49,7 +49,7 @@ def setpoint_message(
         pose = message("geometry_msgs/msg/Pose", position=at, orientation=turn)
         return message(type_name, header=top, pose=pose)
     if type_name == "geometry_msgs/msg/WrenchStamped":
-        return wrench_stamped(np.pad(values, (0, 6 - len(values))), frame, stamp)
+        return wrench_stamped(values, frame, stamp)
     if type_name == "geometry_msgs/msg/PointStamped":
         return message(type_name, header=top, point=_xyz("Point", values))
     return message(type_name, header=top, vector=_xyz("Vector3", values))
@@ -83,8 +83,8 @@ class SetpointTemplate:
 
 
 def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
-    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m."""
-    parts = message("geometry_msgs/msg/Wrench", force=vector(wrench[:3]), torque=vector(wrench[3:]))
+    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m, or a force, (3,)."""
+    parts = message("geometry_msgs/msg/Wrench", force=_xyz("Vector3", wrench[:3]), torque=_xyz("Vector3", wrench[3:]))
     return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, frame), wrench=parts)
 
 
