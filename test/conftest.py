@@ -102,10 +102,7 @@ def _frame_trajectory(points: Any, frame: str = "world", names: Any = ("frame",)
             )
         )
     return message(
-        "trajectory_msgs/msg/MultiDOFJointTrajectory",
-        header=header(start, frame),
-        joint_names=list(names),
-        points=made,
+        "trajectory_msgs/msg/MultiDOFJointTrajectory", header=header(start, frame), joint_names=list(names), points=made
     )
 
 

@@ -180,8 +180,7 @@ def _status(*reports):
 
 
 @pytest.mark.parametrize(
-    ("mode", "level"),
-    [("inactive", 0), ("active", 0), ("holding", 1), ("damping", 1), ("stopped", 1), ("fault", 2)],
+    ("mode", "level"), [("inactive", 0), ("active", 0), ("holding", 1), ("damping", 1), ("stopped", 1), ("fault", 2)]
 )
 def test_the_level_follows_the_mode(mode, level):
     status, values = _status(report(mode=Mode(mode)))

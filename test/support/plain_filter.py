@@ -105,8 +105,4 @@ def _coefficients(w):
     angle = math.sqrt(float(w @ w))
     if angle < _SMALL:
         return 1.0, 0.5, 1.0 / 6.0
-    return (
-        math.sin(angle) / angle,
-        (1.0 - math.cos(angle)) / angle**2,
-        (angle - math.sin(angle)) / angle**3,
-    )
+    return (math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle**2, (angle - math.sin(angle)) / angle**3)

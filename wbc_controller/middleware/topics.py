@@ -293,11 +293,7 @@ def endpoints(
         One endpoint per topic.
     """
     kinds = task_kinds or {}
-    subjects: dict[str, tuple[str, ...]] = {
-        "task": tuple(kinds),
-        "contact": tuple(contacts),
-        "frame": tuple(frames),
-    }
+    subjects: dict[str, tuple[str, ...]] = {"task": tuple(kinds), "contact": tuple(contacts), "frame": tuple(frames)}
     for topic in table:
         field = next((field for field in subjects if f"{{{field}}}" in topic.name), None)
         for subject in subjects[field] if field else ("",):

@@ -143,12 +143,7 @@ def test_no_torque_at_all_is_no_good_run():
 
 @pytest.mark.parametrize(
     ("window", "names"),
-    [
-        ("stand", {STAND_QP, STAND_SIMULATOR}),
-        ("sway", {SWAY}),
-        ("reach hand", {REACH}),
-        ("shove left", {SHOVE}),
-    ],
+    [("stand", {STAND_QP, STAND_SIMULATOR}), ("sway", {SWAY}), ("reach hand", {REACH}), ("shove left", {SHOVE})],
 )
 def test_what_was_not_reached_is_missed(window, names):
     windows = {name: value for name, value in WINDOWS.items() if name != window}

@@ -131,8 +131,7 @@ def test_the_demo_of_an_arm_asks_for_what_the_hand_can_do(arm):
 
 
 @pytest.mark.parametrize(
-    ("kept", "said"),
-    [("posture", "needs a task of type frame_pose that is off"), ("hand", "needs a posture task")],
+    ("kept", "said"), [("posture", "needs a task of type frame_pose that is off"), ("hand", "needs a posture task")]
 )
 def test_an_arm_without_a_hand_or_a_posture_has_no_demo(arm, kept, said):
     settings = load(str(arm)).settings

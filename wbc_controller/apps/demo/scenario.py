@@ -87,8 +87,5 @@ SCENARIOS: dict[str, Scenario] = {
         reaches=(Reach("right_hand", (0.10, -0.05, 0.10), 3.0, 0.01),),
         shoves=shoves(25.0, 18.0),
     ),
-    "go2": Scenario(
-        moves=(sway(0.03, 0.005), squat(0.06, 0.008)),
-        shoves=shoves(8.0, 8.0),
-    ),
+    "go2": Scenario(moves=(sway(0.03, 0.005), squat(0.06, 0.008)), shoves=shoves(8.0, 8.0)),
 }

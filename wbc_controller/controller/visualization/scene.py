@@ -163,10 +163,7 @@ def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
     """The centre of mass, its projection onto the ground, and the capture point there."""
     com = np.array(dynamics.com)
     below = np.array([com[0], com[1], ground])
-    shapes = [
-        _shape("com", 0, SPHERE_LIST, 0.04, [com, below]),
-        _shape("com", 1, LINE_LIST, 0.004, [com, below]),
-    ]
+    shapes = [_shape("com", 0, SPHERE_LIST, 0.04, [com, below]), _shape("com", 1, LINE_LIST, 0.004, [com, below])]
     if dynamics.model.floating_base:
         omega = math.sqrt(dynamics.model.gravity / max(com[2] - ground, _LOWEST_PENDULUM))
         point = below + np.append(dynamics.com_velocity[:2] / omega, 0.0)

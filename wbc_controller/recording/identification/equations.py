@@ -129,14 +129,7 @@ def equations(seen: Moments, model: RobotModel, contacts: Mapping[str, Contact])
             continue
         Y = pin.computeJointTorqueRegressor(robot, data, q, v, v_dot)
         moving = v[model.v_index]
-        A = np.hstack(
-            [
-                Y @ shares,
-                (geared * v_dot)[:, None],
-                joints * turns,
-                joints * moving,
-            ]
-        )
+        A = np.hstack([Y @ shares, (geared * v_dot)[:, None], joints * turns, joints * moving])
         known = actuation.generalized_force(tau) + model.passive_force(q, v)
         if rotors is None:
             known = known - actuation.rotors @ v_dot

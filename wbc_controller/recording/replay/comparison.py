@@ -95,11 +95,7 @@ class Comparison:
         """
         time, recorded, other = np.array(self.time), np.array(self.recorded), np.array(self.other)
         worst = self._worst()
-        torques = {
-            "difference [N·m]": self._difference,
-            "recorded torque [N·m]": recorded,
-            "other torque [N·m]": other,
-        }
+        torques = {"difference [N·m]": self._difference, "recorded torque [N·m]": recorded, "other torque [N·m]": other}
         panels = [
             Panel(axis, [Line(self.actuators[i], time, values[:, i]) for i in worst])
             for axis, values in torques.items()
