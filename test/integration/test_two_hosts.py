@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import yaml
 from network import network
+from waiting import until
 
 __all__ = ["network"]
 
@@ -31,7 +32,6 @@ CHANGES = {
 }
 SUPPORT = Path(__file__).resolve().parent.parent / "support"
 CUT = 5.0
-PATIENCE = 30.0
 
 
 class Host:
@@ -116,20 +116,10 @@ def hosts(network, tmp_path, robot_of, changed):
         print(f"--- {path.name}\n{path.read_text()}")  # shown where the test fails
 
 
-def until(condition, what, again=lambda: None):
-    deadline, due = time.monotonic() + PATIENCE, 0.0
-    while not condition():
-        if time.monotonic() >= due:
-            again()
-            due = time.monotonic() + 0.5
-        assert time.monotonic() < deadline, f"waited {PATIENCE} s in vain for {what}"
-        time.sleep(0.01)
-
-
 def test_a_cut_of_five_seconds_is_survived_on_both_sides(network, hosts, record_property):
     robot, controller = hosts
     until(lambda: controller.last("robot"), "the robot's states to cross")
-    until(lambda: controller.says("controller", "active"), "activation", lambda: controller.command("activate"))
+    until(lambda: controller.says("controller", "active"), "activation", again=lambda: controller.command("activate"))
     until(lambda: robot.says("guard", "watching"), "the guard to watch")
     time.sleep(0.5)  # until the torques have ramped in
     assert robot.last("robot")["largest"] > 0.5
@@ -169,7 +159,7 @@ def test_a_cut_of_five_seconds_is_survived_on_both_sides(network, hosts, record_
         controller.command("reset")
         controller.command("activate")
 
-    until(lambda: controller.says("controller", "active"), "activation after the cut", resume)
+    until(lambda: controller.says("controller", "active"), "activation after the cut", again=resume)
     until(lambda: robot.says("guard", "watching"), "the guard to watch again")
     until(lambda: robot.says("controller", "active"), "the robot's side to be told")
     resumed = time.monotonic()

@@ -20,6 +20,12 @@ def feed(tracker, times, lag=0.0, start=START):
     ]
 
 
+def fed(tracker, count=100, lag=0.0):
+    """The tracker itself, with messages every 2 ms."""
+    feed(tracker, np.arange(count) * 0.002, lag)
+    return tracker
+
+
 def test_nothing_has_come():
     assert StampTracker().age(5.0) == np.inf
 
@@ -33,8 +39,7 @@ def test_between_two_clocks_the_age_is_the_time_since_the_stamp():
 
 def test_what_waited_in_a_queue_is_old_when_it_arrives():
     """The process stood still for 3 s; then what had come meanwhile arrives at once, the oldest first."""
-    tracker = StampTracker()
-    feed(tracker, np.arange(500) * 0.002, 0.0003)
+    tracker = fed(StampTracker(), 500, 0.0003)
     arrival = 4.0
     for time in np.arange(500, 2000) * 0.002:
         assert tracker.judge(round((START + time) * 1e9), arrival) is None
@@ -42,8 +47,7 @@ def test_what_waited_in_a_queue_is_old_when_it_arrives():
 
 
 def test_what_refused_stamps_went_on_counts_until_one_is_accepted():
-    tracker = StampTracker()
-    feed(tracker, np.arange(100) * 0.002)
+    tracker = fed(StampTracker())
     refused = feed(tracker, 0.2 + np.arange(10) * 0.002, start=START + 5.0)
     assert None not in refused
     assert tracker.age(0.218) == pytest.approx(0.02, abs=1e-3)
@@ -56,8 +60,7 @@ def test_what_refused_stamps_went_on_counts_until_one_is_accepted():
 @pytest.mark.parametrize("first", [0.9, 1.2, 2.9])
 def test_of_what_waited_in_a_queue_only_a_late_part_may_be_left(first):
     """The process stood still for 3 s, and its sockets kept what came in the beginning, or in the end."""
-    tracker = StampTracker()
-    feed(tracker, np.arange(500) * 0.002, 0.0003)
+    tracker = fed(StampTracker(), 500, 0.0003)
     assert feed(tracker, [1.0 + first], 3.0 - first) == [None]
     assert tracker.age(4.0) == pytest.approx(3.0 - first, abs=0.03)
 
@@ -90,8 +93,7 @@ def test_a_clock_of_another_rate_is_not_latency(rate):
     ],
 )
 def test_a_stamp_that_contradicts_the_others_is_refused_and_the_others_go_on(step, said):
-    tracker = StampTracker()
-    feed(tracker, np.arange(100) * 0.002)
+    tracker = fed(StampTracker())
     last = 99 * 0.002
     assert tracker.judge(round((START + last + step) * 1e9), last + 0.002).startswith(said)
     assert tracker.age(last + 0.002) == pytest.approx(0.002, abs=1e-6)
@@ -99,8 +101,7 @@ def test_a_stamp_that_contradicts_the_others_is_refused_and_the_others_go_on(ste
 
 
 def test_a_stream_with_a_new_time_is_taken_after_a_while():
-    tracker = StampTracker()
-    feed(tracker, np.arange(100) * 0.002)
+    tracker = fed(StampTracker())
     reasons = feed(tracker, 0.2 + np.arange(400) * 0.002, start=START - 10.0)
     assert all(reasons[:149])
     assert reasons[151:] == [None] * 249
@@ -125,8 +126,7 @@ def test_on_synchronized_clocks_a_constant_latency_counts(latency):
 
 
 def test_without_them_it_is_taken_for_an_offset():
-    tracker = StampTracker()
-    feed(tracker, np.arange(100) * 0.002, 1.0)
+    tracker = fed(StampTracker(), lag=1.0)
     assert tracker.age(1.198) == pytest.approx(0.0, abs=1e-6)
     assert tracker.waited(1.198) == pytest.approx(0.0, abs=1e-6)
 
@@ -141,8 +141,7 @@ def test_on_synchronized_clocks_a_stamp_ahead_of_ours_is_refused(ahead, good):
 
 
 def test_on_synchronized_clocks_a_queue_that_is_gone_is_no_jump_of_the_stamps():
-    tracker = known()
-    feed(tracker, np.arange(100) * 0.002, 1.0)
+    tracker = fed(known(), lag=1.0)
     assert feed(tracker, [1.2]) == [None]
     assert tracker.age(1.2) == pytest.approx(0.0, abs=1e-6)
 
@@ -162,8 +161,7 @@ def test_a_clock_that_stands_still_while_stamps_go_on_is_seen(tracker):
 
 
 def test_a_known_clock_that_is_too_slow_makes_no_state_look_younger():
-    tracker = known()
-    feed(tracker, np.arange(100) * 0.002)
+    tracker = fed(known())
     for i in range(1, 201):  # our clock takes half the time of theirs
         time, stamp = 0.198 + 0.001 * i, round((START + 0.198 + 0.002 * i) * 1e9)
         if tracker.judge(stamp, time) is None:
@@ -181,6 +179,5 @@ def test_ages_follow_a_clock_that_is_set():
 
 
 def test_on_synchronized_clocks_stamps_that_go_back_are_refused_as_always():
-    tracker = known()
-    feed(tracker, np.arange(100) * 0.002)
+    tracker = fed(known())
     assert "0.004 s before" in tracker.judge(round((START + 0.194) * 1e9), 0.2)

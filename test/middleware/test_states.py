@@ -15,6 +15,7 @@ from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.odometry import pose_with_covariance
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.states import ContactForceReader, ImuReader, OdometryReader, PoseReader
+from wbc_controller.simulation.measurement import imu_message
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINTS = ("hip", "knee", "ankle")
@@ -100,19 +101,9 @@ def test_odometry_has_the_numbers_of_the_codec(make, rows, time):
 
 
 def imu(values, time=1, frame="pelvis"):
-    def vector(x, y, z):
-        return message("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-
-    content = message(
-        "sensor_msgs/msg/Imu",
-        header=header(time, frame),
-        orientation=message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0),
-        orientation_covariance=np.zeros(9),
-        angular_velocity=vector(*values[:3]),
-        angular_velocity_covariance=np.array(values[6:15]),
-        linear_acceleration=vector(*values[3:6]),
-        linear_acceleration_covariance=np.array(values[15:24]),
-    )
+    content = imu_message(time, frame, np.zeros(4), np.array(values[:3]), np.array(values[3:6]))
+    content.angular_velocity_covariance = np.array(values[6:15])
+    content.linear_acceleration_covariance = np.array(values[15:24])
     return encode(content)
 
 

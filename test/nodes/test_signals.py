@@ -5,12 +5,12 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from functools import partial
 
 import numpy as np
 import pytest
 from domains import own_domain
+from waiting import until
 
 from wbc_controller import load
 from wbc_controller.middleware.codec import decode
@@ -112,12 +112,12 @@ def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_
                 env=environment, stderr=subprocess.PIPE, text=True,
                 preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
             )  # fmt: skip
-        _until(lambda: len(torques) > 50 and np.any(torques[-1]) and heard["/guard/state"][-1:] == ["watching"])
+        until(lambda: len(torques) > 50 and np.any(torques[-1]) and heard["/guard/state"][-1:] == ["watching"])
         for name in ("run", "guard", "mock"):
             running[name].send_signal(signal.SIGHUP)
             assert running[name].wait(20) == 0
             if name == "run":
-                _until(lambda: not np.any(torques[-1]))
+                until(lambda: not np.any(torques[-1]))
         assert not np.any(torques[-1])
         for process in running.values():
             assert "Traceback" not in process.stderr.read()
@@ -127,10 +127,3 @@ def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_
             process.wait(10)
             process.stderr.close()
         transport.close()
-
-
-def _until(condition, patience=40.0):
-    deadline = time.monotonic() + patience
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)

@@ -28,6 +28,13 @@ def chunk(start: int, count: int = 5) -> PackedChunk:
     return builder.take()
 
 
+def begun(path: Path, chunks: int = 1) -> McapFile:
+    file = McapFile(path, TOPICS)
+    for i in range(chunks):
+        file.write(chunk(i))
+    return file
+
+
 def read(path: Path) -> tuple[Found, McapMessages]:
     messages = McapMessages(path)
     return [(topic.name, time, data) for topic, time, data in messages], messages
@@ -66,10 +73,7 @@ def test_every_reader_finds_every_message(tmp_path, closed):
 
 def test_the_summary_counts_messages_and_locates_chunks(tmp_path):
     path = tmp_path / "a.mcap"
-    file = McapFile(path, TOPICS)
-    for i in range(3):
-        file.write(chunk(i))
-    file.close()
+    begun(path, 3).close()
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary.statistics.channel_message_counts == {1: 6, 7: 9}
@@ -120,8 +124,7 @@ def test_a_truncated_file_is_read_up_to_its_end(tmp_path):
 @pytest.mark.parametrize("seed", range(3))
 def test_any_damaged_byte_ends_the_reading_with_a_reason_or_is_skipped(tmp_path, seed):
     path, rng = tmp_path / "a.mcap", np.random.default_rng(seed)
-    file = McapFile(path, TOPICS)
-    file.write(chunk(0))
+    file = begun(path)
     middle = file.end
     file.write(chunk(1))
     file.close()
@@ -139,8 +142,7 @@ def test_any_damaged_byte_ends_the_reading_with_a_reason_or_is_skipped(tmp_path,
 
 def test_damage_is_named(tmp_path):
     path = tmp_path / "a.mcap"
-    file = McapFile(path, TOPICS)
-    file.write(chunk(0))
+    file = begun(path)
     middle = file.end
     file.write(chunk(1))
     data = bytearray(path.read_bytes())
@@ -172,8 +174,7 @@ def test_log_times_never_decrease_and_times_of_arrival_are_kept(tmp_path):
 
 def test_after_an_error_of_the_disk_the_file_is_as_before_and_can_be_continued(tmp_path):
     path = tmp_path / "a.mcap"
-    file = McapFile(path, TOPICS)
-    file.write(chunk(0))
+    file = begun(path)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 200, limits[1]))

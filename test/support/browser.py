@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections import Counter
 from typing import Any
 
 import msgspec
 import viser
 import zstandard
+from waiting import until
 from websockets.sync.client import ClientConnection, connect
 
 #: Where the camera of a page is; the server counts a page as there when it has said so.
@@ -77,10 +77,7 @@ class Browser:
         self.say("GuiUpdateMessage", uuid=self.uuid(label), updates={"value": value})
 
     def until(self, condition: Any, patience: float = 20.0) -> None:
-        deadline = time.monotonic() + patience
-        while not condition():
-            assert time.monotonic() < deadline, "what was waited for has not come"
-            time.sleep(0.005)
+        until(condition, patience=patience)
 
     def _read(self) -> None:
         inflate = zstandard.ZstdDecompressor()

@@ -7,7 +7,7 @@ from wbc_controller.apps.demo import director
 from wbc_controller.apps.demo.director import DemoFailed, Director
 from wbc_controller.apps.demo.scenario import SCENARIOS
 from wbc_controller.controller.build.robot import make_model
-from wbc_controller.middleware.codec import encode, header, message
+from wbc_controller.middleware.codec import encode
 from wbc_controller.middleware.topics import MOCK_TOPICS, Direction, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.wiring import controller_endpoints
@@ -20,7 +20,7 @@ class Activated(Exception):
 
 
 @pytest.fixture
-def play():
+def play(make):
     """Plays with a mock robot that stands, and a controller that says its modes after so many states each."""
     settings = load("go2").settings
     model, bus = make_model(settings), MemoryBus()
@@ -41,18 +41,9 @@ def play():
             count += 1
             if "active" in modes.values() and count > max(modes):
                 raise Activated
-            none = np.zeros(0)
-            state = message(
-                "sensor_msgs/msg/JointState",
-                header=header(2_000_000 * count, ""),
-                name=list(model.joints),
-                position=np.zeros(model.nj),
-                velocity=none,
-                effort=none,
-            )
-            say["joint_states"](encode(state))
+            say["joint_states"](encode(make.joint_state(model.joints, np.zeros(model.nj), time=2_000_000 * count)))
             if count in modes:
-                say["state"](encode(message("std_msgs/msg/String", data=modes[count])))
+                say["state"](encode(make.string(modes[count])))
 
         Director(model, {}, "", ours, mock, MemoryTransport(bus), (), advance, lambda phase: None).play(
             SCENARIOS["go2"]

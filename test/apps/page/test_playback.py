@@ -27,10 +27,14 @@ def recorded(record, tmp_path):
     return run.finish(tmp_path / "run.mcap")
 
 
-def test_the_moments_are_those_that_were_recorded(recorded):
-    robot = Robot(recorded.config.settings, recorded.config.urdf)
-    playback = Playback(recorded, robot)
-    playback.playing = False
+@pytest.fixture
+def playback(recorded):
+    made = Playback(recorded, Robot(recorded.config.settings, recorded.config.urdf))
+    made.playing = False
+    return made
+
+
+def test_the_moments_are_those_that_were_recorded(recorded, playback):
     cycles = [cycle for cycle in recorded.cycles() if cycle.number_of("has_state")]
     for cycle in (cycles[0], cycles[len(cycles) // 2], cycles[-1]):
         playback.seek(1e-9 * (cycle.time - recorded.start))
@@ -39,9 +43,7 @@ def test_the_moments_are_those_that_were_recorded(recorded):
         assert snapshot.stamp == cycle.time
 
 
-def test_what_happened_is_marked_and_said(recorded):
-    playback = Playback(recorded, Robot(recorded.config.settings, recorded.config.urdf))
-    playback.playing = False
+def test_what_happened_is_marked_and_said(recorded, playback):
     kinds = [(mark.kind, mark.text.partition(":")[0]) for mark in playback.marks]
     assert ("mode", "active") in kinds
     assert ("fault", "ESTOP") in kinds
@@ -57,9 +59,7 @@ def test_what_happened_is_marked_and_said(recorded):
     assert "emergency stop" in strip(playback)
 
 
-def test_time_passes_only_while_it_plays_and_ends_at_the_end(recorded):
-    playback = Playback(recorded, Robot(recorded.config.settings, recorded.config.urdf))
-    playback.playing = False
+def test_time_passes_only_while_it_plays_and_ends_at_the_end(playback):
     playback.snapshot()
     time.sleep(0.02)
     assert playback.snapshot().stamp == playback.snapshot().stamp
@@ -71,8 +71,7 @@ def test_time_passes_only_while_it_plays_and_ends_at_the_end(recorded):
 
 
 @pytest.mark.live
-def test_a_time_that_a_user_sets_is_gone_to_though_time_passes(recorded):
-    playback = Playback(recorded, Robot(recorded.config.settings, recorded.config.urdf))
+def test_a_time_that_a_user_sets_is_gone_to_though_time_passes(playback):
     gate, ended = Gate("127.0.0.1"), threading.Event()
     server = open_server("127.0.0.1", 0, gate)
     line = TimeLine(server, playback)

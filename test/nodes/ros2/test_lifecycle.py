@@ -8,6 +8,7 @@ import time
 
 import pytest
 from domains import own_domain
+from waiting import until
 
 try:
     import rclpy
@@ -139,16 +140,9 @@ def robot(context):
     return node
 
 
-def within(seconds, condition):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, f"not within {seconds} s"
-        time.sleep(0.01)
-
-
 def on_executor(executor, function):
     task = executor.create_task(function)
-    within(20, task.done)
+    until(task.done, patience=20)
     return task.result()
 
 
@@ -173,7 +167,7 @@ def caller(user, name):
     def call():
         assert client.wait_for_service(10)
         future = client.call_async(Trigger.Request())
-        within(10, future.done)
+        until(future.done, patience=10)
         return future.result().success, future.result().message
 
     return call
@@ -218,7 +212,7 @@ def test_topics_are_remapped_and_their_qos_overridden_as_always(make_node):
         words += ["-p", f"qos_overrides./r1/joint_states.subscription.{key}:={value}"]
     node = make_node(words)
     assert node.trigger_configure() == SUCCESS
-    within(20, lambda: node.count_publishers("/diagnostics"))  # the graph lags behind
+    until(lambda: node.count_publishers("/diagnostics"), patience=20)  # the graph lags behind
     (odom,) = node.get_subscriptions_info_by_topic("/estimator/odom")
     assert (odom.node_namespace, odom.qos_profile.reliability) == ("/r1", ReliabilityPolicy.BEST_EFFORT)
     (joint_states,) = node.get_subscriptions_info_by_topic("/r1/joint_states")
@@ -297,9 +291,9 @@ def test_what_is_shown_can_be_dumped_and_read_again(make_node, given):
 def test_what_an_update_changes_is_shown(bring_up):
     node, user, _ = bring_up()
     publish = user.create_publisher(String, "/wbc_controller/update", 10)
-    within(10, lambda: publish.get_subscription_count() == 1)
+    until(lambda: publish.get_subscription_count() == 1, patience=10)
     publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
-    within(10, lambda: node.get_parameter("tasks.com.stiffness").value == 33.0)
+    until(lambda: node.get_parameter("tasks.com.stiffness").value == 33.0, patience=10)
     assert not node.has_parameter("robot.joints")  # beside robot
 
 
@@ -308,13 +302,13 @@ def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
     said = []
     publish = user.create_publisher(String, "/wbc_controller/command", 10)
     user.create_subscription(String, "/wbc_controller/state", lambda message: said.append(message.data), 10)
-    within(10, lambda: publish.get_subscription_count() == 1)
+    until(lambda: publish.get_subscription_count() == 1, patience=10)
     publish.publish(String(data="estop"))
-    within(10, lambda: "/wbc_controller/command ignored: the node is not active" in text_of(log))
+    until(lambda: "/wbc_controller/command ignored: the node is not active" in text_of(log), patience=10)
     assert on_executor(executor, node.trigger_activate) == SUCCESS
-    within(10, lambda: said)
+    until(lambda: said, patience=10)
     publish.publish(String(data="estop"))
-    within(10, lambda: len(said) == 2)
+    until(lambda: len(said) == 2, patience=10)
     assert said == ["inactive", "fault ESTOP: emergency stop by command"]
 
 
@@ -343,7 +337,7 @@ def test_the_last_seconds_are_recorded_on_request(bring_up, robot, tmp_path):
     time.sleep(0.2)  # of cycles
     assert list(tmp_path.iterdir()) == []
     assert call() == (True, f"the last seconds are written to {tmp_path}")
-    within(20, lambda: list(tmp_path.glob("*REQUEST*.mcap")))
+    until(lambda: list(tmp_path.glob("*REQUEST*.mcap")), patience=20)
     assert on_executor(executor, node.trigger_deactivate) == SUCCESS
     (file,) = tmp_path.glob("*.mcap")
     assert Recording(file).count > 0
@@ -360,7 +354,7 @@ def test_deactivating_in_mid_run_is_no_fault(bring_up, robot):
                 node._gate.command("activate")
             return loop.controller.supervisor.mode is Mode.ACTIVE
 
-        within(10, active)
+        until(active, patience=10)
         assert on_executor(executor, node.trigger_deactivate) == SUCCESS
         assert (loop.controller.supervisor.mode, loop.controller.supervisor.fault) == (Mode.STOPPED, None)
         assert on_executor(executor, node.trigger_activate) == SUCCESS
@@ -369,7 +363,7 @@ def test_deactivating_in_mid_run_is_no_fault(bring_up, robot):
 def test_a_service_waits_without_keeping_joint_states_from_the_loop(bring_up, robot):
     node, user, _ = bring_up(robot, **PATIENT)
     activate = caller(user, "activate")
-    within(20, lambda: max(node._loop._inputs.ages().values()) < 0.5)
+    until(lambda: max(node._loop._inputs.ages().values()) < 0.5, patience=20)
     answers = [activate() for _ in range(10)]
     assert answers[0] == (True, "active")
     assert set(answers[1:]) == {(False, "command 'activate' has no effect: the controller is active already")}
@@ -391,22 +385,22 @@ def test_simulated_time_is_honoured(bring_up, robot):
     assert "no time has arrived on /clock" in activate()[1]
     robot.timer.cancel()
     timer = user.create_timer(0.005, time_goes_on)
-    within(20, lambda: node._loop._clock.now() > 7.0 and activate()[0])
+    until(lambda: node._loop._clock.now() > 7.0 and activate()[0], patience=20)
     on_executor(executor, timer.cancel)  # no more states, and no more time
     time.sleep(0.2)
     assert node._loop.controller.supervisor.mode is Mode.ACTIVE
     end = times[-1] + 80_000_000
     clock.publish(Clock(clock=Time(sec=end // 10**9, nanosec=end % 10**9)))
-    within(10, lambda: node._loop.controller.supervisor.mode is Mode.DAMPING)
+    until(lambda: node._loop.controller.supervisor.mode is Mode.DAMPING, patience=10)
     assert re.search(r"joint_states is (80|85) ms old", node._loop.controller.supervisor.fault.sentence)
-    within(10, lambda: node.get_clock().now().nanoseconds == end)
+    until(lambda: node.get_clock().now().nanoseconds == end, patience=10)
 
 
 def test_a_fault_outlives_the_end_of_the_loop(bring_up):
     node, _, executor = bring_up()
     node._gate.command("estop")
     supervisor = node._loop.controller.supervisor
-    within(10, lambda: supervisor.mode is Mode.FAULT)
+    until(lambda: supervisor.mode is Mode.FAULT, patience=10)
     for transition in (node.trigger_deactivate, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
     assert supervisor.fault.code == "ESTOP"
@@ -418,7 +412,7 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, lo
     torques = []
     user.create_subscription(Float64MultiArray, "/effort_controller/commands", torques.append, 10)
     loop = node._loop
-    within(10, lambda: node.count_subscribers("/effort_controller/commands"))
+    until(lambda: node.count_subscribers("/effort_controller/commands"), patience=10)
     time.sleep(0.5)  # until the writer knows the reader too
     loop.controller.supervisor._tau = loop.controller.supervisor._tau + 1.0  # as if torques were being sent
 
@@ -427,11 +421,11 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, lo
 
     loop._guarded_cycle = broken  # around a cycle: what fails inside one is damped
     assert on_executor(executor, node.trigger_activate) == SUCCESS
-    within(10, lambda: "error processing" in text_of(log))
+    until(lambda: "error processing" in text_of(log), patience=10)
     assert "broken on purpose" in text_of(log)
-    within(5, lambda: torques)
+    until(lambda: torques, patience=5)
     assert not any(torques[-1].data)
-    within(10, lambda: node._loop is None)
+    until(lambda: node._loop is None, patience=10)
     del loop._guarded_cycle
     assert on_executor(executor, node.trigger_configure) == SUCCESS
 
@@ -442,10 +436,10 @@ def test_while_another_node_publishes_torques_the_activation_is_refused(bring_up
     for transition in (node.trigger_configure, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
     activate, refused = caller(user, "activate"), []
-    within(20, lambda: refused.append(activate()) or "published by /user too" in refused[-1][1])
+    until(lambda: refused.append(activate()) or "published by /user too" in refused[-1][1], patience=20)
     assert not any(success for success, _ in refused)
     on_executor(executor, lambda: user.destroy_publisher(stranger))
-    within(20, lambda: activate()[0])
+    until(lambda: activate()[0], patience=20)
 
 
 def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_node, context, log):
@@ -454,8 +448,8 @@ def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_nod
     publisher = user.create_publisher(String, "/robot_description", latched)
     assert node.trigger_configure() == FAILURE
     publisher.publish(String(data="x" * 5_000_000))
-    within(20, lambda: "bytes are too long for a URDF; it may have 4000000" in text_of(log))
+    until(lambda: "bytes are too long for a URDF; it may have 4000000" in text_of(log), patience=20)
     assert node.trigger_configure() == FAILURE
     publisher.publish(String(data=read_urdf(load_settings(find_configuration("g1")).robot.urdf)))
-    within(20, lambda: node.trigger_configure() == SUCCESS)
+    until(lambda: node.trigger_configure() == SUCCESS, patience=20)
     user.destroy_node()

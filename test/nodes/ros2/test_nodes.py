@@ -8,12 +8,13 @@ import signal
 import subprocess
 import sys
 import threading
-import time
+from functools import partial
 from importlib.util import find_spec
 from xml.etree import ElementTree
 
 import pytest
 from domains import own_domain
+from waiting import until as wait_until
 
 try:
     import rclpy
@@ -30,7 +31,7 @@ pytestmark = pytest.mark.live
 #: Its own: where other tests of this process have left nodes of the same names, the graph does not say which it shows.
 DOMAIN = own_domain()
 NODES = {"wbc_controller": "main", "mock_robot": "mock_main", "guard": "guard_main"}
-PATIENCE = 120.0
+until = partial(wait_until, patience=120.0)
 
 
 @pytest.fixture
@@ -77,13 +78,6 @@ def start(graph):
             process.send_signal(signal.SIGINT)
     for process in started:
         process.wait(20)
-
-
-def until(condition, what):
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f"waited {PATIENCE} s in vain for {what}"
-        time.sleep(0.05)
 
 
 def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_controller(graph, start, robot_of):

@@ -12,6 +12,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, GUARD_TOPICS, Direction, endpoints
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
 from wbc_controller.nodes.estimator_service import EstimatorService
@@ -45,29 +46,20 @@ SCHEMA = {
 }
 
 
-class Recorder:
-    """A transport that only writes down what is opened."""
-
-    discovery_time = 0.0
+class Recorder(MemoryTransport):
+    """A transport of its own bus; it knows the names of the topics that are opened."""
 
     def __init__(self):
-        self.published, self.subscribed = set(), set()
+        self.bus = MemoryBus()
+        super().__init__(self.bus)
 
-    def advertise(self, endpoint):
-        self.published.add(endpoint.name)
-        return lambda payload: None
+    @property
+    def published(self):
+        return {name for name, writers in self.bus.writers.items() if writers}
 
-    def subscribe(self, endpoint, callback):
-        self.subscribed.add(endpoint.name)
-
-    def stream(self, endpoint, depth):
-        self.subscribed.add(endpoint.name)
-
-    def publishers(self, endpoint):
-        return ()
-
-    def is_read(self, endpoint):
-        return False
+    @property
+    def subscribed(self):
+        return {name for name, readers in self.bus.readers.items() if readers}
 
 
 def read(text):
