@@ -47,7 +47,7 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
         if not abs(matrix[pivot, column]) > 0.0:
             return False
         inverse = 1.0 / matrix[pivot, column]
-        for j in range(matrix.shape[1]):
+        for j in range(column, matrix.shape[1]):  # the columns before are those of the identity
             swapped = matrix[column, j]
             matrix[column, j] = inverse * matrix[pivot, j]
             if pivot != column:
@@ -55,7 +55,7 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
         for i in range(count):
             if i != column:
                 factor = matrix[i, column]
-                for j in range(matrix.shape[1]):
+                for j in range(column, matrix.shape[1]):
                     matrix[i, j] -= factor * matrix[column, j]
     for i in range(count):
         for j in range(base_map.shape[1]):
@@ -140,7 +140,7 @@ def factorize(K: Array, hard: int, inverse: Array) -> bool:
         else:  # NaN, too
             return False
         row = K[i]
-        for j in range(m):
+        for j in range(i, m):
             row[j] *= inverse[i]
         for k in range(i + 1, m):
             factor, source, target = row[k], row[k:], K[k, k:]
