@@ -71,7 +71,7 @@ class Measurement:
         if stream == "odom":
             return odometry(stamp, WORLD_FRAME, self.base, self.pose, self.twist)
         if stream == "imu":
-            return _imu(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
+            return imu_message(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
         if stream == "pose":
             return pose_with_covariance(stamp, WORLD_FRAME, self.absolute, *self.vagueness)
         values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
@@ -109,7 +109,8 @@ def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Meas
     )
 
 
-def _imu(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
+def imu_message(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
+    """Make an Imu message without covariances."""
     exact = np.zeros(9)
     return messages.message(
         "sensor_msgs/msg/Imu",

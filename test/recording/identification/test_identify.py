@@ -30,7 +30,7 @@ def recording():
     simulation = Simulation(config, preflight=False)
     controller = simulation.controller
     rng, rows = np.random.default_rng(0), []
-    MassError(share=HEAVIER).begin(Site(controller.model, simulation.plant, controller.period, np.inf, rng))
+    MassError(share=HEAVIER).begin(Site(controller.model, simulation.plant, controller.period, 0.0, np.inf, rng))
 
     def record(_):
         r = simulation.result
