@@ -202,20 +202,31 @@ class Bench:
         fields = {"pose": self.q[:7], "twist": self.v[:6], "child": self.model.base_link, "time": self.time}
         self.send("odom", MAKE.odom(**{**fields, **changes}))
 
-    def cycle(self, count: int = 1, *, joints: bool = True, base: bool = True) -> Any:
+    def give_state(self, *, joints: bool = True, base: bool = True) -> None:
+        """Let a period pass, and send the state."""
+        self.clock.time += self.period
+        if base:
+            self.base()
+        if joints:
+            self.joints()
+
+    def cycle(self, count: int = 1, **parts: bool) -> Any:
         """Let a period pass, give the state, and run a cycle."""
         for _ in range(count):
-            self.clock.time += self.period
-            if base:
-                self.base()
-            if joints:
-                self.joints()
+            self.give_state(**parts)
             report = self.loop.cycle()
         return report
 
     def activate(self) -> Any:
         self.command("activate")
         return self.cycle()
+
+    def activated(self, cycles: int = 0) -> Bench:
+        """The bench itself, activated some cycles ago."""
+        self.activate()
+        if cycles:
+            self.cycle(cycles)
+        return self
 
     def received(self, key: str, subject: str = "") -> list[Any]:
         """What has come on a topic, with what is still being composed."""

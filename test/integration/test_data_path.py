@@ -135,9 +135,7 @@ def test_a_joint_state_passes_the_documented_calls(bench):
     robot.cycle(3)
     robot.activate()
     robot.cycle(20)
-    robot.clock.time += robot.period
-    robot.base()
-    robot.joints()
+    robot.give_state()
     path = DataPath(received[-1])
     sys.setprofile(path.profile)
     try:

@@ -110,56 +110,21 @@ def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, p
     still = np.zeros(na)
     nan = good.copy()
     nan[4] = np.nan
-    update = "tasks/{}/".format
+    nowhere = make.frame_trajectory([(1.0, [[0, 0, 0.3, 0, 0, 0, 1]])], "laser")
     cases = [
         ("joint_states", "", make.joint_state(joints, nan, still), f"/joint_states: position of '{joints[4]}' is nan"),
-        (
-            "joint_states",
-            "",
-            make.joint_state([*joints[:-1], "RR_claf_joint"], good, still),
-            f"/joint_states: 1 of {na} joints are missing: {joints[-1]}; unknown joints",
-        ),
-        (
-            "joint_states",
-            "",
-            make.joint_state(joints[:5], good[:5], still[:5]),
-            f"/joint_states: {na - 5} of {na} joints are missing: {joints[5]}",
-        ),
-        (
-            "joint_states",
-            "",
-            make.joint_state(joints, good[:3], still),
-            f"/joint_states: position has 3 values for {na} names",
-        ),
+        ("joint_states", "", make.joint_state(joints[:5], good[:5], still[:5]), f"/joint_states: {na - 5} of"),
         ("joint_states", "", make.joint_state([], [], []), f"/joint_states: {na} of {na} joints are missing"),
         ("odom", "", make.odom([0, 0, 0.3, 0, 0, 0, 0], child="base"), "/odom: the orientation [0, 0, 0, 0] is not a"),
         ("odom", "", make.odom([0, 0, 0.3, 0, 0, 0, 1], child="torso"), "/odom: child_frame_id is 'torso'"),
-        ("setpoint", "com", make.point([0, np.nan, 0]), update("com") + "setpoint: the point holds a value that"),
-        ("setpoint", "com", make.point([0, 0, 0], "laser"), update("com") + "setpoint: frame_id is 'laser'"),
-        (
-            "setpoint",
-            "posture",
-            make.joint_state(joints[:2], [0, 0]),
-            update("posture") + f"setpoint: position: {na - 2} joints are missing",
-        ),
-        (
-            "trajectory",
-            "posture",
-            make.joint_trajectory(["nose"], [(1.0, [0.0])]),
-            update("posture") + "trajectory: 'nose' is not a joint of this task",
-        ),
-        (
-            "trajectory",
-            "com",
-            make.frame_trajectory([(1.0, [[0, 0, 0.3, 0, 0, 0, 1]]), (0.5, [[0, 0, 0.3, 0, 0, 0, 1]])]),
-            update("com") + "trajectory: time_from_start must rise from 0: [1, 0.5] s",
-        ),
-        ("weight", "com", make.float64(-1.0), update("com") + "weight: a weight must be from 0 to 1e6, not -1.0"),
+        ("setpoint", "com", make.point([0, np.nan, 0]), "tasks/com/setpoint: the point holds a value that"),
+        ("trajectory", "com", nowhere, "tasks/com/trajectory: frame_id is 'laser'"),
+        ("weight", "com", make.float64(-1.0), "tasks/com/weight: a weight must be from 0 to 1e6, not -1.0"),
         (
             "update",
             "",
             make.string("{tasks: {comm: {weight: 1}}}"),
-            "/update: unknown task 'comm'; did you mean 'com'? Valid: base, com, posture",
+            "/update: unknown task 'comm'; did you mean 'com'?",
         ),
         ("update", "", make.string("{tasks: {com: "), "/update: not valid YAML"),
         ("command", "", make.string("actvate"), "command 'actvate' is unknown; did you mean 'activate'?"),

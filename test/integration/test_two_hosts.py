@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from network import Network, NotPermitted
+from network import network
+
+__all__ = ["network"]
 
 pytestmark = pytest.mark.live
 
@@ -92,17 +94,6 @@ class Host:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-
-
-@pytest.fixture
-def network():
-    try:
-        made = Network()
-    except NotPermitted as error:
-        print(f"skipped: {error}")
-        pytest.skip(str(error))
-    yield made
-    made.close()
 
 
 @pytest.fixture

@@ -84,34 +84,14 @@ class TestSetpoints:
         read("setpoint", "com", make.point([1, 2, 3], frame))
 
     def test_another_frame_is_refused_with_the_valid_ones(self, make):
+        world = "are given in the world (world, odom, map)"
         own = "from its own reference (hand/reference, hand/heading) or in a frame of the robot"
         for key, subject, content, said in (
-            (
-                "setpoint",
-                "hand",
-                make.pose([1, 2, 3], frame="palvis"),
-                f"frame_id is 'palvis'; setpoints of task 'hand' are given in the world (world, odom, map) or {own}; "
-                "did you mean 'pelvis'?",
-            ),
+            ("setpoint", "hand", make.pose([1, 2, 3], frame="palvis"), f"{world} or {own}; did you mean 'pelvis'?"),
             ("setpoint", "hand", make.pose([1, 2, 3], frame="com/reference"), "frame_id is 'com/reference'; setpoints"),
-            (
-                "setpoint",
-                "sway",
-                make.vector([1, 2, 3], "pelvis"),
-                "given in the world (world, odom, map) or from its own reference (sway/reference, sway/heading)",
-            ),
-            (
-                "external_wrench",
-                "pelvis",
-                make.wrench([1] * 6, "pelvis"),
-                "frame_id is 'pelvis'; an external wrench is given in the world: world, odom, map",
-            ),
-            (
-                "trajectory",
-                "com",
-                make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 1]])], "com/reference"),
-                "frame_id is 'com/reference'; a trajectory is given in the world: world, odom, map",
-            ),
+            ("setpoint", "sway", make.vector([1, 2, 3], "pelvis"), f"{world} or from its own reference (sway"),
+            ("external_wrench", "pelvis", make.wrench([1] * 6, "pelvis"), "external wrench is given in the world"),
+            ("trajectory", "com", make.frame_trajectory([(1.0, [AT])], "hand"), "a trajectory is given in the world"),
         ):
             with refused(said):
                 read(key, subject, content)
@@ -238,15 +218,9 @@ AT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 class TestTrajectories:
     def test_of_joints(self, make):
-        (change,) = read(
-            "trajectory",
-            "posture",
-            make.joint_trajectory(
-                ["ankle", "hip", "knee"],
-                [(0.5, [3, 1, 2]), (1.0, [6, 4, 5], [30, 10, 20], [0.3, 0.1, 0.2]), (2.0, [0, 0, 0])],
-                start=2_500_000_000,
-            ),
-        )
+        points = [(0.5, [3, 1, 2]), (1.0, [6, 4, 5], [30, 10, 20], [0.3, 0.1, 0.2]), (2.0, [0, 0, 0])]
+        content = make.joint_trajectory(["ankle", "hip", "knee"], points, start=2_500_000_000)
+        (change,) = read("trajectory", "posture", content)
         assert isinstance(change, SetTrajectory)
         assert change.start == 2.5
         assert [point.time for point in change.points] == [0.5, 1.0, 2.0]
@@ -358,10 +332,7 @@ class TestUpdate:
             ("{tasks: {com: {weight: 2001-99-99}}}", "not valid YAML: month must be in 1..12"),
             ("[" * 500, "not valid YAML"),
             ("#" * 5000, "an update has at most 4096 letters, not 5000"),
-            (
-                "{task: {com: {weight: 1}}}",
-                "unknown key 'task'; did you mean 'tasks'? Valid: contacts, control, limits",
-            ),
+            ("{task: {com: {weight: 1}}}", "unknown key 'task'; did you mean 'tasks'? Valid: contacts, control"),
             ("{3: {}}", "unknown key 3; Valid: contacts, control, limits, safety, tasks"),
             ("{tasks: 3}", "tasks is not a mapping"),
             ("{tasks: {com: 3}}", "tasks.com is not a mapping"),
@@ -370,10 +341,7 @@ class TestUpdate:
             ("{tasks: {cmo: {weight: 1}}}", "unknown task 'cmo'; did you mean 'com'? Valid: com, elbow, hand"),
             ("{tasks: {1: {weight: 1}}}", "unknown task 1; Valid: com"),
             ("{contacts: {left: {enabled: true}}}", "unknown contact 'left'; did you mean 'left_foot'?"),
-            (
-                "{tasks: {com: {wieght: 1}}}",
-                "tasks.com: unknown key 'wieght'; did you mean 'weight'? Valid: damping, enabled, frame, gain",
-            ),
+            ("{tasks: {com: {wieght: 1}}}", "tasks.com: unknown key 'wieght'; did you mean 'weight'? Valid: damping"),
             ("{contacts: {left_foot: {weight: 1}}}", "contacts.left_foot: unknown key 'weight'; Valid: enabled"),
             ("{tasks: {com: {weight: heavy}}}", "a weight is a number, not 'heavy'"),
             ("{tasks: {com: {weight: true}}}", "a weight is a number, not True"),

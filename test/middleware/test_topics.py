@@ -125,41 +125,27 @@ def test_every_type_exists_and_every_kind_of_task_has_its_types():
     assert set(TASK_TYPES) == _tags_of("tasks")
 
 
-def qos_of(key):
-    (qos,) = {topic.qos for topic in CONTROLLER_TOPICS if topic.key == key}
-    return qos
-
-
-@pytest.mark.parametrize("key", ["joint_states", "odom"])
-def test_state_in_is_best_effort_of_depth_1(key):
-    assert qos_of(key) == Qos(reliable=False, latched=False, depth=1)
-
-
-@pytest.mark.parametrize("key", ["effort", "joint_commands", "contact_wrench"])
-def test_commands_out_are_reliable_of_depth_1(key):
-    assert qos_of(key) == Qos(reliable=True, latched=False, depth=1)
-
-
-@pytest.mark.parametrize("key", ["state", "robot_description"])
-def test_latched_topics(key):
-    assert qos_of(key).latched
-    assert qos_of(key).reliable
-
-
-def test_requests_are_reliable_and_queued():
+def test_qualities_of_service():
+    states = {"joint_states", "odom", "imu", "measured_wrench", "holds", "pose", "clock"}
     for topic in CONTROLLER_TOPICS:
-        if topic.direction is Direction.IN and topic.key not in (
-            "joint_states",
-            "odom",
-            "imu",
-            "measured_wrench",
-            "holds",
-            "pose",
-            "clock",
-            "robot_description",
-        ):
+        if topic.key in states:
+            assert topic.qos == Qos(reliable=False, latched=False, depth=1), topic.key
+        elif topic.key in ("effort", "joint_commands", "contact_wrench"):
+            assert topic.qos == Qos(reliable=True, latched=False, depth=1), topic.key
+        elif topic.key in ("state", "robot_description"):
+            assert topic.qos == Qos(reliable=True, latched=True, depth=1), topic.key
+        elif topic.direction is Direction.IN:  # a request
             assert topic.qos.reliable, topic.key
             assert topic.qos.depth >= 10, topic.key
+
+
+def assert_compatible(one, other):
+    """One type; the reader asks for no more than the writer offers."""
+    assert other.type == one.type
+    assert other.direction is not one.direction
+    writer, reader = (one, other) if one.direction is Direction.OUT else (other, one)
+    assert writer.qos.reliable >= reader.qos.reliable
+    assert writer.qos.latched >= reader.qos.latched
 
 
 def test_what_the_mock_sends_the_controller_can_read_and_back():
@@ -172,47 +158,37 @@ def test_what_the_mock_sends_the_controller_can_read_and_back():
         if other is None:
             continue
         met.add(endpoint.key)
-        assert other.type == endpoint.type
-        assert other.direction is not endpoint.direction
-        writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
-        assert writer.qos.reliable >= reader.qos.reliable
-        assert writer.qos.latched >= reader.qos.latched
+        assert_compatible(endpoint, other)
     assert met == {"clock", "joint_states", "odom", "imu", "pose", "robot_description", "effort", "joint_commands"}
 
 
-def test_the_guard_hears_the_controller_and_the_robot_and_the_robot_hears_the_guard():
-    """Every row of the guard has its other end; no reader asks for more than the writer offers; none is heard twice."""
-    others = [
-        endpoint
-        for table, node in ((CONTROLLER_TOPICS, "wbc_controller"), (MOCK_TOPICS, "mock_robot"))
-        for endpoint in endpoints(table, node, namespace="/r", task_kinds=KINDS)
-    ]
-    for endpoint in endpoints(GUARD_TOPICS, "guard", namespace="/r"):
-        met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
-        assert met or endpoint.name in ("/r/guard/state", "/diagnostics"), endpoint.name
-        for other in met:
-            assert other.type == endpoint.type
-            writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
-            assert writer.qos.reliable >= reader.qos.reliable
-            assert writer.qos.latched >= reader.qos.latched
-    written = {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.OUT}
-    assert not written & {topic.name for topic in GUARD_TOPICS if topic.direction is Direction.IN}
-
-
-def test_the_estimator_hears_the_robot_and_the_controller_who_may_hear_it():
+@pytest.mark.parametrize(
+    ("table", "node", "alone"),
+    [
+        (GUARD_TOPICS, "guard", ("state", "diagnostics")),
+        (ESTIMATOR_TOPICS, ESTIMATOR_NODE, ("holds", "measured_wrench", "tf", "diagnostics")),
+    ],
+)
+def test_guard_and_estimator_hear_the_controller_and_the_robot(table, node, alone):
+    """Every row has its other end, but for those of users and drivers."""
     others = [
         endpoint
         for table, node in ((CONTROLLER_TOPICS, "wbc_controller"), (MOCK_TOPICS, "mock_robot"))
         for endpoint in endpoints(table, node, namespace="/r", task_kinds=KINDS, contacts=("left",))
     ]
-    for endpoint in endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, namespace="/r", contacts=("left",)):
+    for endpoint in endpoints(table, node, namespace="/r", contacts=("left",)):
         met = [other for other in others if other.name == endpoint.name and other.direction is not endpoint.direction]
-        assert met or endpoint.key in ("holds", "measured_wrench", "tf", "diagnostics"), endpoint.name
+        assert met or endpoint.key in alone, endpoint.name
         for other in met:
-            assert other.type == endpoint.type
-            writer, reader = (endpoint, other) if endpoint.direction is Direction.OUT else (other, endpoint)
-            assert writer.qos.reliable >= reader.qos.reliable
-            assert writer.qos.latched >= reader.qos.latched
+            assert_compatible(endpoint, other)
+
+
+def test_the_guard_does_not_hear_itself():
+    written, read = (
+        {topic.name for topic in GUARD_TOPICS if topic.direction is direction}
+        for direction in (Direction.OUT, Direction.IN)
+    )
+    assert not written & read
 
 
 def test_there_is_no_dead_row(bench):
@@ -224,9 +200,7 @@ def test_there_is_no_dead_row(bench):
     }  # fmt: skip
     assert incoming == set(READERS) | by_hand
     assert not set(READERS) & by_hand
-    controller = bench()
-    controller.activate()
-    controller.cycle(3)
+    controller = bench().activated(3)
     for (key, subject), endpoint in expand(
         task_kinds={name: task.type for name, task in controller.settings.tasks.items()},
         contacts=tuple(controller.settings.contacts),

@@ -17,9 +17,7 @@ def said(report, words):
 
 
 def running(bench, **changes):
-    robot = bench(changes=changes or None)
-    robot.activate()
-    robot.cycle(600)
+    robot = bench(changes=changes or None).activated(600)
     return robot
 
 
@@ -261,9 +259,7 @@ def test_a_long_trajectory_is_read_where_no_cycle_waits(bench, make):
         deadline = time.monotonic() + 20.0
         sent = 0
         while sent < 5 and time.monotonic() < deadline:
-            robot.clock.time += robot.period
-            robot.base()
-            robot.joints()
+            robot.give_state()
             if len(times) > 100 * (sent + 1):
                 robot.send_bytes("trajectory", payload, "com")
                 sent += 1

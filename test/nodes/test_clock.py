@@ -357,11 +357,7 @@ def starved(bench):
 def test_a_starved_thread_of_the_transport_does_not_stop_the_clock(starved):
     ages = []
     for _ in range(500):
-        starved.clock.time += starved.period
-        starved.send("clock", time_message(starved.time))
-        starved.base()
-        starved.joints()
-        report = starved.loop.cycle()
+        report = states_with_time(starved, 1)
         ages.append(max(report.inputs.ages.values()))
     assert (report.mode, report.fault) == (Mode.ACTIVE, None)
     assert max(ages) == pytest.approx(0.0, abs=1e-9)
@@ -371,10 +367,7 @@ def test_a_starved_loop_takes_the_newest_state_and_its_time(starved):
     """All that the simulator sends while the loop gets no processor waits for it."""
     for _ in range(20):
         for _ in range(100):  # 0.2 s, four times the limit of the ages
-            starved.clock.time += starved.period
-            starved.send("clock", time_message(starved.time))
-            starved.base()
-            starved.joints()
+            time_and_state(starved)
         report = starved.loop.cycle()
         assert (report.mode, report.fault) == (Mode.ACTIVE, None)
         assert max(report.inputs.ages.values()) == pytest.approx(0.0, abs=1e-9)
@@ -384,10 +377,8 @@ def test_a_starved_loop_takes_the_newest_state_and_its_time(starved):
 def test_times_that_arrive_after_their_states_are_no_fault_within_the_limit_of_the_stamps(starved, late):
     """Two topics are two readers: the middleware may deliver the state of a time first."""
     for count in range(1000):
-        starved.clock.time += starved.period
+        starved.give_state()
         now = starved.clock.time
-        starved.base()
-        starved.joints()
         if count % (2 * late) >= late:
             starved.send("clock", time_message(round((now - late * starved.period) * 1e9)))
         report = starved.loop.cycle()
@@ -402,14 +393,19 @@ def test_the_simulator_may_pause(starved):
     assert states_with_time(starved, 100).mode is Mode.ACTIVE
 
 
+def time_and_state(controller, *, with_time=True):
+    """Let a period pass, and send the time and the state."""
+    controller.clock.time += controller.period
+    if with_time:
+        controller.send("clock", time_message(controller.time))
+    controller.base()
+    controller.joints()
+
+
 def states_with_time(controller, count, every=1):
     """States, with the time before each, or before some: of a clock that is coarser than the states."""
     for number in range(count):
-        controller.clock.time += controller.period
-        if number % every == 0:
-            controller.send("clock", time_message(controller.time))
-        controller.base()
-        controller.joints()
+        time_and_state(controller, with_time=number % every == 0)
         report = controller.loop.cycle()
         if report.fault is not None:
             break
@@ -427,11 +423,7 @@ def test_a_coarse_clock_is_not_said_to_have_stood_still(simulated, rate, said):
     controller, _ = simulated
     every, sentences = round(1.0 / (rate * controller.period)), []
     for number in range(1000):
-        controller.clock.time += controller.period
-        if number % every == 0:
-            controller.send("clock", time_message(controller.time))
-        controller.base()
-        controller.joints()
+        time_and_state(controller, with_time=number % every == 0)
         if number >= 2 * every:  # with two messages its step is known
             controller.command("activate")
         report = controller.loop.cycle()
@@ -510,14 +502,10 @@ def test_a_loop_that_loses_the_processor_after_it_has_taken_a_state_takes_the_ne
     controller.cycle(10)
     controller.activate()
     assert controller.cycle(100).mode is Mode.ACTIVE
-    controller.clock.time += controller.period
-    controller.base()
-    controller.joints()
+    controller.give_state()
     assert controller.loop._inputs.wait(0.0)
     for _ in range(30):  # 60 ms, more than the limit of the ages
-        controller.clock.time += controller.period
-        controller.base()
-        controller.joints()
+        controller.give_state()
     report = controller.loop.cycle()
     assert (report.mode, report.fault) == (Mode.ACTIVE, None)
     assert max(report.inputs.ages.values()) == pytest.approx(0.0, abs=1e-9)

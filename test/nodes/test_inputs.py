@@ -128,37 +128,17 @@ def test_ages_count_from_arrival_not_from_the_stamp(go2, state):
     assert go2.inputs.latch().ages == pytest.approx({"joint_states": 0.04, "odom": 0.04})
 
 
-def bad_joint_states(make, model):
-    na = model.na
-    good = np.zeros(na)
-    one_nan = good.copy()
-    one_nan[2] = NAN
-    wrong = [*model.joints[:-1], "tail"]
-    return {
-        "not finite": (make.joint_state(model.joints, one_nan, good), f"position of '{model.joints[2]}' is nan"),
-        "velocity": (make.joint_state(model.joints, good, one_nan), f"velocity of '{model.joints[2]}' is nan"),
-        "name": (make.joint_state(wrong, good, good), f"1 of {na} joints are missing: {model.joints[-1]}; unknown"),
-        "too few": (make.joint_state(model.joints[:-1], good[1:], good[1:]), f"1 of {na} joints are missing"),
-        "twice": (
-            make.joint_state([*model.joints, model.joints[0]], [0] * (na + 1), [0] * (na + 1)),
-            "duplicate joint",
-        ),
-        "size": (make.joint_state(model.joints, good[1:], good), f"position has {na - 1} values for {na} names"),
-        "empty": (make.joint_state(model.joints, [], []), f"position has 0 values for {na} names"),
-    }
-
-
-@pytest.mark.parametrize("kind", ["not finite", "velocity", "name", "too few", "twice", "size", "empty"])
-def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, make, kind):
+def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, make):
     state(go2)
     before = go2.inputs.latch().state
     go2.clock.time += 0.01
-    content, said = bad_joint_states(make, go2.model)[kind]
-    go2.send("joint_states", content)
+    model, bad = go2.model, np.zeros(go2.model.na)
+    bad[2] = NAN
+    go2.send("joint_states", make.joint_state(model.joints, bad, np.zeros(model.na)))
     latched = go2.inputs.latch()
     (sentence,) = latched.refused
-    assert sentence.startswith("/joint_states: ")
-    assert said in sentence
+    said = f"position of '{model.joints[2]}' is nan"
+    assert sentence.startswith(f"/joint_states: {said}")
     assert said in go2.inputs.notes()["joint_states"]
     np.testing.assert_array_equal(latched.state.q, before.q)
     assert latched.state.stamp == before.stamp
@@ -171,23 +151,12 @@ def test_after_a_bad_joint_state_the_last_good_one_stays_and_ages(go2, state, ma
     assert (latched.joint_velocity == 0.5).all()
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"child": "torso"}, "child_frame_id is 'torso'; the robot's base link is 'base'"),
-        ({"pose": [0, 0, 0, 0, 0, 0, 0]}, "is not a unit quaternion (norm 0)"),
-        ({"pose": [0, NAN, 0, 0, 0, 0, 1]}, "the pose holds a value that is not finite"),
-        ({"twist": [0, 0, 0, 0, 0, NAN]}, "the twist holds a value that is not finite"),
-    ],
-)
-def test_after_a_bad_base_state_the_last_good_one_stays(go2, state, make, changes, said):
+def test_after_a_bad_base_state_the_last_good_one_stays(go2, state, make):
     state(go2)
     before = go2.inputs.latch().state
-    go2.send("odom", make.odom(**{"pose": [9, 9, 9, 0, 0, 0, 1], "child": "base", **changes}))
+    go2.send("odom", make.odom([9, 9, 9, 0, 0, 0, 1], child="torso"))
     latched = go2.inputs.latch()
-    (sentence,) = latched.refused
-    assert sentence.startswith("/odom: ")
-    assert said in sentence
+    assert latched.refused == ("/odom: child_frame_id is 'torso'; the robot's base link is 'base'",)
     np.testing.assert_array_equal(latched.state.q, before.q)
 
 

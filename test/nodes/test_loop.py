@@ -23,8 +23,7 @@ def last_status(controller):
 
 
 def test_one_command_for_each_state_with_its_stamp(bench):
-    controller = bench()
-    controller.activate()
+    controller = bench().activated()
     for i in range(20):
         report = controller.cycle()
         assert report.mode is Mode.ACTIVE
@@ -34,9 +33,7 @@ def test_one_command_for_each_state_with_its_stamp(bench):
 
 
 def test_activation_starts_from_zero_torque_and_reaches_what_carries_the_robot(bench):
-    controller = bench()
-    controller.activate()
-    controller.cycle(600)
+    controller = bench().activated(600)
     efforts = controller.efforts()
     assert not efforts[0].any()
     assert np.isfinite(efforts).all()
@@ -64,8 +61,7 @@ def test_activation_is_refused_until_the_inputs_are_fresh(bench):
 
 
 def test_the_word_of_a_burst_count_in_their_order(bench):
-    controller = bench()
-    controller.activate()
+    controller = bench().activated()
     controller.command("estop")
     controller.cycle()
     controller.command("reset")
@@ -83,9 +79,7 @@ def test_the_word_of_a_burst_count_in_their_order(bench):
 
 @pytest.mark.parametrize("missing", ["joints", "base"])
 def test_an_input_is_stale_one_cycle_after_the_timeout(bench, missing):
-    controller = bench()
-    controller.activate()
-    controller.cycle(50)
+    controller = bench().activated(50)
     silent = {missing: False}
     name = {"joints": "joint_states", "base": "odom"}[missing]
     count = round(TIMEOUT / controller.period)
@@ -115,8 +109,7 @@ def test_exactly_at_the_timeout_an_input_is_fresh(bench, age, mode):
 
 
 def test_the_sentence_says_why_the_messages_that_came_did_not_count(bench):
-    controller = bench()
-    controller.activate()
+    controller = bench().activated()
     for _ in range(30):
         controller.clock.time += controller.period
         controller.base()
@@ -130,9 +123,7 @@ def test_the_sentence_says_why_the_messages_that_came_did_not_count(bench):
 
 
 def test_damping_opposes_fresh_velocities_and_lets_stale_ones_sink(bench):
-    controller = bench(changes={"safety": {"damping": 3.0, "damping_time": 1.0}})
-    controller.activate()
-    controller.cycle(600)
+    controller = bench(changes={"safety": {"damping": 3.0, "damping_time": 1.0}}).activated(600)
     controller.v[controller.model.v_index] = 0.5
     report = controller.cycle(60, base=False)
     assert report.mode is Mode.DAMPING
@@ -150,9 +141,7 @@ def test_damping_opposes_fresh_velocities_and_lets_stale_ones_sink(bench):
 
 
 def test_without_a_solution_the_last_torques_are_held_then_damped_then_none(bench, monkeypatch, caplog):
-    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}})
-    controller.activate()
-    controller.cycle(600)
+    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
     held = controller.reports[-1].command.tau
 
     def solve(*arguments):
@@ -176,17 +165,35 @@ def test_without_a_solution_the_last_torques_are_held_then_damped_then_none(benc
     assert controller.loop.controller.supervisor.mode is Mode.FAULT
 
 
+def divide_by_zero(*arguments):
+    raise ZeroDivisionError("division by zero")
+
+
+def press_at_most(controller, monkeypatch, force):
+    """Limit the normal force of a foot, N; below zero no solution exists."""
+    monkeypatch.setattr(controller.loop.controller.qp.contacts["front_left_foot"], "max_normal_force", force)
+
+
+def delayed_explanation(monkeypatch):
+    """Have the search for an explanation wait for the event that is returned."""
+    release, explained = threading.Event(), NoSolution.explained
+
+    def slow(failure):
+        assert release.wait(60.0)
+        return explained(failure)
+
+    monkeypatch.setattr(NoSolution, "explained", slow)
+    return release
+
+
 def searched(controller):
     """Wait for the search that runs beside the loop."""
     controller.loop.controller._explanation.result()
 
 
 def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatch, caplog):
-    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}})
-    controller.activate()
-    controller.cycle(600)
-    foot = controller.loop.controller.qp.contacts["front_left_foot"]
-    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
+    press_at_most(controller, monkeypatch, -50.0)
     searches = []
 
     def search(failure):
@@ -215,23 +222,14 @@ def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatc
 
 
 def test_commands_go_on_while_a_failure_is_being_explained(bench, monkeypatch):
-    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}})
-    controller.activate()
-    controller.cycle(600)
-    foot = controller.loop.controller.qp.contacts["front_left_foot"]
-    monkeypatch.setattr(foot, "max_normal_force", -50.0)
-    release, explained = threading.Event(), NoSolution.explained
-
-    def slow(failure):
-        assert release.wait(60.0)
-        return explained(failure)
-
-    monkeypatch.setattr(NoSolution, "explained", slow)
+    controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
+    press_at_most(controller, monkeypatch, -50.0)
+    release = delayed_explanation(monkeypatch)
     sent = len(controller.efforts())
     report = controller.cycle(40)
     assert len(controller.efforts()) == sent + 40
     assert (report.mode, report.fault.infeasibility) == (Mode.DAMPING, None)
-    monkeypatch.setattr(foot, "max_normal_force", 400.0)  # it is the failure that is explained, not what is now
+    press_at_most(controller, monkeypatch, 400.0)  # it is the failure that is explained, not what is now
     release.set()
     searched(controller)
     report = controller.cycle()
@@ -240,20 +238,11 @@ def test_commands_go_on_while_a_failure_is_being_explained(bench, monkeypatch):
 
 
 def test_a_failure_that_is_over_is_explained_as_it_was(bench, monkeypatch, caplog):
-    controller = bench()
-    controller.activate()
-    controller.cycle(600)
-    foot = controller.loop.controller.qp.contacts["front_left_foot"]
-    release, explained = threading.Event(), NoSolution.explained
-
-    def slow(failure):
-        assert release.wait(60.0)
-        return explained(failure)
-
-    monkeypatch.setattr(NoSolution, "explained", slow)
-    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    controller = bench().activated(600)
+    release = delayed_explanation(monkeypatch)
+    press_at_most(controller, monkeypatch, -50.0)
     assert controller.cycle().mode is Mode.HOLDING
-    monkeypatch.setattr(foot, "max_normal_force", 400.0)
+    press_at_most(controller, monkeypatch, 400.0)
     assert controller.cycle(5).mode is Mode.ACTIVE
     release.set()
     searched(controller)
@@ -263,16 +252,10 @@ def test_a_failure_that_is_over_is_explained_as_it_was(bench, monkeypatch, caplo
 
 
 def test_a_search_that_fails_is_logged_and_the_fault_stays(bench, monkeypatch, caplog):
-    controller = bench()
-    controller.activate()
-    controller.cycle(600)
-    foot = controller.loop.controller.qp.contacts["front_left_foot"]
-    monkeypatch.setattr(foot, "max_normal_force", -50.0)
+    controller = bench().activated(600)
+    press_at_most(controller, monkeypatch, -50.0)
 
-    def broken(failure):
-        raise ZeroDivisionError("division by zero")
-
-    monkeypatch.setattr(NoSolution, "explained", broken)
+    monkeypatch.setattr(NoSolution, "explained", divide_by_zero)
     controller.cycle()
     with pytest.raises(ZeroDivisionError):
         searched(controller)
@@ -282,15 +265,12 @@ def test_a_search_that_fails_is_logged_and_the_fault_stays(bench, monkeypatch, c
 
 
 def test_failures_that_come_and_go_are_explained_once_a_second(bench, monkeypatch):
-    controller = bench()
-    controller.activate()
-    controller.cycle(600)
-    foot = controller.loop.controller.qp.contacts["front_left_foot"]
+    controller = bench().activated(600)
     explained, searches = NoSolution.explained, []
     monkeypatch.setattr(NoSolution, "explained", lambda failure: searches.append(1) or explained(failure))
     for i in range(1000):  # two seconds
         fails = i % 40 == 1  # less often than the budget of holding allows
-        monkeypatch.setattr(foot, "max_normal_force", -50.0 if fails else 400.0)
+        press_at_most(controller, monkeypatch, -50.0 if fails else 400.0)
         report = controller.cycle()
         assert report.mode is (Mode.HOLDING if fails else Mode.ACTIVE)
         if controller.loop.controller._explanation is not None:
@@ -300,15 +280,10 @@ def test_failures_that_come_and_go_are_explained_once_a_second(bench, monkeypatc
 
 @pytest.mark.parametrize("where", ["solve", "sample", "apply"])
 def test_an_exception_inside_becomes_a_fault_and_is_logged(bench, monkeypatch, caplog, make, where):
-    controller = bench()
-    controller.activate()
-    controller.cycle(10)
-
-    def broken(*arguments):
-        raise ZeroDivisionError("division by zero")
+    controller = bench().activated(10)
 
     owner = controller.loop.controller.qp if where == "solve" else controller.loop.controller.board
-    monkeypatch.setattr(owner, where, broken)
+    monkeypatch.setattr(owner, where, divide_by_zero)
     controller.send("weight", make.float64(1.0), "com")
     report = controller.cycle()
     assert report.mode is Mode.DAMPING
@@ -322,10 +297,7 @@ def test_an_exception_while_starting_becomes_a_fault_too(bench, monkeypatch, cap
     controller = bench()
     controller.cycle(3)
 
-    def broken(*arguments):
-        raise ZeroDivisionError("division by zero")
-
-    monkeypatch.setattr(controller.loop.controller.board, "reset", broken)
+    monkeypatch.setattr(controller.loop.controller.board, "reset", divide_by_zero)
     report = controller.activate()
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "INTERNAL_ERROR")
     assert not report.command.tau.any()
@@ -334,9 +306,7 @@ def test_an_exception_while_starting_becomes_a_fault_too(bench, monkeypatch, cap
 
 @pytest.mark.filterwarnings("ignore:overflow")
 def test_a_setpoint_beyond_all_reason_does_no_harm(bench, make):
-    controller = bench()
-    controller.activate()
-    controller.cycle(600)
+    controller = bench().activated(600)
     controller.send("setpoint", make.point([1e300, -1e300, 1e300]), "com")
     controller.cycle(300)
     efforts = controller.efforts()
@@ -356,8 +326,7 @@ def test_commands_to_an_inactive_controller_are_refused_in_words(bench, make):
 
 
 def test_commands_in_the_cycle_in_which_the_inputs_fail_are_not_lost_silently(bench, make):
-    controller = bench()
-    controller.activate()
+    controller = bench().activated()
     said = "1 task or contact commands: the controller is damping; send 'reset' and 'activate' first"
     for _ in range(30):
         controller.send("weight", make.float64(1.0), "com")
@@ -377,8 +346,7 @@ def test_a_command_in_the_cycle_of_the_activation_counts(bench, make):
 
 
 def test_a_trajectory_that_is_over_is_refused(bench, make):
-    controller = bench()
-    controller.activate()
+    controller = bench().activated()
     points = [(1.0, [[0, 0, 0.3, 0, 0, 0, 1]])]
     controller.send("trajectory", make.frame_trajectory(points, start=controller.time - 2_000_000_000), "com")
     (sentence,) = controller.cycle().refused
@@ -387,9 +355,7 @@ def test_a_trajectory_that_is_over_is_refused(bench, make):
 
 
 def test_references_follow_the_clock_of_the_states(bench, make, monkeypatch):
-    controller = bench()
-    controller.activate()
-    controller.cycle(3)
+    controller = bench().activated(3)
     board, taken = controller.loop.controller.board, []
     sample = board.sample
 
@@ -405,9 +371,7 @@ def test_references_follow_the_clock_of_the_states(bench, make, monkeypatch):
 
 def test_the_same_messages_give_the_same_torques(bench, make):
     def run():
-        controller = bench()
-        controller.activate()
-        controller.cycle(50)
+        controller = bench().activated(50)
         controller.send("setpoint", make.point([0.01, 0, 0.28]), "com")
         controller.cycle(100)
         return controller.efforts()
@@ -485,9 +449,7 @@ def test_the_end_of_the_loop_leaves_no_torque(bench, active):
 @pytest.mark.parametrize("where", ["supervisor", "publish", "inputs", "observer"])
 def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(bench, monkeypatch, where):
     """Whatever is raised around the controller: the process goes on, with no torque left applied."""
-    controller = bench()
-    controller.activate()
-    controller.cycle(600)
+    controller = bench().activated(600)
     assert controller.efforts()[-1].any()
     loop, stop = controller.loop, threading.Event()
     owner, name = {
@@ -561,9 +523,7 @@ def test_each_joint_state_starts_one_cycle(bench):
         assert began.wait(5)  # the first one comes without a state
         for _ in range(10):
             began.clear()
-            controller.clock.time += controller.period
-            controller.base()
-            controller.joints()
+            controller.give_state()
             assert began.wait(5)
     finally:
         stop.set()
@@ -602,9 +562,7 @@ def test_while_another_node_publishes_torques_activation_is_refused(bench):
 
 
 def test_a_second_publisher_of_torques_is_said_at_once_and_the_robot_stays_controlled(bench, caplog):
-    controller = bench(changes={"control": {"diagnostics_rate": 0.1}})
-    controller.activate()
-    controller.cycle(300)
+    controller = bench(changes={"control": {"diagnostics_rate": 0.1}}).activated(300)
     said = len(controller.received("diagnostics"))
     rival_of(controller, "stranger")
     report = controller.cycle(round(0.25 / controller.period) + 1)  # the time between two looks

@@ -35,9 +35,7 @@ def solution(**changes):
 
 
 def test_both_command_topics_say_the_same(bench):
-    controller = bench()
-    controller.activate()
-    controller.cycle(20)
+    controller = bench().activated(20)
     effort, named = controller.received("effort"), controller.received("joint_commands")
     assert len(effort) == len(named) == 21
     for array, state, said in zip(effort, named, controller.reports, strict=True):
@@ -60,9 +58,7 @@ def test_nothing_is_commanded_before_activation(bench):
 
 @pytest.mark.parametrize(("name", "frame"), [("g1", "left_ankle_roll_link"), ("go2", "world")])
 def test_the_forces_counted_on_are_published_in_the_contact_frame(bench, name, frame):
-    controller = bench(name)
-    controller.activate()
-    controller.cycle(200)
+    controller = bench(name).activated(200)
     weight = controller.model.mass * controller.model.gravity
     total = 0.0
     for contact in controller.settings.contacts:
@@ -100,9 +96,7 @@ def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypat
 def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch):
     readers = set()
     monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers)
-    controller = bench()
-    controller.activate()
-    controller.cycle(100)
+    controller = bench().activated(100)
     readers.add(("task_value", "com"))
     controller.cycle(200)
     came = {key: count for key, payloads in controller._payloads.items() if key[1] and (count := len(payloads))}
@@ -134,9 +128,7 @@ def test_diagnostics_that_nobody_reads_come_once_a_second_and_at_once_with_news(
 
 
 def test_no_forces_are_published_that_do_not_count(bench):
-    controller = bench()
-    controller.activate()
-    controller.cycle(5)
+    controller = bench().activated(5)
     before = len(controller.received("contact_wrench", "front_left_foot"))
     controller.command("damp")
     controller.cycle(5)
@@ -157,9 +149,7 @@ def test_a_late_subscriber_is_given_the_mode(bench):
     from wbc_controller.middleware.codec import decode
     from wbc_controller.middleware.topics import counterpart
 
-    controller = bench()
-    controller.activate()
-    controller.cycle(10)
+    controller = bench().activated(10)
     (endpoint,) = [topic for topic in controller.topics if topic.key == "state"]
     late = []
     controller.user.subscribe(counterpart(endpoint), late.append)

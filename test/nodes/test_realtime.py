@@ -161,19 +161,26 @@ def test_a_system_that_does_not_let_processors_be_kept_awake_says_what_allows_it
         apply(RealtimeSettings(cpu_dma_latency=0))
 
 
-def test_processors_are_kept_awake_for_real_or_it_is_refused():
+@pytest.mark.parametrize(
+    ("setting", "held", "refused"),
+    [
+        ("cpu_dma_latency=0", "cpu_dma_latency held", "cpu_dma_latency = 0: the system refuses it"),
+        ("lock_memory=True", "memory locked", "lock_memory = true: the process may lock"),
+    ],
+)
+def test_it_applies_for_real_or_is_refused(setting, held, refused):
     script = (
-        "import os, sys\n"
-        "from wbc_controller.nodes.realtime import _WAKING, apply, in_force\n"
+        "from wbc_controller.nodes.realtime import apply, in_force\n"
         "from wbc_controller.settings import RealtimeSettings\n"
-        "apply(RealtimeSettings(cpu_dma_latency=0))\n"
-        "print(in_force(), int.from_bytes(_WAKING.open('rb').read(4), sys.byteorder))"
+        f"apply(RealtimeSettings({setting}))\n"
+        "print(in_force())"
     )
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    if os.access(realtime._WAKING, os.R_OK | os.W_OK):
-        assert ran.stdout.rstrip().endswith(", cpu_dma_latency held 0"), ran.stderr
+    may = {"memory locked": realtime._locked_memory_limit() is None}
+    if may.get(held, os.access(realtime._WAKING, os.R_OK | os.W_OK)):
+        assert ran.stdout.rstrip().endswith(f", {held}"), ran.stderr
     else:
-        assert "ConfigurationError: control.realtime.cpu_dma_latency = 0: the system refuses it" in ran.stderr
+        assert f"ConfigurationError: control.realtime.{refused}" in ran.stderr
 
 
 def test_a_class_that_the_system_refuses_says_what_allows_it(monkeypatch):
@@ -272,20 +279,6 @@ def test_a_thread_that_computes_can_stand_behind_all_others(monkeypatch, name, p
     monkeypatch.setattr(os, "sched_setscheduler", schedule)
     step_back()
     assert asked[-1] == then
-
-
-def test_memory_is_locked_for_real_or_refused():
-    script = (
-        "from wbc_controller.nodes.realtime import apply, in_force\n"
-        "from wbc_controller.settings import RealtimeSettings\n"
-        "apply(RealtimeSettings(lock_memory=True))\n"
-        "print(in_force())"
-    )
-    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    if realtime._locked_memory_limit() is None:
-        assert ran.stdout.rstrip().endswith(", memory locked"), ran.stderr
-    else:
-        assert "ConfigurationError: control.realtime.lock_memory = true: the process may lock" in ran.stderr
 
 
 def test_what_is_in_force_is_in_the_diagnostics(bench):

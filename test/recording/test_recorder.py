@@ -36,9 +36,7 @@ def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path,
     bench.send("update", make.string("{tasks: {com: {weight: 3.5}}}"))
     bench.send("command", make.string("nonsense"))
     run.go(20)
-    recorder = run.recorder
-    recorder.close()
-    found = Recording(path)
+    found = run.finish(path)
     assert (found.first, found.last, found.count, found.damage) == (0, 52, 53, "")
     table = cycle_arrays(found)
     np.testing.assert_array_equal(table["tau"], bench.efforts())
@@ -113,11 +111,8 @@ def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
     run.stand(60)
     run.bench.v[0] = 1e4  # no base is as fast
     run.go(5)
-    run.recorder.close()
-    (path,) = (tmp_path / "faults").iterdir()
-    assert path.name.startswith("go2-")
-    assert path.name.endswith("IMPLAUSIBLE_STATE.mcap")
-    found = Recording(path)
+    found = run.finish()
+    assert found.path.match("go2-*IMPLAUSIBLE_STATE.mcap")
     (fault,) = found.faults
     assert fault.fault == run.bench.reports[-1].fault
     assert fault.cycle == next(i for i, each in enumerate(run.bench.reports) if each.fault is not None)
@@ -137,9 +132,7 @@ def test_what_is_asked_for_while_the_recorder_does_not_keep_up_is_written_later(
     assert "cycles were dropped" in run.recorder.status()["recorder"]
     run.recorder._process.send = send
     run.go(10)
-    run.recorder.close()
-    (path,) = (tmp_path / "faults").iterdir()
-    assert path.name.endswith("LATER.mcap" if what == "request" else "IMPLAUSIBLE_STATE.mcap")
+    assert run.finish().path.match("*LATER.mcap" if what == "request" else "*IMPLAUSIBLE_STATE.mcap")
 
 
 def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_path, make, caplog):
@@ -178,21 +171,14 @@ def test_the_last_seconds_are_bounded(record, tmp_path):
     run.stand(1500)
     run.recorder.request("now")
     run.go(2)
-    run.recorder.close()
-    (path,) = folder.iterdir()
-    found = Recording(path)
+    found = run.finish()
     assert found.last == 1504
     assert found.count < 1100  # half a second, and what stands in the same chunk of 1 MB
 
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [
-        ("missing/a.mcap", "No such file"),
-        (".", "Is a directory"),
-        ("/dev/full", "No space left"),
-        ("x" * 300, "too long"),
-    ],
+    [("missing/a.mcap", "No such file"), (".", "Is a directory"), ("/dev/full", "No space"), ("x" * 300, "too long")],
 )
 def test_a_disk_that_takes_nothing_is_a_warning_and_the_controller_goes_on(record, tmp_path, caplog, name, reason):
     run = record(tmp_path / name)
@@ -240,8 +226,7 @@ def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, t
     for _ in range(20):
         run.bench.send_bytes("update", bytes((1 << 20) + 1))
         run.go(1)
-    run.recorder.close()
-    found = Recording(tmp_path / "a.mcap")
+    found = run.finish(tmp_path / "a.mcap")
     assert found.count == found.last + 1  # no cycle made room for them
     assert (tmp_path / "a.mcap").stat().st_size < 1 << 20
 
@@ -259,8 +244,7 @@ def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_re
         run.go(1)
     run.bench.send_bytes("setpoint", large, "com")  # one that is alone is recorded
     run.go(20)
-    run.recorder.close()
-    found = Recording(tmp_path / "a.mcap")
+    found = run.finish(tmp_path / "a.mcap")
     assert found.count == found.last + 1
     counts = {topic: count for topic, _, count in found.message_counts()}
     (update,) = [topic for topic in counts if topic.endswith("/update")]

@@ -8,8 +8,9 @@ from rosbags.rosbag2.storage_mcap import McapReader
 
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import encode, header, message
+from wbc_controller.middleware.codec import encode, message
 from wbc_controller.middleware.odometry import odometry
+from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.recording.added_topics import add_topics
 from wbc_controller.recording.cycle_layout import FORMAT
 from wbc_controller.recording.recording_file import Recording
@@ -32,15 +33,11 @@ def test_a_recording_in_another_format_is_rejected_with_both_formats(record, tmp
 def finished(record, tmp_path):
     run = record(tmp_path / "a.mcap")
     run.stand(60)
-    run.recorder.close()
-    return Recording(tmp_path / "a.mcap")
+    return run.finish(tmp_path / "a.mcap")
 
 
 def wrench(stamp: int, force: float) -> bytes:
-    names = ("x", "y", "z")
-    vector = message("geometry_msgs/msg/Vector3", **dict.fromkeys(names, force))
-    content = message("geometry_msgs/msg/Wrench", force=vector, torque=vector)
-    return encode(message("geometry_msgs/msg/WrenchStamped", header=header(stamp, "foot"), wrench=content))
+    return encode(wrench_stamped(np.full(6, force), "foot", stamp))
 
 
 def phase(name: str) -> bytes:

@@ -11,7 +11,10 @@ import os
 import shutil
 import subprocess
 import time
+from collections.abc import Iterator
 from typing import Any
+
+import pytest
 
 SIDES = {"robot": "10.77.0.1/24", "controller": "10.77.0.2/24"}
 
@@ -84,3 +87,15 @@ class Network:
 
     def _ip(self, holder: Any, words: str) -> None:
         subprocess.run([*self._inside(holder), "ip", *words.split()], check=True, capture_output=True, text=True)
+
+
+@pytest.fixture
+def network() -> Iterator[Network]:
+    """Two hosts and their cable; skips the test where they cannot be made."""
+    try:
+        made = Network()
+    except NotPermitted as error:
+        print(f"skipped: {error}")
+        pytest.skip(str(error))
+    yield made
+    made.close()

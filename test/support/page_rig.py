@@ -35,19 +35,10 @@ class Story:
         q = robot.model.configuration(robot.model.posture)
         q[2] = 0.76
         forces = {name: np.array([10.0, 0.0, 170.0, 0.0, 0.0, 0.0]) for name in robot.contacts}
-        torques = np.full(robot.model.nj, 5.0)
         self.now = Snapshot(
-            stamp=1,
-            age=0.0,
-            q=q,
-            v=np.zeros(robot.model.nv),
-            mode="active",
-            torques=torques,
-            forces=forces,
-            references=references,
-            status=status(),
-            silence=0.0,
-        )
+            stamp=1, age=0.0, q=q, v=np.zeros(robot.model.nv), mode="active", torques=np.full(robot.model.nj, 5.0),
+            forces=forces, references=references, status=status(), silence=0.0,
+        )  # fmt: skip
         self.refusals = []
 
     def snapshot(self):
@@ -82,6 +73,12 @@ class Rig:
         self.stop = threading.Event()
         self.thread = threading.Thread(target=self.page.run, args=(self.stop,), daemon=True)
         self.thread.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.close()
 
     def take(self, request):
         self.sent.append((time.monotonic(), request))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.recording.recorder import Recorder
+from wbc_controller.recording.recording_file import Recording
 
 
 class Run:
@@ -33,6 +34,13 @@ class Run:
         self.go(3)
         self.bench.command("activate")
         self.go(cycles)
+
+    def finish(self, file: Path | None = None) -> Recording:
+        """End the recorder, and read its file: that of the run, or the only one of a fault."""
+        self.recorder.close()
+        if file is None:
+            (file,) = Path(self.bench.settings.recorder.folder).iterdir()
+        return Recording(file)
 
 
 @pytest.fixture

@@ -68,9 +68,7 @@ def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, valu
         wall: time for the header, ns.
         level: 0 (OK), 1 (WARN) or 2 (ERROR).
         name: ``node: subject``, the form by which diagnostic aggregators group.
-        text: one readable line.
         hardware: the robot's name.
-        values: key-value pairs.
     """
     status = message(
         "diagnostic_msgs/msg/DiagnosticStatus",

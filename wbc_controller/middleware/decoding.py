@@ -43,23 +43,14 @@ from wbc_controller.settings.files import read_yaml
 
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """The names and sizes that messages are checked against.
+    """The names and sizes that messages are checked against."""
 
-    Attributes:
-        kinds: kind of each task, such as ``frame_pose``, by its name.
-        joints: joints of each posture or torque task, by the task's name.
-        contacts: names of the contacts.
-        frames: names of the frames that accept external wrenches.
-        robot_frames: names of the robot's frames, in which setpoints may be given.
-        reference_frames: by the task's name, the frame in which its references are given; without an entry it is the
-            world.
-    """
-
-    kinds: Mapping[str, str]
-    joints: Mapping[str, tuple[str, ...]]
+    kinds: Mapping[str, str]  # kind of each task, such as ``frame_pose``, by its name
+    joints: Mapping[str, tuple[str, ...]]  # joints of each posture or torque task, by the task's name
     contacts: tuple[str, ...]
-    frames: tuple[str, ...]
-    robot_frames: Collection[str] = ()
+    frames: tuple[str, ...]  # names of the frames that accept external wrenches
+    robot_frames: Collection[str] = ()  # names of the robot's frames, in which setpoints may be given
+    #: By the task's name, the frame in which its references are given; without an entry it is the world.
     reference_frames: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
 

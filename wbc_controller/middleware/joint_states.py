@@ -20,19 +20,12 @@ _NONE = np.zeros(0)
 
 
 class JointStates(NamedTuple):
-    """Measured joint states in the robot's joint order.
+    """Measured joint states in the robot's joint order."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        position: (nj,) in rad; like the other arrays it is empty if the reader ignores it.
-        velocity: (nj,) in rad/s.
-        effort: (nj,) in N·m.
-    """
-
-    stamp: int
-    position: Array = _NONE
-    velocity: Array = _NONE
-    effort: Array = _NONE
+    stamp: int  # timestamp, ns
+    position: Array = _NONE  # (nj,) in rad; like the other arrays it is empty if the reader ignores it
+    velocity: Array = _NONE  # (nj,) in rad/s
+    effort: Array = _NONE  # (nj,) in N·m
 
 
 class StateReader(ABC):
@@ -89,17 +82,15 @@ class StateReader(ABC):
 
 
 class JointStateReader(StateReader):
-    """Decoder of sensor_msgs/JointState, matched by joint name; additional joints are ignored."""
+    """Decoder of sensor_msgs/JointState, matched by joint name; additional joints are ignored.
+
+    Args:
+        columns: the arrays that are read: ``position``, ``velocity``, ``effort``; by default the first two.
+    """
 
     type = "sensor_msgs/msg/JointState"
 
     def __init__(self, joints: Sequence[str], *columns: str) -> None:
-        """Make a decoder.
-
-        Args:
-            joints: names of the robot's joints, in its order.
-            columns: the arrays that are read: ``position``, ``velocity``, ``effort``; by default the first two.
-        """
         super().__init__()
         self._joints, self.paths = tuple(joints), columns or ("position", "velocity")
 

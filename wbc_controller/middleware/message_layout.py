@@ -31,11 +31,6 @@ class MessageLayout:
     """
 
     def __init__(self, content: Any) -> None:
-        """Find the numbers.
-
-        Args:
-            content: a message made by `middleware.codec.message` or `decode`.
-        """
         first, second = (np.frombuffer(encode(_filled(content, byte)), dtype=np.uint8) for byte in _FILLINGS)
         differs = first != second
         number_bytes = np.flatnonzero(differs)
@@ -68,15 +63,14 @@ class MessageLayout:
 
 
 class Template:
-    """Serializes messages that differ only in their timestamp and some numbers."""
+    """Serializes messages that differ only in their timestamp and some numbers.
+
+    Args:
+        content: a message of the layout; numbers that are not named in `fields` keep their values.
+        fields: the groups of numbers that `write` takes, each as the paths of consecutive fields.
+    """
 
     def __init__(self, content: Any, *fields: Sequence[str]) -> None:
-        """Serialize the message once.
-
-        Args:
-            content: a message of the layout; numbers that are not named in `fields` keep their values.
-            fields: the groups of numbers that `write` takes, each as the paths of consecutive fields.
-        """
         layout = MessageLayout(content)
         self._payload = bytearray(encode(content))
         self._numbers = np.frombuffer(memoryview(self._payload)[layout.span])

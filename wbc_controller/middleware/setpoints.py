@@ -9,6 +9,7 @@ import numpy as np
 
 from wbc_controller.middleware.codec import header, message
 from wbc_controller.middleware.message_layout import Template
+from wbc_controller.middleware.odometry import quaternion
 from wbc_controller.records import Array
 
 #: Kinds of task whose references are given by joint name, and the field of the JointState that holds them.
@@ -33,7 +34,6 @@ def setpoint_message(
 
     Args:
         type_name: its type, one of `TASK_TYPES`.
-        kind: kind of the task.
         position: in the form of the task's references; coordinates that the form lacks are 0 in the message.
         frame: for its header.
         stamp: for its header, ns.
@@ -45,10 +45,8 @@ def setpoint_message(
         fields = dict.fromkeys(("position", "velocity", "effort"), np.zeros(0)) | {JOINT_FIELDS[kind]: values}
         return message(type_name, header=top, name=list(joints), **fields)
     if type_name == "geometry_msgs/msg/PoseStamped":
-        at, turn = (values[:-4], values[-4:])
-        x, y, z, w = (float(value) for value in turn)
-        orientation = message("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-        pose = message("geometry_msgs/msg/Pose", position=_xyz("Point", at), orientation=orientation)
+        at, turn = _xyz("Point", values[:-4]), quaternion(values[-4:])
+        pose = message("geometry_msgs/msg/Pose", position=at, orientation=turn)
         return message(type_name, header=top, pose=pose)
     if type_name == "geometry_msgs/msg/WrenchStamped":
         return wrench_stamped(values, frame, stamp)
@@ -85,14 +83,9 @@ class SetpointTemplate:
 
 
 def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
-    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m."""
-    parts = message("geometry_msgs/msg/Wrench", force=vector(wrench[:3]), torque=vector(wrench[3:]))
+    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m, or a force, (3,)."""
+    parts = message("geometry_msgs/msg/Wrench", force=_xyz("Vector3", wrench[:3]), torque=_xyz("Vector3", wrench[3:]))
     return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, frame), wrench=parts)
-
-
-def vector(values: Array) -> Any:
-    """Make a geometry_msgs/Vector3."""
-    return _xyz("Vector3", values)
 
 
 def _xyz(kind: str, values: Array) -> Any:

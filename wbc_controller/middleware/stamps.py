@@ -71,15 +71,13 @@ class StampTracker:
     Attributes:
         clock_stall: advance of the timestamps, including refused ones, during a stall of the local clock, s. The clock
             of a simulator can stall while timestamps advance.
+
+    Args:
+        ahead: returns the time of the sender's clock less the local time, s; None if the offset has to be learned.
+        tolerance: largest time by which a timestamp may be ahead of a known clock, s.
     """
 
     def __init__(self, ahead: Callable[[], float] | None = None, tolerance: float = 0.0) -> None:
-        """Make a tracker without messages.
-
-        Args:
-            ahead: returns the time of the sender's clock less the local time, s; None if the offset has to be learned.
-            tolerance: largest time by which a timestamp may be ahead of a known clock, s.
-        """
         self._ahead, self._tolerance = ahead, tolerance
         self.clock_stall = 0.0
         self._newest_stamp, self._newest_arrival = 0, -math.inf  # of the newest message, accepted or refused

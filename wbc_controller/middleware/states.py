@@ -31,59 +31,35 @@ _POSE = (*_axes("pose.pose.position"), *_axes("pose.pose.orientation", "xyzw"))
 
 
 class BaseState(NamedTuple):
-    """Measured state of a floating base.
+    """Measured state of a floating base."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        pose: position in m and quaternion x, y, z, w in the world, (7,).
-        twist: linear and angular velocity in the base frame, (6,) in m/s and rad/s.
-    """
-
-    stamp: int
-    pose: Array
-    twist: Array
+    stamp: int  # timestamp, ns
+    pose: Array  # position in m and quaternion x, y, z, w in the world, (7,)
+    twist: Array  # linear and angular velocity in the base frame, (6,) in m/s and rad/s
 
 
 class ImuData(NamedTuple):
-    """One measurement of an IMU, in its own axes.
+    """One measurement of an IMU, in its own axes."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        angular_velocity: (3,) in rad/s.
-        specific_force: acceleration less gravity, (3,) in m/s².
-    """
-
-    stamp: int
-    angular_velocity: Array
-    specific_force: Array
+    stamp: int  # timestamp, ns
+    angular_velocity: Array  # (3,) in rad/s
+    specific_force: Array  # acceleration less gravity, (3,) in m/s²
 
 
 class AbsolutePose(NamedTuple):
-    """Measured pose of the base in the world.
+    """Measured pose of the base in the world."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        pose: position in m and quaternion x, y, z, w, (7,).
-        covariance: of the position and of turns about the world's axes, (6, 6) in m² and rad².
-    """
-
-    stamp: int
-    pose: Array
-    covariance: Array
+    stamp: int  # timestamp, ns
+    pose: Array  # position in m and quaternion x, y, z, w, (7,)
+    covariance: Array  # of the position and of turns about the world's axes, (6, 6) in m² and rad²
 
 
 class ContactForce(NamedTuple):
-    """Measured force on the robot at a contact.
+    """Measured force on the robot at a contact."""
 
-    Attributes:
-        stamp: timestamp, ns.
-        normal: component along the contact's normal, N.
-        force: (3,) in N, in the axes of the message's frame.
-    """
-
-    stamp: int
-    normal: float
-    force: Array
+    stamp: int  # timestamp, ns
+    normal: float  # component along the contact's normal, N
+    force: Array  # (3,) in N, in the axes of the message's frame
 
 
 class OdometryReader(StateReader):
@@ -93,7 +69,6 @@ class OdometryReader(StateReader):
     paths = (*_POSE, *_axes("twist.twist.linear"), *_axes("twist.twist.angular"))
 
     def __init__(self, base_link: str) -> None:
-        """Make a decoder; `base_link` is the link whose pose and twist are measured."""
         super().__init__()
         self._base_link = base_link
 
@@ -124,7 +99,6 @@ class ImuReader(StateReader):
     )  # fmt: skip
 
     def __init__(self, frame: str) -> None:
-        """Make a decoder; `frame` is the frame of the IMU."""
         super().__init__()
         self._frame = frame
 
@@ -167,18 +141,16 @@ class PoseReader(StateReader):
 
 
 class ContactForceReader(StateReader):
-    """Decoder of geometry_msgs/WrenchStamped from a force sensor at a contact; its torque is not used."""
+    """Decoder of geometry_msgs/WrenchStamped from a force sensor at a contact; its torque is not used.
+
+    Args:
+        normals: its unit normal in the axes of each frame in which the force may be given, (3,).
+    """
 
     type = "geometry_msgs/msg/WrenchStamped"
     paths = _axes("wrench.force")
 
     def __init__(self, contact: str, normals: Mapping[str, Array]) -> None:
-        """Make a decoder.
-
-        Args:
-            contact: the contact's name.
-            normals: its unit normal in the axes of each frame in which the force may be given, (3,).
-        """
         super().__init__()
         self._contact, self._normals, self._normal = contact, normals, np.zeros(3)
 

@@ -46,73 +46,39 @@ LATCHED = Qos(reliable=True, latched=True, depth=1)
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One row of the table.
+    """One row of the table."""
 
-    Attributes:
-        key: short name of the row, used in the code.
-        name: template of the topic's name.
-        type: message type, such as ``sensor_msgs/msg/JointState``; if it depends on the task, one of `BY_TASK`.
-        direction: direction seen from the node that owns the row.
-        qos: quality of service that the owner requests or offers.
-        meaning: one sentence for the documentation.
-    """
+    key: str  # short name of the row, used in the code
+    name: str  # template of the topic's name
+    type: str  # message type, such as ``sensor_msgs/msg/JointState``; if it depends on the task, one of `BY_TASK`
+    direction: Direction  # direction seen from the node that owns the row
+    qos: Qos  # quality of service that the owner requests or offers
+    meaning: str  # one sentence for the documentation
 
-    key: str
-    name: str
-    type: str
-    direction: Direction
-    qos: Qos
-    meaning: str
+
+_POINT, _VECTOR, _POSE = (f"geometry_msgs/msg/{name}Stamped" for name in ("Point", "Vector3", "Pose"))
+_JOINTS = "sensor_msgs/msg/JointState"
+
+
+def _with_trajectory(setpoint: str, trajectory: str = "MultiDOFJointTrajectory") -> Mapping[str, str]:
+    return {"setpoint": setpoint, "trajectory": f"trajectory_msgs/msg/{trajectory}"}
 
 
 #: Message types of a task's setpoint and trajectory, by kind of task; without reference derivatives, no trajectory.
 TASK_TYPES: Mapping[str, Mapping[str, str]] = {
-    "posture": {
-        "setpoint": "sensor_msgs/msg/JointState",
-        "trajectory": "trajectory_msgs/msg/JointTrajectory",
-    },
-    "com": {
-        "setpoint": "geometry_msgs/msg/PointStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "frame_pose": {
-        "setpoint": "geometry_msgs/msg/PoseStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "frame_position": {
-        "setpoint": "geometry_msgs/msg/PointStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "frame_orientation": {
-        "setpoint": "geometry_msgs/msg/PoseStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "relative_pose": {
-        "setpoint": "geometry_msgs/msg/PoseStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "axis_alignment": {
-        "setpoint": "geometry_msgs/msg/Vector3Stamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "gaze": {
-        "setpoint": "geometry_msgs/msg/PointStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "linear_momentum": {
-        "setpoint": "geometry_msgs/msg/Vector3Stamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "angular_momentum": {
-        "setpoint": "geometry_msgs/msg/Vector3Stamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
-    "capture_point": {
-        "setpoint": "geometry_msgs/msg/PointStamped",
-        "trajectory": "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    },
+    "posture": _with_trajectory(_JOINTS, "JointTrajectory"),
+    "com": _with_trajectory(_POINT),
+    "frame_pose": _with_trajectory(_POSE),
+    "frame_position": _with_trajectory(_POINT),
+    "frame_orientation": _with_trajectory(_POSE),
+    "relative_pose": _with_trajectory(_POSE),
+    "axis_alignment": _with_trajectory(_VECTOR),
+    "gaze": _with_trajectory(_POINT),
+    "linear_momentum": _with_trajectory(_VECTOR),
+    "angular_momentum": _with_trajectory(_VECTOR),
+    "capture_point": _with_trajectory(_POINT),
     "contact_wrench": {"setpoint": "geometry_msgs/msg/WrenchStamped"},
-    "torque": {"setpoint": "sensor_msgs/msg/JointState"},
+    "torque": {"setpoint": _JOINTS},
 }
 
 #: Types that depend on the task: a key of `TASK_TYPES`, or the value of a task with a motion, in the setpoint's type.
@@ -271,22 +237,13 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """One topic of one node with its resolved name, as a transport opens it.
+    """One topic of one node with its resolved name, as a transport opens it."""
 
-    Attributes:
-        key: key of the row in the topic table.
-        subject: the task, contact or frame that the topic belongs to; empty for the other topics.
-        name: fully qualified topic name, such as ``/wbc_controller/state``.
-        type: message type, such as ``std_msgs/msg/String``.
-        direction: whether the node subscribes or publishes.
-        qos: quality of service.
-    """
-
-    key: str
-    subject: str
-    name: str
+    key: str  # key of the row in the topic table
+    subject: str  # the task, contact or frame that the topic belongs to; empty for the other topics
+    name: str  # fully qualified topic name, such as ``/wbc_controller/state``
     type: str
-    direction: Direction
+    direction: Direction  # whether the node subscribes or publishes
     qos: Qos
 
 
@@ -295,7 +252,6 @@ def resolve(name: str, node: str, namespace: str = "/", remappings: Mapping[str,
 
     Args:
         name: relative, private (``~/…``) or absolute name.
-        node: name of the node.
         namespace: namespace of the node, starting with a slash.
         remappings: from name to name; both names are expanded by the same rules.
 
@@ -330,12 +286,8 @@ def endpoints(
 
     Args:
         table: `CONTROLLER_TOPICS`, `MOCK_TOPICS` or `GUARD_TOPICS`.
-        node: name of the node.
         task_kinds: kind of each task, by its name.
-        contacts: names of the contacts.
         frames: names of the frames that accept external wrenches.
-        namespace: namespace of the node.
-        remappings: as in `resolve`.
 
     Yields:
         One endpoint per topic.

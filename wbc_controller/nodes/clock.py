@@ -91,14 +91,10 @@ class MonotonicClock(Clock):
 
 
 class ManualClock(Clock):
-    """A clock that is set by hand, for lockstep runs and tests; `wait` waits for wall time.
-
-    Attributes:
-        time: the present time, s.
-    """
+    """A clock that is set by hand, for lockstep runs and tests; `wait` waits for wall time."""
 
     def __init__(self, time: float = 0.0) -> None:
-        self.time = time
+        self.time = time  # the present time, s
 
     def now(self) -> float:
         """Return the present time, s."""

@@ -19,12 +19,6 @@ class ContactSensors:
     """Decodes the messages of the sensors at the contacts, on the thread of the cycle."""
 
     def __init__(self, sensing: ContactSensing, tracker: Callable[[], StampTracker]) -> None:
-        """Make the decoders.
-
-        Args:
-            sensing: limits and normals of the sensors.
-            tracker: makes the tracker of the timestamps of one sensor.
-        """
         self._detector = ContactDetector(sensing.limits)
         self._tracker = tracker
         self._readers = {name: ContactForceReader(name, normals) for name, normals in sensing.normals.items()}
@@ -33,11 +27,6 @@ class ContactSensors:
 
     def read(self, endpoint: Endpoint, arrival: float, payload: bytes) -> None:
         """Decode and keep a message.
-
-        Args:
-            endpoint: its topic.
-            arrival: its time of arrival, s.
-            payload: the serialized message.
 
         Raises:
             InputRefused: if the message or its timestamp is invalid.

@@ -62,12 +62,6 @@ def run_controller(
     """Run the controller until the event is set.
 
     Args:
-        settings: the robot's settings.
-        transport: carries the messages.
-        stop: event that ends the run.
-        node: name of the node.
-        namespace: namespace of the node.
-        remappings: topic remappings, from name to name.
         activate: activate as soon as the inputs are fresh, without a command.
         use_sim_time: measure ages and durations by the time on the clock topic.
         record: file for a recording of the whole run; None keeps only the last seconds.
@@ -113,14 +107,8 @@ def make_loop(
     """Connect a controller to its topics.
 
     Args:
-        controller: computes the command of each cycle.
-        transport: carries the messages.
-        clock: measures ages and durations.
-        topics: the node's endpoints, from `controller_endpoints`.
         timer: returns seconds, for the stage times.
-        observers: called with the report of every cycle.
         recorder: records inputs, decisions and outputs; None records nothing.
-        node: name of the node with its namespace, for diagnostics.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.

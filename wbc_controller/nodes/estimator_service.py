@@ -46,6 +46,10 @@ class EstimatorService:
     """Answers each joint state with an estimate of the base.
 
     Messages are taken and decoded on the thread that calls `cycle`.
+
+    Raises:
+        ConfigurationError: if the base is fixed, the IMU has no frame, or no contact could carry an estimate.
+        TransportError: if a topic cannot be opened.
     """
 
     def __init__(
@@ -57,12 +61,6 @@ class EstimatorService:
         clock: Clock,
         namespace: str = "/",
     ) -> None:
-        """Open the topics of a robot's estimator.
-
-        Raises:
-            ConfigurationError: if the base is fixed, the IMU has no frame, or no contact could carry an estimate.
-            TransportError: if a topic cannot be opened.
-        """
         contacts = {name: make_contact(name, spec, model) for name, spec in settings.contacts.items()}
         self.estimator = make_estimator(settings, model, contacts)
         self._enabled = frozenset(name for name, spec in settings.contacts.items() if spec.enabled)

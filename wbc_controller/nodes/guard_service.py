@@ -49,8 +49,8 @@ class GuardService:
     thread that calls `cycle`. Before a takeover this thread reads the newest command and mode itself, in case the
     computer is so busy that the callbacks did not run.
 
-    Attributes:
-        guard: decides when to take over and which torques to send.
+    Raises:
+        TransportError: if a topic cannot be opened.
     """
 
     def __init__(
@@ -62,11 +62,6 @@ class GuardService:
         clock: Clock,
         namespace: str = "/",
     ) -> None:
-        """Open the topics of a robot's guard.
-
-        Raises:
-            TransportError: if a topic cannot be opened.
-        """
         self.guard = Guard(guard_limits(settings, robot.effort_limits))
         self._clock = clock
         self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name

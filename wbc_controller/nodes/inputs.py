@@ -56,18 +56,11 @@ _WAITED = 0.01
 
 @dataclass(slots=True)
 class _Queue:
-    """Messages of one topic that a cycle has not decoded yet.
-
-    Attributes:
-        endpoint: the topic.
-        stream: messages that wait in the transport.
-        pending: messages taken from the transport, with the times of arrival, s.
-        largest: size limit of a message, bytes.
-    """
+    """Messages of one topic that a cycle has not decoded yet."""
 
     endpoint: Endpoint
     stream: Stream
-    pending: deque[tuple[float, bytes]]
+    pending: deque[tuple[float, bytes]]  # messages taken from the transport, with the times of arrival, s
     largest: int
 
 
@@ -83,10 +76,14 @@ class _Source:
 class Inputs:
     """Subscriptions of all incoming topics, latched at the start of each cycle.
 
-    Attributes:
-        requests: requests of users.
-        holding: names of the contacts that the base's estimate assumed to hold in the last cycle.
-        estimator: the estimator of the base; None if its state is measured.
+    Args:
+        clock: dates the messages at their arrival.
+        prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
+        clock_tolerance: largest time by which a timestamp may be ahead of the clock, s; None if the clocks are not
+            synchronized.
+        estimator: estimates a floating base; None if its odometry is measured elsewhere.
+        sensing: the sensors at the contacts that the estimate uses; None to read none.
+        velocity_filter: computes joint velocities from positions; None if they are measured.
     """
 
     def __init__(
@@ -103,32 +100,18 @@ class Inputs:
         sensing: ContactSensing | None = None,
         velocity_filter: VelocityFilter | None = None,
     ) -> None:
-        """Subscribe.
-
-        Args:
-            model: the robot's model.
-            vocabulary: the names that messages may use.
-            endpoints: of the controller's node.
-            transport: carries the messages.
-            clock: dates the messages at their arrival.
-            prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
-            clock_tolerance: largest time by which a timestamp may be ahead of the clock, s; None if the clocks are not
-                synchronized.
-            estimator: estimates a floating base; None if its odometry is measured elsewhere.
-            sensing: the sensors at the contacts that the estimate uses; None to read none.
-            velocity_filter: computes joint velocities from positions; None if they are measured.
-        """
         self._model = model
         self._clock = clock
         self.requests = Requests(vocabulary, prepare, self.wake)
         self._woken = False
         self._clock_tolerance = clock_tolerance
         self._velocity_filter = velocity_filter
-        self.estimator = estimator
+        self.estimator = estimator  # the estimator of the base; None if its state is measured
         self._imu: list[ImuSample] = []  # not estimated from yet
         self._poses: list[PoseSample] = []
         self._base: tuple[Array, Array] | None = None  # pose and twist, estimated in the last cycle
         self._contact_sensors = ContactSensors(sensing, self._tracker) if sensing is not None else None
+        #: Names of the contacts that the base's estimate assumed to hold in the last cycle.
         self.holding: Collection[str] = ()
         self._refusals: dict[str, str] = {}  # newest reason of each topic whose newest message was refused
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
@@ -287,13 +270,7 @@ class Inputs:
         return None if odometry is None else (odometry.pose, odometry.twist)
 
     def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, held: bool) -> list[str]:
-        """Update the estimate of the base; return a sentence for each newly silent sensor, left-out contact and pose.
-
-        Args:
-            estimator: the estimator.
-            holding: as in `latch`.
-            held: as in `latch`.
-        """
+        """Update the estimate of the base; report each newly silent sensor, left-out contact and refused pose."""
         sentences: list[str] = []
         self.holding = holding
         if self._contact_sensors is not None:

@@ -43,8 +43,9 @@ _WITHDRAWN = ("damp", "reset")
 class ControlLoop:
     """Passes the latched inputs to the controller and its result to the outputs, once per cycle.
 
-    Attributes:
-        controller: computes the command of each cycle.
+    Args:
+        ownership: finds other publishers on the topics.
+        timer: returns seconds, for the stage times.
         observers: called with the report of every cycle.
     """
 
@@ -60,18 +61,6 @@ class ControlLoop:
         timer: Callable[[], float] = time.perf_counter,
         observers: Sequence[Callable[[CycleReport], None]] = (),
     ) -> None:
-        """Make a loop.
-
-        Args:
-            controller: computes the command of each cycle.
-            inputs: latch the incoming messages.
-            outputs: publish the outgoing messages.
-            audit: compares the model with the measured motion.
-            ownership: finds other publishers on the topics.
-            clock: measures ages and durations.
-            timer: returns seconds, for the stage times.
-            observers: called with the report of every cycle.
-        """
         self.controller = controller
         self.observers = tuple(observers)
         self._inputs = inputs
@@ -242,7 +231,6 @@ class ControlLoop:
         """Run cycles until stopped.
 
         Args:
-            stop: event that ends the loop.
             period: time between cycles, s.
             triggered: run one cycle for each joint state, and once they are stale one cycle per period; otherwise run
                 on absolute deadlines.

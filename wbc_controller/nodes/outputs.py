@@ -55,11 +55,7 @@ class _Readers:
         self.subjects: dict[str, tuple[str, ...]] = dict.fromkeys(_ON_DEMAND, ())
 
     def look(self, now: float) -> None:
-        """Query the subscriptions if they are due.
-
-        Args:
-            now: time on the clock of the loop, s.
-        """
+        """Query the subscriptions if they are due."""
         if now < self._due:
             return
         self._due = now + _LOOK
@@ -68,7 +64,16 @@ class _Readers:
 
 
 class Outputs:
-    """Publishes the results of a cycle."""
+    """Publishes the results of a cycle.
+
+    Args:
+        contacts: contacts whose forces are published, by name.
+        diagnostics_period: time between two diagnostics messages, and between two of a task, s.
+        markers_period: time between two marker messages, s; inf for none.
+        node: name of the node, with its namespace.
+        scheduling: how the process is scheduled, for diagnostics.
+        recorder: returns diagnostics of the recordings, by key.
+    """
 
     def __init__(
         self,
@@ -85,22 +90,6 @@ class Outputs:
         scheduling: str = "",
         recorder: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
-        """Advertise every outgoing topic.
-
-        Args:
-            model: the robot's model.
-            contacts: contacts whose forces are published, by name.
-            endpoints: endpoints of the controller's node.
-            transport: carries the messages.
-            diagnostics_period: time between two diagnostics messages, and between two of a task, s.
-            tasks: writes the states of the tasks.
-            shortfall: finds the tasks that stay short of their references.
-            scene: draws the markers.
-            markers_period: time between two marker messages, s; inf for none.
-            node: name of the node, with its namespace.
-            scheduling: how the process is scheduled, for diagnostics.
-            recorder: returns diagnostics of the recordings, by key.
-        """
         self._actuation = model.actuation
         self._contacts = contacts
         outgoing = [endpoint for endpoint in endpoints if endpoint.direction is Direction.OUT]
@@ -166,7 +155,6 @@ class Outputs:
         """Send the mode if it has changed, begin diagnostics if they are due, and query the subscriptions.
 
         Args:
-            report: report of the cycle.
             now: time on the clock of the loop, s.
             wall: time for the headers, ns.
         """
@@ -203,9 +191,7 @@ class Outputs:
         Args:
             now: time on the clock of the loop, s.
             state: latched state; None before the first one.
-            dynamics: the snapshot of the cycle.
             references: references of the cycle; None if no program was solved.
-            solution: solution of the cycle, or None.
         """
         if state is None or references is None or solution is None:
             self._short = ()
@@ -223,14 +209,7 @@ class Outputs:
     def publish_markers(
         self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
     ) -> None:
-        """Begin the markers of the cycle if they are due and have a subscription.
-
-        Args:
-            now: time on the clock of the loop, s.
-            state: latched state; None before the first one.
-            references: references of the cycle; None if no program was solved.
-            solution: solution of the cycle, or None.
-        """
+        """Begin the markers of the cycle if they are due and have a subscription."""
         if state is not None and now >= self._markers_due:
             self._markers_due = now + self._markers_period
             if self._readers.subjects["markers"]:

@@ -35,10 +35,7 @@ class Ownership:
         """Start to look at the graph, after the controller's topics have been opened.
 
         Args:
-            transport: the controller's transport.
-            topics: the controller's endpoints.
             allowed: nodes that may publish torques too; without a leading slash, in the controller's namespace.
-            node: name of the controller's node with its namespace.
             simulated: True if the controller's clock is that of the topic ``clock``.
         """
         self.contested: tuple[str, ...] = ()

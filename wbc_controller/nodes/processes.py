@@ -24,13 +24,7 @@ PATIENCE = 60.0
 
 
 class Processes:
-    """The processes of one robot: they read one configuration, and communicate on the loopback.
-
-    Attributes:
-        settings: those of the robot.
-        configuration: the file that all processes read.
-        processes: those that run, by name.
-    """
+    """The processes of one robot: they read one configuration, and communicate on the loopback."""
 
     def __init__(
         self,
@@ -59,7 +53,7 @@ class Processes:
         self.settings = config.settings
         folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._own_sessions = folder, own_sessions
-        self.configuration = folder / "robot.yaml"
+        self.configuration = folder / "robot.yaml"  # the file that all processes read
         self.configuration.write_text(config.to_yaml(), encoding="utf-8")
         self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         self.processes: dict[str, subprocess.Popen[bytes]] = {}

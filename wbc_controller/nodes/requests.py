@@ -51,18 +51,16 @@ class _Read:
 
 
 class Requests:
-    """Requests on their way from the transport to the cycles."""
+    """Requests on their way from the transport to the cycles.
+
+    Args:
+        prepare: validates a change of the settings before a cycle takes it; raises `ConfigurationError`.
+        stop: called at an emergency stop, on the thread that receives it.
+    """
 
     def __init__(
         self, vocabulary: decoding.Vocabulary, prepare: Callable[[Mapping[str, Any]], None], stop: Callable[[], None]
     ) -> None:
-        """Create an empty queue.
-
-        Args:
-            vocabulary: the names that messages may use.
-            prepare: validates a change of the settings before a cycle takes it; raises `ConfigurationError`.
-            stop: called at an emergency stop, on the thread that receives it.
-        """
         self._vocabulary, self._prepare, self._stop = vocabulary, prepare, stop
         self._estop = threading.Event()
         self._waiting = threading.Condition()  # guards the three below

@@ -30,6 +30,9 @@ class SimulatedClock:
 
     When the simulated time jumps back, as on a restart, this clock continues from its last time and reports the jump
     once, in `trouble`.
+
+    Args:
+        stream: messages of the clock topic, at most `_DEPTH` of them.
     """
 
     #: Longest wall time between two checks of whether `wait` is to end, s.
@@ -40,12 +43,6 @@ class SimulatedClock:
     _SILENCE = 1.0
 
     def __init__(self, stream: Stream, topic: Endpoint) -> None:
-        """Make a clock that has no time yet.
-
-        Args:
-            stream: messages of the clock topic, at most `_DEPTH` of them.
-            topic: endpoint of the clock topic.
-        """
         self._stream, self._topic = stream, topic
         self._stamp: int | None = None
         self._gone_back = 0  # sum of all jumps back, ns
@@ -118,7 +115,6 @@ def clock_of(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock
     """Make a clock that follows the simulated time on the clock topic.
 
     Args:
-        topics: the node's endpoints.
         transport: carries the messages; it delivers clock messages in every mode and lifecycle state of the node.
 
     Raises:

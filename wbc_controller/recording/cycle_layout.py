@@ -30,13 +30,7 @@ _HEAD = (
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """Some numbers of a cycle.
-
-    Attributes:
-        group: name of the group.
-        name: name of the numbers.
-        size: how many.
-    """
+    """Some numbers of a cycle."""
 
     group: str
     name: str
@@ -63,7 +57,6 @@ def reference_slots(qp: WholeBodyQP, references: Mapping[str, Reference]) -> tup
     """Return the slots of the references, which are recorded when they change.
 
     Args:
-        qp: the program.
         references: references of any cycle, for their sizes.
     """
     slots = [Slot("references", "number", 1)]
@@ -100,8 +93,6 @@ class CycleRow:
         """Return the row of a cycle.
 
         Args:
-            number: number of the cycle.
-            taped: inputs and results of the cycle.
             report: report of the loop; None for a cycle that was computed again before its command was sent.
             same: True if its state is the object of the previous cycle.
             event: True if it has an event, which is recorded later: a killed process may not record it.
@@ -157,14 +148,13 @@ class CycleRow:
 
 
 class ReferencesRow:
-    """Makes rows of references: of changed ones, and regularly."""
+    """Makes rows of references: of changed ones, and regularly.
+
+    Args:
+        every: number of cycles after which unchanged references are repeated, so that the last seconds have them.
+    """
 
     def __init__(self, every: int) -> None:
-        """Make it.
-
-        Args:
-            every: number of cycles after which unchanged references are repeated, so that the last seconds have them.
-        """
         self._every = every
         self._due = 0
         self._tasks: list[Reference] = []

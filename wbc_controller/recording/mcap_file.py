@@ -46,34 +46,21 @@ _DAMAGE = (McapError, struct.error, zstandard.ZstdError, ValueError, KeyError, O
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One topic of a file.
+    """One topic of a file."""
 
-    Attributes:
-        number: number of its channel.
-        name: name of the topic.
-        type: message type, such as ``std_msgs/msg/String``.
-        definition: definition of the type in the format ``ros2msg``.
-    """
-
-    number: int
+    number: int  # number of its channel
     name: str
-    type: str
-    definition: str
+    type: str  # message type, such as ``std_msgs/msg/String``
+    definition: str  # definition of the type in the format ``ros2msg``
 
 
 @dataclass(frozen=True, slots=True)
 class PackedChunk:
-    """Serialized, compressed messages.
+    """Serialized, compressed messages."""
 
-    Attributes:
-        data: the chunk record, followed by one message index per channel.
-        index: entry of the file's index, with offsets from the beginning of `data`.
-        counts: number of messages per channel.
-    """
-
-    data: bytes
-    index: ChunkIndex
-    counts: dict[int, int]
+    data: bytes  # the chunk record, followed by one message index per channel
+    index: ChunkIndex  # entry of the file's index, with offsets from the beginning of `data`
+    counts: dict[int, int]  # number of messages per channel
 
 
 class ChunkBuilder:
@@ -133,25 +120,16 @@ class ChunkBuilder:
 
 
 class McapFile:
-    """A file that is being written; it is complete after every call.
-
-    Attributes:
-        path: path of the file.
-        end: size of the file without its end records, bytes.
-    """
+    """A file that is being written; it is complete after every call."""
 
     def __init__(self, path: Path, topics: Iterable[Topic]) -> None:
         """Create the file, or replace an existing one.
-
-        Args:
-            path: path of the file.
-            topics: all topics.
 
         Raises:
             OSError: if the file cannot be written.
         """
         self.path = path
-        self.end = 0
+        self.end = 0  # size of the file without its end records, bytes
         schemas: dict[str, Schema] = {}
         channels = []
         for topic in topics:
@@ -248,18 +226,12 @@ def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
 
 
 class McapMessages:
-    """The messages of a file, up to its first damage.
-
-    Attributes:
-        path: path of the file.
-        topics: the topics by number of their channel; filled while the messages are read.
-        damage: why the reading ended early; empty if the file is complete.
-    """
+    """The messages of a file, up to its first damage."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.topics: dict[int, Topic] = {}
-        self.damage = ""
+        self.topics: dict[int, Topic] = {}  # the topics by number of their channel; filled while the messages are read
+        self.damage = ""  # why the reading ended early; empty if the file is complete
 
     def __iter__(self) -> Iterator[tuple[Topic, int, bytes]]:
         """Read all messages: topic, time of arrival in ns, and serialized message.

@@ -92,17 +92,14 @@ def software() -> dict[str, str]:
 
 
 class Recorder:
-    """Records the cycles of one loop."""
+    """Records the cycles of one loop.
+
+    Args:
+        file: receives the whole run; None keeps the last seconds only.
+        patient: wait for the process instead of dropping cycles: for runs in simulated time.
+    """
 
     def __init__(self, settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = "") -> None:
-        """Start the process that writes.
-
-        Args:
-            settings: settings of the robot.
-            file: receives the whole run; None keeps the last seconds only.
-            patient: wait for the process instead of dropping cycles: for runs in simulated time.
-            name: name of the robot, for the names of files.
-        """
         seconds = settings.recorder.seconds
         self._whole_run = file is not None
         self._kept = f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"
@@ -144,20 +141,13 @@ class Recorder:
         """Return a transport that records its messages.
 
         Args:
-            transport: carries the messages.
             stamp: returns the time of messages, ns.
         """
         self._stamp = stamp
         return RecordingTransport(transport, self.channel, self.came, self.went, whole_run=self._whole_run)
 
     def attach(self, controller: Controller, node: str, robot: str) -> None:
-        """Begin to record a controller, after all topics were opened.
-
-        Args:
-            controller: controller of the loop.
-            node: its fully qualified name.
-            robot: the robot's name.
-        """
+        """Begin to record a controller, after all topics were opened."""
         self._controller = controller
         config = controller.config
         rests = {name: task.rest(controller.dynamics) for name, task in controller.tasks.items()}

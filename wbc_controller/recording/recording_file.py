@@ -25,19 +25,12 @@ _STRING = "std_msgs/msg/String"
 
 @dataclass(frozen=True, slots=True)
 class RecordedCycle:
-    """The numbers of one cycle.
+    """The numbers of one cycle."""
 
-    Attributes:
-        number: number of the cycle since the start of the run.
-        time: time of the record, ns.
-        values: arrays by slot of `cycle_layout`; NaN without a state, a command or a solution.
-        references: arrays by slot of the references in force; empty before the first references.
-    """
-
-    number: int
-    time: int
-    values: Mapping[str, Array]
-    references: Mapping[str, Array]
+    number: int  # number of the cycle since the start of the run
+    time: int  # time of the record, ns
+    values: Mapping[str, Array]  # arrays by slot of `cycle_layout`; NaN without a state, a command or a solution
+    references: Mapping[str, Array]  # arrays by slot of the references in force; empty before the first references
 
     def number_of(self, name: str) -> float:
         """Return the value of a slot of size 1."""
@@ -51,31 +44,21 @@ class RecordedCycle:
 
 @dataclass(frozen=True, slots=True)
 class RecordedFault:
-    """A fault of a recording.
+    """A fault of a recording."""
 
-    Attributes:
-        cycle: number of the cycle that found it.
-        time: time of that cycle, ns.
-        fault: the fault with its final sentence.
-    """
-
-    cycle: int
-    time: int
-    fault: Fault
+    cycle: int  # number of the cycle that found it
+    time: int  # time of that cycle, ns
+    fault: Fault  # the fault with its final sentence
 
 
 class Recording:
     """A recording.
 
     Attributes:
-        path: path of the file.
         about: contents of the topic ``start``: ``robot``, ``node``, ``software``, ``layout``, …
         config: configuration of the run, with the URDF.
         events: events by number of their cycle.
         memories: memory of the controller before a cycle, by number of the cycle, as JSON.
-        first: number of the first cycle.
-        last: number of the last cycle.
-        count: number of cycles.
         start: time of the first cycle, ns.
         end: time of the last cycle, ns.
         topics: topics of the file, by number.
@@ -85,9 +68,6 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         """Read everything except the cycles.
-
-        Args:
-            path: path of the file.
 
         Raises:
             ConfigurationError: if the file cannot be read, is not a recording of a controller, or has another format.

@@ -9,7 +9,14 @@ from wbc_controller.middleware.transports.transport import Publish, Stream, Tran
 
 
 class RecordingTransport:
-    """Passes messages on and records them; outgoing ones after they were sent, so that none is delayed."""
+    """Passes messages on and records them; outgoing ones after they were sent, so that none is delayed.
+
+    Args:
+        add_topic: returns the number of a topic and type.
+        came: takes the number of the topic and the bytes of incoming messages.
+        went: likewise, of outgoing messages.
+        whole_run: True to record topics without other subscriptions, too.
+    """
 
     def __init__(
         self,
@@ -20,15 +27,6 @@ class RecordingTransport:
         *,
         whole_run: bool,
     ) -> None:
-        """Make a transport.
-
-        Args:
-            transport: carries the messages.
-            add_topic: returns the number of a topic and type.
-            came: takes the number of the topic and the bytes of incoming messages.
-            went: likewise, of outgoing messages.
-            whole_run: True to record topics without other subscriptions, too.
-        """
         self.discovery_time = transport.discovery_time
         self._transport = transport
         self._add_topic = add_topic

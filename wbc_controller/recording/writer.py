@@ -102,16 +102,14 @@ class Sink:
 
 
 class Writer:
-    """Collects messages to chunks, keeps the last chunks, and gives them to a thread that writes files."""
+    """Collects messages to chunks, keeps the last chunks, and gives them to a thread that writes files.
+
+    Args:
+        plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the
+            robot, and the largest number of ``files`` in the folder.
+    """
 
     def __init__(self, plan: dict[str, Any], say: Callable[[str], None]) -> None:
-        """Make a writer.
-
-        Args:
-            plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the
-                robot, and the largest number of ``files`` in the folder.
-            say: takes a message for the user.
-        """
         self._plan, self._say = plan, say
         self._topics: list[Topic] = []
         self._pinned: dict[int, bytes] = {}

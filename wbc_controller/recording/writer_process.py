@@ -31,15 +31,12 @@ class WriterProcess:
     Attributes:
         dead: True if the process has ended.
         said: number of messages of the process, and the last one.
+
+    Args:
+        patient: wait if the pipe is full: for runs in simulated time, which drop nothing.
     """
 
     def __init__(self, plan: dict[str, Any], *, patient: bool) -> None:
-        """Start the process.
-
-        Args:
-            plan: plan of `writer.Writer`.
-            patient: wait if the pipe is full: for runs in simulated time, which drop nothing.
-        """
         root = str(Path(__file__).resolve().parents[2])
         paths = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
         their_input, self._pipe = os.pipe()

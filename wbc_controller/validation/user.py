@@ -10,7 +10,7 @@ import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import encode, header, message, stamp
-from wbc_controller.middleware.setpoints import vector
+from wbc_controller.middleware.odometry import vector
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.records import Array

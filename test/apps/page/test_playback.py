@@ -15,7 +15,6 @@ from browser import Browser
 from wbc_controller.apps.page.playback import Playback, TimeLine, strip
 from wbc_controller.apps.page.server import Gate, open_server
 from wbc_controller.apps.page.snapshot import Robot
-from wbc_controller.recording.recording_file import Recording
 
 
 @pytest.fixture
@@ -25,8 +24,7 @@ def recorded(record, tmp_path):
     run.stand(30)
     run.bench.command("estop")
     run.go(10)
-    run.recorder.close()
-    return Recording(tmp_path / "run.mcap")
+    return run.finish(tmp_path / "run.mcap")
 
 
 def test_the_moments_are_those_that_were_recorded(recorded):

@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from network import network
 from participants import DdsParticipants, MemoryParticipants, Ros2Participants
 from rosbags.interfaces import Nodetype
 
 from wbc_controller.middleware.codec import TYPES, message
 from wbc_controller.middleware.transports.transport import Transport
+
+__all__ = ["network"]
 
 _DTYPES = {"char": "uint8", "byte": "uint8", "octet": "uint8"}
 

@@ -11,7 +11,6 @@ import time
 
 import pytest
 from domains import own_domain
-from network import Network, NotPermitted
 from participants import Ros2Participants
 
 from wbc_controller.apps.terminal.session import Session
@@ -144,14 +143,9 @@ _WBC_SPEAKER = textwrap.dedent("""
 """)
 
 
-def test_ros2_nodes_of_another_host_hear_only_subnet():
+def test_ros2_nodes_of_another_host_hear_only_subnet(network):
     """Also while a ROS 2 node with SUBNET, which the other host discovers, runs beside the embedded DDS."""
     pytest.importorskip("rclpy")
-    try:
-        network = Network()
-    except NotPermitted as error:
-        print(f"skipped: {error}")
-        pytest.skip(str(error))
     environment = {name: value for name, value in os.environ.items() if name not in _SHELL}
     environment |= {
         "PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *filter(None, sys.path)]),
@@ -177,24 +171,15 @@ def test_ros2_nodes_of_another_host_hear_only_subnet():
     finally:
         for process in started:
             process.kill()
-        network.close()
 
 
-def test_subnet_without_a_network_card_uses_the_loopback():
+def test_subnet_without_a_network_card_uses_the_loopback(network):
     """Cyclone refuses to select the loopback twice: as the only interface, and by its address."""
-    try:
-        network = Network()
-    except NotPermitted as error:
-        print(f"skipped: {error}")
-        pytest.skip(str(error))
     environment = {name: value for name, value in os.environ.items() if name not in _SHELL}
     module = "wbc_controller.middleware.transports.dds"
     code = f"from {module} import DdsTransport; DdsTransport('a', discovery_range='SUBNET').close()"
-    try:
-        subprocess.run(network.words("robot", "ip", "link", "delete", "eth0"), check=True)
-        words = network.words("robot", sys.executable, "-c", code)
-        ended = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=60)
-    finally:
-        network.close()
+    subprocess.run(network.words("robot", "ip", "link", "delete", "eth0"), check=True)
+    words = network.words("robot", sys.executable, "-c", code)
+    ended = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 0, ended.stderr
     assert "no network interface but the loopback: topics stay on this computer" in ended.stderr

@@ -26,12 +26,22 @@ from wbc_controller.settings.files import find_configuration, load_settings
 
 pytestmark = pytest.mark.live
 
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def end(*processes):
+    """End launch files as Ctrl-C does; what they have said, which pytest shows where the test fails."""
+    for process in processes:
+        process.send_signal(signal.SIGINT)
+    outputs = [process.communicate(timeout=PATIENCE)[0] for process in processes]
+    print(*outputs)
+    return outputs
+
 
 def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
     node, until = user
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     states, torques, forces, height = [], [], {}, {}
-    node.create_subscription(String, "/r1/wbc_controller/state", lambda message: states.append(message.data), latched)
+    node.create_subscription(String, "/r1/wbc_controller/state", lambda message: states.append(message.data), LATCHED)
     node.create_subscription(Float64MultiArray, "/r1/effort_controller/commands", torques.append, 1)
     node.create_subscription(Odometry, "/r1/odom", lambda m: height.update(base=m.pose.pose.position.z), 1)
     for foot in ("left_foot", "right_foot"):
@@ -72,9 +82,8 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
         until(lambda: height["base"] < stood - 0.05)
         assert states[-1] == "active"
     finally:
-        process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=PATIENCE)
-        print(states, output)  # shown by pytest where the test fails
+        (output,) = end(process)
+        print(states)
     until(lambda: states[-1] == "stopped")
     until(lambda: not any(torques[-1].data))
     assert process.returncode == 0, output
@@ -92,16 +101,13 @@ def test_a_robot_that_does_not_exist_ends_the_controller_with_the_reason(environ
 
 def test_the_guard_may_be_launched_too(environment, user):
     node, until = user
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     said = []
-    node.create_subscription(String, "/r2/guard/state", lambda message: said.append(message.data), latched)
+    node.create_subscription(String, "/r2/guard/state", lambda message: said.append(message.data), LATCHED)
     process = launch(environment, "robot:=go2", "namespace:=r2", "guard:=true", "activate:=true")
     try:
         until(lambda: "watching" in said)
     finally:
-        process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=PATIENCE)
-        print(output)  # shown by pytest where the test fails
+        (output,) = end(process)
     assert said[0] == "idle"
     assert output.count("process has finished cleanly") == 3, output
 
@@ -151,9 +157,7 @@ def wait_for(files, process):
     while not all(file.exists() and file.read_text() for file in files):
         assert time.monotonic() < deadline, f"not within {PATIENCE} s"
         time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=PATIENCE)
-    return output
+    end(process)
 
 
 def test_rviz_is_started_with_the_layout_where_that_is_asked_for(environment, stand_in):
@@ -203,12 +207,11 @@ def test_a_simulator_behind_ros2_control(environment, stand_in, tmp_path, simula
 
 def test_two_robots_in_one_graph(environment, user):
     node, until = user
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     said, stamps, processes = {}, {}, []
     for robot in ("r1", "r2"):
         said[robot] = []
         node.create_subscription(
-            String, f"/{robot}/wbc_controller/state", lambda m, robot=robot: said[robot].append(m.data), latched
+            String, f"/{robot}/wbc_controller/state", lambda m, robot=robot: said[robot].append(m.data), LATCHED
         )
         node.create_subscription(
             Clock, f"/{robot}/clock", lambda m, robot=robot: stamps.__setitem__(robot, m.clock.sec), 1
@@ -224,10 +227,8 @@ def test_two_robots_in_one_graph(environment, user):
         until(lambda: all(stamps[robot] >= start[robot] + 3 for robot in said))
         assert {robot: states[-1] for robot, states in said.items()} == {"r1": "active", "r2": "active"}
     finally:
-        for process in processes:
-            process.send_signal(signal.SIGINT)
-        outputs = [process.communicate(timeout=PATIENCE)[0] for process in processes]
-        print(said, *outputs)  # shown by pytest where the test fails
+        outputs = end(*processes)
+        print(said)
     assert all(output.count("process has finished cleanly") == 2 for output in outputs)
 
 

@@ -152,6 +152,33 @@ def on_executor(executor, function):
     return task.result()
 
 
+@pytest.fixture
+def bring_up(make_node, spin, context):
+    """Spin a controller's node, a user's and others, and pass through some transitions of the first."""
+
+    def bring_up(*others, transitions=("configure", "activate"), **overrides):
+        node, user = make_node(robot="g1", **overrides), rclpy.create_node("user", context=context)
+        executor = spin(node, user, *others)
+        for name in transitions:
+            assert on_executor(executor, getattr(node, f"trigger_{name}")) == SUCCESS
+        return node, user, executor
+
+    return bring_up
+
+
+def caller(user, name):
+    """A function that calls a service of the controller; it gives its success and message."""
+    client = user.create_client(Trigger, f"/wbc_controller/{name}")
+
+    def call():
+        assert client.wait_for_service(10)
+        future = client.call_async(Trigger.Request())
+        within(10, future.done)
+        return future.result().success, future.result().message
+
+    return call
+
+
 def test_transitions_there_and_back_twice(make_node):
     node = make_node(robot="g1")
     for _ in range(2):
@@ -267,22 +294,17 @@ def test_what_is_shown_can_be_dumped_and_read_again(make_node, given):
     )
 
 
-def test_what_an_update_changes_is_shown(make_node, spin, context):
-    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
-    executor = spin(node, user)
+def test_what_an_update_changes_is_shown(bring_up):
+    node, user, _ = bring_up()
     publish = user.create_publisher(String, "/wbc_controller/update", 10)
-    for transition in (node.trigger_configure, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
     within(10, lambda: publish.get_subscription_count() == 1)
     publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
     within(10, lambda: node.get_parameter("tasks.com.stiffness").value == 33.0)
     assert not node.has_parameter("robot.joints")  # beside robot
 
 
-def test_a_command_sent_before_activation_is_not_obeyed_later(make_node, spin, context, log):
-    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
-    executor = spin(node, user)
-    assert on_executor(executor, node.trigger_configure) == SUCCESS
+def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
+    node, user, executor = bring_up(transitions=["configure"])
     said = []
     publish = user.create_publisher(String, "/wbc_controller/command", 10)
     user.create_subscription(String, "/wbc_controller/state", lambda message: said.append(message.data), 10)
@@ -296,44 +318,25 @@ def test_a_command_sent_before_activation_is_not_obeyed_later(make_node, spin, c
     assert said == ["inactive", "fault ESTOP: emergency stop by command"]
 
 
-def test_services_say_what_happened(make_node, spin, context):
-    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
-    executor = spin(node, user)
-    clients = {name: user.create_client(Trigger, f"/wbc_controller/{name}") for name in ("activate", "stop", "reset")}
-
-    def call(name):
-        assert clients[name].wait_for_service(10)
-        future = clients[name].call_async(Trigger.Request())
-        within(10, future.done)
-        return future.result().success, future.result().message
-
-    success, text = call("activate")
+def test_services_say_what_happened(bring_up):
+    node, user, executor = bring_up(transitions=())
+    activate, stop, reset = (caller(user, name) for name in ("activate", "stop", "reset"))
+    success, text = activate()
     assert not success
     assert "not active" in text
-    assert on_executor(executor, node.trigger_configure) == SUCCESS
-    assert on_executor(executor, node.trigger_activate) == SUCCESS
-    success, text = call("activate")
+    for transition in (node.trigger_configure, node.trigger_activate):
+        assert on_executor(executor, transition) == SUCCESS
+    success, text = activate()
     assert not success
     assert "joint_states" in text
-    assert call("stop") == (True, "fault ESTOP: emergency stop by command")
-    assert call("activate") == (False, "command 'activate' is refused in fault (ESTOP); send 'reset' first")
-    assert call("reset") == (True, "inactive")
+    assert stop() == (True, "fault ESTOP: emergency stop by command")
+    assert activate() == (False, "command 'activate' is refused in fault (ESTOP); send 'reset' first")
+    assert reset() == (True, "inactive")
 
 
-def test_the_last_seconds_are_recorded_on_request(make_node, spin, context, robot, tmp_path):
-    node, user = (
-        make_node(robot="g1", recorder__folder=str(tmp_path), **PATIENT),
-        rclpy.create_node("user", context=context),
-    )
-    executor = spin(node, user, robot)
-    client = user.create_client(Trigger, "/wbc_controller/record")
-
-    def call():
-        assert client.wait_for_service(10)
-        future = client.call_async(Trigger.Request())
-        within(10, future.done)
-        return future.result().success, future.result().message
-
+def test_the_last_seconds_are_recorded_on_request(bring_up, robot, tmp_path):
+    node, user, executor = bring_up(robot, transitions=(), recorder__folder=str(tmp_path), **PATIENT)
+    call = caller(user, "record")
     assert call() == (False, "the node is not active; ros2 lifecycle shows its state")
     for transition in (node.trigger_configure, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
@@ -346,11 +349,8 @@ def test_the_last_seconds_are_recorded_on_request(make_node, spin, context, robo
     assert Recording(file).count > 0
 
 
-def test_deactivating_in_mid_run_is_no_fault(make_node, spin, robot):
-    node = make_node(robot="g1", **PATIENT)
-    executor = spin(node, robot)
-    for transition in (node.trigger_configure, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
+def test_deactivating_in_mid_run_is_no_fault(bring_up, robot):
+    node, _, executor = bring_up(robot, **PATIENT)
     loop = node._loop
     for _ in range(3):
         tries = itertools.count()
@@ -366,32 +366,20 @@ def test_deactivating_in_mid_run_is_no_fault(make_node, spin, robot):
         assert on_executor(executor, node.trigger_activate) == SUCCESS
 
 
-def test_a_service_waits_without_keeping_joint_states_from_the_loop(make_node, spin, context, robot):
-    node, user = make_node(robot="g1", **PATIENT), rclpy.create_node("user", context=context)
-    executor = spin(node, robot, user)
-    for transition in (node.trigger_configure, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
-    client = user.create_client(Trigger, "/wbc_controller/activate")
-    assert client.wait_for_service(10)
+def test_a_service_waits_without_keeping_joint_states_from_the_loop(bring_up, robot):
+    node, user, _ = bring_up(robot, **PATIENT)
+    activate = caller(user, "activate")
     within(20, lambda: max(node._loop._inputs.ages().values()) < 0.5)
-    answers = []
-    for _ in range(10):
-        future = client.call_async(Trigger.Request())
-        within(10, future.done)
-        answers.append((future.result().success, future.result().message))
+    answers = [activate() for _ in range(10)]
     assert answers[0] == (True, "active")
     assert set(answers[1:]) == {(False, "command 'activate' has no effect: the controller is active already")}
     assert node._loop.controller.supervisor.mode is Mode.ACTIVE
 
 
-def test_simulated_time_is_honoured(make_node, spin, context, robot):
-    node, user = make_node(robot="g1", use_sim_time=True), rclpy.create_node("user", context=context)
-    executor = spin(node, robot, user)
+def test_simulated_time_is_honoured(bring_up, robot):
+    node, user, executor = bring_up(robot, use_sim_time=True)
     clock = user.create_publisher(Clock, "/clock", 1)
-    for transition in (node.trigger_configure, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
-    client = user.create_client(Trigger, "/wbc_controller/activate")
-    assert client.wait_for_service(10)
+    activate = caller(user, "activate")
     times = [7_000_000_000]
 
     def time_goes_on():
@@ -400,15 +388,10 @@ def test_simulated_time_is_honoured(make_node, spin, context, robot):
         clock.publish(Clock(clock=at))
         robot.publish(at)
 
-    def activate():
-        future = client.call_async(Trigger.Request())
-        within(10, future.done)
-        return future.result().message
-
-    assert "no time has arrived on /clock" in activate()
+    assert "no time has arrived on /clock" in activate()[1]
     robot.timer.cancel()
     timer = user.create_timer(0.005, time_goes_on)
-    within(20, lambda: node._loop._clock.now() > 7.0 and activate() == "active")
+    within(20, lambda: node._loop._clock.now() > 7.0 and activate()[0])
     on_executor(executor, timer.cancel)  # no more states, and no more time
     time.sleep(0.2)
     assert node._loop.controller.supervisor.mode is Mode.ACTIVE
@@ -419,11 +402,8 @@ def test_simulated_time_is_honoured(make_node, spin, context, robot):
     within(10, lambda: node.get_clock().now().nanoseconds == end)
 
 
-def test_a_fault_outlives_the_end_of_the_loop(make_node, spin, context):
-    node = make_node(robot="g1")
-    executor = spin(node)
-    for transition in (node.trigger_configure, node.trigger_activate):
-        assert on_executor(executor, transition) == SUCCESS
+def test_a_fault_outlives_the_end_of_the_loop(bring_up):
+    node, _, executor = bring_up()
     node._gate.command("estop")
     supervisor = node._loop.controller.supervisor
     within(10, lambda: supervisor.mode is Mode.FAULT)
@@ -433,12 +413,10 @@ def test_a_fault_outlives_the_end_of_the_loop(make_node, spin, context):
     assert supervisor.mode is not Mode.INACTIVE
 
 
-def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(make_node, spin, context, log):
-    node, user = make_node(robot="g1"), rclpy.create_node("user", context=context)
-    executor = spin(node, user)
+def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, log):
+    node, user, executor = bring_up(transitions=["configure"])
     torques = []
     user.create_subscription(Float64MultiArray, "/effort_controller/commands", torques.append, 10)
-    assert on_executor(executor, node.trigger_configure) == SUCCESS
     loop = node._loop
     within(10, lambda: node.count_subscribers("/effort_controller/commands"))
     time.sleep(0.5)  # until the writer knows the reader too
@@ -458,25 +436,16 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(make_node, s
     assert on_executor(executor, node.trigger_configure) == SUCCESS
 
 
-def test_while_another_node_publishes_torques_the_activation_is_refused(make_node, spin, context, robot):
-    node, user = make_node(robot="g1", **PATIENT), rclpy.create_node("user", context=context)
+def test_while_another_node_publishes_torques_the_activation_is_refused(bring_up, robot):
+    node, user, executor = bring_up(robot, transitions=(), **PATIENT)
     stranger = user.create_publisher(Float64MultiArray, "/effort_controller/commands", 1)
-    executor = spin(node, robot, user)
     for transition in (node.trigger_configure, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
-    client = user.create_client(Trigger, "/wbc_controller/activate")
-    assert client.wait_for_service(10)
-
-    def activate():
-        future = client.call_async(Trigger.Request())
-        within(10, future.done)
-        return future.result()
-
-    refused = []
-    within(20, lambda: refused.append(activate()) or "published by /user too" in refused[-1].message)
-    assert not any(answer.success for answer in refused)
+    activate, refused = caller(user, "activate"), []
+    within(20, lambda: refused.append(activate()) or "published by /user too" in refused[-1][1])
+    assert not any(success for success, _ in refused)
     on_executor(executor, lambda: user.destroy_publisher(stranger))
-    within(20, lambda: activate().success)
+    within(20, lambda: activate()[0])
 
 
 def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_node, context, log):

@@ -30,7 +30,9 @@ def recording():
     simulation = Simulation(config, preflight=False)
     controller = simulation.controller
     rng, rows = np.random.default_rng(0), []
-    MassError(share=HEAVIER).begin(Site(controller.model, simulation.plant, controller.period, 0.0, np.inf, rng))
+    MassError(share=HEAVIER).begin(
+        Site(controller.model, simulation.plant, controller.period, began=0.0, end=np.inf, rng=rng)
+    )
 
     def record(_):
         r = simulation.result

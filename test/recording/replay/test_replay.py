@@ -11,7 +11,6 @@ import pytest
 from click.testing import CliRunner
 
 from wbc_controller.cli import main
-from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.comparison import compare
 from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.replay.recording_summary import summarize
@@ -44,8 +43,7 @@ def busy(run, make) -> None:
 def recorded(record, tmp_path, make):
     run = record(tmp_path / "a.mcap")
     busy(run, make)
-    run.recorder.close()
-    return Recording(tmp_path / "a.mcap")
+    return run.finish(tmp_path / "a.mcap")
 
 
 def test_all_cycles_and_those_from_any_memory_on_come_out_bit_for_bit(recorded):
@@ -65,8 +63,7 @@ def test_what_is_estimated_beside_the_model_is_remembered_too(record, tmp_path, 
     friction = {"FL_calf_joint": {"dry": 0.5, "viscous": 0.1}}
     run = record(tmp_path / "b.mcap", {"estimation": {"disturbance": "always"}, "robot": {"friction": friction}})
     busy(run, make)
-    run.recorder.close()
-    replay = Replay(Recording(tmp_path / "b.mcap"))
+    replay = Replay(run.finish(tmp_path / "b.mcap"))
     middle = sorted(replay.recorded.memories)[-1]
     solved = list(replay.run(replay.recorded.last))
     assert [each.cycle.number for each in solved] == list(range(middle, replay.recorded.count))
@@ -114,8 +111,7 @@ def test_behind_a_cycle_that_failed_it_goes_on_from_the_next_memory(record, tmp_
     monkeypatch.undo()
     controller.fail(ZeroDivisionError("once"))  # as `ControlLoop` does
     run.go(60)
-    run.recorder.close()
-    recorded = Recording(tmp_path / "a.mcap")
+    recorded = run.finish(tmp_path / "a.mcap")
     (fault,) = recorded.faults
     assert fault.fault.code == "INTERNAL_ERROR"
     replay = Replay(recorded)
@@ -130,9 +126,7 @@ def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record
     run.stand(900)
     run.recorder.request()
     run.go(2)
-    run.recorder.close()
-    (path,) = (tmp_path / "faults").iterdir()
-    recorded = Recording(path)
+    recorded = run.finish()
     assert recorded.first > 0
     replay = Replay(recorded)
     solved = [each.same for each in replay.run()]
@@ -143,8 +137,7 @@ def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record
 def test_a_solver_with_a_memory_of_its_own_is_exact_from_the_start_alone(record, tmp_path):
     run = record(tmp_path / "a.mcap", {"solver": {"name": "proxqp"}})
     run.stand(130)
-    run.recorder.close()
-    recorded = Recording(tmp_path / "a.mcap")
+    recorded = run.finish(tmp_path / "a.mcap")
     assert all(each.same and each.exact for each in Replay(recorded).run(0, 60))
     later = list(Replay(recorded).run(125))
     assert not any(each.exact for each in later)

@@ -18,7 +18,8 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.middleware.codec import decode, encode, header, message, stamp
 from wbc_controller.middleware.joint_states import JointStateReader
-from wbc_controller.middleware.setpoints import setpoint_message, vector, wrench_stamped
+from wbc_controller.middleware.odometry import vector
+from wbc_controller.middleware.setpoints import setpoint_message, wrench_stamped
 from wbc_controller.middleware.stamps import header_stamp, header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
@@ -48,16 +49,12 @@ class Window:
 
 
 class Log:
-    """The messages that a demo receives; filled by the transport's thread.
-
-    Attributes:
-        kept: all messages of the topics that the recording of the demo takes, by name and type of the topic.
-        arrived: set with every joint state.
-    """
+    """The messages that a demo receives; filled by the transport's thread."""
 
     def __init__(self) -> None:
+        #: All messages of the topics that the recording of the demo takes, by name and type of the topic.
         self.kept: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
-        self.arrived = threading.Event()
+        self.arrived = threading.Event()  # set with every joint state
         self._newest: dict[tuple[str, str, str], bytes] = {}
         self._types: dict[tuple[str, str, str], str] = {}
 
@@ -94,16 +91,7 @@ class Log:
 
 
 class Director:
-    """Plays a scenario.
-
-    Attributes:
-        log: messages received.
-        phases: the phases so far: simulated time in s, and name.
-        windows: time windows of the measurements, by name of the phase.
-        references: centre-of-mass trajectories, in order of their start.
-        targets: target position of each reach, by task.
-        frames: frame of each frame task, by the task's name.
-    """
+    """Plays a scenario."""
 
     def __init__(
         self,
@@ -120,23 +108,18 @@ class Director:
         """Open the opposite ends of all topics of both nodes.
 
         Args:
-            model: the robot's model.
-            frames: frame of each frame task, by the task's name.
             com: name of the task of the centre of mass; empty where there is none.
-            controller: endpoints of the controller.
-            mock: endpoints of the mock robot.
-            transport: carries the messages.
             kept: names of the topics whose messages are all kept.
             advance: lets time pass until a new state has arrived, or for a short while.
             say: called with a line of text at each phase.
         """
         self.log = Log()
-        self.phases: list[tuple[float, str]] = []
-        self.windows: dict[str, Window] = {}
-        self.references: list[tuple[float, Trajectory]] = []
-        self.targets: dict[str, Array] = {}
+        self.phases: list[tuple[float, str]] = []  # the phases so far: simulated time in s, and name
+        self.windows: dict[str, Window] = {}  # time windows of the measurements, by name of the phase
+        self.references: list[tuple[float, Trajectory]] = []  # centre-of-mass trajectories, in order of their start
+        self.targets: dict[str, Array] = {}  # target position of each reach, by task
         self._model = model
-        self.frames = frames
+        self.frames = frames  # frame of each frame task, by the task's name
         self._com = com
         self._data = model.pinocchio.createData()
         self._joint_reader = JointStateReader(model.joints, "position")

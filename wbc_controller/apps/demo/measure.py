@@ -44,8 +44,6 @@ def judge(
     """Compare a run with its targets.
 
     Args:
-        run: the run, with the reference of the centre of mass.
-        scenario: the scenario with the targets.
         windows: time windows of the measurements, on the clock of the states.
         distances: of the hands from the targets of their reaches, as `distances_to_targets` returns them.
         weight: weight of the robot, N.

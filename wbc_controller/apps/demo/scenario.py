@@ -7,17 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A motion of the centre of mass through points at rest.
-
-    Attributes:
-        name: name of the phase.
-        points: pairs of the time since the start of the move, s, and the offset from the standing position, (3,) in m.
-        target_rms: largest root mean square of the tracking error, m.
-    """
+    """A motion of the centre of mass through points at rest."""
 
     name: str
+    #: Pairs of the time since the start of the move, s, and the offset from the standing position, (3,) in m.
     points: tuple[tuple[float, tuple[float, float, float]], ...]
-    target_rms: float
+    target_rms: float  # largest root mean square of the tracking error, m
 
     @property
     def duration(self) -> float:
@@ -27,58 +22,35 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """A frame pose task that is enabled and sent to a pose by topic.
-
-    Attributes:
-        task: name of the task.
-        offset: offset of the target from the frame's present position, world axes, (3,) in m.
-        duration: time allowed, s.
-        target: largest distance at the end, m.
-    """
+    """A frame pose task that is enabled and sent to a pose by topic."""
 
     task: str
-    offset: tuple[float, float, float]
-    duration: float
-    target: float
+    offset: tuple[float, float, float]  # offset of the target from the frame's present position, world axes, (3,) in m
+    duration: float  # time allowed, s
+    target: float  # largest distance at the end, m
 
 
 @dataclass(frozen=True, slots=True)
 class Shove:
-    """A force for a tenth of a second.
-
-    Attributes:
-        name: name of the direction.
-        impulse: impulse in world axes, (3,) in N·s.
-        frame: where it acts; empty for the base link.
-    """
+    """A force for a tenth of a second."""
 
     name: str
-    impulse: tuple[float, float, float]
-    frame: str = ""
+    impulse: tuple[float, float, float]  # impulse in world axes, (3,) in N·s
+    frame: str = ""  # where it acts; empty for the base link
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """The demo of one robot.
+    """The demo of one robot."""
 
-    Attributes:
-        stand: time of standing, s.
-        moves: motions of the centre of mass.
-        reaches: motions of a hand.
-        shoves: disturbances.
-        recovery: time after which the centre of mass must have returned, s.
-        recovery_target: largest distance then, m.
-        force_target: largest deviation of the sum of vertical forces from the weight, as a share of it.
-        com: name of the task of the centre of mass; empty where the posture alone keeps it, as on a fixed base.
-    """
-
-    stand: float = 3.0
+    stand: float = 3.0  # time of standing, s
     moves: tuple[Move, ...] = ()
     reaches: tuple[Reach, ...] = ()
     shoves: tuple[Shove, ...] = ()
-    recovery: float = 2.0
-    recovery_target: float = 0.02
-    force_target: float = 0.01
+    recovery: float = 2.0  # time after which the centre of mass must have returned, s
+    recovery_target: float = 0.02  # largest distance then, m
+    force_target: float = 0.01  # largest deviation of the sum of vertical forces from the weight, as a share of it
+    #: Name of the task of the centre of mass; empty where the posture alone keeps it, as on a fixed base.
     com: str = "com"
 
 

@@ -25,41 +25,27 @@ Elements = Mapping[int, Sequence[pin.GeometryObject]]
 
 @dataclass(frozen=True, slots=True)
 class Limb:
-    """An end of the kinematic tree, with the joints that move nothing else.
+    """An end of the kinematic tree, with the joints that move nothing else."""
 
-    Attributes:
-        end: number of the last joint.
-        joints: numbers of the joints from the trunk on, the last one included.
-        mass: of what they move, kg.
-        low: height of the lowest point of what the last joint moves, m, with the base upright.
-    """
-
-    end: int
-    joints: tuple[int, ...]
-    mass: float
-    low: float
+    end: int  # number of the last joint
+    joints: tuple[int, ...]  # numbers of the joints from the trunk on, the last one included
+    mass: float  # of what they move, kg
+    low: float  # height of the lowest point of what the last joint moves, m, with the base upright
 
 
 class Body:
-    """The robot in one posture, its base upright at the world's origin.
-
-    Attributes:
-        model: the robot's model, with a floating base.
-        data: its kinematics in the posture.
-        limbs: its limbs.
-        height: of the whole robot, m.
-    """
+    """The robot in one posture, its base upright at the world's origin."""
 
     def __init__(self, model: RobotModel, elements: Elements, posture: Array) -> None:
         """Place the robot, with its shapes, in a posture, (nj,) in rad."""
         self.model, self._elements = model, elements
-        self.data = model.pinocchio.createData()
+        self.data = model.pinocchio.createData()  # its kinematics in the posture
         q = model.configuration(posture)
         pin.framesForwardKinematics(model.pinocchio, self.data, q)
         pin.computeJointJacobians(model.pinocchio, self.data, q)
         points = {joint: self._points(joint) for joint in range(1, model.pinocchio.njoints)}
         everything = np.vstack(list(points.values()))
-        self.height = float(np.ptp(everything[:, 2]))
+        self.height = float(np.ptp(everything[:, 2]))  # of the whole robot, m
         self._low = {joint: float(some[:, 2].min(initial=np.inf)) for joint, some in points.items()}
         self.limbs = [self._limb(end) for end in range(2, model.pinocchio.njoints) if not self._children(end)]
 

@@ -42,30 +42,19 @@ UNKNOWN_RADIUS = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """A foot of the robot.
+    """A foot of the robot."""
 
-    Attributes:
-        joint: number of the joint that moves it, in the Pinocchio model.
-        link: the link in contact.
-        kind: the kind of contact.
-        placement: of the contact, in the joint's frame: a sole's middle with its normal, which points into the foot, as
-            z axis and x forward; a ball's or wheel's centre, with the joint's axes.
-        corners: of a sole, (n, 2) in m, in the axes of `placement`; empty for others.
-        rectangle: whether the corners are those of a rectangle along these axes.
-        radius: of a ball or wheel, m.
-        axis: of a wheel, in the joint's frame, (3,).
-        known: what the foot was measured on, in words; empty if its radius is a guess.
-    """
-
-    joint: int
-    link: str
+    joint: int  # number of the joint that moves it, in the Pinocchio model
+    link: str  # the link in contact
     kind: Literal["surface", "point", "rolling"]
+    #: Of the contact, in the joint's frame: a sole's middle with its normal, which points into the foot, as z axis and
+    #: x forward; a ball's or wheel's centre, with the joint's axes.
     placement: pin.SE3
-    corners: Array
-    rectangle: bool = False
-    radius: float = 0.0
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    known: str = ""
+    corners: Array  # of a sole, (n, 2) in m, in the axes of `placement`; empty for others
+    rectangle: bool = False  # whether the corners are those of a rectangle along these axes
+    radius: float = 0.0  # of a ball or wheel, m
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # of a wheel, in the joint's frame, (3,)
+    known: str = ""  # what the foot was measured on, in words; empty if its radius is a guess
 
 
 def measure(

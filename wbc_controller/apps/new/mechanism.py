@@ -36,19 +36,12 @@ _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A URDF, and where it is.
+    """A URDF, and where it is."""
 
-    Attributes:
-        address: value of ``robot.urdf``: a ``package://`` address if possible, otherwise an absolute path.
-        path: the file.
-        text: its text, without planar joints: three of one coordinate stand for each.
-        tree: the same, as XML.
-    """
-
-    address: str
+    address: str  # value of ``robot.urdf``: a ``package://`` address if possible, otherwise an absolute path
     path: Path
-    text: str
-    tree: ElementTree.Element
+    text: str  # its text, without planar joints: three of one coordinate stand for each
+    tree: ElementTree.Element  # the same, as XML
 
     @property
     def root(self) -> str:

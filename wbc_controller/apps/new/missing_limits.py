@@ -24,15 +24,10 @@ _RANGE = round(np.pi, 4)
 
 @dataclass(frozen=True, slots=True)
 class Placeholders:
-    """Limits in place of those of the URDF.
+    """Limits in place of those of the URDF."""
 
-    Attributes:
-        values: by joint, as in ``robot.joint_limits``.
-        why: by joint, the kinds of limit with what the URDF has instead.
-    """
-
-    values: dict[str, dict[str, float]]
-    why: dict[str, dict[str, str]]
+    values: dict[str, dict[str, float]]  # by joint, as in ``robot.joint_limits``
+    why: dict[str, dict[str, str]]  # by joint, the kinds of limit with what the URDF has instead
 
     def put(self, draft: Draft, joints: Sequence[str]) -> None:
         """Write ``robot.joint_limits``, with a sentence for each kind of limit of joints that move."""

@@ -22,17 +22,11 @@ _WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "robot.joint_limits", "robot.lock
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A sentence on a key of the configuration.
-
-    Attributes:
-        key: the dotted key.
-        text: the sentence.
-        origin: where the key's value is from.
-    """
+    """A sentence on a key of the configuration."""
 
     key: str
     text: str
-    origin: Origin
+    origin: Origin  # where the key's value is from
 
     @property
     def comment(self) -> str:
@@ -42,15 +36,10 @@ class Note:
 
 @dataclass
 class Draft:
-    """The draft of a configuration.
+    """The draft of a configuration."""
 
-    Attributes:
-        values: the configuration, nested as in a file.
-        notes: what has to be said on its keys.
-    """
-
-    values: dict[str, Any] = field(default_factory=dict)
-    notes: list[Note] = field(default_factory=list)
+    values: dict[str, Any] = field(default_factory=dict)  # the configuration, nested as in a file
+    notes: list[Note] = field(default_factory=list)  # what has to be said on its keys
 
     def put(self, key: str, value: Any, text: str = "", origin: Origin = "found") -> None:
         """Set the value of a dotted key, with a note where there is a text."""

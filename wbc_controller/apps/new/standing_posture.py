@@ -42,21 +42,13 @@ class _Leg:
 
 @dataclass(frozen=True, slots=True)
 class Stand:
-    """Placement of the feet in a posture, the base upright at the origin.
+    """Placement of the feet in a posture, the base upright at the origin."""
 
-    Attributes:
-        bottoms: height of the lowest point of each foot, (n,) in m.
-        middles: positions of the feet, (n, 3) in m.
-        tilts: tilts of soles and axles, as sines, (m,).
-        yaw: yaw angles of soles, as sines, (k,).
-        com: centre of mass, (3,) in m.
-    """
-
-    bottoms: Array
-    middles: Array
-    tilts: Array
-    yaw: Array
-    com: Array
+    bottoms: Array  # height of the lowest point of each foot, (n,) in m
+    middles: Array  # positions of the feet, (n, 3) in m
+    tilts: Array  # tilts of soles and axles, as sines, (m,)
+    yaw: Array  # yaw angles of soles, as sines, (k,)
+    com: Array  # centre of mass, (3,) in m
 
     @property
     def unlevel(self) -> float:

@@ -38,18 +38,14 @@ _TRANSLUCENT = 0.35
 
 
 class Drawing:
-    """Draws snapshots of a robot in the scene of a viser server.
-
-    Attributes:
-        links: handle of each mesh, with the joint that moves it.
-        placements: placement of each joint of the model in the world, at the last snapshot drawn.
-    """
+    """Draws snapshots of a robot in the scene of a viser server."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
         self._scene, self._robot = server.scene, robot
         self._server = server
         self._data = robot.model.pinocchio.createData()
-        self.links: list[tuple[Any, int]] = []
+        self.links: list[tuple[Any, int]] = []  # handle of each mesh, with the joint that moves it
+        #: Placement of each joint of the model in the world, at the last snapshot drawn.
         self.placements: list[pin.SE3] = []
         self._shown = dict.fromkeys(GROUPS, True)
         self._shapes: dict[tuple[str, int], _Drawn] = {}
@@ -107,14 +103,10 @@ class Drawing:
 
 
 class _Tree:
-    """A frame for each joint in the frame of its parent joint: a frame moves only with its own joint.
-
-    Attributes:
-        names: name of each joint's frame.
-    """
+    """A frame for each joint in the frame of its parent joint: a frame moves only with its own joint."""
 
     def __init__(self, scene: viser.SceneApi, model: pin.Model, joints: Sequence[int]) -> None:
-        self.names = {0: "/robot"}
+        self.names = {0: "/robot"}  # name of each joint's frame
         self._frames: list[Any] = []
         used = {before for joint in joints for before in model.supports[joint]} - {0}
         self._joints = sorted(used)  # parents come first

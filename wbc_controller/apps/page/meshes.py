@@ -29,21 +29,13 @@ _SAME = 1.0e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """A mesh that moves with one joint.
-
-    Attributes:
-        name: name of the visual.
-        joint: index of the joint of `RobotModel.pinocchio` that moves it; 0 for the world.
-        vertices: in the joint's frame, (n, 3) in m.
-        triangles: indices of the vertices of each triangle, (m, 3).
-        color: red, green and blue from 0 to 1.
-    """
+    """A mesh that moves with one joint."""
 
     name: str
-    joint: int
-    vertices: npt.NDArray[np.float32]
-    triangles: npt.NDArray[np.uint32]
-    color: tuple[float, float, float]
+    joint: int  # index of the joint of `RobotModel.pinocchio` that moves it; 0 for the world
+    vertices: npt.NDArray[np.float32]  # in the joint's frame, (n, 3) in m
+    triangles: npt.NDArray[np.uint32]  # indices of the vertices of each triangle, (m, 3)
+    color: tuple[float, float, float]  # red, green and blue from 0 to 1
 
 
 def build_meshes(model: RobotModel, most: int = TRIANGLES) -> list[Mesh]:

@@ -118,15 +118,12 @@ COMMANDING = (
 
 
 class AllowList:
-    """Decides whether a message may reach viser.
-
-    Attributes:
-        gui: the controls of the page; None while the server is being opened, when no control exists.
-    """
+    """Decides whether a message may reach viser."""
 
     def __init__(self, *, commands: bool) -> None:
         """Compile the list; `commands` is True if the page may command."""
         self._decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(COMMANDING if commands else WATCHING)
+        #: The controls of the page; None while the server is being opened, when no control exists.
         self.gui: viser.GuiApi | None = None
 
     def fault(self, payload: bytes | str) -> str:

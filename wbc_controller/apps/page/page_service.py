@@ -49,12 +49,8 @@ def serve(
     """Serve the page until the event is set.
 
     Args:
-        settings: settings of the robot.
-        stop: event that ends it.
-        host: address to listen on.
         port: port to listen on, or the next free one.
         namespace: namespace of the robot's nodes.
-        remappings: remappings of their topics.
         commands: True if the page may command.
         ready: called with the page's address when it can be opened.
 

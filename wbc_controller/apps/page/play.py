@@ -36,8 +36,6 @@ def play(
 
     Args:
         robot: a robot that is shipped, or the path of a configuration.
-        stop: event that ends it.
-        host: address of the page.
         port: port of the page, or the next free one.
         domain: DDS domain; None for a free one of this computer.
         factor: simulated seconds per second.

@@ -45,19 +45,15 @@ class Playback:
     """The snapshots of a recording, by time.
 
     Attributes:
-        marks: its events, in order of time.
         duration: its duration, s.
         time: the present time, s; `seek` sets it.
-        playing: True while time passes.
         speed: recorded seconds per second.
+
+    Raises:
+        ConfigurationError: if it holds no state of the robot.
     """
 
     def __init__(self, recorded: Recording, robot: Robot) -> None:
-        """Read the recording of a robot.
-
-        Raises:
-            ConfigurationError: if it holds no state of the robot.
-        """
         self._recorded, self._robot = recorded, robot
         self.time, self.speed, self.playing = 0.0, 1.0, True
         self._now = time.monotonic()

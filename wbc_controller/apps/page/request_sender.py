@@ -39,7 +39,6 @@ class RequestSender:
         """Create the sender; `start` starts its thread.
 
         Args:
-            settings: settings of the robot.
             send: sends one request, from any thread; may raise `WbcError`.
             report: called with the words of each request, empty for a drag, and its error, empty if it was sent; on the
                 sender's thread or, for an emergency stop, on the caller's.

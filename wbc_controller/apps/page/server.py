@@ -63,15 +63,12 @@ class Gate:
     On the loopback, only requests by a name of the loopback are answered: another name belongs to a web site that
     resolves its own name to this computer. Connections from pages of other sites are refused. On any other interface
     every request needs the token.
-
-    Attributes:
-        token: empty if none is needed.
     """
 
     def __init__(self, host: str, token: str = "") -> None:
         """Set the rules for an address; without a token, addresses beyond the loopback get a random one."""
         self.loopback = _is_loopback(host)
-        self.token = token or ("" if self.loopback else secrets.token_urlsafe(24))
+        self.token = token or ("" if self.loopback else secrets.token_urlsafe(24))  # empty if none is needed
         self.port = 0
 
     def refusal(self, request: Request) -> str:
@@ -135,9 +132,7 @@ def open_server(host: str, port: int, gate: Gate, *, commands: bool = False) -> 
     """Open the server, which answers only requests that the gate accepts, and reads only messages on the allow-list.
 
     Args:
-        host: address to listen on.
         port: port; if it is taken, the next free one. 0 for any.
-        gate: checks the requests.
         commands: True if the page may command.
 
     Raises:

@@ -22,11 +22,7 @@ FOLLOWING = ("active", "holding")
 
 
 class Robot:
-    """A robot as the page draws it: its settings and model, with the tasks and contacts by name.
-
-    Attributes:
-        dynamics: the dynamics at the drawn snapshot, updated by `Drawing`.
-    """
+    """A robot as the page draws it: its settings and model, with the tasks and contacts by name."""
 
     def __init__(self, settings: Settings, urdf: str | None = None) -> None:
         """Build the robot; `urdf` is the URDF if the settings name no file.
@@ -42,37 +38,26 @@ class Robot:
         self.tasks: dict[str, Task] = {
             name: make_task(name, task, self.model, self.contacts) for name, task in settings.tasks.items()
         }
-        self.dynamics = Dynamics(self.model)
+        self.dynamics = Dynamics(self.model)  # the dynamics at the drawn snapshot, updated by `Drawing`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """State of a robot and its controller at one moment.
+    """State of a robot and its controller at one moment."""
 
-    Attributes:
-        stamp: time of the state, ns; 0 before the first one.
-        age: wall time since the last state arrived, s; infinite before the first one.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        mode: the controller's mode, in a fault with its code and sentence; empty without a controller.
-        torques: at the joints, (nj,) in N·m, in the order of the model's joints; None if none are sent.
-        forces: contact forces of the controller's solution, by contact, in the form of `Solution.forces`.
-        references: references of the tasks; None if the controller follows none.
-        status: status of the nodes; None before the first message.
-        silence: wall time since the controller's last status, s; infinite before the first one.
-        base_measured: True if the base's pose was measured; otherwise the robot is drawn as standing on its contacts.
-    """
-
-    stamp: int
-    age: float
-    q: Array
-    v: Array
-    mode: str = ""
+    stamp: int  # time of the state, ns; 0 before the first one
+    age: float  # wall time since the last state arrived, s; infinite before the first one
+    q: Array  # configuration, (nq,)
+    v: Array  # generalized velocity, (nv,)
+    mode: str = ""  # the controller's mode, in a fault with its code and sentence; empty without a controller
+    #: At the joints, (nj,) in N·m, in the order of the model's joints; None if none are sent.
     torques: Array | None = None
+    #: Contact forces of the controller's solution, by contact, in the form of `Solution.forces`.
     forces: Mapping[str, Array] = field(default_factory=dict)
-    references: References | None = None
-    status: RobotStatus | None = None
-    silence: float = math.inf
+    references: References | None = None  # references of the tasks; None if the controller follows none
+    status: RobotStatus | None = None  # status of the nodes; None before the first message
+    silence: float = math.inf  # wall time since the controller's last status, s; infinite before the first one
+    #: True if the base's pose was measured; otherwise the robot is drawn as standing on its contacts
     base_measured: bool = True
 
     @property

@@ -37,7 +37,6 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
         config: the configuration that was checked.
         findings: findings of the check; empty if it failed.
         failure: error of the check; empty if it did not fail.
-        path: the file to write.
 
     Raises:
         ConfigurationError: if the robot or its quadratic program cannot be built, the visual geometry of the URDF

@@ -48,22 +48,14 @@ FORMS = {
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One message to a node.
+    """One message to a node."""
 
-    Attributes:
-        node: ``controller`` or ``mock``.
-        key: row of the node's table of topics.
-        subject: its task or contact; empty for the others.
-        summary: the effect in words, without a full stop.
-        make: makes the message; it may ask for messages of the nodes.
-        frame: frame of the robot whose name the sender has to check, since the mock robot only logs an error; or empty.
-    """
-
-    node: str
-    key: str
-    subject: str
-    summary: str
-    make: Callable[[Hear], Any]
+    node: str  # ``controller`` or ``mock``
+    key: str  # row of the node's table of topics
+    subject: str  # its task or contact; empty for the others
+    summary: str  # the effect in words, without a full stop
+    make: Callable[[Hear], Any]  # makes the message; it may ask for messages of the nodes
+    #: Frame of the robot whose name the sender has to check, since the mock robot only logs an error; or empty.
     frame: str = ""
 
 

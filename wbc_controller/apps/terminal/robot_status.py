@@ -19,19 +19,12 @@ _PERIODS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class RobotStatus:
-    """The newest messages of a robot's nodes.
+    """The newest messages of a robot's nodes."""
 
-    Attributes:
-        status: the controller's diagnostic_msgs/DiagnosticStatus.
-        rate: cycles per second of wall time; NaN if not known yet.
-        tasks: messages of the value and the reference of each task, by name.
-        guard: state of the guard; empty without a guard.
-    """
-
-    status: Any
-    rate: float
-    tasks: Mapping[str, tuple[Any | None, Any | None]]
-    guard: str
+    status: Any  # the controller's diagnostic_msgs/DiagnosticStatus
+    rate: float  # cycles per second of wall time; NaN if not known yet
+    tasks: Mapping[str, tuple[Any | None, Any | None]]  # messages of the value and the reference of each task, by name
+    guard: str  # state of the guard; empty without a guard
 
     @property
     def values(self) -> dict[str, str]:

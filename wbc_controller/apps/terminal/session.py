@@ -46,15 +46,10 @@ class NoAnswer(WbcError):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Answer:
-    """The outcome of a request.
+    """The outcome of a request."""
 
-    Attributes:
-        done: False if it was refused.
-        sentence: the outcome in words.
-    """
-
-    done: bool
-    sentence: str
+    done: bool  # False if it was refused
+    sentence: str  # the outcome in words
 
 
 def topics_of(
@@ -84,11 +79,7 @@ def topics_of(
 
 
 class Session:
-    """Sends messages to the nodes, and keeps their newest messages.
-
-    Attributes:
-        topics: as `topics_of`.
-    """
+    """Sends messages to the nodes, and keeps their newest messages."""
 
     def __init__(
         self,

@@ -42,40 +42,25 @@ GREY = (0.62, 0.64, 0.67)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A convex body that moves with one joint.
-
-    Attributes:
-        name: name of the visual.
-        joint: index of the joint of `RobotModel.pinocchio` that moves it; 0 for the world.
-        vertices: corners in the joint's frame, (n, 3) in m.
-        triangles: indices of the corners of each triangle, counter-clockwise seen from outside, (m, 3).
-        color: red, green and blue from 0 to 1.
-    """
+    """A convex body that moves with one joint."""
 
     name: str
-    joint: int
-    vertices: Array
+    joint: int  # index of the joint of `RobotModel.pinocchio` that moves it; 0 for the world
+    vertices: Array  # corners in the joint's frame, (n, 3) in m
+    #: Indices of the corners of each triangle, counter-clockwise seen from outside, (m, 3).
     triangles: npt.NDArray[np.intp]
-    color: tuple[float, float, float]
+    color: tuple[float, float, float]  # red, green and blue from 0 to 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visual:
-    """A visual of the URDF, as it is there.
-
-    Attributes:
-        name: name of the visual.
-        joint: as in `Part`.
-        placement: of the shape in the joint's frame.
-        shape: a mesh or a primitive.
-        color: red, green and blue from 0 to 1; None where the URDF gives none.
-    """
+    """A visual of the URDF, as it is there."""
 
     name: str
-    joint: int
-    placement: pin.SE3
+    joint: int  # as in `Part`
+    placement: pin.SE3  # of the shape in the joint's frame
     shape: coal.CollisionGeometry
-    color: tuple[float, float, float] | None
+    color: tuple[float, float, float] | None  # red, green and blue from 0 to 1; None where the URDF gives none
 
 
 def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]]:

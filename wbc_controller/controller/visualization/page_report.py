@@ -17,80 +17,46 @@ from wbc_controller.errors import ConfigurationError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plot:
-    """One plot of a page.
+    """One plot of a page."""
 
-    Attributes:
-        key: id of its element in the page.
-        title: title of the plot.
-        caption: one or two sentences on how to read it.
-        figure: the plotly figure.
-        over_time: True if its x axis is the time of the motion.
-    """
-
-    key: str
+    key: str  # id of its element in the page
     title: str
-    caption: str
+    caption: str  # one or two sentences on how to read it
     figure: Any
-    over_time: bool = False
+    over_time: bool = False  # True if its x axis is the time of the motion
 
 
 @dataclass(frozen=True, slots=True)
 class ResultTable:
-    """The table of a page.
-
-    Attributes:
-        title: title of the table.
-        columns: headings; empty for none.
-        rows: cells, and True for a good row, False for a bad one, None for neither.
-        words: words for a good and a bad row.
-    """
+    """The table of a page."""
 
     title: str
-    columns: Sequence[str]
+    columns: Sequence[str]  # headings; empty for none
+    #: Cells, and True for a good row, False for a bad one, None for neither.
     rows: Sequence[tuple[Sequence[str], bool | None]]
-    words: tuple[str, str] = ("met", "missed")
+    words: tuple[str, str] = ("met", "missed")  # words for a good and a bad row
 
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A drawing of a page.
-
-    Attributes:
-        title: title of the drawing.
-        caption: its legend, as HTML.
-        content: the drawing, as HTML or SVG.
-    """
+    """A drawing of a page."""
 
     title: str
-    caption: str
-    content: str
+    caption: str  # its legend, as HTML
+    content: str  # the drawing, as HTML or SVG
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PageReport:
-    """The contents of a page. Absent parts are left out.
+    """The contents of a page. Absent parts are left out."""
 
-    Attributes:
-        title: title, such as the robot's name.
-        kind: kind of the report, above the title.
-        verdict: the result in one sentence.
-        passed: True for a good result, False for a bad one, None for neither.
-        note: text below the verdict.
-        facts: short values by name.
-        motion: input of ``replay.js``, or None.
-        drawing: the drawing below the motion, or None.
-        table: the table, or None.
-        plots: the plots.
-        footer: text at the end.
-    """
-
-    title: str
-    kind: str
-    verdict: str
-    passed: bool | None = None
-    note: str = ""
-    facts: Mapping[str, str] = field(default_factory=dict)
-    motion: Mapping[str, Any] | None = None
+    title: str  # title, such as the robot's name
+    kind: str  # kind of the report, above the title
+    verdict: str  # the result in one sentence
+    passed: bool | None = None  # True for a good result, False for a bad one, None for neither
+    note: str = ""  # text below the verdict
+    facts: Mapping[str, str] = field(default_factory=dict)  # short values by name
+    motion: Mapping[str, Any] | None = None  # input of ``replay.js``, or None
     drawing: Drawing | None = None
     table: ResultTable | None = None
     plots: Sequence[Plot] = ()

@@ -33,50 +33,29 @@ _MARGIN = {"l": 74, "r": 16, "t": 8, "b": 46}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Line:
-    """One line of a panel.
+    """One line of a panel."""
 
-    Attributes:
-        name: name in the legend.
-        x: (n,).
-        y: (n,); the line is interrupted at NaN.
-        color: CSS colour; by default each name has one colour in all panels.
-        dash: ``solid``, ``dash`` or ``dot``.
-        width: width in pixels.
-        group: lines of a group have one entry in the legend, that of the first line; by default the name.
-        filled: fill the area down to zero in grey.
-    """
-
-    name: str
-    x: Array
-    y: Array
-    color: str = ""
-    dash: str = "solid"
-    width: float = 1.7
-    group: str = ""
-    filled: bool = False
+    name: str  # name in the legend
+    x: Array  # (n,)
+    y: Array  # (n,); the line is interrupted at NaN
+    color: str = ""  # CSS colour; by default each name has one colour in all panels
+    dash: str = "solid"  # ``solid``, ``dash`` or ``dot``
+    width: float = 1.7  # width in pixels
+    group: str = ""  # lines of a group have one entry in the legend, that of the first line; by default the name
+    filled: bool = False  # fill the area down to zero in grey
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
-    """Lines above a common x axis.
+    """Lines above a common x axis."""
 
-    Attributes:
-        axis: title of the y axis.
-        lines: the lines.
-        heading: title of the panel.
-        span: smallest span of the y axis, so that noise is not magnified; 0 for the range of the data.
-        range: range of the y axis; None for the range of the data.
-        from_zero: extend the y axis to zero.
-        limit: y of a dotted line that marks a limit, or None.
-    """
-
-    axis: str
+    axis: str  # title of the y axis
     lines: Sequence[Line]
     heading: str = ""
-    span: float = 0.0
-    range: tuple[float, float] | None = None
-    from_zero: bool = False
-    limit: float | None = None
+    span: float = 0.0  # smallest span of the y axis, so that noise is not magnified; 0 for the range of the data
+    range: tuple[float, float] | None = None  # range of the y axis; None for the range of the data
+    from_zero: bool = False  # extend the y axis to zero
+    limit: float | None = None  # y of a dotted line that marks a limit, or None
 
 
 def line_panels(
@@ -91,12 +70,10 @@ def line_panels(
     """Draw panels below each other. Lines of many points are thinned out.
 
     Args:
-        panels: the panels.
         height: height of the figure in pixels.
         axis: title of the x axis.
         marks: times of events by name, in s; drawn in a last panel.
         shaded: times between which the background is shaded, s.
-        title: title of the figure.
     """
     _, make_subplots = _plotly()
     rows = len(panels) + bool(marks)
@@ -169,23 +146,14 @@ def _widened(panel: Panel) -> tuple[float, float] | None:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Values by category.
-
-    Attributes:
-        name: name in the legend.
-        categories: category of each value; they may repeat, except for bars.
-        values: the values.
-        color: CSS colour.
-        symbol: ``bar``, or a plotly symbol for points.
-        texts: text of each value under the pointer; by default the value.
-    """
+    """Values by category."""
 
     name: str
-    categories: Sequence[str]
+    categories: Sequence[str]  # category of each value; they may repeat, except for bars
     values: Sequence[float]
-    color: str
-    symbol: str = "circle"
-    texts: Sequence[str] = ()
+    color: str  # CSS colour
+    symbol: str = "circle"  # ``bar``, or a plotly symbol for points
+    texts: Sequence[str] = ()  # text of each value under the pointer; by default the value
 
 
 def by_category(
@@ -194,7 +162,6 @@ def by_category(
     """Draw series with their categories below each other; bars are stacked.
 
     Args:
-        series: the series.
         axis: title of the x axis.
         limit: x of a dashed line that marks a limit, or None.
         range: range of the x axis; by default from zero.
@@ -258,7 +225,6 @@ def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str,
     Args:
         shapes: from `scene.draw`.
         shares: torque of each actuator as a share of its limit.
-        title: title of the figure.
         binding: the binding constraints with their multipliers.
     """
     go, make_subplots = _plotly()

@@ -51,21 +51,13 @@ COLORS = {
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Something to be drawn.
+    """Something to be drawn."""
 
-    Attributes:
-        group: what it shows, one of `COLORS`.
-        number: its place in the group.
-        kind: one of the kinds of shapes.
-        size: diameter of a ball, width of a line, diameter of an arrow's shaft, m.
-        points: (n, 3) in m, in the world.
-    """
-
-    group: str
-    number: int
-    kind: str
-    size: float
-    points: Array
+    group: str  # what it shows, one of `COLORS`
+    number: int  # its place in the group
+    kind: str  # one of the kinds of shapes
+    size: float  # diameter of a ball, width of a line, diameter of an arrow's shaft, m
+    points: Array  # (n, 3) in m, in the world
 
 
 def draw(
@@ -78,9 +70,6 @@ def draw(
     """Draw one state with its references and its solution, shape by shape.
 
     Args:
-        dynamics: the snapshot at the state.
-        tasks: by name.
-        contacts: by name.
         references: references, or None if the controller is not active.
         forces: contact forces in the form of `Solution.forces`; empty without a solution.
 
@@ -130,7 +119,6 @@ def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], 
     """Return the tangential force of each contact with a friction cone, as a share of its friction limit.
 
     Args:
-        contacts: by name.
         forces: of the active ones, in the form of `Solution.forces`.
         weight: of the robot, N.
 

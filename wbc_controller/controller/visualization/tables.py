@@ -14,15 +14,10 @@ from rich.table import Table as RichTable
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of texts.
+    """A table of texts."""
 
-    Attributes:
-        columns: headings; the first column is aligned to the left, the others to the right.
-        rows: cells, each as long as `columns`.
-    """
-
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    columns: tuple[str, ...]  # headings; the first column is aligned to the left, the others to the right
+    rows: tuple[tuple[str, ...], ...]  # cells, each as long as `columns`
 
 
 def as_text(heading: str, tables: Sequence[Table]) -> str:

@@ -44,8 +44,6 @@ class DdsTransport:
     Callbacks run one at a time on one thread of this transport.
 
     Args:
-        node: name of the node.
-        namespace: namespace of the node, starting with a slash.
         domain_id: domain, 0 to 232; by default that of ``ROS_DOMAIN_ID``.
         discovery_range: ``SUBNET``, ``LOCALHOST``, ``OFF`` or ``SYSTEM_DEFAULT``; by default that of
             ``ROS_AUTOMATIC_DISCOVERY_RANGE``, and without it ``LOCALHOST``.
@@ -102,7 +100,6 @@ class DdsTransport:
 
         Args:
             endpoint: the topic.
-            payload: the serialized message.
             found_within: wall time to wait for a reader of the topic, s.
             patience: wall time to wait for the acknowledgment, s.
 

@@ -70,17 +70,11 @@ class DiscoveryRange(str, enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class DomainSettings:
-    """Settings that decide which participants discover each other.
+    """Settings that decide which participants discover each other."""
 
-    Attributes:
-        domain_id: domain, 0 to 232.
-        discovery_range: range of the automatic discovery.
-        static_peers: addresses of further participants.
-    """
-
-    domain_id: int
+    domain_id: int  # domain, 0 to 232
     discovery_range: DiscoveryRange
-    static_peers: tuple[str, ...] = ()
+    static_peers: tuple[str, ...] = ()  # addresses of further participants
 
 
 def domain_settings(
@@ -91,7 +85,6 @@ def domain_settings(
     Without a range it is ``LOCALHOST``.
 
     Args:
-        environment: the environment variables.
         domain_id: overrides the domain of the environment.
         discovery_range: overrides the range of the environment.
 

@@ -40,9 +40,6 @@ def idl_type(type_name: str) -> Any:
 
     The result is cached, because cyclonedds compares classes first by identity, and only then, slowly, by content.
 
-    Args:
-        type_name: ROS 2's name of the type, such as ``sensor_msgs/msg/JointState``.
-
     Raises:
         TransportError: if the type is unknown, or has a field without a DDS type here.
     """

@@ -30,22 +30,12 @@ class MemoryBus:
 
 
 class MemoryTransport:
-    """One participant on a `MemoryBus`.
-
-    Attributes:
-        name: fully qualified name of the node.
-        closed: True after `close`.
-
-    Args:
-        bus: connects it with the others.
-        node: name of the node.
-        namespace: namespace of the node, starting with a slash.
-    """
+    """One participant on a `MemoryBus`."""
 
     discovery_time = 0.0
 
     def __init__(self, bus: MemoryBus, node: str = "memory", namespace: str = "/") -> None:
-        self.name = f"{namespace.rstrip('/')}/{node}"
+        self.name = f"{namespace.rstrip('/')}/{node}"  # fully qualified name of the node
         self._bus = bus
         self.closed = False
 

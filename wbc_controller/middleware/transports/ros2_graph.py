@@ -35,11 +35,7 @@ def node_name(info: Any) -> str:
 
 
 class CompatibilityWatch:
-    """Compares subscriptions with the publishers on their topics, one topic after the other, on its own thread.
-
-    Args:
-        node: rclpy's node.
-    """
+    """Compares subscriptions with the publishers on their topics, one topic after the other, on its own thread."""
 
     def __init__(self, node: Any) -> None:
         self._node = node

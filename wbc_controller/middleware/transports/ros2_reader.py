@@ -35,9 +35,6 @@ class Reader:
     rclpy's executor builds a new wait set of all entities of the node before each callback. With the 150 entities of a
     controller's node that takes longer than the spare time of a control period, and it holds the interpreter lock
     meanwhile. This reader keeps its wait set: a message costs a twentieth of that time.
-
-    Args:
-        context: rclpy's context.
     """
 
     def __init__(self, context: Any) -> None:

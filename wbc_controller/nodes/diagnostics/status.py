@@ -32,25 +32,17 @@ class _Span:
     """Summary of the reports since the last message.
 
     Only the newest report is kept: to free many at once, with their solutions, takes longer than a cycle.
-
-    Attributes:
-        last: the newest report.
-        count: number of reports.
-        names: stages of the newest report.
-        seconds: times of these stages, s, cycle by cycle since they last changed.
-        runs: stages and times of all runs of cycles with the same stages.
-        relaxed: number of cycles in which each limit was relaxed.
-        refused: a sentence for each refused message.
     """
 
     def __init__(self, first: CycleReport) -> None:
         self.last = first
         self.count = 0
-        self.names: tuple[str, ...] = ()
-        self.seconds = array("d")
+        self.names: tuple[str, ...] = ()  # stages of the newest report
+        self.seconds = array("d")  # times of these stages, s, cycle by cycle since they last changed
+        #: Stages and times of all runs of cycles with the same stages.
         self.runs: list[tuple[tuple[str, ...], array[float]]] = []
-        self.relaxed: Counter[str] = Counter()
-        self.refused: list[str] = []
+        self.relaxed: Counter[str] = Counter()  # number of cycles in which each limit was relaxed
+        self.refused: list[str] = []  # a sentence for each refused message
 
     def times(self, stage: str) -> Array:
         """Return the times of a stage in all cycles that had it, s."""
@@ -60,7 +52,14 @@ class _Span:
 
 
 class StatusSummary:
-    """Collects the reports since the last message, and summarises them."""
+    """Collects the reports since the last message, and summarises them.
+
+    Args:
+        node: name of the node with its namespace, since two robots in one graph share the topic.
+        scheduling: scheduling of the process; empty if unknown.
+        model: the robot's model, for the disturbances at its joints; None to leave them out.
+        recorder: returns the status of the recorder, by key.
+    """
 
     def __init__(
         self,
@@ -70,15 +69,6 @@ class StatusSummary:
         model: RobotModel | None = None,
         recorder: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
-        """Create an empty summary.
-
-        Args:
-            node: name of the node with its namespace, since two robots in one graph share the topic.
-            hardware: name of the robot.
-            scheduling: scheduling of the process; empty if unknown.
-            model: the robot's model, for the disturbances at its joints; None to leave them out.
-            recorder: returns the status of the recorder, by key.
-        """
         self._model = model
         self._name, self._hardware = f"{node.strip('/')}: control loop", hardware
         self._recorder = recorder

@@ -18,7 +18,6 @@ class TaskStates:
     """Writes the tasks in rounds, one of them per call, so that no cycle pays for all."""
 
     def __init__(self, tasks: Mapping[str, Task], vocabulary: Vocabulary) -> None:
-        """Select the tasks with topics, which the vocabulary names."""
         self._tasks = {name: tasks[name] for name in vocabulary.kinds}
         self._vocabulary = vocabulary
         self._left: deque[str] = deque()

@@ -54,7 +54,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
 
     Args:
         leave: called with an exit status if the autostart fails.
-        arguments: the command line.
         context: rclpy's context; None for the default one.
         options: options of ``rclpy.node.Node``, such as ``parameter_overrides``.
     """

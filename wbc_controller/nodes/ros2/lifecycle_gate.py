@@ -13,15 +13,10 @@ _log = logging.getLogger(__name__)
 
 
 class LifecycleGate:
-    """A transport that delivers messages only while it is open.
-
-    Attributes:
-        open: True while messages are delivered.
-        discovery_time: that of the transport, s.
-    """
+    """A transport that delivers messages only while it is open."""
 
     def __init__(self, transport: Transport) -> None:
-        self.open = False
+        self.open = False  # True while messages are delivered
         self.discovery_time = transport.discovery_time
         self._transport = transport
         self._command: Callable[[bytes], None] = lambda payload: None

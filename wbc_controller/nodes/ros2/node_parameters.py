@@ -48,7 +48,6 @@ class LiveParameters:
     checked against the schema when the node is configured.
 
     Args:
-        node: the node.
         own: names of the node's own parameters.
     """
 

@@ -61,7 +61,6 @@ def settings_from(
     Args:
         parameters: values by dotted name.
         node: fully qualified name of the node, for messages.
-        arguments: the command line.
         own: names of the node's own parameters, which are not the robot's.
 
     Returns:
@@ -96,7 +95,6 @@ def own_values(given: Mapping[str, Any], defaults: Mapping[str, Any], node: str)
     Args:
         given: values by name; others than the node's own are ignored.
         defaults: the default of each own parameter.
-        node: fully qualified name of the node, for messages.
 
     Raises:
         ConfigurationError: if a value has another type: the text ``"no"`` is not true.

@@ -61,9 +61,7 @@ def _serve(
     """Run a service on a node of its own until the event is set, and return the exit status.
 
     Args:
-        executor: spins the node.
         stop: ends the run; set if the executor fails.
-        name: name of the node.
         begins: text for the log at the start, with ``{source}`` for the source of the settings and ``{node}`` for the
             full name of the node.
         service: called with the settings, a transport, `stop`, the namespace and the values of `parameters`.

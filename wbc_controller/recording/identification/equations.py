@@ -35,41 +35,25 @@ _RESTS = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Moments:
-    """Moments of a recording, smoothed.
+    """Moments of a recording, smoothed."""
 
-    Attributes:
-        q: (n, nq).
-        v: (n, nv).
-        v_dot: (n, nv).
-        tau: (n, na) in N·m.
-        turns: sign of each joint's velocity, (n, nj); 0 where it rests or turns round about then.
-        contacts: the contacts that held at each.
-    """
-
-    q: Array
-    v: Array
-    v_dot: Array
-    tau: Array
-    turns: Array
-    contacts: tuple[tuple[str, ...], ...]
+    q: Array  # (n, nq)
+    v: Array  # (n, nv)
+    v_dot: Array  # (n, nv)
+    tau: Array  # (n, na) in N·m
+    turns: Array  # sign of each joint's velocity, (n, nj); 0 where it rests or turns round about then
+    contacts: tuple[tuple[str, ...], ...]  # the contacts that held at each
 
 
 @dataclass(frozen=True, slots=True)
 class Equations:
-    """A θ = b, in N·m and N.
+    """A θ = b, in N·m and N."""
 
-    Attributes:
-        A: (m, k).
-        b: (m,).
-        names: of the unknowns, (k,): ``mass <link>``, ``armature``, ``dry <joint>``, ``viscous <joint>``.
-        nominal: what the model has, (k,): 1 for the share of a mass.
-        group: number of the stretch of time to which each equation belongs, (m,): what they miss is alike within it.
-    """
-
-    A: Array
-    b: Array
-    names: tuple[str, ...]
-    nominal: Array
+    A: Array  # (m, k)
+    b: Array  # (m,)
+    names: tuple[str, ...]  # of the unknowns, (k,): ``mass <link>``, ``armature``, ``dry <joint>``, ``viscous <joint>``
+    nominal: Array  # what the model has, (k,): 1 for the share of a mass
+    #: Number of the stretch of time to which each equation belongs, (m,): what they miss is alike within it.
     group: np.ndarray
 
 
@@ -78,8 +62,6 @@ def moments(recorded: Mapping[str, Array], model: RobotModel, contacts: Mapping[
 
     Args:
         recorded: arrays of the cycles (`recording.cycle_arrays`).
-        model: the robot's model.
-        contacts: the contacts, by name.
 
     Raises:
         ConfigurationError: where the recording is not one of this robot, or has no such moments.
@@ -125,13 +107,7 @@ def moments(recorded: Mapping[str, Array], model: RobotModel, contacts: Mapping[
 
 
 def equations(seen: Moments, model: RobotModel, contacts: Mapping[str, Contact]) -> Equations:
-    """Set up the equations of all moments.
-
-    Args:
-        seen: the moments.
-        model: the robot's model.
-        contacts: the contacts, by name.
-    """
+    """Set up the equations of all moments."""
     robot, actuation = model.pinocchio, model.actuation
     data, dynamics = robot.createData(), Dynamics(model)
     links = [i for i in range(1, robot.njoints) if robot.inertias[i].mass > 0.0]

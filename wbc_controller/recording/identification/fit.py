@@ -21,21 +21,13 @@ _PRIOR = {"mass": 0.5, "armature": 0.5, "dry": 20.0, "viscous": 20.0}
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """The values found.
+    """The values found."""
 
-    Attributes:
-        names: of the unknowns, as in `Equations`.
-        values: (k,).
-        errors: standard error of each, (k,).
-        residual: root mean square of what the equations miss, N·m.
-        count: number of equations.
-    """
-
-    names: tuple[str, ...]
-    values: Array
-    errors: Array
-    residual: float
-    count: int
+    names: tuple[str, ...]  # of the unknowns, as in `Equations`
+    values: Array  # (k,)
+    errors: Array  # standard error of each, (k,)
+    residual: float  # root mean square of what the equations miss, N·m
+    count: int  # number of equations
 
     def determined(self, i: int) -> bool:
         """Return True if the recording determines an unknown."""

@@ -26,27 +26,18 @@ _MOST = 8
 
 @dataclass
 class Comparison:
-    """The results of both configurations.
+    """The results of both configurations."""
 
-    Attributes:
-        actuators: names, in the order of the torques.
-        limits: effort limits, (na,) in N·m.
-        time: times of the cycles since the first, s.
-        recorded: recorded torques, (na,) per cycle.
-        other: torques of the other configuration.
-        errors: norms of the task errors of both, by task, per cycle; in equal states they differ with the references.
-        binding: per configuration, the binding constraints and in how many cycles they were binding.
-        modes: number of cycles with different modes.
-    """
-
-    actuators: tuple[str, ...]
-    limits: Array
-    time: list[float] = field(default_factory=list)
-    recorded: list[Array] = field(default_factory=list)
-    other: list[Array] = field(default_factory=list)
+    actuators: tuple[str, ...]  # names, in the order of the torques
+    limits: Array  # effort limits, (na,) in N·m
+    time: list[float] = field(default_factory=list)  # times of the cycles since the first, s
+    recorded: list[Array] = field(default_factory=list)  # recorded torques, (na,) per cycle
+    other: list[Array] = field(default_factory=list)  # torques of the other configuration
+    #: Norms of the task errors of both, by task, per cycle; in equal states they differ with the references.
     errors: list[tuple[Mapping[str, float], Mapping[str, float]]] = field(default_factory=list)
+    #: Per configuration, the binding constraints and in how many cycles they were binding.
     binding: tuple[dict[str, int], dict[str, int]] = field(default_factory=lambda: ({}, {}))
-    modes: int = 0
+    modes: int = 0  # number of cycles with different modes
 
     def add(self, time: float, solved: ReplayedCycle, other: CycleResult) -> None:
         """Add a cycle."""
@@ -142,7 +133,6 @@ def compare(recorded: Recording, config: Config) -> Comparison:
     """Solve a recording with its own and with another configuration.
 
     Args:
-        recorded: the recording.
         config: the other configuration, of the same joints.
 
     Raises:

@@ -20,17 +20,11 @@ from wbc_controller.settings.config import Config
 
 @dataclass(frozen=True, slots=True)
 class ReplayedCycle:
-    """A cycle that was solved again.
-
-    Attributes:
-        cycle: the recorded cycle.
-        result: the new result.
-        exact: True if the controller began with a complete memory, so that the result must be equal bit for bit.
-    """
+    """A cycle that was solved again."""
 
     cycle: RecordedCycle
     result: CycleResult
-    exact: bool
+    exact: bool  # True if the controller began with a complete memory, so that the result must be equal bit for bit
 
     @property
     def same(self) -> bool:
@@ -58,24 +52,19 @@ class ReplayedCycle:
 class Replay:
     """Runs a controller on the inputs of a recording.
 
-    Attributes:
-        controller: the controller after the last cycle.
-        skipped: number of cycles that were not solved again, because the controller's memory before them is unknown.
+    Args:
+        config: another configuration with the same joints; None for the recorded one.
+
+    Raises:
+        ConfigurationError: if this version refuses the configuration.
     """
 
     def __init__(self, recorded: Recording, config: Config | None = None) -> None:
-        """Make the controller.
-
-        Args:
-            recorded: the recording.
-            config: another configuration with the same joints; None for the recorded one.
-
-        Raises:
-            ConfigurationError: if this version refuses the configuration.
-        """
         self.recorded = recorded
+        #: Number of cycles that were not solved again, because the controller's memory before them is unknown.
         self.skipped = 0
         self._other = config is not None
+        #: The controller after the last cycle.
         self.controller = ControlCycle(recorded.config if config is None else config, preflight=False)
 
     def run(self, first: int | None = None, last: int | None = None) -> Iterator[ReplayedCycle]:

@@ -91,7 +91,6 @@ def joint_poses(q: Array, model: RobotModel, joints: Sequence[int]) -> Array:
 
     Args:
         q: configurations, (frames, nq).
-        model: the robot.
         joints: indices of joints of `RobotModel.pinocchio`.
 
     Returns:

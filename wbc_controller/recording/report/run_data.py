@@ -15,102 +15,66 @@ from wbc_controller.settings import ContactSettings, SurfaceContact
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A phase of a run, which lasts until the next one.
+    """A phase of a run, which lasts until the next one."""
 
-    Attributes:
-        time: start of the phase since the start of the run, s.
-        name: name of the phase, such as ``squat``.
-    """
-
-    time: float
+    time: float  # start of the phase since the start of the run, s
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """One line of the verdict.
-
-    Attributes:
-        name: name of the measured quantity.
-        target: its target, as readable text.
-        measured: its measured value, as readable text.
-        passed: True if the target was met.
-    """
+    """One line of the verdict."""
 
     name: str
-    target: str
-    measured: str
-    passed: bool
+    target: str  # its target, as readable text
+    measured: str  # its measured value, as readable text
+    passed: bool  # True if the target was met
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support:
-    """Placement of a contact on the robot, for drawing its forces.
+    """Placement of a contact on the robot, for drawing its forces."""
 
-    Attributes:
-        frame: frame of the URDF that carries the contact.
-        placement: position and quaternion of the contact in that frame, (7,).
-        corners: corners of the support in the contact's axes, (m, 3) in m.
-    """
-
-    frame: str
-    placement: Array
-    corners: Array
+    frame: str  # frame of the URDF that carries the contact
+    placement: Array  # position and quaternion of the contact in that frame, (7,)
+    corners: Array  # corners of the support in the contact's axes, (m, 3) in m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunData:
-    """Arrays over the samples of a run: n samples of the state, m cycles of the controller, na actuators.
-
-    Attributes:
-        robot: the robot's name.
-        actuators: names of the actuators, in the order of the command.
-        time: time since the first sample, (n,) in s; never decreases.
-        q: Pinocchio configuration, (n, nq).
-        tau: commanded torques, (n, na) in N·m.
-        effort_limits: effort limits, (na,) in N·m.
-        com: centre of mass in the world, (n, 3) in m.
-        com_reference: reference of the centre of mass, (n, 3) in m; NaN without a reference.
-        task_errors: per task, the norm of its error, (n,) in m or rad; NaN while the task is disabled.
-        contact_wrenches: per contact, its force or wrench in the solution, (n, k) in N and N·m: a wrench in the
-            contact's frame, force first (k = 6), or a force along the world's axes (k = 3). NaN or zero while inactive.
-        disturbance: vertical force on the base by the disturbance of the solution, (n,) in N; NaN without a solution.
-        true_wrenches: per contact, the true force or wrench of a simulation, in the same form.
-        friction: per contact, its Coulomb coefficient.
-        cycle_seconds: duration of each cycle of the controller, (m,) in s.
-        stage_seconds: per stage, its part of this duration, (m,) in s.
-        phases: the phases of the run.
-        results: the verdict.
-        modes: changes of the supervisor's mode, (time in s, mode).
-        supports: per contact, its placement on the robot; contacts without an entry are not drawn.
-        audit: results of the model audit by name, each (n,): ``energy`` in W, ``force`` in N, NaN without an audit, and
-            the number of ``warnings``.
-        start: stamp of the first sample, s.
-        stride: cycles of the controller per sample.
-    """
+    """Arrays over the samples of a run: n samples of the state, m cycles of the controller, na actuators."""
 
     robot: str
-    actuators: tuple[str, ...]
-    time: Array
-    q: Array
-    tau: Array
-    effort_limits: Array
-    com: Array
-    com_reference: Array
+    actuators: tuple[str, ...]  # names of the actuators, in the order of the command
+    time: Array  # time since the first sample, (n,) in s; never decreases
+    q: Array  # Pinocchio configuration, (n, nq)
+    tau: Array  # commanded torques, (n, na) in N·m
+    effort_limits: Array  # effort limits, (na,) in N·m
+    com: Array  # centre of mass in the world, (n, 3) in m
+    com_reference: Array  # reference of the centre of mass, (n, 3) in m; NaN without a reference
+    #: Vertical force on the base by the disturbance of the solution, (n,) in N; NaN without a solution.
     disturbance: Array
+    #: Per task, the norm of its error, (n,) in m or rad; NaN while the task is disabled.
     task_errors: Mapping[str, Array] = field(default_factory=dict)
+    #: Per contact, its force or wrench in the solution, (n, k) in N and N·m: a wrench in the contact's frame, force
+    #: first (k = 6), or a force along the world's axes (k = 3). NaN or zero while inactive.
     contact_wrenches: Mapping[str, Array] = field(default_factory=dict)
+    #: Per contact, the true force or wrench of a simulation, in the same form.
     true_wrenches: Mapping[str, Array] = field(default_factory=dict)
-    friction: Mapping[str, float] = field(default_factory=dict)
+    friction: Mapping[str, float] = field(default_factory=dict)  # per contact, its Coulomb coefficient
+    #: Duration of each cycle of the controller, (m,) in s.
     cycle_seconds: Array = field(default_factory=lambda: np.zeros(0))
-    stage_seconds: Mapping[str, Array] = field(default_factory=dict)
-    phases: tuple[Phase, ...] = ()
+    stage_seconds: Mapping[str, Array] = field(default_factory=dict)  # per stage, its part of this duration, (m,) in s
+    phases: tuple[Phase, ...] = ()  # the phases of the run
     results: tuple[Result, ...] = ()
-    modes: tuple[tuple[float, str], ...] = ()
+    modes: tuple[tuple[float, str], ...] = ()  # changes of the supervisor's mode, (time in s, mode)
+    #: Per contact, its placement on the robot; contacts without an entry are not drawn.
     supports: Mapping[str, Support] = field(default_factory=dict)
+    #: Results of the model audit by name, each (n,): ``energy`` in W, ``force`` in N, NaN without an audit, and the
+    #: number of ``warnings``.
     audit: Mapping[str, Array] = field(default_factory=dict)
-    start: float = 0.0
-    stride: int = 1
+    start: float = 0.0  # stamp of the first sample, s
+    stride: int = 1  # cycles of the controller per sample
 
     @property
     def duration(self) -> float:

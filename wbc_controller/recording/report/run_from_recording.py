@@ -42,24 +42,18 @@ def truth_topics(settings: Settings) -> list[Endpoint]:
 
 @dataclass
 class _OtherTopics:
-    """Messages of a recording besides the controller's own: truth of a simulation and phases of a demo.
+    """Messages of a recording besides the controller's own: truth of a simulation and phases of a demo."""
 
-    Attributes:
-        wrenches: per contact, stamps in s and true wrenches, (6,) in N and N·m.
-        bases: true poses of the base, (7,), by stamp in ns.
-        phases: times of the record in ns, and names.
-    """
-
+    #: Per contact, stamps in s and true wrenches, (6,) in N and N·m.
     wrenches: dict[str, tuple[list[float], list[list[float]]]] = field(default_factory=dict)
-    bases: dict[int, Array] = field(default_factory=dict)
-    phases: list[tuple[int, str]] = field(default_factory=list)
+    bases: dict[int, Array] = field(default_factory=dict)  # true poses of the base, (7,), by stamp in ns
+    phases: list[tuple[int, str]] = field(default_factory=list)  # times of the record in ns, and names
 
 
 def run_of(recording: Recording, controller: ControlCycle, *, largest: int = LARGEST) -> RunData:
     """Make the data of a report.
 
     Args:
-        recording: the recording.
         controller: a controller with the configuration of the recording.
         largest: largest number of samples.
 

@@ -24,10 +24,6 @@ LEFT_OUT = (
 def report_recording(recording: Recording, path: Path) -> str:
     """Write the report of a recording, and return its notes.
 
-    Args:
-        recording: the recording.
-        path: the file to write.
-
     Raises:
         ConfigurationError: if no command was sent, or the file cannot be written.
     """
@@ -47,8 +43,6 @@ def write_run_report(run: RunData, model: RobotModel, path: Path, *, kind: str, 
 
     Args:
         run: the run, with its verdict.
-        model: the robot.
-        path: the file to write.
         kind: kind of the run, above the robot's name.
         note: text below the verdict.
 
