@@ -1,7 +1,5 @@
 """The guard's decisions: silent while it should be, damping in time, never a torque that a robot should not get."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

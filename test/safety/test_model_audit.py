@@ -4,8 +4,6 @@ Acceptance of the audit: the energy residual stays below 2 % of the mechanical p
 mass, a torque with the wrong sign and an unknown push are each named within a second.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field

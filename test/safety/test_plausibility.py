@@ -1,7 +1,5 @@
 """States that no robot has, falls, and budgets over time: what the supervisor makes of them."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from types import SimpleNamespace

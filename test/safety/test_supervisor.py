@@ -1,7 +1,5 @@
 """The supervisor: what it does with every request, the ramps, the ladder down, and what can never leave it."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

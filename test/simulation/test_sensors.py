@@ -1,7 +1,5 @@
 """What the mock robot's sensors make of the truth: noise of the stated density, biases, steps, errors of torque."""
 
-from __future__ import annotations
-
 import math
 from typing import get_args
 

@@ -10,8 +10,6 @@ In idle, watching and released the guard sends nothing. It never sends while the
 topic would be a race.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 from dataclasses import dataclass
@@ -90,8 +88,6 @@ class Guard:
     """Decides at each instant whether the guard sends torques, and which.
 
     Attributes:
-        limits: timing and limits.
-        mode: the present mode.
         reason: why the guard has taken over, in words; empty before a takeover, and once the controller is back.
         takeovers: number of times that the guard has started to damp.
     """
@@ -127,10 +123,6 @@ class Guard:
 
     def step(self, now: float, heard: Heard) -> Array | None:
         """Update the mode, and compute the torques to send.
-
-        Args:
-            now: s.
-            heard: messages received until now.
 
         Returns:
             Torques to send, (na,) in N·m; None where nothing is to be sent.

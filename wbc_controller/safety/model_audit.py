@@ -10,8 +10,6 @@ that was not predicted to sums. At the end of a span of cycles, a twentieth of t
 the filter: a mean of residuals, for which energy and M are needed only there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -74,8 +72,6 @@ class _Previous:
     """The state before, and what follows from it.
 
     Attributes:
-        state: the state.
-        command: the command sent in it.
         springs: generalized force of passive joints in it, (nv,); None without passive joints.
         momentum: m ċ in it, (3,) in N·s.
         solution: its solution; None if the torques sent are other ones: it predicts nothing.
@@ -96,12 +92,7 @@ class ModelAudit:
     """Compares each state with the motion predicted from the previous state and its torques."""
 
     def __init__(self, model: RobotModel, limits: AuditLimits) -> None:
-        """Make an audit.
-
-        Args:
-            model: the robot's model.
-            limits: limits on the residuals.
-        """
+        """Make an audit."""
         self._model = model
         self._limits = limits
         self._mass = model.mass
@@ -129,10 +120,8 @@ class ModelAudit:
         """Compare this cycle's state with the previous one.
 
         Args:
-            state: latched state of this cycle.
             dynamics: the controller's snapshot; of this state, where there is a solution.
             solution: solution of this cycle; None where the controller is not active, or has found none.
-            command: command sent in this cycle.
 
         Returns:
             The report of the last span; None if there is none yet, as the controller is or was not active, or as states

@@ -4,8 +4,6 @@ These checks compare consecutive states, so that they remember; the others are f
 All comparisons are written so that NaN fails them.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Attachments of the mock robot's links: grips at fixed contacts, and joints that close loops."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

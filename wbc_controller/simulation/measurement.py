@@ -1,7 +1,5 @@
 """The measurements of the mock robot's sensors at one instant, and their messages."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,7 +24,6 @@ class Measurement:
     Attributes:
         taken: true simulated time, ns.
         stamps: stamp of each stream's message, ns; of the clock, its time.
-        names: names of the joints.
         position: of the joints, (nj,) in rad.
         velocity: of the joints, (nj,) in rad/s.
         effort: of the joints, (nj,) in N·m.

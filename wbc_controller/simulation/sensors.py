@@ -3,8 +3,6 @@
 The figures of each preset are those of parts that such robots carry (docs/estimation.md names them).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The fuzzer of setpoints: joints keep their limits whatever is asked for, and one that does not is seen."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

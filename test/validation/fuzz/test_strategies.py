@@ -1,7 +1,5 @@
 """The strategies: hostile values of every kind occur, messages stay well-formed, and values follow from their key."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """`wbc bench latency`: its refusals, what it prints, and the command itself with real processes."""
 
-from __future__ import annotations
-
 import json
 import threading
 from types import SimpleNamespace

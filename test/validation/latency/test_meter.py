@@ -1,7 +1,5 @@
 """Which torques belong to which state, and what is late: from given times."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

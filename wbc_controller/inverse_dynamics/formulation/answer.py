@@ -1,7 +1,5 @@
 """The answer of a solver: minimizer, status, multipliers and residuals."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -28,8 +28,6 @@ Violations of contact physics thus weigh ten times as much as those of settings 
 only where no other constraint can give.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -109,8 +107,6 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
     """Split a built problem into named constraints, without the equations of motion.
 
     Args:
-        layout: with the problem, as it was given to the solver.
-        model: the robot's model.
         effort: lower and upper bounds of the problem's torque rows without the torque rate limit, both (na,). Where the
             problem's own bounds are tighter, they come from the torque rate limit.
     """
@@ -193,8 +189,6 @@ def explain(
     """Find the constraints of a problem that conflict.
 
     Args:
-        layout: with the problem, as it was given to the solver.
-        model: the robot's model.
         effort: as in `named_constraints`.
         held: kinds of constraints that are enforced like the equations of motion, and never named.
 

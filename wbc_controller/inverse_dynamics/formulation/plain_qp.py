@@ -7,8 +7,6 @@ The decision variables are x = [v̇ (nv), f / FORCE_UNIT (nf)]: accelerations, a
 torques τ = T (M v̇ + h - Jᵀf) are eliminated (`robot.actuation`), so bounds of τ become rows of C.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,8 +32,6 @@ class Limits:
     """The limits of a robot.
 
     Attributes:
-        torque: bounds of the torques.
-        motion: bounds of the joint accelerations.
         rows: bounds of other combinations of v̇.
         period: time between cycles, s.
     """
@@ -94,11 +90,7 @@ def task_rows(
     own rows in x.
 
     Args:
-        task: the task.
-        dynamics: the snapshot.
         efforts: torques and contact forces as functions of x.
-        reference: the task reference.
-        n: number of decision variables.
 
     Returns:
         R (k, n), r (k,), and the task error (k,), which is NaN for tasks on torques and forces, whose error depends on
@@ -139,13 +131,10 @@ def plain_qp(
     """Build the quadratic program at one state.
 
     Args:
-        dynamics: the snapshot.
         tasks: the tasks of one priority level, without those with a tolerance.
         contacts: the contacts, active or not.
-        limits: the limits.
         references: task references and weights, contact activations, external wrenches, disturbance.
         tau_before: the present torques, (na,) in N·m; None for no torque rate limit.
-        regularization: the weights of the regularization.
     """
     model, actuation, period = dynamics.model, dynamics.model.actuation, limits.period
     activations = {c.name: 1.0 if c.permanent else references.contacts.get(c.name, 0.0) for c in contacts}

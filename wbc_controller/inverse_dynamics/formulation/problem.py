@@ -91,7 +91,6 @@ class QuadraticProgram:
             (room + m_eq + m_in, n + 1).
         room: number of rows for the cost, directly above the equality constraints: one kernel fills both.
         offset: r of the outputs C x + r that are wanted of the first rows of C, (k,).
-        n: number of decision variables.
         A: equality constraints, view of `memory`, (m_eq, n).
         b: right-hand sides of the equality constraints, view of `memory`, (m_eq,).
         C: inequality constraints, view of `memory`, (m_in, n).

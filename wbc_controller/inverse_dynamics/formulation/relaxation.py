@@ -70,11 +70,6 @@ def relaxations(formulation: Formulation, layout: Layout, references: References
     """The groups of limits that can be relaxed together in a built problem, the least first.
 
     First the torque rate alone, where it narrows the available torques; then all limits but the available torques.
-
-    Args:
-        formulation: the formulation that built the problem.
-        layout: with the problem.
-        references: the references for which the problem was built.
     """
     n = layout.problem.n
     rate = Relaxable.of(
@@ -102,8 +97,6 @@ def hindering_contacts(formulation: Formulation, layout: Layout, value: Array) -
     though the problem takes it to. An arm is not a part of a leg, but may be what keeps the robot on its feet.
 
     Args:
-        formulation: the formulation that built the problem.
-        layout: with the problem.
         value: x and C x of its relaxed solution, (n + m_in,).
     """
     most = formulation.motion_limit.acceleration
@@ -133,12 +126,7 @@ def _stops(formulation: Formulation, layout: Layout, value: Array) -> tuple[Arra
 
 
 def lost_contacts(formulation: Formulation, layout: Layout) -> tuple[str, ...]:
-    """Names of the active contacts that move so fast that they hold nothing.
-
-    Args:
-        formulation: the formulation that built the problem.
-        layout: with the problem.
-    """
+    """Names of the active contacts that move so fast that they hold nothing."""
     return _moving(formulation, layout, _LOST)
 
 
@@ -191,8 +179,6 @@ def widen(layout: Layout, groups: Sequence[Relaxable], value: Array, room: float
     """Set the bounds of groups in the problem to what was built, widened to what was missed.
 
     Args:
-        layout: with the problem.
-        groups: the groups that were relaxed.
         value: x and C x, (n + m_in,).
         room: distance that is left between these values and the widened bounds.
 

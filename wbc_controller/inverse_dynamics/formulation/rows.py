@@ -1,7 +1,5 @@
 """The rows of contacts and tasks that a kernel fills: constants, gains and references as arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -36,7 +34,6 @@ class _TaskNumbers:
     """Views of the numbers of a task, which the kernel reads.
 
     Attributes:
-        task: the task.
         gains: K and D, (2, size).
         reference: position, velocity and acceleration, one after the other.
         copied: the last reference, if it is read-only, so that it need not be copied again.
@@ -61,10 +58,8 @@ class CompiledRows:
         """Lay out the instructions.
 
         Args:
-            dynamics: the snapshot, from whose arrays the rows are computed.
             out: the block, (k, n + 1).
             target: for the targets of single accelerations, (n,).
-            entries: the contacts and tasks.
         """
         instructions: list[tuple[int, ...]] = []
         places: list[np.ndarray] = [np.zeros(0, dtype=np.int64)]

@@ -1,7 +1,5 @@
 """The two caches of the fast path: the structure of the problem, and the parameters written into it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

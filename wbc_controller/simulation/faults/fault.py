@@ -1,7 +1,5 @@
 """The base classes of faults: validated parameters, and their effect from the beginning to the end of the fault."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,7 +26,6 @@ class Parcel(NamedTuple):
     Attributes:
         due: simulated time of its delivery, s.
         taken: simulated time of its content, ns.
-        payload: the serialized message.
     """
 
     due: float
@@ -60,12 +57,9 @@ class Site:
     """The robot on which a fault acts, and the time.
 
     Attributes:
-        robot: the robot.
-        plant: its physics.
         period: control period, s.
         began: simulated time at which the fault began, s.
         end: simulated time at which the fault ends, s.
-        rng: the fault's own random numbers.
     """
 
     robot: RobotModel

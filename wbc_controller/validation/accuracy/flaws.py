@@ -1,7 +1,5 @@
 """Errors of the centre of mass of robots without odometry, caused by flaws of robot, sensors and ground."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -30,7 +28,6 @@ class Flaw:
     """A difference between the robot and the controller's model.
 
     Attributes:
-        name: for the table.
         changes: settings, by dotted key.
         faults: of the mock robot, by its actuators' names.
         force_sensors: whether the robot has force sensors at its contacts.
@@ -118,10 +115,8 @@ def cost_of(
     Args:
         robot: name of a shipped robot, or the path of a file.
         name: of the flaw, in `FLAWS`.
-        sensors: their quality.
         disturbance: ``estimation.disturbance``.
         known_friction: whether ``robot.friction`` has the joint friction of the flaw.
-        changes: settings beside the flaw's, by dotted key.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.

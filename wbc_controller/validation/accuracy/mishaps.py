@@ -1,7 +1,5 @@
 """Faults of contacts and sensors on robots without odometry: the estimate survives, or a fault damps the robot."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -37,7 +35,6 @@ class Mishap:
     """A fault of a robot that stands and sways.
 
     Attributes:
-        name: for the table.
         faults: of the mock robot, given its first contact and the joint that moves it last.
         pull: whether the first contact is pulled up, by `_PULL` for `_PULLED`.
         hoist: whether the robot hangs on the hoist, before its activation.
@@ -133,10 +130,7 @@ def come_of(
     Args:
         robot: name of a shipped robot, or the path of a file.
         name: of the mishap, in `MISHAPS`.
-        sensors: their quality.
-        seed: of the sensors.
         force_sensors: whether the robot has force sensors at its contacts: the true forces, 100 times a second.
-        changes: settings beside those, by dotted key.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.

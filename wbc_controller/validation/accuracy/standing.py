@@ -1,7 +1,5 @@
 """Errors of the estimate of a standing robot, against the truth and against the filter's covariance."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +28,6 @@ class Stand:
     """Figures of one standing robot.
 
     Attributes:
-        seed: of its sensors.
         tilt: RMS of roll and pitch error, rad.
         height: RMS error of the height since the start, m.
         velocity: RMS error of the linear velocity, m/s.

@@ -1,7 +1,5 @@
 """The report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import io
@@ -40,10 +38,6 @@ class Row:
     """The trials of one kind of fault on one robot.
 
     Attributes:
-        place: place of the fault in the data flow.
-        kind: the kind.
-        robot: the robot.
-        trials: their number.
         survived: number of trials that the robot survived.
         interval: Wilson's interval of the share survived at 95 %, two shares.
         reasons: number of damped trials by code of the fault.
@@ -169,8 +163,6 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[s
     """Write the table as Markdown and CSV, and, if plotly is installed, a page with plots.
 
     Args:
-        outcomes: of all trials.
-        folder: of the files.
         repeated: the result of `repetitions`.
 
     Raises:

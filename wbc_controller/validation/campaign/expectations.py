@@ -1,7 +1,5 @@
 """Expected outcomes of each kind of fault: survive it, detect it in time, or damp for a right reason."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -54,7 +52,6 @@ class Known:
     """Settings and times on which the rules depend.
 
     Attributes:
-        settings: of the robot.
         cycle: two control periods, s: the one in which a fault begins, and the one in which it is seen.
         timeout: ``safety.state_timeout``, s.
     """

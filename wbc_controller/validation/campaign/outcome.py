@@ -1,7 +1,5 @@
 """The outcome of a trial, and the names of all violations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -28,15 +26,10 @@ class Outcome:
     """The outcome of one trial.
 
     Attributes:
-        robot: the robot.
-        kind: the kind of fault.
-        seed: of the trial.
-        parameters: of the fault.
         expected: ``survive``, ``detect`` or ``either``.
         deadline: time after the beginning of the fault within which it had to be detected, s; None for none.
         result: ``survived``, ``damped`` or ``violation``.
         code: code of the controller's fault, or its mode if it had none; empty if it stayed active.
-        sentence: its reason.
         after: time from the beginning of the fault until then, s; None if it stayed active.
         moved: largest distance of the centre of mass from its place at the beginning of the fault, m.
         longest: longest processor time of the loop for one cycle, s.

@@ -1,7 +1,5 @@
 """Faults of requests: messages of other programs on the controller's topics."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,8 +21,6 @@ class Sending:
     """The state of a fault of requests.
 
     Attributes:
-        user: sends the messages.
-        rng: random numbers of the fault.
         com: centre of mass at the beginning, (3,) in m.
         periods: number of control periods since the beginning.
     """

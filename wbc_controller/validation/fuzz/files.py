@@ -4,8 +4,6 @@ Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them change
 number alone. A child process reads it as `wbc check`, `run`, `guard` and `mock` do, so that a crash is seen and named.
 """
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os
@@ -53,7 +51,6 @@ class FilesOutcome:
     Attributes:
         results: number of cases by result: ``works``, ``refused``, or the name of what went wrong.
         failures: the folder of each case that went wrong, and a sentence.
-        seconds: duration, s.
     """
 
     results: Counter[str] = field(default_factory=Counter)

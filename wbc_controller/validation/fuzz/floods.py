@@ -1,7 +1,5 @@
 """Floods: another participant fills an input of the controller, and an emergency stop has to pass."""
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import time
@@ -83,8 +81,6 @@ class Stop:
         ended: stamp at the end, ns.
         seen: time from sending until the sender saw the zero torques, s.
         late: lateness of the machine meanwhile, s.
-        sent: messages of the flood.
-        seconds: duration of the flood, s.
         said: whether the diagnostics said that messages were lost or refused.
     """
 
@@ -103,12 +99,9 @@ class StopTrial:
     """An emergency stop under a flood, with the controller's record of it.
 
     Attributes:
-        flood: key of the flood.
-        stop: the stop.
         cycles: cycles, with those missing in the record, from the newest state that the sender knew to the first cycle
             with zero torques and the fault.
         slowest: longest cycle while the flood lasted, s.
-        period: of the controller, s.
     """
 
     flood: str

@@ -4,8 +4,6 @@ Each episode begins with a fresh node. Its messages follow from the seed, the no
 messages that break a node are written to a file, with as many of the messages before them as are needed.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import ctypes
@@ -52,7 +50,6 @@ class Failure:
     """A broken node.
 
     Attributes:
-        target: key of the node in `TARGETS`.
         why: the invariant that did not hold.
         messages: topic and payload of the messages that led to it.
         repeated: whether it broke again in a fresh node.
@@ -71,8 +68,6 @@ class Outcome:
     Attributes:
         counts: number of messages, by node and kind of topic.
         failures: the broken nodes.
-        seconds: duration, s.
-        processor: processor time, s.
         growth: growth of the memory after the warm-up, kB.
     """
 

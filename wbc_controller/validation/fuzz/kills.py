@@ -4,8 +4,6 @@ What counts is what arrives for the joints: after the last command, the guard's 
 that were computed from an old state; and afterwards everything can go on.
 """
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Callable, Mapping

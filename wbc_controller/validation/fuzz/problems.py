@@ -3,8 +3,6 @@
 Linear programs over the same constraints are the judge: they are slow, and have no cost that could mislead them.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -38,7 +36,6 @@ class ProblemsOutcome:
     """The result for one robot.
 
     Attributes:
-        robot: its name.
         relaxed: number of problems, by what was relaxed.
         failures: by the number of the problem, what was wrong with its answer.
         slowest: processor time of the slowest answer, s.
@@ -113,10 +110,8 @@ def random_problem(
     With odd seeds the weights are the given ones times 10^-2 to 10^2; half of the seeds have torques before.
 
     Args:
-        model: the robot's model.
         standing: q of the robot as it stands, (nq,).
         references: at rest.
-        seed: of all choices.
     """
     rng = np.random.default_rng(seed)
     lower, upper = model.position_lower + 0.02, model.position_upper - 0.02

@@ -1,7 +1,5 @@
 """A long run of controller, mock robot and guard: memory, faults and the lateness of the machine."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -28,7 +26,6 @@ class SoakResult:
     """The result of a long run.
 
     Attributes:
-        seconds: its duration, s.
         memory: memory of each process at each look, kB.
         faults: what the controller and the guard said when they were not active or watching, each with the lateness of
             the machine in the second before, s, and the time that the fault allows, s.

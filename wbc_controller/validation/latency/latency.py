@@ -4,8 +4,6 @@ The controller and the guard are processes as on a robot. This process is the ro
 controller, and to the echo while the controller's process is stopped.
 """
 
-from __future__ import annotations
-
 import concurrent.futures
 import contextlib
 import math
@@ -94,7 +92,6 @@ def measure_latency(
         seconds: duration of each of the two, s.
         transport: ``dds`` or ``rclpy``.
         mock: take the mock robot with its physics in place of one that only sends states; in one block.
-        domain: DDS domain.
         progress: called after each block with the time that was measured so far, s, and the block.
 
     Raises:

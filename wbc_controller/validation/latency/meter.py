@@ -1,7 +1,5 @@
 """The time from each state to its torques: measured at a transport, and summarized."""
 
-from __future__ import annotations
-
 import functools
 import time
 from collections.abc import Callable, Iterable, Sequence
