@@ -16,18 +16,13 @@ TORQUE_TOLERANCE = 0.01
 
 
 class Check(NamedTuple):
-    """One check of the supervisor, as in the table of docs/safety.md.
-
-    Attributes:
-        keys: keys of the configuration with its thresholds; empty if they are fixed.
-        code: code of the fault; empty if the check causes none.
-    """
+    """One check of the supervisor, as in the table of docs/safety.md."""
 
     name: str
-    keys: tuple[str, ...]
+    keys: tuple[str, ...]  # keys of the configuration with its thresholds; empty if they are fixed
     unit: str
     response: str
-    code: str = ""
+    code: str = ""  # code of the fault; empty if the check causes none
 
 
 CHECKS = (

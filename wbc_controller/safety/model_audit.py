@@ -27,65 +27,39 @@ _SPAN = 0.05
 
 @dataclass(frozen=True, slots=True)
 class AuditLimits:
-    """Limits on the residuals.
+    """Limits on the residuals."""
 
-    Attributes:
-        time_constant: time constant of the filter on the residuals, s.
-        patience: time for which a residual must be too large before there is a warning, s.
-        energy: largest energy residual, as a share of the joint power.
-        power: smallest joint power for that comparison, W.
-        force: largest unexplained force on the centre of mass, N.
-        torques: largest unexplained torque of each joint, (nj,) in N·m.
-        period: control period, s.
-    """
-
-    time_constant: float
-    patience: float
-    energy: float
-    power: float
-    force: float
-    torques: Array
-    period: float
+    time_constant: float  # time constant of the filter on the residuals, s
+    patience: float  # time for which a residual must be too large before there is a warning, s
+    energy: float  # largest energy residual, as a share of the joint power
+    power: float  # smallest joint power for that comparison, W
+    force: float  # largest unexplained force on the centre of mass, N
+    torques: Array  # largest unexplained torque of each joint, (nj,) in N·m
+    period: float  # control period, s
 
 
 @dataclass(slots=True)
 class _Sums:
-    """Sums over a span of states.
+    """Sums over a span of states."""
 
-    Attributes:
-        velocity: unexplained change of the velocity, Δv - v̇ Δt, (nv,).
-        impulse: unexplained impulse, Δ(m ċ) - m c̈ Δt, (3,) in N·s.
-        predicted: time for which the motion was predicted, s.
-        work: work of the torques and of known other forces, J.
-        throughput: sum of its magnitudes, J.
-    """
-
-    velocity: Array
-    impulse: Array = field(default_factory=lambda: np.zeros(3))
-    predicted: float = 0.0
-    work: float = 0.0
-    throughput: float = 0.0
+    velocity: Array  # unexplained change of the velocity, Δv - v̇ Δt, (nv,)
+    impulse: Array = field(default_factory=lambda: np.zeros(3))  # unexplained impulse, Δ(m ċ) - m c̈ Δt, (3,) in N·s
+    predicted: float = 0.0  # time for which the motion was predicted, s
+    work: float = 0.0  # work of the torques and of known other forces, J
+    throughput: float = 0.0  # sum of its magnitudes, J
 
 
 @dataclass(frozen=True, slots=True)
 class _Previous:
-    """The state before, and what follows from it.
-
-    Attributes:
-        springs: generalized force of passive joints in it, (nv,); None without passive joints.
-        momentum: m ċ in it, (3,) in N·s.
-        solution: its solution; None if the torques sent are other ones: it predicts nothing.
-        force: m c̈ of the solution, (3,) in N.
-        powers: powers of known external wrenches of the solution, W.
-    """
+    """The state before, and what follows from it."""
 
     state: RobotState
     command: JointCommand
-    springs: Array | None
-    momentum: Array
-    solution: Solution | None
-    force: Array
-    powers: list[float]
+    springs: Array | None  # generalized force of passive joints in it, (nv,); None without passive joints
+    momentum: Array  # m ċ in it, (3,) in N·s
+    solution: Solution | None  # its solution; None if the torques sent are other ones: it predicts nothing
+    force: Array  # m c̈ of the solution, (3,) in N
+    powers: list[float]  # powers of known external wrenches of the solution, W
 
 
 class ModelAudit:

@@ -42,18 +42,12 @@ _THINNEST = 0.0005
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A convex shape on the link of a Pinocchio joint.
-
-    Attributes:
-        placement: of the shape in the joint's frame.
-        size: MuJoCo's sizes of that type, m; empty for a mesh.
-        points: vertices of a mesh in the joint's frame, (n, 3) in m; None for others.
-    """
+    """A convex shape on the link of a Pinocchio joint."""
 
     kind: Any
-    placement: pin.SE3
-    size: tuple[float, ...] = ()
-    points: Array | None = None
+    placement: pin.SE3  # of the shape in the joint's frame
+    size: tuple[float, ...] = ()  # MuJoCo's sizes of that type, m; empty for a mesh
+    points: Array | None = None  # vertices of a mesh in the joint's frame, (n, 3) in m; None for others
 
 
 def read_shapes(

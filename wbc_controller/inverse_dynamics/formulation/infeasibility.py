@@ -68,29 +68,17 @@ MAX_PROGRAMS = 40
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """A constraint with a name: lower ≤ rows x ≤ upper.
+    """A constraint with a name: lower ≤ rows x ≤ upper."""
 
-    Attributes:
-        name: kind and owner, as in `Solution.binding`: ``torque:left_knee_joint``.
-        rows: (k, n), in the problem's decision variables.
-        lower: (k,), -inf where there is no bound.
-        upper: (k,), inf where there is no bound.
-        scale: violation of each row that corresponds to σ = 1, (k,), in the rows' own units.
-        factor: conversion from the rows' units to `units`.
-        units: physical unit of each row.
-        offset: constant part of the bounded quantity that the rows do not contain, (k,): h for torques.
-        contact: the contact that the constraint belongs to, if any.
-    """
-
-    name: str
-    rows: Array
-    lower: Array
-    upper: Array
-    scale: Array
-    factor: float
-    units: tuple[str, ...]
-    offset: Array
-    contact: Contact | None = None
+    name: str  # kind and owner, as in `Solution.binding`: `torque:left_knee_joint`
+    rows: Array  # (k, n), in the problem's decision variables
+    lower: Array  # (k,), -inf where there is no bound
+    upper: Array  # (k,), inf where there is no bound
+    scale: Array  # violation of each row that corresponds to σ = 1, (k,), in the rows' own units
+    factor: float  # conversion from the rows' units to `units`
+    units: tuple[str, ...]  # physical unit of each row
+    offset: Array  # constant part of the bounded quantity that the rows do not contain, (k,): h for torques
+    contact: Contact | None = None  # the contact that the constraint belongs to, if any
 
     @property
     def kind(self) -> str:

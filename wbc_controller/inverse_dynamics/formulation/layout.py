@@ -23,26 +23,16 @@ from wbc_controller.records import Array
 
 @dataclass(slots=True)
 class ContactPlace:
-    """Rows and columns of one contact in the problem; the arrays are views of the problem's.
-
-    Attributes:
-        motion: rows of its motion constraint in A and b; also the indices of its force in f.
-        J: its Jacobian in A, (k, nv).
-        acceleration: the right-hand side in b: the required J v̇, (k,).
-        cone: rows of its cone in C.
-        columns: columns of its force in x.
-        lower: lower bounds of its force, in units of `FORCE_UNIT`, (k,).
-        upper: upper bounds of its force, in units of `FORCE_UNIT`, (k,).
-    """
+    """Rows and columns of one contact in the problem; the arrays are views of the problem's."""
 
     contact: Contact
-    motion: slice
-    J: Array
-    acceleration: Array
-    cone: slice
-    columns: slice
-    lower: Array
-    upper: Array
+    motion: slice  # rows of its motion constraint in A and b; also the indices of its force in f
+    J: Array  # its Jacobian in A, (k, nv)
+    acceleration: Array  # the right-hand side in b: the required J v̇, (k,)
+    cone: slice  # rows of its cone in C
+    columns: slice  # columns of its force in x
+    lower: Array  # lower bounds of its force, in units of `FORCE_UNIT`, (k,)
+    upper: Array  # upper bounds of its force, in units of `FORCE_UNIT`, (k,)
 
 
 class Layout:

@@ -29,40 +29,25 @@ ROTATION_LENGTH = 0.1
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of a robot.
-
-    Attributes:
-        rows: bounds of other combinations of v̇.
-        period: time between cycles, s.
-    """
+    """The limits of a robot."""
 
     torque: TorqueLimit
     motion: JointMotionLimit
-    rows: Sequence[RowLimit]
-    period: float
+    rows: Sequence[RowLimit]  # bounds of other combinations of v̇
+    period: float  # time between cycles, s
 
 
 @dataclass(frozen=True)
 class Regularization:
-    """The regularization ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f.
+    """The regularization ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f."""
 
-    Attributes:
-        acceleration: ε_a.
-        force: ε_f.
-    """
-
-    acceleration: float = 1.0e-5
-    force: float = 1.0e-6
+    acceleration: float = 1.0e-5  # ε_a
+    force: float = 1.0e-6  # ε_f
 
 
 @dataclass
 class PlainQP:
-    """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
-
-    Attributes:
-        torque_map: R (na, n) and r (na,) of τ = R x + r.
-        columns: columns of x of each active contact's force.
-    """
+    """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper."""
 
     H: Array  # (n, n)
     g: Array  # (n,)
@@ -73,8 +58,8 @@ class PlainQP:
     upper: Array  # (m_in,)
     x_lower: Array  # (n,)
     x_upper: Array  # (n,)
-    torque_map: tuple[Array, Array]
-    columns: dict[str, slice]
+    torque_map: tuple[Array, Array]  # R (na, n) and r (na,) of τ = R x + r
+    columns: dict[str, slice]  # columns of x of each active contact's force
 
     def force_map(self, contact: str) -> Array | None:
         """Return R (k, n) of f = R x for a contact; None while it is not active."""

@@ -28,23 +28,14 @@ _MET = 1.0e-3
 
 @dataclass(frozen=True, slots=True)
 class Relaxable:
-    """A group of limits that can be relaxed.
+    """A group of limits that can be relaxed."""
 
-    Attributes:
-        name: as in `Solution.relaxed`.
-        places: of the limits in the bounds of the problem, (k,).
-        units: violations that count alike, (k,): 1 rad/s² or m/s², and the effort limits for torques.
-        bounds: the lower and upper bounds as built, (2, k).
-        hard: the lower and upper bounds that always hold, (2, k); -inf and inf where there is none.
-        soft: what is asked for in their place.
-    """
-
-    name: str
-    places: np.ndarray
-    units: Array
-    bounds: Array
-    hard: Array
-    soft: Soft
+    name: str  # as in `Solution.relaxed`
+    places: np.ndarray  # of the limits in the bounds of the problem, (k,)
+    units: Array  # violations that count alike, (k,): 1 rad/s² or m/s², and the effort limits for torques
+    bounds: Array  # the lower and upper bounds as built, (2, k)
+    hard: Array  # the lower and upper bounds that always hold, (2, k); -inf and inf where there is none
+    soft: Soft  # what is asked for in their place
 
     @classmethod
     def of(

@@ -25,18 +25,13 @@ CHATTER = 8.0
 
 @dataclass(frozen=True, slots=True)
 class Flaw:
-    """A difference between the robot and the controller's model.
-
-    Attributes:
-        changes: settings, by dotted key.
-        faults: of the mock robot, by its actuators' names.
-        force_sensors: whether the robot has force sensors at its contacts.
-    """
+    """A difference between the robot and the controller's model."""
 
     name: str
-    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # settings, by dotted key
+    # of the mock robot, by its actuators' names
     faults: Callable[[Sequence[str]], Sequence[Fault]] = lambda actuators: ()
-    force_sensors: bool = False
+    force_sensors: bool = False  # whether the robot has force sensors at its contacts
 
 
 def _always(kind: type[Fault], **parameters: Any) -> Callable[[Sequence[str]], Sequence[Fault]]:
@@ -87,19 +82,12 @@ FLAWS = (
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """The errors caused by a flaw; NaN if the run ended before.
+    """The errors caused by a flaw; NaN if the run ended before."""
 
-    Attributes:
-        sway: largest error of the centre of mass in the sway, m.
-        squat: and in the squat, m.
-        chatter: largest torque above `CHATTER`, as the RMS of one actuator and a share of its limit.
-        ended: reason of an early end; empty if there was none.
-    """
-
-    sway: float
-    squat: float
-    chatter: float
-    ended: str = ""
+    sway: float  # largest error of the centre of mass in the sway, m
+    squat: float  # and in the squat, m
+    chatter: float  # largest torque above `CHATTER`, as the RMS of one actuator and a share of its limit
+    ended: str = ""  # reason of an early end; empty if there was none
 
 
 def cost_of(

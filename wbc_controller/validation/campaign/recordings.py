@@ -14,14 +14,10 @@ from wbc_controller.recording.replay.recording_summary import summarize
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where the recordings of one trial are.
-
-    Attributes:
-        name: of the trial, with which the files begin.
-    """
+    """Where the recordings of one trial are."""
 
     folder: Path
-    name: str
+    name: str  # of the trial, with which the files begin
 
     @property
     def settings(self) -> Mapping[str, object]:

@@ -46,15 +46,11 @@ _URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")
 
 @dataclass(slots=True)
 class FilesOutcome:
-    """The result of a run.
+    """The result of a run."""
 
-    Attributes:
-        results: number of cases by result: ``works``, ``refused``, or the name of what went wrong.
-        failures: the folder of each case that went wrong, and a sentence.
-    """
-
+    # number of cases by result: `works`, `refused`, or the name of what went wrong
     results: Counter[str] = field(default_factory=Counter)
-    failures: dict[Path, str] = field(default_factory=dict)
+    failures: dict[Path, str] = field(default_factory=dict)  # the folder of each case that went wrong, and a sentence
     seconds: float = 0.0
 
 

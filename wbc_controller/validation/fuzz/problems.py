@@ -33,18 +33,13 @@ HELD = "no solution"
 
 @dataclass(slots=True)
 class ProblemsOutcome:
-    """The result for one robot.
-
-    Attributes:
-        relaxed: number of problems, by what was relaxed.
-        failures: by the number of the problem, what was wrong with its answer.
-        slowest: processor time of the slowest answer, s.
-    """
+    """The result for one robot."""
 
     robot: str
-    relaxed: Counter[str] = field(default_factory=Counter)
+    relaxed: Counter[str] = field(default_factory=Counter)  # number of problems, by what was relaxed
+    # by the number of the problem, what was wrong with its answer
     failures: dict[int, str] = field(default_factory=dict)
-    slowest: float = 0.0
+    slowest: float = 0.0  # processor time of the slowest answer, s
 
     def line(self) -> str:
         """The result in a line."""
