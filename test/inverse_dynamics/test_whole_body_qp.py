@@ -252,12 +252,13 @@ def test_only_what_has_to_be_relaxed_is(bench, robot):
 
 
 @pytest.mark.usefixtures("keep_contacts")
-def test_where_the_soft_program_does_not_end_little_is_missed_and_no_task_is_pursued(bench):
-    """DAQP calls its soft program infeasible, which has a solution, with all weights as they are."""
-    talos = bench("talos").on_soles(half_length=0.1)
-    solution = talos.controller.solve(*talos.random_problem(3926))
+@pytest.mark.parametrize(("robot", "seed", "most"), [("talos", 3926, 1.0e-7), ("g1", 7686, 1.0e-5)])
+def test_where_the_soft_program_is_not_solved_the_least_is_missed_all_the_same(bench, robot, seed, most):
+    """DAQP calls a feasible soft program of Talos infeasible; joints of G1 miss their bounds by 10⁴ rad/s²."""
+    robot = bench("talos").on_soles(half_length=0.1) if robot == "talos" else bench(robot)
+    solution = robot.controller.solve(*robot.random_problem(seed))
     assert solution.relaxed == ("torque_rate", "joint_motion")
-    assert max(solution.residuals.values()) < 1.0e-7  # DAQP's 1e-8 are of rows whose norm is 1
+    assert max(solution.residuals.values()) < most  # DAQP's 1e-8 are of rows whose norm is 1
 
 
 def test_a_cycle_with_something_relaxed_leaves_no_trace(bench):
@@ -295,14 +296,6 @@ def test_where_a_solver_fails_on_a_feasible_problem_another_one_solves_it_and_no
             np.testing.assert_allclose(solution.tau, best.tau, atol=1e-4)
             binding += any(name.startswith("motion:") for name in solution.binding)
     assert binding > 3
-
-
-@pytest.mark.usefixtures("keep_contacts")
-def test_where_the_soft_program_is_not_solved_the_least_is_missed_all_the_same(bench):
-    g1 = bench("g1")
-    solution = g1.controller.solve(*g1.random_problem(7686))  # joints that miss their bounds by 10^4 rad/s²
-    assert solution.relaxed == ("torque_rate", "joint_motion")
-    assert max(solution.residuals.values()) < 1e-5
 
 
 def rising(bench, speed):

@@ -195,14 +195,6 @@ def test_violation_says_by_how_much_each_constraint_is_broken():
     assert np.isnan(problem.violation(np.array([1.0, np.nan])))
 
 
-@pytest.mark.parametrize("field", FIELDS)
-def test_a_problem_with_nan_is_not_finite(field):
-    problem = random_problem(np.random.default_rng(4))
-    assert problem.is_finite
-    getattr(problem, field).flat[0] = np.nan
-    assert not problem.is_finite
-
-
 def test_the_objective_is_what_is_minimized():
     problem = random_problem(np.random.default_rng(5))
     x = reference_answer(problem)

@@ -115,14 +115,6 @@ def test_a_controller_that_ends_is_said_with_its_own_words():
         bench._until(lambda: False, "the activation", lambda: None)
 
 
-def test_help_says_what_it_takes():
-    for words, parts in (["bench"], ("latency",)), (["bench", "latency"], ("[ROBOT]", "--rate", "--mock", "--out")):
-        result = CliRunner().invoke(main, [*words, "--help"])
-        assert result.exit_code == 0
-        for part in parts:
-            assert part in result.output
-
-
 @pytest.mark.live
 @pytest.mark.parametrize(("transport", "driver"), [("dds", []), ("dds", ["--mock"]), ("rclpy", [])])
 def test_the_command_measures_a_controller_and_an_echo(tmp_path, monkeypatch, transport, driver):
