@@ -76,13 +76,6 @@ def test_a_period_publishes_the_state_with_one_stamp(make, go2):
     assert stamp_of(peer.all("joint_states")[1]) == 4_000_000
 
 
-def test_a_late_subscriber_is_given_the_description(go2):
-    model, settings = go2
-    bus = MemoryBus()
-    MockRobot(model, settings, MemoryTransport(bus))
-    assert len(Controller(bus, settings).all("robot_description")) == 1
-
-
 def test_contact_wrenches_come_at_their_own_rate(make, go2):
     _, settings = go2
     robot, peer = make()

@@ -105,20 +105,6 @@ def test_velocity_is_the_derivative_of_the_configuration(flying, load, name):
     np.testing.assert_allclose(moved, v, atol=0.05 * np.abs(v).max() * np.abs(v[3:6]).max() * 0.02 + 0.02)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_in_free_fall_momentum_grows_by_the_weight_alone(flying, load, name):
-    model, _ = load(name)
-    plant = flying[name]
-    plant.set_state(*random_state(model, np.random.default_rng(3)))
-    plant.apply(np.zeros(model.na))
-    v_dot = plant.acceleration()
-    q, v = plant.state()
-    data = model.pinocchio.createData()
-    pin.computeCentroidalMomentumTimeVariation(model.pinocchio, data, q, v, v_dot)
-    np.testing.assert_allclose(data.dhg.linear, [0.0, 0.0, -model.mass * model.gravity], atol=1e-8)
-    np.testing.assert_allclose(data.dhg.angular, np.zeros(3), atol=1e-8)
-
-
 def test_the_posture_stands_on_the_floor(any_robot, standing):
     model, settings = any_robot
     plant = Plant(model, settings)
@@ -426,11 +412,6 @@ def test_a_joint_moves_again_when_all_its_locks_are_gone(go2):
     second()
     assert moved() > 0.05
     np.testing.assert_array_equal(plant.model.joint("FL_calf_joint").range, before)
-
-
-def test_an_imu_on_no_link_is_refused(go2):
-    with pytest.raises(ConfigurationError, match="nose"):
-        Plant(*go2).imu("nose")
 
 
 def test_time_is_counted_in_steps(go2):
