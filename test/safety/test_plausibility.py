@@ -71,7 +71,15 @@ class Body:
 
 @pytest.fixture
 def body(robot_of):
-    return lambda **changes: Body(*robot_of("go2"), **changes)
+    """The function that makes a Go2, and lets some steps pass."""
+
+    def make(steps=0, **changes):
+        made = Body(*robot_of("go2"), **changes)
+        if steps:
+            made.step(steps)
+        return made
+
+    return make
 
 
 def joint(model, i):
@@ -111,8 +119,7 @@ def test_a_clock_that_goes_back_keeps_the_torques_and_does_not_stop_the_way_to_z
 
 @pytest.mark.parametrize(("rate", "falls"), [(0.95, False), (1.1, True)])
 def test_a_base_that_tilts_too_far_has_fallen(body, rate, falls):
-    robot = body()
-    robot.step(10)
+    robot = body(steps=10)
     robot.v[3] = 1.0
     robot.step(round(rate / PERIOD))
     if falls:
@@ -139,8 +146,7 @@ def fold(robot):
 
 def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
     """The legs fold; the floor stays where the feet are, and the base's own height does not count."""
-    robot = body()
-    robot.step(10)
+    robot = body(steps=10)
     fold(robot)
     robot.v[2] = 0.3  # the base rises in the world, as on stairs
     for _ in range(800):
@@ -288,8 +294,7 @@ def test_failures_that_are_rare_do_not_add_up(body):
 
 
 def test_relaxed_for_too_long_is_a_fault_that_names_what_was_relaxed(body):
-    robot = body()
-    robot.step(10)
+    robot = body(steps=10)
     robot.relaxed = ("self_collision",)
     robot.step(100)
     robot.relaxed = ()
@@ -408,8 +413,7 @@ def test_velocity_limits_that_are_zero_or_tiny_in_the_urdf_are_none(robot_of):
 
 @pytest.mark.parametrize("jump", [-1.0, 0.25, 3.2])
 def test_a_joint_that_jumps_is_named(body, jump):
-    robot = body()
-    robot.step(10)
+    robot = body(steps=10)
     robot.q[joint(robot.model, 4)[0]] += jump
     robot.step()
     name = robot.model.joints[4]
@@ -443,8 +447,7 @@ def test_what_has_led_to_a_fault_is_forgotten(body):
 def test_a_fault_of_the_inputs_counts_before_one_of_the_state(body):
     late = Fault("STALE_INPUT", "odom is 60 ms old (limit 50 ms)")
     for absurd in (0.0, 1e7):
-        robot = body()
-        robot.step(10)
+        robot = body(steps=10)
         q = robot.q + absurd
         state = RobotState(robot.stamp + 2_000_000, q, robot.v)
         robot.supervisor.step(robot.now + PERIOD, state, robot.v[robot.model.v_index], late, None)
@@ -499,8 +502,7 @@ def test_values_that_are_frozen_under_fresh_stamps_are_named(body, what, places,
 
 @pytest.mark.parametrize(("axis", "jump"), [(0, 1.0), (1, -0.15), (2, 0.12)])
 def test_odometry_that_jumps_is_a_fault(body, axis, jump):
-    robot = body()
-    robot.step(10)
+    robot = body(steps=10)
     robot.q[axis] += jump
     robot.step()
     robot.says("IMPLAUSIBLE_STATE", "xyz"[axis], f"{jump:.3g} m", "limit 0.1, safety.base_mismatch")
@@ -508,16 +510,14 @@ def test_odometry_that_jumps_is_a_fault(body, axis, jump):
 
 
 def test_an_orientation_that_jumps_is_a_fault(body):
-    robot = body()
-    robot.step(10)
+    robot = body(steps=10)
     robot.q[3:7] = [np.sin(0.2), 0.0, 0.0, np.cos(0.2)]
     robot.step()
     robot.says("IMPLAUSIBLE_STATE", "base rotation about x", "0.4 rad", "limit 0.2, safety.base_turn_mismatch")
 
 
 def test_a_small_correction_of_the_odometry_is_plausible(body):
-    robot = body()
-    robot.step(10)
+    robot = body(steps=10)
     for _ in range(10):
         robot.q[0] += 0.05
         robot.step(250)
@@ -535,8 +535,7 @@ def test_a_small_correction_of_the_odometry_is_plausible(body):
     ],
 )
 def test_velocities_that_no_robot_has_are_a_fault(body, place, value, key, sign):
-    robot = body()
-    robot.step(10)
+    robot = body(steps=10)
 
     def absurd(q, v):
         v[place] = sign * value
@@ -550,8 +549,7 @@ def test_velocities_that_no_robot_has_are_a_fault(body, place, value, key, sign)
 @pytest.mark.parametrize("value", [1e7, -1e200, np.inf, np.nan])
 @pytest.mark.parametrize("place", [0, 9])
 def test_positions_that_no_robot_has_are_a_fault_and_are_not_compared_with(body, place, value):
-    robot = body()
-    robot.step(10)
+    robot = body(steps=10)
 
     def absurd(q, v):
         q[place] = value

@@ -27,6 +27,11 @@ def random_state(model, rng):
     return model.configuration(joints, base), rng.normal(size=model.nv, scale=2.0)
 
 
+@pytest.fixture
+def plant(go2):
+    return Plant(*go2)
+
+
 def free_acceleration(model, q, v, tau):
     """v̇ without contacts, (nv,), by the articulated-body algorithm."""
     generalized = np.zeros(model.nv)
@@ -279,8 +284,7 @@ def test_a_push_changes_the_momentum_by_its_impulse(load, name):
     np.testing.assert_allclose(angular - angular_free, expected, atol=0.01 * np.linalg.norm(expected))
 
 
-def test_motors_saturate(go2):
-    plant = Plant(*go2)
+def test_motors_saturate(plant):
     plant.apply(np.full(12, 1e6))
     np.testing.assert_array_equal(plant.applied_torques, plant.effort_limits)
 
@@ -295,9 +299,8 @@ def test_joints_stop_at_their_limits(go2):
     assert (q[model.q_index] > model.position_upper - 0.02).any()
 
 
-def test_damping_of_any_size_is_stable_and_saturates(go2):
-    model, settings = go2
-    plant = Plant(model, settings)
+def test_damping_of_any_size_is_stable_and_saturates(go2, plant):
+    model, _ = go2
     q, v = plant.state()
     v[model.v_index] = 5.0
     plant.set_state(q, v)
@@ -309,8 +312,7 @@ def test_damping_of_any_size_is_stable_and_saturates(go2):
     assert np.abs(plant.state()[1]).max() < 0.05
 
 
-def test_the_hoist_carries_a_fallen_robot_back(go2):
-    plant = Plant(*go2)
+def test_the_hoist_carries_a_fallen_robot_back(plant):
     start, _ = plant.state()
     plant.damp(2.0)
     plant.hold(False)
@@ -393,9 +395,8 @@ def test_what_an_imu_measures_adds_up_to_the_velocity(go2, standing, frame):
     np.testing.assert_allclose(total, velocity() - start, atol=0.002)
 
 
-def test_a_joint_moves_again_when_all_its_locks_are_gone(go2):
-    model, settings = go2
-    plant = Plant(model, settings)
+def test_a_joint_moves_again_when_all_its_locks_are_gone(go2, plant):
+    model, _ = go2
     before = plant.model.joint("FL_calf_joint").range.copy()
     place = model.q_index[model.joints.index("FL_calf_joint")]
 
@@ -426,8 +427,7 @@ def test_time_is_counted_in_steps(go2):
 
 
 @pytest.mark.parametrize("tau", [[0.0] * 11, [0.0] * 13, [[0.0] * 12], [math.nan] + [0.0] * 11, [math.inf] * 12])
-def test_unusable_torques_are_refused_and_change_nothing(go2, tau):
-    plant = Plant(*go2)
+def test_unusable_torques_are_refused_and_change_nothing(plant, tau):
     plant.apply(np.ones(12))
     with pytest.raises(InputRefused, match="expected"):
         plant.apply(tau)
@@ -451,8 +451,7 @@ def test_unusable_pushes_are_refused(go2, frame, wrench, duration, said):
         Plant(*go2).push(frame, wrench, duration)
 
 
-def test_unusable_states_are_refused(go2):
-    plant = Plant(*go2)
+def test_unusable_states_are_refused(plant):
     q, v = plant.state()
     for bad_q, bad_v in ((q[1:], v), (q, v[1:]), (q * math.nan, v), (q * 0.0, v)):
         with pytest.raises(InputRefused, match="expected"):

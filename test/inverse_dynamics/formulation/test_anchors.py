@@ -231,15 +231,6 @@ def test_a_contact_asks_for_k_e_exactly_in_every_row(load, bench):
     assert np.array_equal(layouts[0].J, layouts[1].J)
 
 
-def test_at_its_anchor_a_stiff_contact_asks_for_nothing_else(load, bench):
-    answers = []
-    for stiffness in (0.0, STIFFNESS):
-        robot = Standing(load, bench, stiffness)
-        v = 0.05 * np.random.default_rng(2).normal(size=robot.model.nv)
-        answers.append(robot.controller.solve(robot.state(v=v), robot.board.sample(0.0)))
-    np.testing.assert_allclose(answers[0].v_dot, answers[1].v_dot, atol=1e-7)
-
-
 def test_a_contact_is_anchored_where_it_is_made_and_anew_when_it_was_broken(load, bench):
     robot = Standing(load, bench, STIFFNESS)
     foot, ramp = robot.controller.contacts["left_foot"], robot.settings.contacts["left_foot"].ramp

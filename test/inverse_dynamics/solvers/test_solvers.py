@@ -168,31 +168,6 @@ def test_nan_never_comes_out_as_an_answer(name, field):
     assert_agrees(solver, good, solver.solve(good), reference_answer(good))
 
 
-def test_violation_says_by_how_much_each_constraint_is_broken():
-    problem = QuadraticProgram.empty(2, 1, 1)
-    problem.A[:], problem.b[:] = [[1.0, 0.0]], [1.0]
-    problem.C[:], problem.lower[:], problem.upper[:] = [[0.0, 1.0]], [-1.0], [2.0]
-    problem.x_lower[:], problem.x_upper[:] = [0.0, -1.5], [3.0, np.inf]
-    for x, expected in (
-        ([1.0, 0.0], 0.0),
-        ([1.5, 0.0], 0.5),
-        ([1.0, 2.5], 0.5),
-        ([1.0, -1.25], 0.25),
-        ([1.0, -2.0], 1.0),
-        ([4.5, 0.0], 3.5),
-    ):
-        assert problem.violation(np.array(x)) == pytest.approx(expected)
-    assert np.isnan(problem.violation(np.array([1.0, np.nan])))
-
-
-def test_the_objective_is_what_is_minimized():
-    problem = random_problem(np.random.default_rng(5))
-    x = reference_answer(problem)
-    assert problem.cost.value(x) == pytest.approx(0.5 * x @ problem.H @ x + problem.g @ x)
-    solver = make_solver("daqp", problem)
-    assert problem.cost.value(solver.solve(problem).x) == pytest.approx(problem.cost.value(x), rel=1e-8)
-
-
 def test_an_unknown_solver_is_refused_with_the_nearest_one():
     problem = random_problem(np.random.default_rng(6))
     for call in (lambda: make_solver("dapq", problem), lambda: require_solver("dapq")):
