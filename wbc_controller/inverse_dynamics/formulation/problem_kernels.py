@@ -1,7 +1,5 @@
 """Arrays of a quadratic program for kernels, and residuals of its constraints at a point."""
 
-from __future__ import annotations
-
 import math
 
 from wbc_controller.compilation import Matrix, OutMatrix, OutVector, Struct, Vector, compiled, part
@@ -57,7 +55,6 @@ def residuals(
     """Compute the residuals of constraints at a point x.
 
     Args:
-        constraints: the constraints.
         value: x, followed by memory for C x, (n + m_in,).
         room: for the distances of x and C x from their lower and upper bounds, (2, n + m_in).
         equalities: for |A x - b|, (m_eq,).

@@ -3,8 +3,6 @@
 `solvers.active_set` derives the equations.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -82,7 +80,6 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
     Args:
         place: its index in [x; C x].
         sign: 1 for the upper bound, -1 for the lower one.
-        constraints: the constraints.
         equalities: number of equality constraints.
         base_map: [N, s].
         out: for the row and its right-hand side, (n + 1 - base,).
@@ -232,8 +229,6 @@ def solve_condensed(
     For strict priorities there is one call per level, with the same `base_map`, `upper_rows` and results.
 
     Args:
-        cost: of the level.
-        constraints: of the problem.
         sides: the active set of [x; C x]: 1 at the upper bound, -1 at the lower one, else 0; and below it memory for
             the set that is to be tried next, (2, n + m_in).
         base_map: [N, s], (base, n + 1 - base); the first level fills it.
