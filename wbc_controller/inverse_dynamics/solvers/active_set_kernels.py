@@ -62,15 +62,24 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
 
 
 @part
-def reduce_row(row: Array, base_map: Array, out: Array) -> None:
-    """Write a row [H, T] of x in terms of z: out = T - H N; the right-hand side is the last column."""
+def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
+    """Write rows [H, T] of x in terms of z: out = T - H N; the right-hand sides are the last column."""
     base = len(base_map)
-    for j in range(len(out)):
-        out[j] = row[base + j]
-    for k in range(base):
-        factor, source = row[k], base_map[k]
-        for j in range(len(out)):
-            out[j] -= factor * source[j]
+    if base == 6:  # that of a floating base, in one pass
+        n0, n1, n2, n3, n4, n5 = base_map[0], base_map[1], base_map[2], base_map[3], base_map[4], base_map[5]
+    for i in range(len(rows)):
+        row, rest, target = rows[i], rows[i, base:], out[i]
+        if base == 6:
+            h0, h1, h2, h3, h4, h5 = row[0], row[1], row[2], row[3], row[4], row[5]
+            for j in range(len(target)):
+                target[j] = rest[j] - (h0 * n0[j] + h1 * n1[j] + h2 * n2[j] + (h3 * n3[j] + h4 * n4[j] + h5 * n5[j]))
+            continue
+        for j in range(len(target)):
+            target[j] = rest[j]
+        for k in range(base):
+            factor, source = row[k], base_map[k]
+            for j in range(len(target)):
+                target[j] -= factor * source[j]
 
 
 @part
@@ -86,7 +95,8 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
     """
     base, n = len(base_map), constraints.rows.shape[1] - 1
     if place >= n:
-        reduce_row(constraints.rows[equalities + place - n], base_map, out)
+        row = equalities + place - n
+        reduce_rows(constraints.rows[row : row + 1], base_map, out.reshape(1, len(out)))
     else:
         for j in range(len(out)):
             out[j] = -base_map[place, j] if place < base else 0.0
@@ -258,8 +268,7 @@ def solve_condensed(
     if above == 0:
         if not eliminate_base(rows[own:end], base_map):
             return NOT_FOUND, 0.0, 0.0, 0.0
-        for i in range(own):
-            reduce_row(rows[i], base_map, upper_rows[i])
+        reduce_rows(rows[:own], base_map, upper_rows)
         multipliers[:] = 0.0
     # Assemble B = [equality constraints and rows of the levels above; active bounds; rows of the cost].
     active = np.flatnonzero(sides[0])
@@ -271,8 +280,7 @@ def solve_condensed(
             B[i, j] = upper_rows[i, j]
     for i in range(len(active)):
         reduce_bound(active[i], sides[0, active[i]], constraints, end, base_map, B[top + i])
-    for i in range(soft):
-        reduce_row(cost.rows[i], base_map, B[hard + i])
+    reduce_rows(cost.rows[:soft], base_map, B[hard:])
     inverse, z = np.zeros(width), np.full(width, -1.0)
     for j in range(last):
         inverse[j], z[j] = 1.0 / cost.diagonal[base + j], cost.target[base + j]
