@@ -35,7 +35,7 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
 
         return run
 
-    estimator, loop = trial.estimator, trial._loop
+    estimator, loop = trial.estimator, trial.loop
     if estimator is None or estimator.filter is None:
         raise SystemExit(f"{robot} does not stand on an estimate")
 

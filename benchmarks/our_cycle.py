@@ -11,6 +11,7 @@ import numpy as np
 
 from wbc_controller.errors import NoSolution
 from wbc_controller.records import Array, JointCommand, Mode, References, RobotState, Solution, frozen
+from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import parse_settings
 
@@ -18,12 +19,12 @@ try:  # of d8d35bb; first, as an editable installation would find the newer modu
     from wbc_controller.assembly.program import make_qp
     from wbc_controller.assembly.references import make_board
     from wbc_controller.assembly.robot import make_model
-    from wbc_controller.assembly.safety import make_supervisor
+    from wbc_controller.assembly.safety import make_supervisor_limits
 except ModuleNotFoundError:
     from wbc_controller.controller.build.program import make_qp
     from wbc_controller.controller.build.references import make_board
     from wbc_controller.controller.build.robot import make_model
-    from wbc_controller.controller.build.safety import make_supervisor
+    from wbc_controller.controller.build.safety import make_supervisor_limits
 
 if TYPE_CHECKING:
     from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -46,7 +47,7 @@ class Cycle:
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
         self.controller = make_qp(settings, model)
-        self.supervisor = make_supervisor(settings, model)
+        self.supervisor = Supervisor(model, make_supervisor_limits(settings, model))
         self.board = make_board(settings, self.controller)
         self.solution: Solution | None = None
         self.failures = 0

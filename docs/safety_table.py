@@ -19,7 +19,7 @@ TESTS = {
     "speeds of the joints and the base": "safety/test_plausibility.py::test_velocities_that_no_robot_has_are_a_fault",
     "joint positions against joint velocities": "safety/test_plausibility.py::test_a_joint_that_jumps_is_named",
     "a joint position that repeats against its velocity":
-        "safety/test_plausibility.py::test_a_joint_whose_position_is_dead_is_named",
+        "safety/test_plausibility.py::test_a_joint_whose_velocity_or_position_is_dead_is_named",
     "joint states or odometry that repeat bit for bit while moving":
         "safety/test_plausibility.py::test_values_that_are_frozen_under_fresh_stamps_are_named",
     "position of the base against its velocity": "safety/test_plausibility.py::test_odometry_that_jumps_is_a_fault",

@@ -3,7 +3,6 @@
 import copy
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,27 +10,19 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings, TaskSettings
-from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.fuzz.problems import random_problem, rest
-
-
-@cache
-def build_robot(name: str) -> tuple[RobotModel, Settings]:
-    settings = load_settings(find_configuration(name))
-    return make_model(settings), settings
 
 
 class Bench:
     """A controller of a shipped robot, and states and references for it."""
 
-    def __init__(self, robot: str, changes: dict[str, dict[str, Any]]) -> None:
-        self.model, settings = build_robot(robot)
+    def __init__(self, settings: Settings, model: RobotModel, changes: dict[str, dict[str, Any]]) -> None:
+        self.model = model
         update = {key: getattr(settings, key).model_copy(update=values) for key, values in changes.items()}
         self.settings = settings.model_copy(update=update)
         self.controller: WholeBodyQP = make_qp(self.settings, self.model, lambda: 0.0)
@@ -78,17 +69,17 @@ class Bench:
 
 
 @pytest.fixture(scope="session")
-def load() -> Callable[[str], tuple[RobotModel, Settings]]:
-    """The function that builds a shipped robot."""
-    return build_robot
+def load(robot_of) -> Callable[[str], tuple[RobotModel, Settings]]:
+    """Model and settings of a shipped robot, by name; built once."""
+    return lambda name: robot_of(name)[::-1]
 
 
 @pytest.fixture(scope="session")
-def bench() -> Callable[..., Bench]:
+def bench(robot_of) -> Callable[..., Bench]:
     """The function that builds a controller: bench("g1", limits={"velocity": False})."""
 
     def build(robot: str, **changes: dict[str, Any]) -> Bench:
-        return Bench(robot, changes)
+        return Bench(*robot_of(robot), changes)
 
     return build
 

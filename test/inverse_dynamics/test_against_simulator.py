@@ -54,16 +54,22 @@ def whole_feet_bear(plant):
     return all(borne.get(geom, 0.0) > LOAD for geom in balls)
 
 
+def let_go(robot):
+    """The physics of a robot that stands without its hoist, and a board whose references hold it there."""
+    plant, dynamics = Plant(robot.model, robot.settings), robot.controller.dynamics
+    plant.hold(False, ramp=0.0)
+    board = make_board(robot.settings, robot.controller)
+    dynamics.update(*plant.state())
+    board.reset(dynamics, 0.0)
+    return plant, board
+
+
 @pytest.fixture(scope="module", params=ROBOTS)
 def compared(request, bench):
     """One run of 3.4 s, compared every 20 ms."""
     robot = bench(request.param).on_soles(**SOLES.get(request.param, {}))
     model, controller = robot.model, robot.controller
-    plant = Plant(model, robot.settings)
-    plant.hold(False, ramp=0.0)
-    board = make_board(robot.settings, controller)
-    controller.dynamics.update(*plant.state())
-    board.reset(controller.dynamics, 0.0)
+    plant, board = let_go(robot)
     start, tau, journey = np.array(controller.dynamics.com), None, list(JOURNEY)
     result = Comparison(plant=plant)
     for cycle in range(1700):
@@ -123,12 +129,8 @@ def test_a_squat_beyond_what_the_knees_can_do_keeps_them_within_their_limits_wit
     """Talos, told to go further down than its knees bend, and faster than they can brake."""
     robot = bench("talos")
     model, controller = robot.model, robot.controller
-    plant = Plant(model, robot.settings)
-    plant.hold(False, ramp=0.0)
+    plant, board = let_go(robot)
     plant.model.jnt_limited[:] = 0  # so that nothing but the torques stops a joint
-    board = make_board(robot.settings, controller)
-    controller.dynamics.update(*plant.state())
-    board.reset(controller.dynamics, 0.0)
     knot = Knot(seconds, controller.dynamics.com - [0.0, 0.0, depth], np.zeros(3), np.zeros(3))
     board.apply([SetTrajectory("com", None, (knot,))], controller.dynamics, 0.0)
     step = robot.settings.limits.torque_rate * controller.formulation.period * model.effort_limits

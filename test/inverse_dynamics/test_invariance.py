@@ -1,7 +1,5 @@
 """The controller's answer does not depend on the coordinates (S2): another base link, joints renumbered and flipped."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -61,6 +61,11 @@ def imbalance(bench, state, solution, wrenches=None):
     return result
 
 
+def asking(references, name, **asked):
+    """The references, in which one task asks for another position, velocity or acceleration."""
+    return replace(references, tasks={**references.tasks, name: replace(references.tasks[name], **asked)})
+
+
 def busy(bench, state, rng):
     """References that ask every task for some acceleration."""
     references = bench.references(state)
@@ -93,9 +98,8 @@ def test_forces_stay_in_their_cones_and_torques_in_their_limits(robots, robot):
     for _ in range(30):
         state = bench.near_stance(rng, velocity=1.0)
         references = busy(bench, state, rng)
-        com = references.tasks["com"]
-        shove = replace(com, acceleration=8.0 * rng.normal(size=3) * [1.0, 1.0, 0.2])
-        solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "com": shove}))
+        shove = 8.0 * rng.normal(size=3) * [1.0, 1.0, 0.2]
+        solution = bench.controller.solve(state, asking(references, "com", acceleration=shove))
         assert (np.abs(solution.tau) <= bench.model.effort_limits + 1e-5).all()
         for name, force in solution.forces.items():
             contact = bench.settings.contacts[name]
@@ -172,8 +176,7 @@ def test_the_more_a_task_weighs_the_better_it_is_met(robots):
     wanted, got = np.array([0.0, 0.0, 3.0]), []
     for weight in (0.0, 0.1, 10.0, 1000.0):
         references = bench.references(com=weight, posture=1.0)
-        com = replace(references.tasks["com"], acceleration=wanted)
-        solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "com": com}))
+        solution = bench.controller.solve(state, asking(references, "com", acceleration=wanted))
         dynamics = bench.controller.dynamics
         got.append(np.linalg.norm(dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift - wanted))
         assert ("com" in solution.task_errors) == (weight > 0.0)
@@ -252,12 +255,13 @@ def test_only_what_has_to_be_relaxed_is(bench, robot):
 
 
 @pytest.mark.usefixtures("keep_contacts")
-def test_where_the_soft_program_does_not_end_little_is_missed_and_no_task_is_pursued(bench):
-    """DAQP calls its soft program infeasible, which has a solution, with all weights as they are."""
-    talos = bench("talos").on_soles(half_length=0.1)
-    solution = talos.controller.solve(*talos.random_problem(3926))
+@pytest.mark.parametrize(("robot", "seed", "most"), [("talos", 3926, 1.0e-7), ("g1", 7686, 1.0e-5)])
+def test_where_the_soft_program_is_not_solved_the_least_is_missed_all_the_same(bench, robot, seed, most):
+    """DAQP calls a feasible soft program of Talos infeasible; joints of G1 miss their bounds by 10⁴ rad/s²."""
+    robot = bench("talos").on_soles(half_length=0.1) if robot == "talos" else bench(robot)
+    solution = robot.controller.solve(*robot.random_problem(seed))
     assert solution.relaxed == ("torque_rate", "joint_motion")
-    assert max(solution.residuals.values()) < 1.0e-7  # DAQP's 1e-8 are of rows whose norm is 1
+    assert max(solution.residuals.values()) < most  # DAQP's 1e-8 are of rows whose norm is 1
 
 
 def test_a_cycle_with_something_relaxed_leaves_no_trace(bench):
@@ -295,14 +299,6 @@ def test_where_a_solver_fails_on_a_feasible_problem_another_one_solves_it_and_no
             np.testing.assert_allclose(solution.tau, best.tau, atol=1e-4)
             binding += any(name.startswith("motion:") for name in solution.binding)
     assert binding > 3
-
-
-@pytest.mark.usefixtures("keep_contacts")
-def test_where_the_soft_program_is_not_solved_the_least_is_missed_all_the_same(bench):
-    g1 = bench("g1")
-    solution = g1.controller.solve(*g1.random_problem(7686))  # joints that miss their bounds by 10^4 rad/s²
-    assert solution.relaxed == ("torque_rate", "joint_motion")
-    assert max(solution.residuals.values()) < 1e-5
 
 
 def rising(bench, speed):
@@ -447,8 +443,7 @@ def test_what_is_not_finite_is_refused_at_once(robots, where):
     references, before = bench.references(), None
     bad = np.array([np.nan, 0.0, 0.0])
     if where == "reference":
-        com = replace(references.tasks["com"], position=bad)
-        references = replace(references, tasks={**references.tasks, "com": com})
+        references = asking(references, "com", position=bad)
     elif where == "wrench":
         references = replace(references, external_wrenches={"base": np.concatenate([bad, bad])})
     else:
@@ -495,8 +490,8 @@ def test_an_answer_without_residuals_is_no_solution(bench):
 def test_task_errors_are_distances(robots):
     bench = robots["g1"]
     references = bench.references()
-    com = replace(references.tasks["com"], position=references.tasks["com"].position + np.array([0.03, 0.0, 0.04]))
-    solution = bench.controller.solve(bench.state(), replace(references, tasks={**references.tasks, "com": com}))
+    elsewhere = references.tasks["com"].position + np.array([0.03, 0.0, 0.04])
+    solution = bench.controller.solve(bench.state(), asking(references, "com", position=elsewhere))
     assert solution.task_errors["com"] == pytest.approx(0.05)
     assert solution.task_errors["posture"] == pytest.approx(0.0, abs=1e-9)
 
@@ -507,8 +502,8 @@ def test_binding_names_exactly_the_constraints_that_hold_with_equality(robots):
     for _ in range(20):
         state = bench.near_stance(rng, velocity=3.0)
         references = bench.references(posture=5.0)
-        kick = replace(references.tasks["posture"], acceleration=300.0 * rng.normal(size=bench.model.na))
-        solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "posture": kick}))
+        kick = 300.0 * rng.normal(size=bench.model.na)
+        solution = bench.controller.solve(state, asking(references, "posture", acceleration=kick))
         limits = bench.model.effort_limits
         torques = {
             f"torque:{name}:{side}"
@@ -538,9 +533,8 @@ def test_what_a_binding_constraint_costs_is_the_slope_of_the_cost(bench, kind):
     references = g1.references(posture=5.0)
     wish = np.zeros(g1.model.na)
     wish[elbow] = {"torque": 2000.0, "motion": 150.0}.get(kind, 0.0)
-    posture = replace(references.tasks["posture"], acceleration=wish)
-    com = replace(references.tasks["com"], acceleration=np.array([9.0 if kind == "cone" else 0.0, 0.0, 2.0]))
-    references = replace(references, tasks={**references.tasks, "posture": posture, "com": com})
+    references = asking(references, "posture", acceleration=wish)
+    references = asking(references, "com", acceleration=np.array([9.0 if kind == "cone" else 0.0, 0.0, 2.0]))
     if kind == "motion":
         formulation.motion_limit.acceleration = 100.0
     if kind == "torque":
@@ -600,10 +594,8 @@ def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, rob
     for count, scale in enumerate((1.0, 300.0, 1.0, 200.0, 50.0)):
         state = late.near_stance(rng)
         references = busy(late, state, rng)
-        kick = replace(references.tasks["posture"], acceleration=scale * rng.normal(size=late.model.na))
         references = replace(
-            references,
-            tasks={**references.tasks, "posture": kick},
+            asking(references, "posture", acceleration=scale * rng.normal(size=late.model.na)),
             weights={**references.weights, "posture": rng.uniform(1.0, 5.0), "com": float(count % 2)},
             external_wrenches={late.model.base_link: 10.0 * rng.normal(size=6)},
         )
@@ -666,8 +658,7 @@ def test_feet_share_a_load_by_pressing_unequally_before_their_centres_of_pressur
     bench = robots[robot]
     state = bench.state()
     references = bench.references(state)
-    com = replace(references.tasks["com"], acceleration=np.array([0.0, 0.4, 0.0]))
-    solution = bench.controller.solve(state, replace(references, tasks={**references.tasks, "com": com}))
+    solution = bench.controller.solve(state, asking(references, "com", acceleration=np.array([0.0, 0.4, 0.0])))
     left, right = (solution.forces[f"{side}_foot"] for side in ("left", "right"))
     halves = [bench.settings.contacts[f"{side}_foot"].half_width for side in ("left", "right")]
     assert right[2] - left[2] > 0.2 * (left[2] + right[2])
@@ -760,8 +751,7 @@ def test_a_reference_that_its_owner_writes_is_read_in_every_cycle(robots):
     g1 = robots["g1"]
     state, references, before = g1.random_problem(3)
     position = references.tasks["com"].position.copy()
-    written = replace(references.tasks["com"], position=position)
-    given = replace(references, tasks={**references.tasks, "com": written})
+    given = asking(references, "com", position=position)
     for _ in range(3):
         still = g1.controller.solve(state, given, before)
     position += 0.01

@@ -1,7 +1,5 @@
 """The guard's decisions: silent while it should be, damping in time, never a torque that a robot should not get."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -114,17 +112,14 @@ def test_a_controller_that_has_let_go_is_left_alone(mode):
     assert rig.guard.mode is GuardMode.IDLE
 
 
-@pytest.mark.parametrize("mode", [Mode.INACTIVE, Mode.STOPPED, Mode.FAULT])
-def test_one_that_dies_on_its_way_to_zero_is_not(mode):
+@pytest.mark.parametrize(
+    ("mode", "torques"),
+    [(mode, HOLDING) for mode in (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT)]
+    + [(mode, np.zeros(3)) for mode in (Mode.ACTIVE, Mode.HOLDING, Mode.DAMPING, None)],
+)
+def test_one_that_dies_on_its_way_to_zero_or_in_a_mode_that_goes_on_is_not(mode, torques):
     rig = Rig()
-    rig.run(0.1, commands=True, mode=mode)
-    assert rig.run(0.1)[-1] is not None
-
-
-@pytest.mark.parametrize("mode", [Mode.ACTIVE, Mode.HOLDING, Mode.DAMPING, None])
-def test_zero_torques_in_a_mode_that_goes_on_are_no_end(mode):
-    rig = Rig()
-    rig.run(0.1, commands=True, torques=np.zeros(3), mode=mode)
+    rig.run(0.1, commands=True, torques=torques, mode=mode)
     assert rig.run(0.1)[-1] is not None
 
 

@@ -29,6 +29,13 @@ def forward(model, q, v, tau):
     return np.linalg.solve(matrix, right)[: model.nv]
 
 
+def made(**changes):
+    """Settings, model and physics of the menagerie."""
+    settings = menagerie(**changes)
+    model = make_model(settings, MENAGERIE)
+    return settings, model, Plant(model, settings)
+
+
 def states(model, count, seed=0):
     rng = np.random.default_rng(seed)
     for _ in range(count):
@@ -48,9 +55,7 @@ def test_it_accelerates_as_the_controllers_model_does(base, follower, changes):
             "actuators": ["rail", "both", "shoulder", "knee_motor"],
             "locked_joints": {"tail": 0.7, "slide": -0.2, "elbow": 0.5},
         }  # fmt: skip
-    settings = menagerie(base=base, **changes)
-    model = make_model(settings, MENAGERIE)
-    plant = Plant(model, settings)
+    _, model, plant = made(base=base, **changes)
     plant.hold(False, ramp=0.0)
     worst = 0.0
     for q, v, tau in states(model, 10):
@@ -65,9 +70,7 @@ def test_it_accelerates_as_the_controllers_model_does(base, follower, changes):
 
 
 def test_the_follower_stays_where_it_belongs():
-    settings = menagerie()
-    model = make_model(settings, MENAGERIE)
-    plant = Plant(model, settings)
+    _, model, plant = made()
     tau = np.zeros(model.na)
     tau[model.actuators.index("elbow")] = 6.0
     plant.apply(tau)
@@ -98,9 +101,7 @@ def test_a_rotor_between_two_branches_is_refused():
 
 
 def test_actuators_saturate_and_work_through_their_ratios():
-    settings = menagerie()
-    model = make_model(settings, MENAGERIE)
-    plant = Plant(model, settings)
+    _, model, plant = made()
     tau = np.zeros(model.na)
     tau[1] = 1000.0  # both: 70 N·m at most, twice that at the hip and at the knee
     plant.apply(tau)
@@ -110,9 +111,7 @@ def test_actuators_saturate_and_work_through_their_ratios():
 
 
 def test_damping_never_drives_a_joint():
-    settings = menagerie()
-    model = make_model(settings, MENAGERIE)
-    plant = Plant(model, settings)
+    _, model, plant = made()
     for q, v, _ in states(model, 10, seed=1):
         plant.set_state(q, v)
         plant.damp(2.0)
@@ -129,9 +128,7 @@ def test_damping_never_drives_a_joint():
 
 def test_the_audit_accounts_for_springs_transmissions_and_followers():
     """A move of one second under the controller: power and torques are those of the model."""
-    settings = menagerie()
-    model = make_model(settings, MENAGERIE)
-    plant = Plant(model, settings)
+    settings, model, plant = made()
     controller = make_qp(settings, model)
     controller.dynamics.update(*plant.state())
     board = make_board(settings, controller)

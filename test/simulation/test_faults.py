@@ -5,11 +5,10 @@ import threading
 
 import numpy as np
 import pytest
-from peer import Peer
+from peer import MockPeer
 from stepping import step
 
 from wbc_controller.errors import ConfigurationError, InputRefused
-from wbc_controller.middleware import codec as messages
 from wbc_controller.middleware.topics import MOCK_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.simulation.faults.catalogue import read_faults
@@ -17,32 +16,17 @@ from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
 from wbc_controller.simulation.mock_service import run_mock
 
 
-class MockPeer(Peer):
-    """The other side of the mock robot's topics."""
-
-    def __init__(self, settings) -> None:
-        bus = MemoryBus()
-        super().__init__(bus, endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts))
-        self.transport = MemoryTransport(bus)
-
-    def fault(self, text: str) -> None:
-        self.say("fault", text)
-
-    def effort(self, tau) -> None:
-        self.send("effort", messages.torques(np.asarray(tau, dtype=np.float64)))
-
-
 @pytest.fixture
 def stand(go2):
     model, settings = go2
-    peer = MockPeer(settings)
+    peer = MockPeer(MemoryBus(), settings)
     return MockRobot(model, settings, peer.transport), peer
 
 
 def test_a_fault_by_topic_acts_from_its_arrival_for_its_duration(stand):
     robot, peer = stand
     step(robot, 3)
-    peer.fault("{kind: odom_jump, size: 1.0, start: 0.004, duration: 0.006}")
+    peer.say("fault", "{kind: odom_jump, size: 1.0, start: 0.004, duration: 0.006}")
     step(robot, 9)
     off = [abs(content.pose.pose.position.x) + abs(content.pose.pose.position.y) > 0.5 for content in peer.all("odom")]
     # It arrives in the period that begins at 0.006 s, so that it acts from 0.010 s on: sample 5.
@@ -51,11 +35,11 @@ def test_a_fault_by_topic_acts_from_its_arrival_for_its_duration(stand):
 
 def test_clear_ends_every_fault(stand):
     robot, peer = stand
-    peer.fault("[{kind: joint_missing, duration: 10.0}, {kind: message_dropout, stream: odom, duration: 10.0}]")
+    peer.say("fault", "[{kind: joint_missing, duration: 10.0}, {kind: message_dropout, stream: odom, duration: 10.0}]")
     step(robot, 3)
     assert robot.faults.busy
     assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (1, 11)
-    peer.fault("clear")
+    peer.say("fault", "clear")
     step(robot, 2)
     assert not robot.faults.busy
     assert (len(peer.all("odom")), len(peer.all("joint_states")[-1].name)) == (2, 12)
@@ -73,7 +57,7 @@ def test_clear_ends_every_fault(stand):
 def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, text, said):
     robot, peer = stand
     with caplog.at_level(logging.WARNING):
-        peer.fault(text)
+        peer.say("fault", text)
         step(robot)
     (record,) = caplog.records
     assert record.getMessage().startswith("fault refused: ")
@@ -84,8 +68,8 @@ def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, t
 def test_commands_are_lost_and_torques_are_changed_on_their_way(stand):
     robot, peer = stand
     applied = []
-    peer.fault("[{kind: actuator_gain, actuator: FL_calf_joint, factor: 0.5, duration: 0.006}, "
-               "{kind: command_loss, share: 1.0, start: 0.006, duration: 1.0}]")  # fmt: skip
+    peer.say("fault", "[{kind: actuator_gain, actuator: FL_calf_joint, factor: 0.5, duration: 0.006}, "
+             "{kind: command_loss, share: 1.0, start: 0.006, duration: 1.0}]")  # fmt: skip
     step(robot)
     for number in range(1, 5):
         robot.publish()
@@ -127,7 +111,7 @@ def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
 @pytest.mark.parametrize("kind", ["message_dropout", "stamp_zero", "command_loss"])
 def test_in_lockstep_faults_after_which_no_answer_comes_are_refused(go2, kind):
     model, settings = go2
-    robot = MockRobot(model, settings, MockPeer(settings).transport, lockstep=True)
+    robot = MockRobot(model, settings, MockPeer(MemoryBus(), settings).transport, lockstep=True)
     with pytest.raises(InputRefused, match=f"{kind}: the mock robot waits for an answer"):
         robot.plan(read_faults(f"{{kind: {kind}}}", "x"))
     robot.plan(read_faults("{kind: joint_noise}", "x"))
@@ -137,7 +121,7 @@ def test_a_script_acts_at_its_times(go2, tmp_path):
     _, settings = go2
     script = tmp_path / "faults.yaml"
     script.write_text("- {at: 0.004, kind: joint_missing, duration: 0.004}\n", encoding="utf-8")
-    peer, stop = MockPeer(settings), threading.Event()
+    peer, stop = MockPeer(MemoryBus(), settings), threading.Event()
 
     def received(payload: bytes) -> None:
         if len(peer.all("joint_states")) >= 6:
@@ -158,5 +142,5 @@ def test_a_script_that_cannot_be_used_is_an_error_with_its_path(go2, tmp_path, t
     script = tmp_path / "faults.yaml"
     script.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigurationError, match=said) as error:
-        run_mock(settings, MockPeer(settings).transport, threading.Event(), faults=script)
+        run_mock(settings, MockPeer(MemoryBus(), settings).transport, threading.Event(), faults=script)
     assert str(error.value).startswith(str(script))

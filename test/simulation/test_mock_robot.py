@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 import pytest
-from peer import Peer
+from peer import MockPeer
 from starved import StarvedThread
 from stepping import step
 
@@ -17,17 +17,11 @@ from wbc_controller.middleware.topics import MOCK_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.settings import Settings
 from wbc_controller.simulation import mock_robot as module
-from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
+from wbc_controller.simulation.mock_robot import MockRobot
 
 
-class MockPeer(Peer):
-    """The other side of the mock robot's topics."""
-
-    def __init__(self, bus: MemoryBus, settings) -> None:
-        super().__init__(bus, endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts))
-
-    def effort(self, tau) -> None:
-        self.send("effort", messages.torques(np.asarray(tau, dtype=np.float64)))
+class Controller(MockPeer):
+    """The other side of the mock robot's topics, with requests and answers."""
 
     def answer(self, stamp: int, names, tau) -> None:
         content = setpoint_message("sensor_msgs/msg/JointState", "torque", tau, frame="", stamp=stamp, joints=names)
@@ -54,7 +48,7 @@ def make(go2):
             values = shipped.model_dump()
             settings = Settings.model_validate(values | {"contacts": values["contacts"] | contacts})
         bus = MemoryBus()
-        peer = MockPeer(bus, settings)
+        peer = Controller(bus, settings)
         return MockRobot(model, settings, transport(bus), **options), peer
 
     return build
@@ -80,13 +74,6 @@ def test_a_period_publishes_the_state_with_one_stamp(make, go2):
     assert {subject for key, subject, _ in peer.received if key == "contact_wrench"} == set(settings.contacts)
     step(robot)
     assert stamp_of(peer.all("joint_states")[1]) == 4_000_000
-
-
-def test_a_late_subscriber_is_given_the_description(go2):
-    model, settings = go2
-    bus = MemoryBus()
-    MockRobot(model, settings, MemoryTransport(bus))
-    assert len(MockPeer(bus, settings).all("robot_description")) == 1
 
 
 def test_contact_wrenches_come_at_their_own_rate(make, go2):

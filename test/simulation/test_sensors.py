@@ -1,20 +1,18 @@
 """What the mock robot's sensors make of the truth: noise of the stated density, biases, steps, errors of torque."""
 
-from __future__ import annotations
-
 import math
 from typing import get_args
 
 import numpy as np
 import pytest
+from peer import MockPeer
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode
-from wbc_controller.middleware.topics import MOCK_TOPICS, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.simulation.measurement import measure
-from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
+from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
 
@@ -118,12 +116,8 @@ def test_an_imu_may_be_on_any_link_of_the_robot(robot_of, changed):
 
 def test_it_may_measure_no_joint_velocities(robot_of, changed):
     settings, model = robot_of("go2")
-    bus, heard = MemoryBus(), []
-    robot = MockRobot(model, changed(settings, {"mock": {"joint_velocity": False}}), MemoryTransport(bus))
-    for topic in endpoints(MOCK_TOPICS, NODE_NAME, contacts=settings.contacts):
-        if topic.key == "joint_states":
-            MemoryTransport(bus).subscribe(counterpart(topic), heard.append)
-    robot.publish()
-    content = decode(heard[0], "sensor_msgs/msg/JointState")
+    peer = MockPeer(MemoryBus(), settings)
+    MockRobot(model, changed(settings, {"mock": {"joint_velocity": False}}), peer.transport).publish()
+    (content,) = peer.all("joint_states")
     assert len(content.velocity) == 0
     assert len(content.position) == model.nj

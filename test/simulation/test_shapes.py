@@ -57,11 +57,6 @@ def test_a_sole_that_is_configured_at_the_ankle_is_that_high_above_the_floor():
         assert plant.foot_placement(f"{side}_foot").translation[2] == pytest.approx(0.107, abs=0.001)
 
 
-def test_the_robots_stand_with_their_lowest_point_on_the_floor(any_robot):
-    plant = Plant(*any_robot)
-    assert plant.contact_forces.height(plant.data, plant.contact_forces.on_the_floor) == pytest.approx(0.0, abs=1e-6)
-
-
 def made(collision: str, contacts: dict | None = None) -> Plant:
     contacts = {"sole": SURFACE} if contacts is None else contacts
     values = {"robot": {"joints": ["j"], "posture": [0.0]}, "contacts": contacts, "mock": {"friction": 0.4}}

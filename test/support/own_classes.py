@@ -33,13 +33,11 @@ class Height(wbc.MotionTask):
 
 
 class Grip(wbc.AnchoredContact):
-    """A point of a calf that is held, with 3 forces and an anchor."""
+    """A point of a link that is held, with 3 forces and an anchor."""
 
-    def __init__(self, model):
-        super().__init__(
-            "grip", np.eye(6)[:, :3], np.zeros((0, 3)), "world", stiffness=1.0, damping=20.0, internal=False
-        )
-        self.frame = model.frame_id("FL_calf", "grip")
+    def __init__(self, model, link="FL_calf", cone=np.zeros((0, 3)), stiffness=1.0):  # noqa: B008
+        super().__init__("grip", np.eye(6)[:, :3], cone, "world", stiffness=stiffness, damping=20.0, internal=False)
+        self.frame = model.frame_id(link, "grip")
 
     def jacobian(self, dynamics):
         return dynamics.jacobian(self.frame, AXES)[:3]

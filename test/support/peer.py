@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
+import numpy as np
+
+from wbc_controller.middleware.codec import decode, encode, message, torques
+from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.settings import Settings
 
 
 class Peer:
@@ -21,12 +24,12 @@ class Peer:
     def __init__(self, bus: MemoryBus, topics: Iterable[Endpoint]) -> None:
         self.received: list[tuple[str, str, Any]] = []
         self.reactions: dict[str, Callable[[Any], None]] = {}
-        transport, self._publish = MemoryTransport(bus), {}
+        self.transport, self._publish = MemoryTransport(bus), {}
         for topic in topics:
             if topic.direction is Direction.IN:
-                self._publish[topic.key, topic.subject] = transport.advertise(counterpart(topic))
+                self._publish[topic.key, topic.subject] = self.transport.advertise(counterpart(topic))
             else:
-                transport.subscribe(counterpart(topic), lambda payload, topic=topic: self._take(topic, payload))
+                self.transport.subscribe(counterpart(topic), lambda payload, topic=topic: self._take(topic, payload))
 
     def _take(self, topic: Endpoint, payload: bytes) -> None:
         content = decode(payload, topic.type)
@@ -45,3 +48,13 @@ class Peer:
 
     def say(self, key: str, text: str) -> None:
         self.send(key, message("std_msgs/msg/String", data=text))
+
+
+class MockPeer(Peer):
+    """The other end of the mock robot's topics."""
+
+    def __init__(self, bus: MemoryBus, settings: Settings) -> None:
+        super().__init__(bus, endpoints(MOCK_TOPICS, MOCK_NODE, contacts=settings.contacts))
+
+    def effort(self, tau: Any) -> None:
+        self.send("effort", torques(np.asarray(tau, dtype=np.float64)))

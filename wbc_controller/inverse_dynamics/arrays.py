@@ -8,8 +8,6 @@ the plain NumPy call; on one machine, for 30 numbers, the NumPy equivalent took 
 function that is called here.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ Arrays from these methods go into compiled code and into the arrays of the quadr
 broadcast there, or would let compiled code write outside of its memory.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """The whole-body controller: from a state and references to accelerations, torques and contact forces."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial

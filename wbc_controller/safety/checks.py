@@ -3,8 +3,6 @@
 All comparisons are written so that NaN fails them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -18,21 +16,13 @@ TORQUE_TOLERANCE = 0.01
 
 
 class Check(NamedTuple):
-    """One check of the supervisor, as in the table of docs/safety.md.
-
-    Attributes:
-        name: checked quantity.
-        keys: keys of the configuration with its thresholds; empty if they are fixed.
-        unit: unit of the thresholds.
-        response: response of the supervisor.
-        code: code of the fault; empty if the check causes none.
-    """
+    """One check of the supervisor, as in the table of docs/safety.md."""
 
     name: str
-    keys: tuple[str, ...]
+    keys: tuple[str, ...]  # keys of the configuration with its thresholds; empty if they are fixed
     unit: str
     response: str
-    code: str = ""
+    code: str = ""  # code of the fault; empty if the check causes none
 
 
 CHECKS = (
@@ -83,7 +73,6 @@ def stale_inputs(
 
     Args:
         ages: age of each input, s; infinite where none has arrived.
-        limit: largest allowed age, s.
         notes: gives for inputs what to know about their age; called where one is too old.
     """
     parts = []
@@ -108,7 +97,6 @@ def unusable_torques(
         tau: torques of the actuators, (na,) in N·m.
         available: lower and upper bounds of the torques available at the present speeds, both (na,) in N·m.
         limits: effort limits, (na,) in N·m.
-        actuators: names, (na,).
         tolerance: share of an effort limit by which a solver may exceed a bound.
     """
     lower, upper = available
@@ -124,8 +112,6 @@ def no_solution_for_too_long(reason: Fault, held: float, limit: float, window: f
     Args:
         reason: why there is no solution now.
         held: time of holding within the window, s.
-        limit: largest such time, s.
-        window: s.
     """
     sentence = (
         f"held the last torques for {1e3 * held:.0f} ms within {window:g} s (limit {1e3 * limit:.0f} ms, "
@@ -140,8 +126,6 @@ def relaxed_for_too_long(groups: Sequence[str], spent: float, limit: float, wind
     Args:
         groups: what was relaxed within the window.
         spent: time with relaxed constraints within the window, s.
-        limit: largest such time, s.
-        window: s.
     """
     if spent <= limit:
         return None

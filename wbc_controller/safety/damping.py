@@ -1,7 +1,5 @@
 """How much a joint can be damped by a controller in discrete time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 from scipy.linalg import null_space
@@ -22,8 +20,6 @@ def stable_damping(model: RobotModel, damping: float, period: float) -> Array:
     factor of 2 is left for other postures.
 
     Args:
-        model: the robot.
-        damping: the wanted one, N·m·s/rad.
         period: T, s.
     """
     W = _mobility(model)

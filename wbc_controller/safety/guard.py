@@ -10,8 +10,6 @@ In idle, watching and released the guard sends nothing. It never sends while the
 topic would be a race.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 from dataclasses import dataclass
@@ -38,60 +36,39 @@ class GuardMode(str, enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class GuardLimits:
-    """Timing and limits of the guard.
+    """Timing and limits of the guard."""
 
-    Attributes:
-        patience: time by which a command may be late, s.
-        period: time between the controller's commands, s.
-        triggered: whether the controller sends a command for each joint state, instead of periodically.
-        state_timeout: largest age of joint velocities used for damping, s; also the time after which a triggered
-            controller sends a command without a new joint state.
-        damping: joint damping, N·m·s/rad.
-        damping_time: time of damping before the torques are zero, s.
-        damping_torque: largest damping torque, (na,) in N·m.
-        torque_rate: largest change of a torque, (na,) in N·m/s; by one period's worth at most per message.
-        effort: largest torque, (na,) in N·m.
-    """
-
-    patience: float
-    period: float
-    triggered: bool
+    patience: float  # time by which a command may be late, s
+    period: float  # time between the controller's commands, s
+    triggered: bool  # whether the controller sends a command for each joint state, instead of periodically
+    # largest age of joint velocities used for damping, s; also the time after which a triggered controller sends a
+    # command without a new joint state
     state_timeout: float
-    damping: float
-    damping_time: float
-    damping_torque: Array
-    torque_rate: Array
-    effort: Array
+    damping: float  # joint damping, N·m·s/rad
+    damping_time: float  # time of damping before the torques are zero, s
+    damping_torque: Array  # largest damping torque, (na,) in N·m
+    torque_rate: Array  # largest change of a torque, (na,) in N·m/s; by one period's worth at most per message
+    effort: Array  # largest torque, (na,) in N·m
 
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """The latched sample of messages that the guard has received; times are arrival times on its own clock.
+    """The latched sample of messages that the guard has received; times are arrival times on its own clock."""
 
-    Attributes:
-        command_at: arrival of the newest command, s; -inf where none has arrived.
-        torques: torques of the newest command, (na,) in N·m.
-        unanswered_at: arrival of the first joint state after the newest command, s; inf where none has arrived.
-        mode: last mode that the controller has reported; None where it has reported none.
-        velocity: newest joint velocities, mapped to the actuators by `Drive.from_joints`, (na,) in rad/s; None where
-            none have arrived.
-        velocity_at: arrival of the newest joint velocities, s.
-    """
-
-    command_at: float
-    torques: Array
-    unanswered_at: float
-    mode: Mode | None
+    command_at: float  # arrival of the newest command, s; -inf where none has arrived
+    torques: Array  # torques of the newest command, (na,) in N·m
+    unanswered_at: float  # arrival of the first joint state after the newest command, s; inf where none has arrived
+    mode: Mode | None  # last mode that the controller has reported; None where it has reported none
+    # newest joint velocities, mapped to the actuators by `Drive.from_joints`, (na,) in rad/s; None where none have
+    # arrived
     velocity: Array | None
-    velocity_at: float
+    velocity_at: float  # arrival of the newest joint velocities, s
 
 
 class Guard:
     """Decides at each instant whether the guard sends torques, and which.
 
     Attributes:
-        limits: timing and limits.
-        mode: the present mode.
         reason: why the guard has taken over, in words; empty before a takeover, and once the controller is back.
         takeovers: number of times that the guard has started to damp.
     """
@@ -127,10 +104,6 @@ class Guard:
 
     def step(self, now: float, heard: Heard) -> Array | None:
         """Update the mode, and compute the torques to send.
-
-        Args:
-            now: s.
-            heard: messages received until now.
 
         Returns:
             Torques to send, (na,) in N·m; None where nothing is to be sent.

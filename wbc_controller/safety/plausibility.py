@@ -4,8 +4,6 @@ These checks compare consecutive states, so that they remember; the others are f
 All comparisons are written so that NaN fails them.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass
@@ -42,29 +40,17 @@ _AXES = tuple(f"base {kind} {axis}" for kind in ("motion along", "rotation about
 
 @dataclass(frozen=True, slots=True)
 class PlausibilityLimits:
-    """Limits of plausible states.
+    """Limits of plausible states."""
 
-    Attributes:
-        magnitude: largest joint position or base coordinate, rad or m.
-        joint_speed: largest joint velocity, as a multiple of the velocity limit.
-        base_speed: largest velocity of the base, m/s.
-        base_turn: largest angular velocity of the base, rad/s.
-        joint_mismatch: largest difference between the change of a joint position and its velocity, integrated, rad.
-        base_mismatch: likewise of the position of the base, m.
-        base_turn_mismatch: likewise of its orientation, rad.
-        frozen_motion: motion that a joint's velocity may tell while its position stays at one value, rad.
-        frozen_time: longest time for which the joints, or the base, may repeat all values while moving, s.
-    """
-
-    magnitude: float
-    joint_speed: float
-    base_speed: float
-    base_turn: float
-    joint_mismatch: float
-    base_mismatch: float
-    base_turn_mismatch: float
-    frozen_motion: float
-    frozen_time: float
+    magnitude: float  # largest joint position or base coordinate, rad or m
+    joint_speed: float  # largest joint velocity, as a multiple of the velocity limit
+    base_speed: float  # largest velocity of the base, m/s
+    base_turn: float  # largest angular velocity of the base, rad/s
+    joint_mismatch: float  # largest difference between the change of a joint position and its velocity, integrated, rad
+    base_mismatch: float  # likewise of the position of the base, m
+    base_turn_mismatch: float  # likewise of its orientation, rad
+    frozen_motion: float  # motion that a joint's velocity may tell while its position stays at one value, rad
+    frozen_time: float  # longest time for which the joints, or the base, may repeat all values while moving, s
 
 
 class StateWatch:
@@ -268,15 +254,10 @@ def joint_speed_limits(model: RobotModel, multiple: float) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class FallLimits:
-    """Limits beyond which a robot with a floating base has fallen.
+    """Limits beyond which a robot with a floating base has fallen."""
 
-    Attributes:
-        tilt: largest angle between the base's upward direction and that at the activation, rad.
-        height: smallest height of the base above the lowest end of a limb, as a share of that at the activation.
-    """
-
-    tilt: float
-    height: float
+    tilt: float  # largest angle between the base's upward direction and that at the activation, rad
+    height: float  # smallest height of the base above the lowest end of a limb, as a share of that at the activation
 
 
 class FallWatch:

@@ -1,7 +1,5 @@
 """Comparison of a state with the one before it: jumps, frozen values and implausible values (`safety.plausibility`)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -186,9 +184,6 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float, 
     resets u.
 
     Args:
-        memory: limits, and what is remembered.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
         dt: Δt, s.
         some_untold: True if u is not zero.
 

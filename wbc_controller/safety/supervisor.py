@@ -14,8 +14,6 @@ In inactive nothing is published once the torques are zero. Damping opposes the 
 known, the torques ramp to zero. In stopped and fault zero torques are published. A fault is latched until `reset`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -54,38 +52,24 @@ _AHEAD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class SupervisorLimits:
-    """Timing and limits of the supervisor.
+    """Timing and limits of the supervisor."""
 
-    Attributes:
-        activation_ramp: time in which the torques ramp in, s.
-        hold_time: longest time without a solution within `hold_window` before damping, s.
-        damping_time: time of damping before zero torque, s.
-        damping: joint damping, N·m·s/rad.
-        torque_rate: torque rate limit, in effort limits per second.
-        period: time between cycles, s.
-        torque_speed: torque-speed curve of the motors; None for their effort limits at every speed.
-        hold_window: window over which the time without a solution adds up, s; 0 counts only without interruption.
-        relax_time: longest time with relaxed constraints within `relax_window` before damping, s.
-        relax_window: window over which that time adds up, s.
-        plausibility: limits of plausible states; None checks nothing.
-        fall: limits beyond which the robot has fallen; None checks nothing.
-        velocity_delay: by how much the joint velocities are late, s; damping bears it.
-        torque_filter: time constant with which the torques sent follow those of the solutions, s; 0 for at once.
-    """
-
-    activation_ramp: float
-    hold_time: float
-    damping_time: float
+    activation_ramp: float  # time in which the torques ramp in, s
+    hold_time: float  # longest time without a solution within `hold_window` before damping, s
+    damping_time: float  # time of damping before zero torque, s
     damping: float
-    torque_rate: float
+    torque_rate: float  # torque rate limit, in effort limits per second
     period: float
+    # torque-speed curve of the motors; None for their effort limits at every speed
     torque_speed: TorqueSpeedCurve | None = None
+    # window over which the time without a solution adds up, s; 0 counts only without interruption
     hold_window: float = 0.0
-    relax_time: float = math.inf
-    relax_window: float = 0.0
-    plausibility: PlausibilityLimits | None = None
-    fall: FallLimits | None = None
-    velocity_delay: float = 0.0
+    relax_time: float = math.inf  # longest time with relaxed constraints within `relax_window` before damping, s
+    relax_window: float = 0.0  # window over which that time adds up, s
+    plausibility: PlausibilityLimits | None = None  # limits of plausible states; None checks nothing
+    fall: FallLimits | None = None  # limits beyond which the robot has fallen; None checks nothing
+    velocity_delay: float = 0.0  # by how much the joint velocities are late, s; damping bears it
+    # time constant with which the torques sent follow those of the solutions, s; 0 for at once
     torque_filter: float = 0.0
 
 
@@ -93,7 +77,6 @@ class Supervisor:
     """Decides in every cycle which command goes to the joints.
 
     Attributes:
-        mode: the present mode.
         fault: why the active mode was left; latched until `reset`.
         limits: timing and limits; may be replaced between cycles.
     """
@@ -301,14 +284,7 @@ class Supervisor:
     def _follow(
         self, now: float, state: RobotState | None, joint_velocity: Array | None, solution: Solution
     ) -> JointCommand | None:
-        """Make the command that follows a solution; None if it cannot be followed: the mode is another one now.
-
-        Args:
-            now: s.
-            state: the state of the solution; without one the command has no positions and velocities.
-            joint_velocity: joint velocities, (nj,) in rad/s; None if stale.
-            solution: the solution.
-        """
+        """Make the command that follows a solution; None if it cannot be followed: the mode is another one now."""
         share, kept, seen = self._share.sample(now), 0.0, self._no_state if state is None else state
         if self._filter > 0.0 and self._taken_over and share >= 1.0:
             kept = math.exp(-self._passed / self._filter)

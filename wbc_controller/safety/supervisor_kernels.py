@@ -1,7 +1,5 @@
 """The command that follows a solution (`safety.supervisor`)."""
 
-from __future__ import annotations
-
 from wbc_controller.compilation import Indices, Matrix, OutVector, StridedVector, Struct, Vector, compiled
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import clipped
 
@@ -44,7 +42,6 @@ def follow(
     """Write the command that follows a solution, if its torques are usable: available within a tolerance, and not NaN.
 
     Args:
-        command: limits of commands.
         tau: torques of the solution, (na,) in N·m.
         v_dot: its generalized acceleration v̇, (nv,).
         q: configuration, (nq,).

@@ -1,7 +1,5 @@
 """Absolute poses of motion capture or SLAM: at a rate of their own, noisy, and late."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Attachments of the mock robot's links: grips at fixed contacts, and joints that close loops."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,18 +27,12 @@ _REDUNDANT = 1.0e-6
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """The attachment of a link to another link, or to the world.
+    """The attachment of a link to another link, or to the world."""
 
-    Attributes:
-        names: names of its equality constraints in MuJoCo: one weld, or one or two points held together.
-        points: these points in the attached frame, (n, 3) in m; None for a weld.
-        joints: Pinocchio joints that move the holder and the held link; 0 for the world.
-        placements: placements of the attached frame on these joints; the first is its target on the holder.
-    """
-
-    names: tuple[str, ...]
-    points: Array | None
-    joints: tuple[int, int]
+    names: tuple[str, ...]  # names of its equality constraints in MuJoCo: one weld, or one or two points held together
+    points: Array | None  # these points in the attached frame, (n, 3) in m; None for a weld
+    joints: tuple[int, int]  # Pinocchio joints that move the holder and the held link; 0 for the world
+    # placements of the attached frame on these joints; the first is its target on the holder
     placements: tuple[pin.SE3, pin.SE3]
 
 

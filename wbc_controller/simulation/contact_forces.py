@@ -1,7 +1,5 @@
 """The geoms of each contact of the configuration in MuJoCo, and the forces on them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The hoist that holds the mock robot's base at its start, and is engaged and released along ramps."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

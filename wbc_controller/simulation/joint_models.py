@@ -1,7 +1,5 @@
 """Joints of MuJoCo's model that are more than a motor: locked, passive, geared and mimic joints."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The measurements of the mock robot's sensors at one instant, and their messages."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,47 +19,26 @@ STREAMS = ("clock", "odom", "imu", "pose", "joint_states")
 
 @dataclass(slots=True)
 class Measurement:
-    """The values of all sensors at one instant. Faults change them before they are sent.
+    """The values of all sensors at one instant. Faults change them before they are sent."""
 
-    Attributes:
-        taken: true simulated time, ns.
-        stamps: stamp of each stream's message, ns; of the clock, its time.
-        names: names of the joints.
-        position: of the joints, (nj,) in rad.
-        velocity: of the joints, (nj,) in rad/s.
-        effort: of the joints, (nj,) in N·m.
-        base: name of the link of the odometry.
-        pose: its position and quaternion in the world, (7,).
-        twist: its twist in its own axes, (6,).
-        imu_frame: frame of the inertial measurement unit.
-        orientation: of that frame, quaternion, (4,).
-        angular_velocity: likewise, (3,) in rad/s.
-        specific_force: likewise, (3,) in m/s².
-        absent: names of joints that are missing in the joint states.
-        absolute: absolute pose of the robot, position and quaternion in the world, (7,).
-        vagueness: standard deviations of its position and its turns, m and rad.
-        silent: streams without a message at this instant.
-        tells_velocity: True if the joint states have velocities.
-    """
-
-    taken: int
-    stamps: dict[str, int]
+    taken: int  # true simulated time, ns
+    stamps: dict[str, int]  # stamp of each stream's message, ns; of the clock, its time
     names: list[str]
-    position: Array
-    velocity: Array
-    effort: Array
-    base: str
-    pose: Array
-    twist: Array
-    imu_frame: str
-    orientation: Array
-    angular_velocity: Array
-    specific_force: Array
-    absolute: Array
-    silent: set[str]
-    vagueness: tuple[float, float] = (0.0, 0.0)
-    absent: set[str] = field(default_factory=set)
-    tells_velocity: bool = True
+    position: Array  # of the joints, (nj,) in rad
+    velocity: Array  # of the joints, (nj,) in rad/s
+    effort: Array  # of the joints, (nj,) in N·m
+    base: str  # name of the link of the odometry
+    pose: Array  # its position and quaternion in the world, (7,)
+    twist: Array  # its twist in its own axes, (6,)
+    imu_frame: str  # frame of the inertial measurement unit
+    orientation: Array  # of that frame, quaternion, (4,)
+    angular_velocity: Array  # likewise, (3,) in rad/s
+    specific_force: Array  # likewise, (3,) in m/s²
+    absolute: Array  # absolute pose of the robot, position and quaternion in the world, (7,)
+    silent: set[str]  # streams without a message at this instant
+    vagueness: tuple[float, float] = (0.0, 0.0)  # standard deviations of its position and its turns, m and rad
+    absent: set[str] = field(default_factory=set)  # names of joints that are missing in the joint states
+    tells_velocity: bool = True  # True if the joint states have velocities
 
     def message(self, stream: str) -> Any:
         """Make the message of one of the `STREAMS`."""
@@ -71,7 +48,7 @@ class Measurement:
         if stream == "odom":
             return odometry(stamp, WORLD_FRAME, self.base, self.pose, self.twist)
         if stream == "imu":
-            return _imu(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
+            return imu_message(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
         if stream == "pose":
             return pose_with_covariance(stamp, WORLD_FRAME, self.absolute, *self.vagueness)
         values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
@@ -109,7 +86,8 @@ def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Meas
     )
 
 
-def _imu(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
+def imu_message(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
+    """Make an Imu message without covariances."""
     exact = np.zeros(9)
     return messages.message(
         "sensor_msgs/msg/Imu",

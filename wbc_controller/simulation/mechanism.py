@@ -1,7 +1,5 @@
 """Builds MuJoCo's model of the robot from the URDF and the configuration: mechanism, floor, shapes and hoist."""
 
-from __future__ import annotations
-
 import logging
 import math
 import xml.etree.ElementTree as ET
@@ -256,10 +254,7 @@ def compile_mechanism(
     """Build MuJoCo's model: mechanism, free joint, floor, shapes, hoist, grips and the joints that close loops.
 
     Args:
-        model: the robot.
-        contacts: contacts of the configuration.
         step: time step of the simulation, s.
-        mock: the settings of the floor.
         shapes: by Pinocchio joint, what its links touch the floor with. Contacts of other links have the shapes of the
             configuration.
         attachments: grips, and joints that close loops.

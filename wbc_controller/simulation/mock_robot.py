@@ -10,8 +10,6 @@ In one period it publishes the state, receives the controller's torques, applies
     robot.advance()
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import math
@@ -70,7 +68,6 @@ class MockRobot:
     them. The transport's callbacks only store the other serialized messages.
 
     Attributes:
-        plant: the physics.
         faults: the faults; planned by `plan`, or on the topic ``fault``.
         sent: if set, called with the stream of each message sent and the true time of its content, ns.
         rebased: how often the real-time schedule was late by more than `MAX_LATE`, and restarted.
@@ -92,15 +89,10 @@ class MockRobot:
         """Build the plant, open the topics and publish the robot's description. The base is held.
 
         Args:
-            model: the robot.
-            settings: the configuration that the model was built from.
-            transport: carries the messages; the caller closes it.
             real_time_factor: simulated seconds per second; unused in lockstep.
             lockstep: wait in each period for the command for its state, on the topic ``joint_commands``; otherwise use
                 the newest torques on the topic ``effort``.
             patient: let simulated time wait for a controller that is late.
-            clock: monotonic wall time, s.
-            namespace: namespace of the node, starting with a slash.
             remappings: as in `middleware.topics.resolve`.
 
         Raises:

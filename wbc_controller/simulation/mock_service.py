@@ -1,7 +1,5 @@
 """The service of the mock robot, on any transport."""
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections.abc import Mapping

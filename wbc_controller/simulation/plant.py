@@ -6,8 +6,6 @@ their friction, holds here only where the URDF has no shapes, and between two li
 conventions of `wbc_controller.records`, which are Pinocchio's; the conversions to MuJoCo's are made here.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections import deque
@@ -71,7 +69,6 @@ class Plant:
     Attributes:
         model: MuJoCo's model, which faults change; its dependent quantities are up to date after `forward`.
         data: MuJoCo's data in the present state, to be read only.
-        contacts: the contacts of the configuration, by name.
         contact_forces: the geoms of each contact, and their forces.
         steps_per_period: number of simulation steps in one control period.
         step_seconds: time step of the simulation, s: the largest divisor of the period up to ``settings.mock.step``.

@@ -3,8 +3,6 @@
 The figures of each preset are those of parts that such robots carry (docs/estimation.md names them).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,33 +19,19 @@ _DEGREE, _G = math.pi / 180.0, 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Figures of an inertial measurement unit, encoders and motors; biases and offsets are standard deviations.
+    """Figures of an inertial measurement unit, encoders and motors; biases and offsets are standard deviations."""
 
-    Attributes:
-        gyroscope_noise: density, rad/s/√Hz.
-        gyroscope_bias: at the start, rad/s.
-        gyroscope_walk: density of the walk of the bias, rad/s²/√Hz.
-        accelerometer_noise: density, m/s²/√Hz.
-        accelerometer_bias: at the start, m/s².
-        accelerometer_walk: density of the walk of the bias, m/s³/√Hz.
-        encoder_resolution: step of the joint positions, rad; m for joints that slide, likewise below.
-        encoder_noise: of the joint positions, standard deviation, rad.
-        encoder_offset: of each joint, rad.
-        velocity_noise: of the joint velocities, standard deviation, rad/s.
-        torque_error: of each motor's torque, as a share of it.
-    """
-
-    gyroscope_noise: float
-    gyroscope_bias: float
-    gyroscope_walk: float
-    accelerometer_noise: float
-    accelerometer_bias: float
-    accelerometer_walk: float
-    encoder_resolution: float
-    encoder_noise: float
-    encoder_offset: float
-    velocity_noise: float
-    torque_error: float
+    gyroscope_noise: float  # density, rad/s/√Hz
+    gyroscope_bias: float  # at the start, rad/s
+    gyroscope_walk: float  # density of the walk of the bias, rad/s²/√Hz
+    accelerometer_noise: float  # density, m/s²/√Hz
+    accelerometer_bias: float  # at the start, m/s²
+    accelerometer_walk: float  # density of the walk of the bias, m/s³/√Hz
+    encoder_resolution: float  # step of the joint positions, rad; m for joints that slide, likewise below
+    encoder_noise: float  # of the joint positions, standard deviation, rad
+    encoder_offset: float  # of each joint, rad
+    velocity_noise: float  # of the joint velocities, standard deviation, rad/s
+    torque_error: float  # of each motor's torque, as a share of it
 
 
 #: Parts by preset; ``ideal`` has none.

@@ -5,8 +5,6 @@ its vertices, so that a hull may be taken apart: a sole becomes balls at the cor
 ball, and the rest of the hull stays a mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,19 +42,12 @@ _THINNEST = 0.0005
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A convex shape on the link of a Pinocchio joint.
-
-    Attributes:
-        kind: MuJoCo's type of geom.
-        placement: of the shape in the joint's frame.
-        size: MuJoCo's sizes of that type, m; empty for a mesh.
-        points: vertices of a mesh in the joint's frame, (n, 3) in m; None for others.
-    """
+    """A convex shape on the link of a Pinocchio joint."""
 
     kind: Any
-    placement: pin.SE3
-    size: tuple[float, ...] = ()
-    points: Array | None = None
+    placement: pin.SE3  # of the shape in the joint's frame
+    size: tuple[float, ...] = ()  # MuJoCo's sizes of that type, m; empty for a mesh
+    points: Array | None = None  # vertices of a mesh in the joint's frame, (n, 3) in m; None for others
 
 
 def read_shapes(
@@ -65,7 +56,6 @@ def read_shapes(
     """Read the collision shapes of a robot's URDF.
 
     Args:
-        model: the robot.
         soles: by Pinocchio joint, the outward normals of the soles of its links, in the joint's frame, (3,) each.
         tips: by Pinocchio joint whose links stand on a point, the direction downwards in the nominal posture, in the
             joint's frame, (3,).
@@ -149,8 +139,6 @@ def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], 
     """Take the sole from a hull.
 
     Args:
-        hull: vertices, (n, 3) in m.
-        normal: outward normal of the sole, of length 1, (3,).
         lowest: how far the sole of the whole link reaches along the normal, m.
 
     Returns:
@@ -175,10 +163,6 @@ def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], 
 
 def _part_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
     """Take the round tip from a hull.
-
-    Args:
-        hull: vertices, (n, 3) in m.
-        down: a direction in which it is round, of length 1, (3,).
 
     Returns:
         The ball of the tip, if the hull is round there, and the vertices of the hull outside of it.

@@ -23,9 +23,7 @@ class Simulation:
     """A standing robot in MuJoCo with its active controller. Its time begins after the ramp of the torques.
 
     Attributes:
-        controller: the controller.
         plant: the physics; its base is not held.
-        time: simulated, s.
         result: of the last cycle.
     """
 
@@ -45,8 +43,6 @@ class Simulation:
         Args:
             config: the configuration, or what `load` takes.
             tasks: your own, as for `Controller`.
-            contacts: likewise.
-            limits: likewise.
             preflight: check first that the robot can stand as configured.
 
         Raises:

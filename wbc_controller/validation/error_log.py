@@ -1,7 +1,5 @@
 """Collects the errors that this package logs during a trial."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A controller, its mock robot and its user on one thread and simulated time: the base of trials in one process."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -27,15 +25,8 @@ class Lockstep:
     """Controller, mock robot and user on one memory bus.
 
     Attributes:
-        settings: of the robot.
-        model: of the robot.
         topics: endpoints of the controller.
-        bus: carries all messages.
-        mock: the mock robot.
-        controller: the controller.
         clock: of the controller's loop.
-        loop: the controller's loop.
-        user: sends requests to the controller.
     """
 
     def __init__(

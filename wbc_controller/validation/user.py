@@ -1,7 +1,5 @@
 """The user of a trial: sends requests to the controller by topics, and moves the robot."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
@@ -25,11 +23,7 @@ _LONGEST = 4.0
 
 
 class User:
-    """Sends messages to the controller.
-
-    Attributes:
-        requests: the controller's topics for requests, by key and subject.
-    """
+    """Sends messages to the controller."""
 
     def __init__(self, settings: Settings, model: RobotModel, topics: Sequence[Endpoint], transport: Transport) -> None:
         self.requests = {

@@ -20,7 +20,6 @@ from wbc_controller.inverse_dynamics.contacts import (
     RollingContact,
     SurfaceContact,
 )
-from wbc_controller.inverse_dynamics.formulation import formulation
 from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import RobotState, frozen
@@ -230,29 +229,6 @@ def test_a_contact_asks_for_k_e_exactly_in_every_row(load, bench):
     assert np.abs(np.concatenate(e)).max() > 1e-3
     np.testing.assert_allclose(b - b_without, STIFFNESS * np.concatenate(e), atol=1e-9)
     assert np.array_equal(layouts[0].J, layouts[1].J)
-
-
-def test_without_a_stiffness_nothing_is_computed_and_nothing_anchored(load, bench, monkeypatch):
-    def never(*_):
-        raise AssertionError("computed")
-
-    robot = Standing(load, bench, 0.0)
-    monkeypatch.setattr(formulation, "pull", never)
-    references = robot.board.sample(0.0)
-    assert not references.anchors
-    robot.controller.solve(robot.state(), references)
-    stiff = Standing(load, bench, STIFFNESS)
-    with pytest.raises(AssertionError, match="computed"):
-        stiff.controller.solve(stiff.state(), stiff.board.sample(0.0))
-
-
-def test_at_its_anchor_a_stiff_contact_asks_for_nothing_else(load, bench):
-    answers = []
-    for stiffness in (0.0, STIFFNESS):
-        robot = Standing(load, bench, stiffness)
-        v = 0.05 * np.random.default_rng(2).normal(size=robot.model.nv)
-        answers.append(robot.controller.solve(robot.state(v=v), robot.board.sample(0.0)))
-    np.testing.assert_allclose(answers[0].v_dot, answers[1].v_dot, atol=1e-7)
 
 
 def test_a_contact_is_anchored_where_it_is_made_and_anew_when_it_was_broken(load, bench):

@@ -36,6 +36,23 @@ def still(robot, references):
     return explain(layout, robot.model, formulation.effort_bounds(references), held=("motion",))
 
 
+HANDS = ("left_rubber_hand", "right_rubber_hand")
+POINT = [True, True, True, False, False, False]
+
+
+def between_hands(robot):
+    """Place of the right hand in the frame of the left one, (3,) in m, with the snapshot in the stance."""
+    dynamics = robot.controller.dynamics
+    dynamics.update(robot.stance, np.zeros(robot.model.nv))
+    left, right = (dynamics.placement(robot.model.frame_id(hand, "")) for hand in HANDS)
+    return left.actInv(right).translation
+
+
+def bar_between_hands(robot, place, **options):
+    """A loop that holds the right hand at a place in the frame of the left one."""
+    return LoopClosure("bar", robot.model, HANDS, (pin.SE3(np.eye(3), place), pin.SE3.Identity()), POINT, **options)
+
+
 def test_a_bolt_bears_the_weight_from_above(bench):
     robot = bolted(bench("go2"), max_force=1000.0)
     weight = robot.model.mass * robot.model.gravity
@@ -105,18 +122,8 @@ def test_two_links_squeeze_each_other_and_the_robot_does_not_feel_it(bench):
 
 def test_a_loop_is_held_without_being_made_and_moves_as_its_law_says(bench):
     robot = bench("g1")
-    dynamics = robot.controller.dynamics
-    dynamics.update(robot.stance, np.zeros(robot.model.nv))
-    a, b = (dynamics.placement(robot.model.frame_id(f"{side}_rubber_hand", "")) for side in ("left", "right"))
-    open_by = np.array([0.002, -0.001, 0.003])
-    bar = LoopClosure(
-        "bar",
-        robot.model,
-        ("left_rubber_hand", "right_rubber_hand"),
-        (pin.SE3(np.eye(3), a.actInv(b).translation - open_by), pin.SE3.Identity()),
-        [True, True, True, False, False, False],
-        stiffness=100.0,
-    )
+    dynamics, open_by = robot.controller.dynamics, np.array([0.002, -0.001, 0.003])
+    bar = bar_between_hands(robot, between_hands(robot) - open_by, stiffness=100.0)
     with_contacts(robot, *robot.controller.contacts.values(), bar)
     for state in (robot.state(), robot.near_stance(np.random.default_rng(1), position=0.0)):
         references = robot.references(state)
@@ -133,32 +140,24 @@ def test_a_loop_is_held_without_being_made_and_moves_as_its_law_says(bench):
 def test_two_links_that_are_held_by_a_loop_and_pulled_apart_by_grips_conflict(bench):
     """Both hands are fixed to the world, and the loop between them is open: all three are named."""
     robot = bench("g1")
-    dynamics = robot.controller.dynamics
-    dynamics.update(robot.stance, np.zeros(robot.model.nv))
-    hands = ("left_rubber_hand", "right_rubber_hand")
-    a, b = (dynamics.placement(robot.model.frame_id(hand, "")) for hand in hands)
-    gap = pin.SE3(np.eye(3), a.actInv(b).translation + np.array([0.0, 0.005, 0.0]))
-    bar = LoopClosure("bar", robot.model, hands, (gap, pin.SE3.Identity()), [True] * 3 + [False] * 3)
-    grips = [FixedContact(hand, robot.model, hand, pin.SE3.Identity(), [True] * 3 + [False] * 3) for hand in hands]
+    bar = bar_between_hands(robot, between_hands(robot) + np.array([0.0, 0.005, 0.0]))
+    grips = [FixedContact(hand, robot.model, hand, pin.SE3.Identity(), POINT) for hand in HANDS]
     feet = list(robot.controller.contacts.values())
     with_contacts(robot, *feet, *grips, bar)
     references = replace(robot.references(), contacts=dict.fromkeys([c.name for c in (*feet, *grips)], 1.0))
     with pytest.raises(NoSolution) as error:
         robot.controller.solve(robot.state(), references)
     why = error.value.infeasibility
-    assert set(why.conflict) == {"contact_motion:bar", *(f"contact_motion:{hand}" for hand in hands)}
+    assert set(why.conflict) == {"contact_motion:bar", *(f"contact_motion:{hand}" for hand in HANDS)}
     assert "motion of bar" in why.sentence
 
 
 def test_a_solution_with_a_loop_and_a_grip_is_the_motion_of_the_mechanics(bench):
     """Under the torques of the answer, Gauss's principle with constraints of their own gives the same motion (S10)."""
-    robot, hands = bench("g1"), ("left_rubber_hand", "right_rubber_hand")
-    model, dynamics = robot.model, robot.controller.dynamics
-    dynamics.update(robot.stance, np.zeros(model.nv))
-    a, b = (dynamics.placement(model.frame_id(hand, "")) for hand in hands)
-    middle = a.actInv(b).translation
-    bar = LoopClosure("bar", model, hands, (pin.SE3(np.eye(3), middle), pin.SE3.Identity()), [True] * 3 + [False] * 3)
-    grip = FixedContact("grip", model, hands[0], pin.SE3.Identity(), max_force=1000.0, max_moment=1000.0)
+    robot = bench("g1")
+    model, dynamics, middle = robot.model, robot.controller.dynamics, between_hands(robot)
+    bar = bar_between_hands(robot, middle)
+    grip = FixedContact("grip", model, HANDS[0], pin.SE3.Identity(), max_force=1000.0, max_moment=1000.0)
     feet = list(robot.controller.contacts.values())
     with_contacts(robot, *feet, grip, bar)
     J = np.vstack([contact.jacobian(dynamics) for contact in (*feet, grip, bar)])
@@ -168,7 +167,7 @@ def test_a_solution_with_a_loop_and_a_grip_is_the_motion_of_the_mechanics(bench)
     references = replace(robot.references(), contacts=dict.fromkeys([contact.name for contact in (*feet, grip)], 1.0))
     solution = robot.controller.solve(state, references)
     kinematics = Kinematics(model.pinocchio, robot.stance, v)
-    constraints = [PinnedFrames(first=hands[0], first_offset=middle, second=hands[1]), Held(frame=hands[0])]
+    constraints = [PinnedFrames(first=HANDS[0], first_offset=middle, second=HANDS[1]), Held(frame=HANDS[0])]
     for foot in feet:
         frame = robot.settings.contacts[foot.name].frame
         placement = kinematics.placement(frame).actInv(foot.placement(dynamics))

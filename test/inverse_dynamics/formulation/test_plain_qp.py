@@ -7,11 +7,11 @@ import os
 from functools import cache
 
 import numpy as np
+import own_classes
 import pinocchio as pin
 import pytest
 from chains import MENAGERIE, menagerie
 
-import wbc_controller as wbc
 from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
@@ -24,81 +24,29 @@ from wbc_controller.settings.files import find_configuration, load_settings
 
 PROBLEMS = int(os.environ.get("PLAIN_QP_PROBLEMS", "300"))
 PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
-AXES = pin.LOCAL_WORLD_ALIGNED
 
 
-class Height(wbc.MotionTask):
-    """Height of the centre of mass: a user's own task."""
-
-    size = 1
+class Height(own_classes.Height):
+    """A user's own task with a priority level and a tolerance."""
 
     def __init__(self, model, name="height", level=0, tolerance=None):
-        super().__init__(name, [True])
+        super().__init__(model, name)
         self.level, self.tolerance = level, tolerance
-
-    def position(self, dynamics):
-        return np.array(dynamics.com[2:])
-
-    def velocity(self, dynamics):
-        return dynamics.com_velocity[2:]
-
-    def error(self, dynamics, position):
-        return position - dynamics.com[2:]
-
-    def jacobian(self, dynamics):
-        return dynamics.com_jacobian[2:]
-
-    def drift(self, dynamics):
-        return dynamics.com_drift[2:]
 
 
 class OwnPosture(PostureTask):
     """A posture task whose rows are evaluated in Python."""
 
 
-class Grip(wbc.AnchoredContact):
-    """A held point of the last link: a user's own contact."""
-
-    def __init__(self, model):
-        # The menagerie has too few joints for it: the projection of K e amplifies rounding if J has no full rank.
-        stiffness = 3.0 if model.nv > 8 else 0.0
-        cone = np.array([[1.0, 0.5, -1.0]])
-        super().__init__("grip", np.eye(6)[:, :3], cone, "world", stiffness=stiffness, damping=20.0, internal=False)
-        self._frame = len(model.pinocchio.frames) - 1
-
-    def jacobian(self, dynamics):
-        return dynamics.jacobian(self._frame, AXES)[:3]
-
-    def drift(self, dynamics):
-        return dynamics.drift_world(self._frame)[:3]
-
-    def points(self, dynamics):
-        return dynamics.placement(self._frame).translation[None]
-
-    def wrench_in_world(self, dynamics, force):
-        return np.concatenate([force, np.cross(self.points(dynamics)[0], force)])
-
-    def bounds(self, activation):
-        return np.full(3, -50.0 * activation), np.full(3, 50.0 * activation)
-
-    def pose(self, dynamics):
-        return dynamics.placement(self._frame)
-
-    def displacement(self, dynamics, anchor):
-        return anchor[:3] - self.points(dynamics)[0]
+def grip(model):
+    """A held point of the last link."""
+    # The menagerie has too few joints for a stiffness: the projection of K e amplifies rounding if J has no full rank.
+    stiffness = 3.0 if model.nv > 8 else 0.0
+    return own_classes.Grip(model, model.pinocchio.frames[-1].name, np.array([[1.0, 0.5, -1.0]]), stiffness)
 
 
-class Ceiling(wbc.RowLimit):
-    """Bounds of the acceleration of the centre of mass: a user's own limit."""
-
-    names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
-
-    def __init__(self, model):
-        pass
-
-    def fill(self, dynamics, period, rows, lower, upper):
-        rows[:] = dynamics.com_jacobian[2]
-        lower[:], upper[:] = -np.inf, 5.0
+def ceiling(model):
+    return own_classes.Ceiling(model, 5.0)
 
 
 @cache
@@ -127,7 +75,7 @@ def build(robot, *, levels):
     if feet:
         foot = next(iter(feet.values()))
         tasks.append(lambda model: ContactWrenchTask("wrench", foot, [True] * 6, np.full(6, 3.0)))
-    return make_qp(settings, model, tasks=tasks, contacts=[Grip], limits=[Ceiling])
+    return make_qp(settings, model, tasks=tasks, contacts=[grip], limits=[ceiling])
 
 
 def random_state(model, rng):

@@ -20,6 +20,16 @@ def built(bench, seed=2):
     return g1, layout, list(relaxations(formulation, layout, references)), formulation.effort_bounds(references)
 
 
+def rushing(g1, joint):
+    """q and v of the stance with a joint that cannot stop at its limit."""
+    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
+    if joint:
+        i = g1.model.joints.index(joint)
+        q[g1.model.q_index[i]] = g1.model.position_upper[i] - 0.1
+        v[g1.model.v_index[i]] = 9.0  # it needs 350 rad/s² to stop
+    return q, v
+
+
 def test_first_comes_the_torque_rate_then_all(bench):
     _, _, stages, _ = built(bench)
     assert [[group.name for group in stage] for stage in stages] == [["torque_rate"], ["torque_rate", "joint_motion"]]
@@ -59,11 +69,7 @@ def test_bounds_are_widened_to_what_was_missed_and_no_further(bench):
 )
 def test_a_leg_gives_up_its_own_foot_and_an_arm_both(bench, joint, given_up):
     g1 = bench("g1")
-    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
-    if joint:
-        i = g1.model.joints.index(joint)
-        q[g1.model.q_index[i]] = g1.model.position_upper[i] - 0.1
-        v[g1.model.v_index[i]] = 9.0  # it needs 350 rad/s² to stop
+    q, v = rushing(g1, joint)
     formulation = g1.controller.formulation
     layout = formulation.build(g1.state(q, v), g1.references())
     value = np.zeros(layout.problem.bounds.shape[1])  # a solution in which nothing brakes
@@ -75,11 +81,8 @@ def test_a_leg_gives_up_its_own_foot_and_an_arm_both(bench, joint, given_up):
 @pytest.mark.parametrize(("turning", "given_up"), [(1.0, {"left_foot"}), (4.0, {"left_foot", "right_foot"})])
 def test_a_foot_that_moves_stops_no_joint_and_is_given_up_too(bench, turning, given_up):
     g1 = bench("g1")
-    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
-    left, right = (g1.model.joints.index(f"{side}_knee_joint") for side in ("left", "right"))
-    q[g1.model.q_index[left]] = g1.model.position_upper[left] - 0.1
-    v[g1.model.v_index[left]] = 9.0  # it cannot stop
-    v[g1.model.v_index[right]] = turning  # this one can
+    q, v = rushing(g1, "left_knee_joint")
+    v[g1.model.v_index[g1.model.joints.index("right_knee_joint")]] = turning  # this one can stop
     formulation = g1.controller.formulation
     layout = formulation.build(g1.state(q, v), g1.references())
     speed = float(np.linalg.norm((layout.places[1].J @ v)[:3]))
@@ -97,10 +100,7 @@ def test_a_loop_is_never_given_up(bench):
     formulation = g1.controller.formulation
     formulation.contacts = {**formulation.contacts, "bar": bar}
     formulation._layouts.clear()
-    q, v = np.array(g1.stance), np.zeros(g1.model.nv)
-    elbow = g1.model.joints.index("left_elbow_joint")
-    q[g1.model.q_index[elbow]] = g1.model.position_upper[elbow] - 0.1
-    v[g1.model.v_index[elbow]] = 9.0  # it cannot stop
+    q, v = rushing(g1, "left_elbow_joint")
     layout = formulation.build(g1.state(q, v), g1.references())
     (place,) = (place for place in layout.places if place.contact is bar)
     assert np.linalg.norm(place.J @ v) > 1.0

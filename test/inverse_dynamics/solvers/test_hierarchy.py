@@ -121,22 +121,6 @@ def test_one_level_is_one_quadratic_program():
         np.testing.assert_allclose(x, make_solver("daqp", problem).solve(problem).x, atol=1e-5)
 
 
-def test_levels_that_do_not_conflict_are_all_reached_as_by_weights():
-    rng = np.random.default_rng(13)
-    for _ in range(50):
-        n = 14
-        problem = QuadraticProgram.empty(n, 3, 1)
-        problem.A[:], problem.b[:] = rng.normal(size=(3, n)), rng.normal(size=3)
-        levels = [level(str(i), rng.normal(size=(3, n)), rng.normal(size=3), n) for i in range(3)]
-        strict = hierarchy().solve(problem, levels).x
-        problem.H[:] = sum(one.cost.H for one in levels)
-        problem.g[:] = sum(one.cost.g for one in levels)
-        weighted = make_solver("daqp", problem).solve(problem).x
-        for one in levels:
-            np.testing.assert_allclose(one.kept @ strict, one.kept @ weighted, atol=1e-3)
-            assert 0.5 * np.sum((one.kept @ strict) ** 2) + one.cost.g @ strict + one.cost.constant < 1e-4
-
-
 def test_weights_far_apart_come_to_the_strict_answer():
     rng = np.random.default_rng(14)
     for _ in range(50):

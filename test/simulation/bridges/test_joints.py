@@ -1,7 +1,5 @@
 """States by joint name."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """States and torques in a MuJoCo scene of a user's own, which holds other things too."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

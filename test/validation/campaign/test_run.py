@@ -129,12 +129,6 @@ def test_the_command_runs_trials_in_processes_of_their_own_and_its_status_says_w
     )
 
 
-def test_an_unknown_kind_on_the_command_line_is_a_readable_error(tmp_path):
-    result = CliRunner().invoke(main, ["faults", "go2", "--kinds", "kik", "--out", str(tmp_path)])
-    assert result.exit_code == 2
-    assert "did you mean 'kick'" in result.output
-
-
 def stalled(seconds):
     return {"result": "violation", "violations": {"stall": f"{1e3 * seconds:.1f} ms"}, "longest": seconds}
 

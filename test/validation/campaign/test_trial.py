@@ -1,6 +1,7 @@
 """Trials: what they find on the controller as it is, and on one that is broken on purpose."""
 
 import dataclasses
+import itertools
 import time
 
 import numpy as np
@@ -143,38 +144,30 @@ def test_a_supervisor_that_does_not_clip_to_the_torque_rate_is_found_out():
     assert not run_trial("talos", "estop", 0, parameters=SHORT).violations
 
 
+def _in_cycle(number, change):
+    """Let the inputs of one cycle pass through a function."""
+
+    def prepare(controller):
+        cycle, numbers = controller.cycle, itertools.count(1)
+        controller.cycle = lambda inputs: cycle(change(inputs) if next(numbers) == number else inputs)
+
+    return prepare
+
+
 def test_a_loop_that_takes_too_long_is_a_stall():
-    def slow(controller):
-        cycle = controller.cycle
+    def slow(inputs):
+        began = time.thread_time()
+        while time.thread_time() - began < 0.025:
+            pass
+        return inputs
 
-        def once(inputs):
-            once.count += 1
-            if once.count == 40:
-                began = time.thread_time()
-                while time.thread_time() - began < 0.025:
-                    pass
-            return cycle(inputs)
-
-        once.count = 0
-        controller.cycle = once
-
-    outcome = run_trial("go2", "estop", 0, parameters=SHORT, prepare=slow)
+    outcome = run_trial("go2", "estop", 0, parameters=SHORT, prepare=_in_cycle(40, slow))
     assert "stall" in outcome.violations
 
 
 def test_a_reason_that_a_fault_does_not_have_is_a_violation():
     """The trial of a harmless fault in which somebody else stops the robot."""
-
-    def stops(controller):
-        cycle = controller.cycle
-
-        def stopped(inputs):
-            stopped.count += 1
-            return cycle(dataclasses.replace(inputs, requests=("estop",)) if stopped.count == 40 else inputs)
-
-        stopped.count = 0
-        controller.cycle = stopped
-
+    stops = _in_cycle(40, lambda inputs: dataclasses.replace(inputs, requests=("estop",)))
     outcome = run_trial("go2", "imu_noise", 0, parameters=SHORT, prepare=stops)
     assert "wrong_reason" in outcome.violations
     early = run_trial("go2", "imu_noise", 0, parameters={**SHORT, "start": 0.4}, prepare=stops)

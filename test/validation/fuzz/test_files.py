@@ -1,7 +1,5 @@
 """The fuzzer of files: hostile ones are refused in a sentence, and a crash or a hang of the reader is seen."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

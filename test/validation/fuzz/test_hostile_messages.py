@@ -1,7 +1,5 @@
 """The fuzzer of messages: nothing breaks the nodes, and what would break them is found, written and repeated."""
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """The lateness of the machine, as the live trials measure it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

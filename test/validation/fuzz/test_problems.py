@@ -1,7 +1,5 @@
 """The fuzzer of quadratic programs: what is relaxed had to be, and an answer that gave up too much is told."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The strategies: hostile values of every kind occur, messages stay well-formed, and values follow from their key."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest
@@ -15,7 +13,7 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.validation.fuzz.examples import ordinary
 from wbc_controller.validation.fuzz.strategies import drawn, encoded, hostile, mutated_bytes, mutated_text, scaled_text
-from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, TEXTS
+from wbc_controller.validation.fuzz.values import FLOATS, SCALARS
 
 TYPES = (
     "sensor_msgs/msg/JointState",
@@ -86,11 +84,6 @@ def test_encodings_other_than_utf_8_occur():
     made = values(encoded("é" * 20), 300)
     assert made.count(("é" * 20).encode()) > 230
     assert len(set(made)) > 3
-
-
-def test_every_hostile_text_and_value_fits_into_a_message():
-    for text in (*TEXTS, *SCALARS):
-        assert text.encode() is not None
 
 
 @pytest.mark.parametrize(("library", "extra"), [("hypothesis", "fuzz"), ("mujoco", "mock")])

@@ -1,7 +1,5 @@
 """`wbc bench latency`: its refusals, what it prints, and the command itself with real processes."""
 
-from __future__ import annotations
-
 import json
 import threading
 from types import SimpleNamespace
@@ -115,14 +113,6 @@ def test_a_controller_that_ends_is_said_with_its_own_words():
     )
     with pytest.raises(WbcError, match="ended with exit status 2:\ncontroller: no processor 1000"):
         bench._until(lambda: False, "the activation", lambda: None)
-
-
-def test_help_says_what_it_takes():
-    for words, parts in (["bench"], ("latency",)), (["bench", "latency"], ("[ROBOT]", "--rate", "--mock", "--out")):
-        result = CliRunner().invoke(main, [*words, "--help"])
-        assert result.exit_code == 0
-        for part in parts:
-            assert part in result.output
 
 
 @pytest.mark.live

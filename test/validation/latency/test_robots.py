@@ -1,7 +1,5 @@
 """The robot that only sends states, and the echo, on the memory transport and without wall time."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 import threading

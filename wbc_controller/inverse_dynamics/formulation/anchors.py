@@ -1,7 +1,5 @@
 """Position feedback of contacts towards their anchors (`contacts.AnchoredContact`)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -33,7 +31,6 @@ def pull(
     Args:
         J: stacked Jacobians of the active contacts, (nf, nv).
         anchored: the contacts with a stiffness, and their rows of J.
-        dynamics: the snapshot.
         anchors: anchor of each active contact with a stiffness, (7,).
 
     Raises:

@@ -1,7 +1,5 @@
 """The cost of one priority level as a sum of squares: weighted rows of its tasks, and the regularization."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -32,7 +30,6 @@ class LevelCost:
     lower level must keep them, or another posture task acts on the same joints.
 
     Attributes:
-        level: the level as the solvers take it.
         squares: the cost, whose weights are w and ε.
         rows: the rows that a kernel fills: of tasks, and for the first level of contacts.
         effort_rows: [R, r] of each task on torques or contact forces, and the place of its error.
@@ -45,10 +42,7 @@ class LevelCost:
         """Lay out the rows.
 
         Args:
-            tasks: the active tasks of the level.
             layout: of the active contacts.
-            dynamics: the snapshot.
-            regularization: the weights of the regularization.
             first: whether this is the highest level, whose kernel also fills the rows of contacts.
             last: whether this is the lowest level, so that no rows have to be kept for levels below.
         """
@@ -129,8 +123,6 @@ class LevelCost:
         """Fill the rows of the tasks that are evaluated in Python, and update the level.
 
         Args:
-            references: the task references.
-            constant: constant cost of the posture tasks.
             errors: task errors, with those of the tasks with compiled rows; the others are added.
         """
         level, places = self.level, self._errors_of

@@ -1,7 +1,5 @@
 """Fills the quadratic program of `plain_qp` in every cycle with kernels, in arrays that stay from cycle to cycle."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
@@ -37,15 +35,11 @@ class Formulation:
     and references are filled in every cycle.
 
     Attributes:
-        model: the robot's model.
         dynamics: the snapshot of the last cycle.
-        tasks: the tasks, by name.
-        contacts: the contacts, by name.
         torque_limit: bounds of the torques.
         motion_limit: bounds of the joint accelerations.
         row_limits: bounds of other combinations of v̇.
         period: time between cycles, s.
-        regularization: the weights of the regularization.
         structure: of the last cycle; None before the first.
         parameters: of the last cycle; None before the first.
         task_errors: task errors of each level in the last cycle.
@@ -67,13 +61,7 @@ class Formulation:
         """Make a formulation.
 
         Args:
-            model: the robot's model.
-            tasks: the tasks.
             contacts: the contacts, active or not.
-            torque_limit: bounds of the torques.
-            motion_limit: bounds of the joint accelerations.
-            row_limits: bounds of other combinations of v̇.
-            period: time between cycles, s.
             regularization_acceleration: ε_a.
             regularization_force: ε_f.
         """
@@ -118,7 +106,6 @@ class Formulation:
         """Compute the dynamics and fill the problem.
 
         Args:
-            state: the latched state of the robot.
             references: task references, weights and contact activations.
             tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
 

@@ -1,7 +1,5 @@
 """All numbers of the quadratic program that depend on the state, in one call."""
 
-from __future__ import annotations
-
 from wbc_controller.compilation import OutVector, Struct, Vector, compiled
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import JointMotion, acceleration_bounds
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows, fill_dynamics

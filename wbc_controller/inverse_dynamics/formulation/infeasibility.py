@@ -28,8 +28,6 @@ Violations of contact physics thus weigh ten times as much as those of settings 
 only where no other constraint can give.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -70,29 +68,17 @@ MAX_PROGRAMS = 40
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """A constraint with a name: lower ≤ rows x ≤ upper.
+    """A constraint with a name: lower ≤ rows x ≤ upper."""
 
-    Attributes:
-        name: kind and owner, as in `Solution.binding`: ``torque:left_knee_joint``.
-        rows: (k, n), in the problem's decision variables.
-        lower: (k,), -inf where there is no bound.
-        upper: (k,), inf where there is no bound.
-        scale: violation of each row that corresponds to σ = 1, (k,), in the rows' own units.
-        factor: conversion from the rows' units to `units`.
-        units: physical unit of each row.
-        offset: constant part of the bounded quantity that the rows do not contain, (k,): h for torques.
-        contact: the contact that the constraint belongs to, if any.
-    """
-
-    name: str
-    rows: Array
-    lower: Array
-    upper: Array
-    scale: Array
-    factor: float
-    units: tuple[str, ...]
-    offset: Array
-    contact: Contact | None = None
+    name: str  # kind and owner, as in `Solution.binding`: `torque:left_knee_joint`
+    rows: Array  # (k, n), in the problem's decision variables
+    lower: Array  # (k,), -inf where there is no bound
+    upper: Array  # (k,), inf where there is no bound
+    scale: Array  # violation of each row that corresponds to σ = 1, (k,), in the rows' own units
+    factor: float  # conversion from the rows' units to `units`
+    units: tuple[str, ...]  # physical unit of each row
+    offset: Array  # constant part of the bounded quantity that the rows do not contain, (k,): h for torques
+    contact: Contact | None = None  # the contact that the constraint belongs to, if any
 
     @property
     def kind(self) -> str:
@@ -109,8 +95,6 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
     """Split a built problem into named constraints, without the equations of motion.
 
     Args:
-        layout: with the problem, as it was given to the solver.
-        model: the robot's model.
         effort: lower and upper bounds of the problem's torque rows without the torque rate limit, both (na,). Where the
             problem's own bounds are tighter, they come from the torque rate limit.
     """
@@ -193,8 +177,6 @@ def explain(
     """Find the constraints of a problem that conflict.
 
     Args:
-        layout: with the problem, as it was given to the solver.
-        model: the robot's model.
         effort: as in `named_constraints`.
         held: kinds of constraints that are enforced like the equations of motion, and never named.
 

@@ -23,34 +23,22 @@ from wbc_controller.records import Array
 
 @dataclass(slots=True)
 class ContactPlace:
-    """Rows and columns of one contact in the problem; the arrays are views of the problem's.
-
-    Attributes:
-        contact: the contact.
-        motion: rows of its motion constraint in A and b; also the indices of its force in f.
-        J: its Jacobian in A, (k, nv).
-        acceleration: the right-hand side in b: the required J v̇, (k,).
-        cone: rows of its cone in C.
-        columns: columns of its force in x.
-        lower: lower bounds of its force, in units of `FORCE_UNIT`, (k,).
-        upper: upper bounds of its force, in units of `FORCE_UNIT`, (k,).
-    """
+    """Rows and columns of one contact in the problem; the arrays are views of the problem's."""
 
     contact: Contact
-    motion: slice
-    J: Array
-    acceleration: Array
-    cone: slice
-    columns: slice
-    lower: Array
-    upper: Array
+    motion: slice  # rows of its motion constraint in A and b; also the indices of its force in f
+    J: Array  # its Jacobian in A, (k, nv)
+    acceleration: Array  # the right-hand side in b: the required J v̇, (k,)
+    cone: slice  # rows of its cone in C
+    columns: slice  # columns of its force in x
+    lower: Array  # lower bounds of its force, in units of `FORCE_UNIT`, (k,)
+    upper: Array  # upper bounds of its force, in units of `FORCE_UNIT`, (k,)
 
 
 class Layout:
     """Rows and columns of each quantity in the problem, for one set of active contacts.
 
     Attributes:
-        problem: the problem's arrays.
         places: rows and columns of each active contact, in order.
         forces: columns of all contact forces in x.
         forces_of: name of each active contact, and the indices of its force in f.
@@ -65,7 +53,6 @@ class Layout:
         torque_lower: lower bounds of these rows, (na,).
         torque_upper: upper bounds of these rows, (na,).
         available: least and largest torques that are available, and the effort limits, (3, na) in N·m.
-        row_limits: the limits on combinations of v̇.
         limits: rows of C of each row limit.
         limit_parts: for each row limit its columns of v̇ in these rows, and their lower and upper bounds: views of the
             problem's arrays.
@@ -86,8 +73,6 @@ class Layout:
 
         Args:
             dynamics: the snapshot, from whose arrays kernels fill the equations of motion.
-            contacts: the active contacts.
-            limits: the limits on combinations of v̇.
             cost_rows: largest number of rows of the cost.
         """
         model = dynamics.model

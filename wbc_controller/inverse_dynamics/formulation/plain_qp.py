@@ -7,8 +7,6 @@ The decision variables are x = [v̇ (nv), f / FORCE_UNIT (nf)]: accelerations, a
 torques τ = T (M v̇ + h - Jᵀf) are eliminated (`robot.actuation`), so bounds of τ become rows of C.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -31,42 +29,25 @@ ROTATION_LENGTH = 0.1
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of a robot.
-
-    Attributes:
-        torque: bounds of the torques.
-        motion: bounds of the joint accelerations.
-        rows: bounds of other combinations of v̇.
-        period: time between cycles, s.
-    """
+    """The limits of a robot."""
 
     torque: TorqueLimit
     motion: JointMotionLimit
-    rows: Sequence[RowLimit]
-    period: float
+    rows: Sequence[RowLimit]  # bounds of other combinations of v̇
+    period: float  # time between cycles, s
 
 
 @dataclass(frozen=True)
 class Regularization:
-    """The regularization ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f.
+    """The regularization ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f."""
 
-    Attributes:
-        acceleration: ε_a.
-        force: ε_f.
-    """
-
-    acceleration: float = 1.0e-5
-    force: float = 1.0e-6
+    acceleration: float = 1.0e-5  # ε_a
+    force: float = 1.0e-6  # ε_f
 
 
 @dataclass
 class PlainQP:
-    """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
-
-    Attributes:
-        torque_map: R (na, n) and r (na,) of τ = R x + r.
-        columns: columns of x of each active contact's force.
-    """
+    """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper."""
 
     H: Array  # (n, n)
     g: Array  # (n,)
@@ -77,8 +58,8 @@ class PlainQP:
     upper: Array  # (m_in,)
     x_lower: Array  # (n,)
     x_upper: Array  # (n,)
-    torque_map: tuple[Array, Array]
-    columns: dict[str, slice]
+    torque_map: tuple[Array, Array]  # R (na, n) and r (na,) of τ = R x + r
+    columns: dict[str, slice]  # columns of x of each active contact's force
 
     def force_map(self, contact: str) -> Array | None:
         """Return R (k, n) of f = R x for a contact; None while it is not active."""
@@ -94,11 +75,7 @@ def task_rows(
     own rows in x.
 
     Args:
-        task: the task.
-        dynamics: the snapshot.
         efforts: torques and contact forces as functions of x.
-        reference: the task reference.
-        n: number of decision variables.
 
     Returns:
         R (k, n), r (k,), and the task error (k,), which is NaN for tasks on torques and forces, whose error depends on
@@ -139,13 +116,10 @@ def plain_qp(
     """Build the quadratic program at one state.
 
     Args:
-        dynamics: the snapshot.
         tasks: the tasks of one priority level, without those with a tolerance.
         contacts: the contacts, active or not.
-        limits: the limits.
         references: task references and weights, contact activations, external wrenches, disturbance.
         tau_before: the present torques, (na,) in N·m; None for no torque rate limit.
-        regularization: the weights of the regularization.
     """
     model, actuation, period = dynamics.model, dynamics.model.actuation, limits.period
     activations = {c.name: 1.0 if c.permanent else references.contacts.get(c.name, 0.0) for c in contacts}

@@ -83,39 +83,24 @@ class QuadraticProgram:
     """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
 
     The arrays are refilled in every cycle; a solver may read them, but must not keep references to them.
-
-    Attributes:
-        cost: ½ xᵀHx + gᵀx.
-        bounds: lower and upper bounds of x, then of C x, (2, n + m_in); -inf and inf where there is none.
-        memory: rows of the cost, then [A, b], then C, in one block, as they are used together,
-            (room + m_eq + m_in, n + 1).
-        room: number of rows for the cost, directly above the equality constraints: one kernel fills both.
-        offset: r of the outputs C x + r that are wanted of the first rows of C, (k,).
-        n: number of decision variables.
-        A: equality constraints, view of `memory`, (m_eq, n).
-        b: right-hand sides of the equality constraints, view of `memory`, (m_eq,).
-        C: inequality constraints, view of `memory`, (m_in, n).
-        lower: lower bounds of C x, view of `bounds`, (m_in,).
-        upper: upper bounds of C x, view of `bounds`, (m_in,).
-        x_lower: lower bounds of x, view of `bounds`, (n,).
-        x_upper: upper bounds of x, view of `bounds`, (n,).
-        constraints: the same arrays for kernels.
     """
 
-    cost: QuadraticCost
-    bounds: Array
+    cost: QuadraticCost  # ½ xᵀHx + gᵀx
+    bounds: Array  # lower and upper bounds of x, then of C x, (2, n + m_in); -inf and inf where there is none
+    # rows of the cost, then [A, b], then C, in one block, as they are used together, (room + m_eq + m_in, n + 1)
     memory: Array
-    room: int
+    room: int  # number of rows for the cost, directly above the equality constraints: one kernel fills both
+    # r of the outputs C x + r that are wanted of the first rows of C, (k,)
     offset: Array = field(default_factory=lambda: np.zeros(0))
     n: int = field(init=False)
-    A: Array = field(init=False)
-    b: Array = field(init=False)
-    C: Array = field(init=False)
-    lower: Array = field(init=False)
-    upper: Array = field(init=False)
-    x_lower: Array = field(init=False)
-    x_upper: Array = field(init=False)
-    constraints: Constraints = field(init=False)
+    A: Array = field(init=False)  # equality constraints, view of `memory`, (m_eq, n)
+    b: Array = field(init=False)  # right-hand sides of the equality constraints, view of `memory`, (m_eq,)
+    C: Array = field(init=False)  # inequality constraints, view of `memory`, (m_in, n)
+    lower: Array = field(init=False)  # lower bounds of C x, view of `bounds`, (m_in,)
+    upper: Array = field(init=False)  # upper bounds of C x, view of `bounds`, (m_in,)
+    x_lower: Array = field(init=False)  # lower bounds of x, view of `bounds`, (n,)
+    x_upper: Array = field(init=False)  # upper bounds of x, view of `bounds`, (n,)
+    constraints: Constraints = field(init=False)  # the same arrays for kernels
 
     def __post_init__(self) -> None:
         n = self.n = int(self.memory.shape[1]) - 1
@@ -211,17 +196,11 @@ class Residuals:
 
 @dataclass(frozen=True, slots=True)
 class Soft:
-    """Soft constraints on some entries y of x and C x: ½ Σ wᵢ sᵢ² is added to the cost, lower ≤ y + s ≤ upper.
+    """Soft constraints on some entries y of x and C x: ½ Σ wᵢ sᵢ² is added to the cost, lower ≤ y + s ≤ upper."""
 
-    Attributes:
-        places: index of each y among x and the rows of C, (k,).
-        bounds: lower and upper bounds, (2, k); -inf and inf where there is none.
-        weights: w, (k,).
-    """
-
-    places: np.ndarray
-    bounds: Array
-    weights: Array
+    places: np.ndarray  # index of each y among x and the rows of C, (k,)
+    bounds: Array  # lower and upper bounds, (2, k); -inf and inf where there is none
+    weights: Array  # w, (k,)
 
     def with_more(self, other: Soft) -> Soft:
         """These and others."""
@@ -234,21 +213,13 @@ class Soft:
 
 @dataclass(slots=True)
 class Level:
-    """Objective of one priority level: minimize ½ xᵀHx + gᵀx + ½ ‖s‖² + constant, lower ≤ G x + s ≤ upper.
+    """Objective of one priority level: minimize ½ xᵀHx + gᵀx + ½ ‖s‖² + constant, lower ≤ G x + s ≤ upper."""
 
-    Attributes:
-        tasks: names of the tasks that take part in this cycle.
-        cost: ½ xᵀHx + gᵀx + constant, the regularization included, so that H is positive definite.
-        kept: rows of the tasks' least-squares problem, (r, n), whose values no lower level may change; if the cost is
-            a sum of squares, its first rows. Empty if there is no lower level.
-        G: weighted rows of the tasks with a tolerance, (k, n).
-        lower: lower bounds of G x + s, (k,).
-        upper: upper bounds of G x + s, (k,).
-    """
-
-    tasks: tuple[str, ...]
-    cost: QuadraticCost
+    tasks: tuple[str, ...]  # names of the tasks that take part in this cycle
+    cost: QuadraticCost  # ½ xᵀHx + gᵀx + constant, the regularization included, so that H is positive definite
+    # rows of the tasks' least-squares problem, (r, n), whose values no lower level may change; if the cost is a sum of
+    # squares, its first rows. Empty if there is no lower level
     kept: Array
-    G: Array
-    lower: Array
-    upper: Array
+    G: Array  # weighted rows of the tasks with a tolerance, (k, n)
+    lower: Array  # lower bounds of G x + s, (k,)
+    upper: Array  # upper bounds of G x + s, (k,)

@@ -1,8 +1,8 @@
 """Arrays of a quadratic program for kernels, and residuals of its constraints at a point."""
 
-from __future__ import annotations
-
 import math
+
+import numpy as np
 
 from wbc_controller.compilation import Matrix, OutMatrix, OutVector, Struct, Vector, compiled, part
 from wbc_controller.records import Array
@@ -57,7 +57,6 @@ def residuals(
     """Compute the residuals of constraints at a point x.
 
     Args:
-        constraints: the constraints.
         value: x, followed by memory for C x, (n + m_in,).
         room: for the distances of x and C x from their lower and upper bounds, (2, n + m_in).
         equalities: for |A x - b|, (m_eq,).
@@ -73,15 +72,16 @@ def residuals(
     if len(offset) > len(rows) - m:
         raise ValueError("residuals: there are more outputs than inequality constraints")
     largest, least = 0.0, math.inf
-    x = value[:n]
+    point = np.full(n + 1, -1.0)  # [x, -1]
+    point[:n] = value[:n]
+    product = np.dot(rows, point)  # [A x - b, C x]
     for i in range(m):
-        equalities[i] = abs(dot(rows[i], x) - rows[i, n])
+        equalities[i] = abs(product[i])
         if equalities[i] > largest or equalities[i] != equalities[i]:  # NaN stays
             largest = equalities[i]
-    for i in range(m, len(rows)):
-        value[n + i - m] = dot(rows[i], x)
+    value[n:] = product[m:]
     for i in range(len(offset)):
-        outputs[i] = value[n + i] + offset[i]
+        outputs[i] = product[m + i] + offset[i]
     for i in range(len(value)):
         room[0, i], room[1, i] = value[i] - bounds[0, i], bounds[1, i] - value[i]
         for side in range(2):

@@ -28,23 +28,14 @@ _MET = 1.0e-3
 
 @dataclass(frozen=True, slots=True)
 class Relaxable:
-    """A group of limits that can be relaxed.
+    """A group of limits that can be relaxed."""
 
-    Attributes:
-        name: as in `Solution.relaxed`.
-        places: of the limits in the bounds of the problem, (k,).
-        units: violations that count alike, (k,): 1 rad/s² or m/s², and the effort limits for torques.
-        bounds: the lower and upper bounds as built, (2, k).
-        hard: the lower and upper bounds that always hold, (2, k); -inf and inf where there is none.
-        soft: what is asked for in their place.
-    """
-
-    name: str
-    places: np.ndarray
-    units: Array
-    bounds: Array
-    hard: Array
-    soft: Soft
+    name: str  # as in `Solution.relaxed`
+    places: np.ndarray  # of the limits in the bounds of the problem, (k,)
+    units: Array  # violations that count alike, (k,): 1 rad/s² or m/s², and the effort limits for torques
+    bounds: Array  # the lower and upper bounds as built, (2, k)
+    hard: Array  # the lower and upper bounds that always hold, (2, k); -inf and inf where there is none
+    soft: Soft  # what is asked for in their place
 
     @classmethod
     def of(
@@ -70,11 +61,6 @@ def relaxations(formulation: Formulation, layout: Layout, references: References
     """The groups of limits that can be relaxed together in a built problem, the least first.
 
     First the torque rate alone, where it narrows the available torques; then all limits but the available torques.
-
-    Args:
-        formulation: the formulation that built the problem.
-        layout: with the problem.
-        references: the references for which the problem was built.
     """
     n = layout.problem.n
     rate = Relaxable.of(
@@ -102,8 +88,6 @@ def hindering_contacts(formulation: Formulation, layout: Layout, value: Array) -
     though the problem takes it to. An arm is not a part of a leg, but may be what keeps the robot on its feet.
 
     Args:
-        formulation: the formulation that built the problem.
-        layout: with the problem.
         value: x and C x of its relaxed solution, (n + m_in,).
     """
     most = formulation.motion_limit.acceleration
@@ -133,12 +117,7 @@ def _stops(formulation: Formulation, layout: Layout, value: Array) -> tuple[Arra
 
 
 def lost_contacts(formulation: Formulation, layout: Layout) -> tuple[str, ...]:
-    """Names of the active contacts that move so fast that they hold nothing.
-
-    Args:
-        formulation: the formulation that built the problem.
-        layout: with the problem.
-    """
+    """Names of the active contacts that move so fast that they hold nothing."""
     return _moving(formulation, layout, _LOST)
 
 
@@ -191,8 +170,6 @@ def widen(layout: Layout, groups: Sequence[Relaxable], value: Array, room: float
     """Set the bounds of groups in the problem to what was built, widened to what was missed.
 
     Args:
-        layout: with the problem.
-        groups: the groups that were relaxed.
         value: x and C x, (n + m_in,).
         room: distance that is left between these values and the widened bounds.
 

@@ -1,7 +1,5 @@
 """The rows of contacts and tasks that a kernel fills: constants, gains and references as arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,36 +14,22 @@ from wbc_controller.records import Array, Reference
 
 @dataclass(frozen=True, slots=True)
 class RowEntry:
-    """The rows of one contact or task, or of the momentum.
+    """The rows of one contact or task, or of the momentum."""
 
-    Attributes:
-        instruction: the rows in numbers.
-        row: first row in the block; 0 for a task on single accelerations, which has none.
-        task: the task; None for contacts and the momentum.
-        error: first index of the task's error.
-    """
-
-    instruction: Instruction
-    row: int = 0
-    task: MotionTask | None = None
-    error: int = 0
+    instruction: Instruction  # the rows in numbers
+    row: int = 0  # first row in the block; 0 for a task on single accelerations, which has none
+    task: MotionTask | None = None  # the task; None for contacts and the momentum
+    error: int = 0  # first index of the task's error
 
 
 @dataclass(slots=True)
 class _TaskNumbers:
-    """Views of the numbers of a task, which the kernel reads.
-
-    Attributes:
-        task: the task.
-        gains: K and D, (2, size).
-        reference: position, velocity and acceleration, one after the other.
-        copied: the last reference, if it is read-only, so that it need not be copied again.
-    """
+    """Views of the numbers of a task, which the kernel reads."""
 
     task: MotionTask
-    gains: Array
-    reference: Array
-    copied: Reference | None = None
+    gains: Array  # K and D, (2, size)
+    reference: Array  # position, velocity and acceleration, one after the other
+    copied: Reference | None = None  # the last reference, if it is read-only, so that it need not be copied again
 
 
 class CompiledRows:
@@ -61,10 +45,8 @@ class CompiledRows:
         """Lay out the instructions.
 
         Args:
-            dynamics: the snapshot, from whose arrays the rows are computed.
             out: the block, (k, n + 1).
             target: for the targets of single accelerations, (n,).
-            entries: the contacts and tasks.
         """
         instructions: list[tuple[int, ...]] = []
         places: list[np.ndarray] = [np.zeros(0, dtype=np.int64)]

@@ -1,7 +1,5 @@
 """From the minimizer of the quadratic program to the solution, with residuals and binding constraints."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -96,10 +94,7 @@ def unpack(
     """Make a solution of an answer.
 
     Args:
-        formulation: the formulation that built the problem.
-        layout: with the problem, as it was given to the solver.
         answer: with a minimizer and its residuals.
-        references: the references for which the problem was built.
         stages: time spent in each stage, in s.
 
     Raises:

@@ -86,9 +86,13 @@ def _contact_rows(motion: LinkMotion, link: int, other: int, mount: Array, rows:
     place(motion.joints[link], mount, C)
     for j in range(len(twists)):
         sign = moves[link, j] - moves[other, j]
-        put_motion(column, to_frame(C, three_of(twists, j, 0), three_of(twists, j, 3)))
-        for i in range(len(rows)):
-            out[i, j] = sign * column[rows[i]] if sign != 0 else 0.0
+        if sign == 0:
+            for i in range(len(rows)):
+                out[i, j] = 0.0
+        else:
+            put_motion(column, to_frame(C, three_of(twists, j, 0), three_of(twists, j, 3)))
+            for i in range(len(rows)):
+                out[i, j] = sign * column[rows[i]]
     linear, angular = to_frame(C, three_of(links, other, 0), three_of(links, other, 3))  # X ν_B
     own_linear, own_angular = to_frame(C, three_of(links, link, 0), three_of(links, link, 3))
     nu_linear, nu_angular = subtract(own_linear, linear), subtract(own_angular, angular)
@@ -117,9 +121,13 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
     centre = transform(motion.joints[link], three(numbers, 0))
     lowest = add(centre, three(numbers, 3))
     for j in range(len(twists)):
-        velocity = add(cross(three_of(twists, j, 3), lowest), three_of(twists, j, 0))
-        for i in range(3):
-            out[i, j] = dot(three(numbers, 6 + 3 * i), velocity) if moves[link, j] else 0.0
+        if not moves[link, j]:
+            for i in range(3):
+                out[i, j] = 0.0
+        else:
+            velocity = add(cross(three_of(twists, j, 3), lowest), three_of(twists, j, 0))
+            for i in range(3):
+                out[i, j] = dot(three(numbers, 6 + 3 * i), velocity)
     angular = three(at, 3)
     centripetal = cross(angular, add(three(at, 0), cross(angular, centre)))
     drift = add(add(three(at, 6), cross(three(at, 9), lowest)), centripetal)
@@ -183,10 +191,14 @@ def _frame_jacobian(motion: LinkMotion, link: int, p: Vector3, first: int, rows:
     """Fill J of a frame's selected components: columns of the joints that move the link, at the point p."""
     column, twists, moves = np.empty(6), motion.joint_twists, motion.moves
     for j in range(len(twists)):
-        angular = three_of(twists, j, 3)
-        put_motion(column, (add(three_of(twists, j, 0), cross(angular, p)), angular))
-        for i in range(len(rows)):
-            out[i, j] = column[first + rows[i]] if moves[link, j] else 0.0
+        if not moves[link, j]:
+            for i in range(len(rows)):
+                out[i, j] = 0.0
+        else:
+            angular = three_of(twists, j, 3)
+            put_motion(column, (add(three_of(twists, j, 0), cross(angular, p)), angular))
+            for i in range(len(rows)):
+                out[i, j] = column[first + rows[i]]
 
 
 @part

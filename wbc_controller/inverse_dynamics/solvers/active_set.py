@@ -1,7 +1,5 @@
 """Warm start with the active set of the previous problem: the solution then takes one linear solve."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -35,7 +33,6 @@ class LevelMemory:
         """Allocate the arrays.
 
         Args:
-            problem: the problem.
             base: number of the base accelerations.
             kept: number of rows that all levels together keep.
         """
@@ -130,8 +127,6 @@ class ActiveSet:
         as a semismooth Newton method", SIAM J. Optim. 13, 2002). It need not end, but mostly does at once.
 
         Args:
-            problem: the problem, whose constraints apply.
-            squares: the cost.
             memory: with the rows of the levels above; the solution is stored there.
             kept: number of rows of the cost that lower levels must not change.
             tries: largest number of active sets that are tried.

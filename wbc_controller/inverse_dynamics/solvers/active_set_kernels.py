@@ -3,8 +3,6 @@
 `solvers.active_set` derives the equations.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -47,7 +45,7 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
         if not abs(matrix[pivot, column]) > 0.0:
             return False
         inverse = 1.0 / matrix[pivot, column]
-        for j in range(matrix.shape[1]):
+        for j in range(column, matrix.shape[1]):  # the columns before are those of the identity
             swapped = matrix[column, j]
             matrix[column, j] = inverse * matrix[pivot, j]
             if pivot != column:
@@ -55,7 +53,7 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
         for i in range(count):
             if i != column:
                 factor = matrix[i, column]
-                for j in range(matrix.shape[1]):
+                for j in range(column, matrix.shape[1]):
                     matrix[i, j] -= factor * matrix[column, j]
     for i in range(count):
         for j in range(base_map.shape[1]):
@@ -64,15 +62,24 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
 
 
 @part
-def reduce_row(row: Array, base_map: Array, out: Array) -> None:
-    """Write a row [H, T] of x in terms of z: out = T - H N; the right-hand side is the last column."""
+def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
+    """Write rows [H, T] of x in terms of z: out = T - H N; the right-hand sides are the last column."""
     base = len(base_map)
-    for j in range(len(out)):
-        out[j] = row[base + j]
-    for k in range(base):
-        factor, source = row[k], base_map[k]
-        for j in range(len(out)):
-            out[j] -= factor * source[j]
+    if base == 6:  # that of a floating base, in one pass
+        n0, n1, n2, n3, n4, n5 = base_map[0], base_map[1], base_map[2], base_map[3], base_map[4], base_map[5]
+    for i in range(len(rows)):
+        row, rest, target = rows[i], rows[i, base:], out[i]
+        if base == 6:
+            h0, h1, h2, h3, h4, h5 = row[0], row[1], row[2], row[3], row[4], row[5]
+            for j in range(len(target)):
+                target[j] = rest[j] - (h0 * n0[j] + h1 * n1[j] + h2 * n2[j] + (h3 * n3[j] + h4 * n4[j] + h5 * n5[j]))
+            continue
+        for j in range(len(target)):
+            target[j] = rest[j]
+        for k in range(base):
+            factor, source = row[k], base_map[k]
+            for j in range(len(target)):
+                target[j] -= factor * source[j]
 
 
 @part
@@ -82,14 +89,14 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
     Args:
         place: its index in [x; C x].
         sign: 1 for the upper bound, -1 for the lower one.
-        constraints: the constraints.
         equalities: number of equality constraints.
         base_map: [N, s].
         out: for the row and its right-hand side, (n + 1 - base,).
     """
     base, n = len(base_map), constraints.rows.shape[1] - 1
     if place >= n:
-        reduce_row(constraints.rows[equalities + place - n], base_map, out)
+        row = equalities + place - n
+        reduce_rows(constraints.rows[row : row + 1], base_map, out.reshape(1, len(out)))
     else:
         for j in range(len(out)):
             out[j] = -base_map[place, j] if place < base else 0.0
@@ -140,7 +147,7 @@ def factorize(K: Array, hard: int, inverse: Array) -> bool:
         else:  # NaN, too
             return False
         row = K[i]
-        for j in range(m):
+        for j in range(i, m):
             row[j] *= inverse[i]
         for k in range(i + 1, m):
             factor, source, target = row[k], row[k:], K[k, k:]
@@ -232,8 +239,6 @@ def solve_condensed(
     For strict priorities there is one call per level, with the same `base_map`, `upper_rows` and results.
 
     Args:
-        cost: of the level.
-        constraints: of the problem.
         sides: the active set of [x; C x]: 1 at the upper bound, -1 at the lower one, else 0; and below it memory for
             the set that is to be tried next, (2, n + m_in).
         base_map: [N, s], (base, n + 1 - base); the first level fills it.
@@ -263,8 +268,7 @@ def solve_condensed(
     if above == 0:
         if not eliminate_base(rows[own:end], base_map):
             return NOT_FOUND, 0.0, 0.0, 0.0
-        for i in range(own):
-            reduce_row(rows[i], base_map, upper_rows[i])
+        reduce_rows(rows[:own], base_map, upper_rows)
         multipliers[:] = 0.0
     # Assemble B = [equality constraints and rows of the levels above; active bounds; rows of the cost].
     active = np.flatnonzero(sides[0])
@@ -276,8 +280,7 @@ def solve_condensed(
             B[i, j] = upper_rows[i, j]
     for i in range(len(active)):
         reduce_bound(active[i], sides[0, active[i]], constraints, end, base_map, B[top + i])
-    for i in range(soft):
-        reduce_row(cost.rows[i], base_map, B[hard + i])
+    reduce_rows(cost.rows[:soft], base_map, B[hard:])
     inverse, z = np.zeros(width), np.full(width, -1.0)
     for j in range(last):
         inverse[j], z[j] = 1.0 / cost.diagonal[base + j], cost.target[base + j]

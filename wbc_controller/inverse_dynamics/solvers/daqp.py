@@ -1,7 +1,5 @@
 """DAQP, a dual active-set solver, warm-started with the active set of the last problem, after a first try with it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -99,10 +97,6 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
 
     The point of the feasible set nearest to 0 decides whether the problem is feasible: DAQP finds it fast and reliably,
     as it does not depend on H. The search for the minimizer begins with its active set, and if it fails with none.
-
-    Args:
-        problem: the problem.
-        soft: soft constraints, if any.
 
     Returns:
         The minimizer, where a soft constraint's multiplier adds to that of the same place. Without x if there is none,

@@ -1,7 +1,5 @@
 """Solvers by name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import qpsolvers

@@ -1,7 +1,5 @@
 """Strict priorities: one quadratic program per level, each in the null space of the levels above."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -93,7 +91,6 @@ class Hierarchy:
 
         Args:
             problem: the problem whose constraints apply to all levels.
-            levels: highest priority first.
 
         Returns:
             The solution in the problem's decision variables. The multiplier of each constraint is that of the first

@@ -1,7 +1,5 @@
 """OSQP, an operator-splitting solver: persistent, warm-started from the last solution."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """ProxQP, an augmented-Lagrangian solver, dense back end: persistent, warm-started from the last solution."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

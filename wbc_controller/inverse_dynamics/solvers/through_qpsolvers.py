@@ -1,7 +1,5 @@
 """All other solvers, by name, through qpsolvers."""
 
-from __future__ import annotations
-
 import numpy as np
 import qpsolvers
 

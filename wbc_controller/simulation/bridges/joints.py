@@ -1,7 +1,5 @@
 """States by the names of the joints."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -26,7 +24,6 @@ def state_from_joints(
     """Assemble Pinocchio's q and v from joints by name and, for a floating base, its pose and twist.
 
     Args:
-        model: the robot's model.
         positions: of every joint in ``robot.joints``, rad (m for sliding joints); others are ignored.
         velocities: of the same joints, rad/s (m/s); zero where none are given.
         base_position: of the base link's origin in the world, (3,) in m.

@@ -1,7 +1,5 @@
 """States and torques of a robot in a MuJoCo model of your own. It does not import MuJoCo: you bring model and data."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -32,7 +30,6 @@ class MujocoInterface:
         """Find the robot's joints.
 
         Args:
-            model: the robot's model, such as ``controller.model``.
             mujoco_model: an ``mujoco.MjModel`` in which the joints of ``robot.joints`` have their names.
 
         Raises:

@@ -1,7 +1,5 @@
 """Faults of the actuators: the torques at the joints differ from the commanded ones."""
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Faults of the base's sensors: the odometry of a state estimator, and the inertial measurement unit."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """All kinds of fault: reads them from YAML, and draws them at random."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Mapping
 from typing import Any, Literal, get_args, get_origin
@@ -33,8 +31,6 @@ def read_faults(text: str, source: str, *, script: bool = False) -> list[Fault]:
     """Read one fault, or a list of them.
 
     Args:
-        text: YAML.
-        source: its origin, for messages.
         script: whether each entry has the key ``at``, the simulated time at which it starts, in place of ``start``.
 
     Raises:

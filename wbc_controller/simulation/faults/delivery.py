@@ -1,7 +1,5 @@
 """Faults of the delivery: messages of the robot, or commands to it, arrive late, twice, out of order or not at all."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from typing import Literal

@@ -1,7 +1,5 @@
 """The base classes of faults: validated parameters, and their effect from the beginning to the end of the fault."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,16 +21,10 @@ LONGEST = 3600.0
 
 
 class Parcel(NamedTuple):
-    """A message in transit.
+    """A message in transit."""
 
-    Attributes:
-        due: simulated time of its delivery, s.
-        taken: simulated time of its content, ns.
-        payload: the serialized message.
-    """
-
-    due: float
-    taken: int
+    due: float  # simulated time of its delivery, s
+    taken: int  # simulated time of its content, ns
     payload: bytes
 
 
@@ -57,22 +49,13 @@ class Effect:
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """The robot on which a fault acts, and the time.
-
-    Attributes:
-        robot: the robot.
-        plant: its physics.
-        period: control period, s.
-        began: simulated time at which the fault began, s.
-        end: simulated time at which the fault ends, s.
-        rng: the fault's own random numbers.
-    """
+    """The robot on which a fault acts, and the time."""
 
     robot: RobotModel
     plant: Plant
-    period: float
-    began: float
-    end: float
+    period: float  # control period, s
+    began: float  # simulated time at which the fault began, s
+    end: float  # simulated time at which the fault ends, s
     rng: np.random.Generator
 
     @property

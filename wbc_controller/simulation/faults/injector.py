@@ -1,7 +1,5 @@
 """Injection of faults into the mock robot: which of them act now, and on what."""
 
-from __future__ import annotations
-
 import heapq
 import itertools
 from collections.abc import Sequence
@@ -91,7 +89,6 @@ class Injector:
         """Post a message of a stream, and return the messages that arrive now.
 
         Args:
-            stream: the stream.
             taken: simulated time of the message's content, ns.
             payload: the message; None without a new one.
         """

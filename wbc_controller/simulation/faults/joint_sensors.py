@@ -1,7 +1,5 @@
 """Faults of the joint sensors: the joint states differ from the true positions and velocities."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Faults of stamps and of the simulator's clock: they differ from the times of the measurements."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 from pydantic import Field

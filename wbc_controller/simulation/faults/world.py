@@ -1,7 +1,5 @@
 """Faults of the world and of the model: the robot or its floor differs from the controller's model."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -1,7 +1,5 @@
 """The commands of `wbc accuracy`, and the tables that they print."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable, Iterable, Sequence

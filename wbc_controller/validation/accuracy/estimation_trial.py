@@ -1,7 +1,5 @@
 """A robot without odometry on simulated time: controller, sensors and physics, and the truth for comparison."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

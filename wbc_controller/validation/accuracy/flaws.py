@@ -1,7 +1,5 @@
 """Errors of the centre of mass of robots without odometry, caused by flaws of robot, sensors and ground."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -27,19 +25,13 @@ CHATTER = 8.0
 
 @dataclass(frozen=True, slots=True)
 class Flaw:
-    """A difference between the robot and the controller's model.
-
-    Attributes:
-        name: for the table.
-        changes: settings, by dotted key.
-        faults: of the mock robot, by its actuators' names.
-        force_sensors: whether the robot has force sensors at its contacts.
-    """
+    """A difference between the robot and the controller's model."""
 
     name: str
-    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # settings, by dotted key
+    # of the mock robot, by its actuators' names
     faults: Callable[[Sequence[str]], Sequence[Fault]] = lambda actuators: ()
-    force_sensors: bool = False
+    force_sensors: bool = False  # whether the robot has force sensors at its contacts
 
 
 def _always(kind: type[Fault], **parameters: Any) -> Callable[[Sequence[str]], Sequence[Fault]]:
@@ -90,19 +82,12 @@ FLAWS = (
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """The errors caused by a flaw; NaN if the run ended before.
+    """The errors caused by a flaw; NaN if the run ended before."""
 
-    Attributes:
-        sway: largest error of the centre of mass in the sway, m.
-        squat: and in the squat, m.
-        chatter: largest torque above `CHATTER`, as the RMS of one actuator and a share of its limit.
-        ended: reason of an early end; empty if there was none.
-    """
-
-    sway: float
-    squat: float
-    chatter: float
-    ended: str = ""
+    sway: float  # largest error of the centre of mass in the sway, m
+    squat: float  # and in the squat, m
+    chatter: float  # largest torque above `CHATTER`, as the RMS of one actuator and a share of its limit
+    ended: str = ""  # reason of an early end; empty if there was none
 
 
 def cost_of(
@@ -118,10 +103,8 @@ def cost_of(
     Args:
         robot: name of a shipped robot, or the path of a file.
         name: of the flaw, in `FLAWS`.
-        sensors: their quality.
         disturbance: ``estimation.disturbance``.
         known_friction: whether ``robot.friction`` has the joint friction of the flaw.
-        changes: settings beside the flaw's, by dotted key.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.

@@ -1,7 +1,5 @@
 """Faults of contacts and sensors on robots without odometry: the estimate survives, or a fault damps the robot."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,19 +32,13 @@ _PULL, _PULLED = 1.5, 0.1
 
 @dataclass(frozen=True, slots=True)
 class Mishap:
-    """A fault of a robot that stands and sways.
-
-    Attributes:
-        name: for the table.
-        faults: of the mock robot, given its first contact and the joint that moves it last.
-        pull: whether the first contact is pulled up, by `_PULL` for `_PULLED`.
-        hoist: whether the robot hangs on the hoist, before its activation.
-    """
+    """A fault of a robot that stands and sways."""
 
     name: str
+    # of the mock robot, given its first contact and the joint that moves it last
     faults: Callable[[str, str], Sequence[Fault]] = lambda contact, joint: ()
-    pull: bool = False
-    hoist: bool = False
+    pull: bool = False  # whether the first contact is pulled up, by `_PULL` for `_PULLED`
+    hoist: bool = False  # whether the robot hangs on the hoist, before its activation
 
 
 #: The rows of the table.
@@ -88,25 +80,16 @@ MISHAPS = (
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of one mishap.
+    """Outcome of one mishap."""
 
-    Attributes:
-        error: largest error of the base's linear velocity while the controller acted on it, m/s.
-        unsaid: longest time for which it was above `WRONG` without a fault, s.
-        left_out: contacts that the estimate left out.
-        said: a sentence for each fault, in order.
-        ended: whether the controller damped the robot.
-        fell: whether the robot fell before.
-        recovery: time from 'reset' to an active controller, with the robot on the hoist, s; infinite if it stayed
-            refused, and NaN if the controller did not damp.
-    """
-
-    error: float
-    unsaid: float
-    left_out: tuple[str, ...]
-    said: tuple[str, ...] = ()
-    ended: bool = False
-    fell: bool = False
+    error: float  # largest error of the base's linear velocity while the controller acted on it, m/s
+    unsaid: float  # longest time for which it was above `WRONG` without a fault, s
+    left_out: tuple[str, ...]  # contacts that the estimate left out
+    said: tuple[str, ...] = ()  # a sentence for each fault, in order
+    ended: bool = False  # whether the controller damped the robot
+    fell: bool = False  # whether the robot fell before
+    # time from 'reset' to an active controller, with the robot on the hoist, s; infinite if it stayed refused, and NaN
+    # if the controller did not damp
     recovery: float = math.nan
 
     @property
@@ -133,10 +116,7 @@ def come_of(
     Args:
         robot: name of a shipped robot, or the path of a file.
         name: of the mishap, in `MISHAPS`.
-        sensors: their quality.
-        seed: of the sensors.
         force_sensors: whether the robot has force sensors at its contacts: the true forces, 100 times a second.
-        changes: settings beside those, by dotted key.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.

@@ -1,7 +1,5 @@
 """Errors of the estimate of a standing robot, against the truth and against the filter's covariance."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,27 +25,16 @@ _CREEP = 8.0e-5
 
 @dataclass(frozen=True, slots=True)
 class Stand:
-    """Figures of one standing robot.
-
-    Attributes:
-        seed: of its sensors.
-        tilt: RMS of roll and pitch error, rad.
-        height: RMS error of the height since the start, m.
-        velocity: RMS error of the linear velocity, m/s.
-        drift: growth of the horizontal error since the start, m per minute.
-        seen: normalized estimation error squared of tilt and velocity, 5 degrees of freedom, at each look, (n,).
-        drifting: that of heading and position since the start, 4 degrees of freedom, (n,).
-        ended: reason of an early end; empty if there was none.
-    """
+    """Figures of one standing robot."""
 
     seed: int
-    tilt: float
-    height: float
-    velocity: float
-    drift: float
-    seen: Array
-    drifting: Array
-    ended: str = ""
+    tilt: float  # RMS of roll and pitch error, rad
+    height: float  # RMS error of the height since the start, m
+    velocity: float  # RMS error of the linear velocity, m/s
+    drift: float  # growth of the horizontal error since the start, m per minute
+    seen: Array  # normalized estimation error squared of tilt and velocity, 5 degrees of freedom, at each look, (n,)
+    drifting: Array  # that of heading and position since the start, 4 degrees of freedom, (n,)
+    ended: str = ""  # reason of an early end; empty if there was none
 
 
 def sensor_settings(sensors: SensorQuality) -> dict[str, Any]:

@@ -1,7 +1,5 @@
 """The report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
 
-from __future__ import annotations
-
 import csv
 import importlib.util
 import io
@@ -37,33 +35,19 @@ _WORST = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The trials of one kind of fault on one robot.
-
-    Attributes:
-        place: place of the fault in the data flow.
-        kind: the kind.
-        robot: the robot.
-        trials: their number.
-        survived: number of trials that the robot survived.
-        interval: Wilson's interval of the share survived at 95 %, two shares.
-        reasons: number of damped trials by code of the fault.
-        must: number of trials whose fault must be detected.
-        delays: times until detection in these trials, s.
-        deadline: longest deadline of these trials, s; None without any.
-        violations: number of trials by name of a violation.
-    """
+    """The trials of one kind of fault on one robot."""
 
     place: str
     kind: str
     robot: str
     trials: int
-    survived: int
-    interval: tuple[float, float]
-    reasons: dict[str, int]
-    must: int
-    delays: tuple[float, ...]
-    deadline: float | None
-    violations: dict[str, int]
+    survived: int  # number of trials that the robot survived
+    interval: tuple[float, float]  # Wilson's interval of the share survived at 95 %, two shares
+    reasons: dict[str, int]  # number of damped trials by code of the fault
+    must: int  # number of trials whose fault must be detected
+    delays: tuple[float, ...]  # times until detection in these trials, s
+    deadline: float | None  # longest deadline of these trials, s; None without any
+    violations: dict[str, int]  # number of trials by name of a violation
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
@@ -169,8 +153,6 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[s
     """Write the table as Markdown and CSV, and, if plotly is installed, a page with plots.
 
     Args:
-        outcomes: of all trials.
-        folder: of the files.
         repeated: the result of `repetitions`.
 
     Raises:

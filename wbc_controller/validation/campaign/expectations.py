@@ -1,7 +1,5 @@
 """Expected outcomes of each kind of fault: survive it, detect it in time, or damp for a right reason."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -25,14 +23,10 @@ _NEVER = 1.0e-6
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """The expected outcome of a fault.
+    """The expected outcome of a fault."""
 
-    Attributes:
-        codes: reasons for which the robot may be damped; empty if it has to survive.
-        deadline: time after the beginning of the fault in which it must be damped, s; None if it may survive.
-    """
-
-    codes: frozenset[str]
+    codes: frozenset[str]  # reasons for which the robot may be damped; empty if it has to survive
+    # time after the beginning of the fault in which it must be damped, s; None if it may survive
     deadline: float | None = None
 
     @property
@@ -51,17 +45,11 @@ _Rule = Callable[[Any, "Known"], Expectation]
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """Settings and times on which the rules depend.
-
-    Attributes:
-        settings: of the robot.
-        cycle: two control periods, s: the one in which a fault begins, and the one in which it is seen.
-        timeout: ``safety.state_timeout``, s.
-    """
+    """Settings and times on which the rules depend."""
 
     settings: Settings
-    cycle: float
-    timeout: float
+    cycle: float  # two control periods, s: the one in which a fault begins, and the one in which it is seen
+    timeout: float  # `safety.state_timeout`, s
 
     def refused(self, lasts: float, after: float = 0.0) -> Expectation:
         """Messages that are missing or refused for a time, from some time on: the last good one becomes too old."""

@@ -1,7 +1,5 @@
 """The true fall of a robot in a trial."""
 
-from __future__ import annotations
-
 import math
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel

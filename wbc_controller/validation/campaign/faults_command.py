@@ -1,7 +1,5 @@
 """The command `wbc faults`."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

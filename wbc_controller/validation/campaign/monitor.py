@@ -1,7 +1,5 @@
 """Checks the controller's outputs in a trial for violations that no fault may cause."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """The outcome of a trial, and the names of all violations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -25,38 +23,20 @@ ALL_VIOLATIONS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of one trial.
-
-    Attributes:
-        robot: the robot.
-        kind: the kind of fault.
-        seed: of the trial.
-        parameters: of the fault.
-        expected: ``survive``, ``detect`` or ``either``.
-        deadline: time after the beginning of the fault within which it had to be detected, s; None for none.
-        result: ``survived``, ``damped`` or ``violation``.
-        code: code of the controller's fault, or its mode if it had none; empty if it stayed active.
-        sentence: its reason.
-        after: time from the beginning of the fault until then, s; None if it stayed active.
-        moved: largest distance of the centre of mass from its place at the beginning of the fault, m.
-        longest: longest processor time of the loop for one cycle, s.
-        simulated: length of the trial, s.
-        wall: wall time that it took, s.
-        violations: sentences by name, as in `ALL_VIOLATIONS`.
-    """
+    """The outcome of one trial."""
 
     robot: str
     kind: str
     seed: int
     parameters: Mapping[str, Any]
-    expected: str
-    deadline: float | None
-    result: str
-    code: str
+    expected: str  # `survive`, `detect` or `either`
+    deadline: float | None  # time after the beginning of the fault within which it had to be detected, s; None for none
+    result: str  # `survived`, `damped` or `violation`
+    code: str  # code of the controller's fault, or its mode if it had none; empty if it stayed active
     sentence: str
-    after: float | None
-    moved: float
-    longest: float
-    simulated: float
-    wall: float
-    violations: Mapping[str, str]
+    after: float | None  # time from the beginning of the fault until then, s; None if it stayed active
+    moved: float  # largest distance of the centre of mass from its place at the beginning of the fault, m
+    longest: float  # longest processor time of the loop for one cycle, s
+    simulated: float  # length of the trial, s
+    wall: float  # wall time that it took, s
+    violations: Mapping[str, str]  # sentences by name, as in `ALL_VIOLATIONS`

@@ -1,7 +1,5 @@
 """Checks the recording of a trial's fault: it names the fault, and its replay gives the same cycles bit for bit."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,15 +14,10 @@ from wbc_controller.recording.replay.recording_summary import summarize
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where the recordings of one trial are.
-
-    Attributes:
-        folder: of the recordings of a campaign.
-        name: of the trial, with which the files begin.
-    """
+    """Where the recordings of one trial are."""
 
     folder: Path
-    name: str
+    name: str  # of the trial, with which the files begin
 
     @property
     def settings(self) -> Mapping[str, object]:

@@ -1,7 +1,5 @@
 """Faults of requests: messages of other programs on the controller's topics."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,19 +18,12 @@ _ANY_BYTES = ("weight", "task_enable", "contact_enable")
 
 @dataclass(slots=True)
 class Sending:
-    """The state of a fault of requests.
-
-    Attributes:
-        user: sends the messages.
-        rng: random numbers of the fault.
-        com: centre of mass at the beginning, (3,) in m.
-        periods: number of control periods since the beginning.
-    """
+    """The state of a fault of requests."""
 
     user: User
     rng: np.random.Generator
-    com: Array | None = None
-    periods: int = 0
+    com: Array | None = None  # centre of mass at the beginning, (3,) in m
+    periods: int = 0  # number of control periods since the beginning
 
     def say(self, key: str, text: str, count: int = 1) -> None:
         """Send a text some times."""

@@ -1,7 +1,5 @@
 """The file of a campaign: one line of JSON for each trial, so that it can be stopped and resumed at any time."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json
@@ -30,7 +28,6 @@ class Results:
     """The outcomes of a campaign, in memory and on disk.
 
     Attributes:
-        path: of the file.
         outcomes: those of this version of code and configuration, by key; the last one of a trial that was repeated.
         repeated: the outcomes before, of trials that were repeated, by key.
         others: number of lines in the file of another version, which are kept and not used.

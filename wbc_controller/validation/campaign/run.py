@@ -1,7 +1,5 @@
 """Runs a campaign: trials in parallel, on this machine or on a cluster."""
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
@@ -50,14 +48,11 @@ def run_campaign(
 
     Args:
         robots: names of shipped robots, or paths of configurations.
-        kinds: kinds of fault; none for all.
-        seeds: of the trials of each kind and robot.
         folder: where the results are kept; a second call goes on where the first has ended.
         jobs: trials at once; -1 for as many as there are processors.
         backend: one of `BACKENDS`.
         address: of the scheduler or cluster of the backend, where it has one.
         recordings: folder for the recordings that faults leave, which are then looked at; None records nothing.
-        console: for progress and tables.
 
     Returns:
         Whether there was no violation.

@@ -5,8 +5,6 @@ clocks are the same one; trials with an odd seed tell the controller so (`safety
 has to learn the offset.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import math
@@ -65,7 +63,6 @@ def run_trial(
 
     Args:
         robot: a shipped robot's name, or the path of a configuration.
-        kind: kind of the fault.
         seed: decides when the fault begins, how long it lasts, and its parameters.
         parameters: of the fault, in place of those that are drawn.
         prepare: called with the controller before the trial, for tests.

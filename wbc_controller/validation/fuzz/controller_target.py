@@ -1,7 +1,5 @@
 """The controller as a target of the fuzzer: the service's loop in lockstep with a mock robot on the hoist."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Collection, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The base estimator as a target of the fuzzer."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

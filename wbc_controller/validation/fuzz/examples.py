@@ -1,7 +1,5 @@
 """Ordinary messages of every incoming type."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

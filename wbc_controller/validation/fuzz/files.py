@@ -4,8 +4,6 @@ Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them change
 number alone. A child process reads it as `wbc check`, `run`, `guard` and `mock` do, so that a crash is seen and named.
 """
 
-from __future__ import annotations
-
 import contextlib
 import multiprocessing
 import os
@@ -48,16 +46,11 @@ _URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")
 
 @dataclass(slots=True)
 class FilesOutcome:
-    """The result of a run.
+    """The result of a run."""
 
-    Attributes:
-        results: number of cases by result: ``works``, ``refused``, or the name of what went wrong.
-        failures: the folder of each case that went wrong, and a sentence.
-        seconds: duration, s.
-    """
-
+    # number of cases by result: `works`, `refused`, or the name of what went wrong
     results: Counter[str] = field(default_factory=Counter)
-    failures: dict[Path, str] = field(default_factory=dict)
+    failures: dict[Path, str] = field(default_factory=dict)  # the folder of each case that went wrong, and a sentence
     seconds: float = 0.0
 
 

@@ -1,7 +1,5 @@
 """Floods: another participant fills an input of the controller, and an emergency stop has to pass."""
 
-from __future__ import annotations
-
 import math
 import multiprocessing
 import time
@@ -75,46 +73,28 @@ FLOODS: Mapping[str, tuple[str, Callable[[], bytes]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """An emergency stop, as its sender sees it.
+    """An emergency stop, as its sender sees it."""
 
-    Attributes:
-        began: stamp of the robot's state at the beginning of the flood, ns.
-        known: newest stamp that the sender knew when it sent the stop, ns.
-        ended: stamp at the end, ns.
-        seen: time from sending until the sender saw the zero torques, s.
-        late: lateness of the machine meanwhile, s.
-        sent: messages of the flood.
-        seconds: duration of the flood, s.
-        said: whether the diagnostics said that messages were lost or refused.
-    """
-
-    began: int
-    known: int
-    ended: int
-    seen: float
-    late: float
+    began: int  # stamp of the robot's state at the beginning of the flood, ns
+    known: int  # newest stamp that the sender knew when it sent the stop, ns
+    ended: int  # stamp at the end, ns
+    seen: float  # time from sending until the sender saw the zero torques, s
+    late: float  # lateness of the machine meanwhile, s
     sent: int
     seconds: float
-    said: bool
+    said: bool  # whether the diagnostics said that messages were lost or refused
 
 
 @dataclass(frozen=True, slots=True)
 class StopTrial:
-    """An emergency stop under a flood, with the controller's record of it.
-
-    Attributes:
-        flood: key of the flood.
-        stop: the stop.
-        cycles: cycles, with those missing in the record, from the newest state that the sender knew to the first cycle
-            with zero torques and the fault.
-        slowest: longest cycle while the flood lasted, s.
-        period: of the controller, s.
-    """
+    """An emergency stop under a flood, with the controller's record of it."""
 
     flood: str
     stop: Stop
+    # cycles, with those missing in the record, from the newest state that the sender knew to the first cycle with zero
+    # torques and the fault
     cycles: int
-    slowest: float
+    slowest: float  # longest cycle while the flood lasted, s
     period: float
 
     @property

@@ -1,7 +1,5 @@
 """The commands of `wbc fuzz`, with their progress and final tables."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Hypothesis strategies of hostile configurations and URDFs, made from the shipped ones."""
 
-from __future__ import annotations
-
 import itertools
 import re
 

@@ -4,8 +4,6 @@ Each episode begins with a fresh node. Its messages follow from the seed, the no
 messages that break a node are written to a file, with as many of the messages before them as are needed.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import ctypes
@@ -49,38 +47,23 @@ Message = tuple[str, bytes]
 
 @dataclass(slots=True)
 class Failure:
-    """A broken node.
-
-    Attributes:
-        target: key of the node in `TARGETS`.
-        why: the invariant that did not hold.
-        messages: topic and payload of the messages that led to it.
-        repeated: whether it broke again in a fresh node.
-    """
+    """A broken node."""
 
     target: str
-    why: str
-    messages: list[Message]
-    repeated: bool
+    why: str  # the invariant that did not hold
+    messages: list[Message]  # topic and payload of the messages that led to it
+    repeated: bool  # whether it broke again in a fresh node
 
 
 @dataclass(slots=True)
 class Outcome:
-    """The result of a run.
+    """The result of a run."""
 
-    Attributes:
-        counts: number of messages, by node and kind of topic.
-        failures: the broken nodes.
-        seconds: duration, s.
-        processor: processor time, s.
-        growth: growth of the memory after the warm-up, kB.
-    """
-
-    counts: Counter[str] = field(default_factory=Counter)
-    failures: list[Failure] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)  # number of messages, by node and kind of topic
+    failures: list[Failure] = field(default_factory=list)  # the broken nodes
     seconds: float = 0.0
     processor: float = 0.0
-    growth: int = 0
+    growth: int = 0  # growth of the memory after the warm-up, kB
 
     @property
     def sent(self) -> int:

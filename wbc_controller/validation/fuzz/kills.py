@@ -4,8 +4,6 @@ What counts is what arrives for the joints: after the last command, the guard's 
 that were computed from an old state; and afterwards everything can go on.
 """
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Callable, Mapping
@@ -36,34 +34,21 @@ _WATCH = 0.6
 
 @dataclass(frozen=True, slots=True)
 class KillTrial:
-    """One kill.
+    """One kill."""
 
-    Attributes:
-        victim: ``controller`` or ``mock``.
-        way: key in `WAYS`.
-        stopped: time for which the process stood still, s; 0 if it ended.
-        gap: longest time for which the last torques stayed in force at the joints, s; 0 where they were zero.
-        bound: that which the guard or the controller allows, s.
-        stale: largest age of a state from which torques were computed that came afterwards, s; without the one message
-            that was on its way to the middleware when the process was stopped.
-        timeout: that which the configuration allows, s.
-        late: lateness of the machine meanwhile, s.
-        sentence: state of the controller or of the guard afterwards.
-        right: whether it is the right one.
-        restarted: whether the robot could be activated again.
-    """
-
-    victim: str
-    way: str
-    stopped: float
-    gap: float
-    bound: float
+    victim: str  # `controller` or `mock`
+    way: str  # key in `WAYS`
+    stopped: float  # time for which the process stood still, s; 0 if it ended
+    gap: float  # longest time for which the last torques stayed in force at the joints, s; 0 where they were zero
+    bound: float  # that which the guard or the controller allows, s
+    # largest age of a state from which torques were computed that came afterwards, s; without the one message that was
+    # on its way to the middleware when the process was stopped
     stale: float
-    timeout: float
-    late: float
-    sentence: str
-    right: bool
-    restarted: bool
+    timeout: float  # that which the configuration allows, s
+    late: float  # lateness of the machine meanwhile, s
+    sentence: str  # state of the controller or of the guard afterwards
+    right: bool  # whether it is the right one
+    restarted: bool  # whether the robot could be activated again
 
     @property
     def held(self) -> bool:

@@ -1,7 +1,5 @@
 """Measures the lateness of this machine: of naps on each processor, and of the threads of processes."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

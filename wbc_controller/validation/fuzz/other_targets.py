@@ -1,7 +1,5 @@
 """The guard, the mock robot and the wait for a URDF as targets of the fuzzer."""
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

@@ -3,8 +3,6 @@
 Linear programs over the same constraints are the judge: they are slow, and have no cost that could mislead them.
 """
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -35,19 +33,13 @@ HELD = "no solution"
 
 @dataclass(slots=True)
 class ProblemsOutcome:
-    """The result for one robot.
-
-    Attributes:
-        robot: its name.
-        relaxed: number of problems, by what was relaxed.
-        failures: by the number of the problem, what was wrong with its answer.
-        slowest: processor time of the slowest answer, s.
-    """
+    """The result for one robot."""
 
     robot: str
-    relaxed: Counter[str] = field(default_factory=Counter)
+    relaxed: Counter[str] = field(default_factory=Counter)  # number of problems, by what was relaxed
+    # by the number of the problem, what was wrong with its answer
     failures: dict[int, str] = field(default_factory=dict)
-    slowest: float = 0.0
+    slowest: float = 0.0  # processor time of the slowest answer, s
 
     def line(self) -> str:
         """The result in a line."""
@@ -113,10 +105,8 @@ def random_problem(
     With odd seeds the weights are the given ones times 10^-2 to 10^2; half of the seeds have torques before.
 
     Args:
-        model: the robot's model.
         standing: q of the robot as it stands, (nq,).
         references: at rest.
-        seed: of all choices.
     """
     rng = np.random.default_rng(seed)
     lower, upper = model.position_lower + 0.02, model.position_upper - 0.02

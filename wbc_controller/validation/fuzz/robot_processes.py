@@ -40,11 +40,8 @@ class RobotProcesses(Processes):
     """A mock robot, a controller and a guard as processes, and a user on the same domain.
 
     Attributes:
-        model: of the robot.
         record: file for the controller's record.
-        lateness: of this machine.
         inputs: topics of the controller, by key and subject, such as ``setpoint/com``.
-        user: sends requests to the controller.
         kept: arrival time and payload of the messages of each topic, by node and key, such as ``mock/odom``.
     """
 

@@ -7,8 +7,6 @@ Where a hand or a knee strikes the floor, the impact turns joints within one ste
 How far it drives them into their stops no torque decides: that is measured apart.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -39,32 +37,19 @@ _log = logging.getLogger("wbc_controller")
 
 @dataclass(slots=True)
 class SetpointTrial:
-    """One robot, asked for one kind of impossible things.
-
-    Attributes:
-        robot: its name.
-        number: of the trial: with the seed it decides everything.
-        kind: of the setpoints, a key of `KINDS`.
-        ended: code of the fault that ended the control; empty where none did.
-        seconds: simulated time under control, s.
-        beyond: how far a joint was beyond its position limit at most, rad or m, but for impacts; negative where none
-            was.
-        joint: its name.
-        impact: how far one was within 20 ms after a link had struck the floor, likewise.
-        relaxed: number of cycles in which constraints were relaxed.
-        holding: number of cycles without a solution.
-    """
+    """One robot, asked for one kind of impossible things."""
 
     robot: str
-    number: int
-    kind: str
-    ended: str = ""
-    seconds: float = 0.0
+    number: int  # of the trial: with the seed it decides everything
+    kind: str  # of the setpoints, a key of `KINDS`
+    ended: str = ""  # code of the fault that ended the control; empty where none did
+    seconds: float = 0.0  # simulated time under control, s
+    # how far a joint was beyond its position limit at most, rad or m, but for impacts; negative where none was
     beyond: float = -np.inf
     joint: str = ""
-    impact: float = -np.inf
-    relaxed: int = 0
-    holding: int = 0
+    impact: float = -np.inf  # how far one was within 20 ms after a link had struck the floor, likewise
+    relaxed: int = 0  # number of cycles in which constraints were relaxed
+    holding: int = 0  # number of cycles without a solution
 
     @property
     def kept(self) -> bool:

@@ -1,7 +1,5 @@
 """A long run of controller, mock robot and guard: memory, faults and the lateness of the machine."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -25,22 +23,15 @@ _WARM_UP, _GROWTH, _SLOPE = 0.5, 1024, 256
 
 @dataclass(slots=True)
 class SoakResult:
-    """The result of a long run.
-
-    Attributes:
-        seconds: its duration, s.
-        memory: memory of each process at each look, kB.
-        faults: what the controller and the guard said when they were not active or watching, each with the lateness of
-            the machine in the second before, s, and the time that the fault allows, s.
-        rate: commands per second that the user received.
-        late: largest lateness of the machine, s.
-    """
+    """The result of a long run."""
 
     seconds: float = 0.0
-    memory: dict[str, list[int]] = field(default_factory=dict)
+    memory: dict[str, list[int]] = field(default_factory=dict)  # memory of each process at each look, kB
+    # what the controller and the guard said when they were not active or watching, each with the lateness of the
+    # machine in the second before, s, and the time that the fault allows, s
     faults: list[tuple[str, float, float]] = field(default_factory=list)
-    rate: float = 0.0
-    late: float = 0.0
+    rate: float = 0.0  # commands per second that the user received
+    late: float = 0.0  # largest lateness of the machine, s
 
     def growth(self, name: str) -> int:
         """Growth of a process's memory after the warm-up, kB: between the medians of two quarters of the rest."""

@@ -1,7 +1,5 @@
 """Hypothesis strategies of hostile bytes, texts and messages, and values of them that follow from a key."""
 
-from __future__ import annotations
-
 import copy
 import re
 import struct

@@ -1,7 +1,5 @@
 """The fuzzer's base class of nodes under test: their robot, the other end of their topics, and checks of outputs."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import time
@@ -153,13 +151,6 @@ def with_all_diagnostics(settings: Settings) -> Settings:
 
 def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: str) -> None:
     """Check that torques are finite, within their limits, and changed by no more than a step.
-
-    Args:
-        tau: torques, (na,) in N·m.
-        before: torques before, (na,).
-        limits: effort limits, (na,).
-        step: largest change, (na,).
-        what: sender, for the sentence.
 
     Raises:
         Broken: if they are not.

@@ -1,7 +1,5 @@
 """Tables of hostile numbers, lengths, texts, YAML values and XML attributes."""
 
-from __future__ import annotations
-
 import math
 
 #: For a float field.

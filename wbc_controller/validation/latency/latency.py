@@ -4,8 +4,6 @@ The controller and the guard are processes as on a robot. This process is the ro
 controller, and to the echo while the controller's process is stopped.
 """
 
-from __future__ import annotations
-
 import concurrent.futures
 import contextlib
 import math
@@ -47,27 +45,16 @@ _ECHO = "/bench_echo"
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """What was measured.
+    """What was measured."""
 
-    Attributes:
-        controller: the round trips by the controller.
-        echo: those by the echo.
-        active: share of one processor that the active controller used.
-        inactive: the same of the inactive controller, before its first activation, while states arrived.
-        waiting: time for which threads of the controller waited for a processor, as a share of the time.
-        memory: of the controller, at the beginning and at the end, kB.
-        scheduling: how the controller's main thread is scheduled.
-        said: the controller's states other than ``active`` while it was measured.
-    """
-
-    controller: RoundTrips
-    echo: RoundTrips
-    active: float
-    inactive: float
-    waiting: float
-    memory: tuple[int, int]
-    scheduling: str
-    said: tuple[str, ...]
+    controller: RoundTrips  # the round trips by the controller
+    echo: RoundTrips  # those by the echo
+    active: float  # share of one processor that the active controller used
+    inactive: float  # the same of the inactive controller, before its first activation, while states arrived
+    waiting: float  # time for which threads of the controller waited for a processor, as a share of the time
+    memory: tuple[int, int]  # of the controller, at the beginning and at the end, kB
+    scheduling: str  # how the controller's main thread is scheduled
+    said: tuple[str, ...]  # the controller's states other than `active` while it was measured
 
 
 class _Robot(Protocol):
@@ -94,7 +81,6 @@ def measure_latency(
         seconds: duration of each of the two, s.
         transport: ``dds`` or ``rclpy``.
         mock: take the mock robot with its physics in place of one that only sends states; in one block.
-        domain: DDS domain.
         progress: called after each block with the time that was measured so far, s, and the block.
 
     Raises:

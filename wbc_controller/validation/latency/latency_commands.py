@@ -1,7 +1,5 @@
 """The commands of `wbc bench`, and the tables that they print."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

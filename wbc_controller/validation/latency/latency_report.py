@@ -1,7 +1,5 @@
 """The results of `wbc bench latency`: for a file, and as text."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from wbc_controller.validation.latency.latency import Latency

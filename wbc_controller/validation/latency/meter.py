@@ -1,7 +1,5 @@
 """The time from each state to its torques: measured at a transport, and summarized."""
 
-from __future__ import annotations
-
 import functools
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -22,17 +20,11 @@ _LAST = 0.1
 
 @dataclass(frozen=True, slots=True)
 class RoundTrips:
-    """The round trips of consecutive states.
+    """The round trips of consecutive states."""
 
-    Attributes:
-        seconds: from sending each state until its torques came, (n,) in s; inf where none came.
-        delays: by how much the time between two states exceeded the period, (n - 1,) in s; 0 where it did not.
-        period: of the states, s.
-    """
-
-    seconds: Array
-    delays: Array
-    period: float
+    seconds: Array  # from sending each state until its torques came, (n,) in s; inf where none came
+    delays: Array  # by how much the time between two states exceeded the period, (n - 1,) in s; 0 where it did not
+    period: float  # of the states, s
 
     @property
     def quantiles(self) -> tuple[float, ...]:

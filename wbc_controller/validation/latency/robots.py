@@ -1,7 +1,5 @@
 """Replacements of the robot at the other end of the topics: a robot that only sends states, and an echo."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import math
