@@ -154,12 +154,7 @@ class Supervisor:
         return None
 
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
-        """Take a user's request.
-
-        Args:
-            word: one of `REQUESTS`.
-            now: s.
-            problem: fault of the inputs, if any.
+        """Take a user's request, one of `REQUESTS`, at a time, s; `problem` is the fault of the inputs, if any.
 
         Returns:
             Whether this activates the controller, which then has to start from the present state.
@@ -238,9 +233,7 @@ class Supervisor:
 
         Args:
             now: s, on the clock of the loop.
-            state: the latched state, where there is one.
             joint_velocity: joint velocities, (nj,) in rad/s; None where they are not fresh.
-            problem: fault of the inputs, if any.
             outcome: the solution, or why there is none.
 
         Returns:

@@ -36,10 +36,6 @@ class Formulation:
 
     Attributes:
         dynamics: the snapshot of the last cycle.
-        torque_limit: bounds of the torques.
-        motion_limit: bounds of the joint accelerations.
-        row_limits: bounds of other combinations of v̇.
-        period: time between cycles, s.
         structure: of the last cycle; None before the first.
         parameters: of the last cycle; None before the first.
         task_errors: task errors of each level in the last cycle.
@@ -58,13 +54,7 @@ class Formulation:
         regularization_acceleration: float = 1.0e-5,
         regularization_force: float = 1.0e-6,
     ) -> None:
-        """Make a formulation.
-
-        Args:
-            contacts: the contacts, active or not.
-            regularization_acceleration: ε_a.
-            regularization_force: ε_f.
-        """
+        """Make a formulation."""
         self.model = model
         self.dynamics = Dynamics(model)
         self.tasks: Mapping[str, Task] = {task.name: task for task in tasks}
@@ -106,7 +96,6 @@ class Formulation:
         """Compute the dynamics and fill the problem.
 
         Args:
-            references: task references, weights and contact activations.
             tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
 
         Returns:
