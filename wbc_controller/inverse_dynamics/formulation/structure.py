@@ -46,4 +46,4 @@ class Parameters:
     motion_limit: JointMotionLimit
     torque_limit: TorqueLimit
     changes: int
-    version: int = field(default=0, compare=False)
+    version: int
