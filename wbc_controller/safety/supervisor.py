@@ -304,9 +304,9 @@ class Supervisor:
         if share >= 1.0 and not self._taken_over:
             self._taken_over = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
         freeze(made)  # and so the parts
-        tau, position, velocity = (made[part] for part in self._parts)
-        self._tau = tau
-        return JointCommand(seen.stamp, tau, position, velocity)
+        torques, positions, velocities = self._parts
+        self._tau = made[torques]
+        return JointCommand(seen.stamp, self._tau, made[positions], made[velocities])
 
     def _limited(self, tau: Array, available: tuple[Array, Array]) -> Array:
         """Limit torques by the rate from the last ones and, last, by the available ones, (na,) each in N·m."""

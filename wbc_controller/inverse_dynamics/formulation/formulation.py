@@ -141,12 +141,27 @@ class Formulation:
     def _current_structure(self, references: References) -> Structure:
         """Return the structure of this cycle, with its parameters written."""
         known, structure = self.parameters, self.structure
-        changes = sum([owner.version for owner in self._owners], self.motion_limit.version + self.torque_limit.version)
-        parameters = Parameters(references.weights, references.contacts, self.motion_limit, self.torque_limit, changes)
-        if structure is not None and parameters == known:
+        changes = self.motion_limit.version + self.torque_limit.version
+        for owner in self._owners:
+            changes += owner.version
+        if (
+            structure is not None
+            and known is not None
+            and known.changes == changes
+            and known.motion_limit is self.motion_limit
+            and known.torque_limit is self.torque_limit
+            and known.weights == references.weights
+            and known.activations == references.contacts
+        ):
             return structure
-        parameters.weights, parameters.activations = dict(references.weights), dict(references.contacts)
-        parameters.version = 0 if known is None else known.version + 1
+        parameters = Parameters(
+            weights=dict(references.weights),
+            activations=dict(references.contacts),
+            motion_limit=self.motion_limit,
+            torque_limit=self.torque_limit,
+            changes=changes,
+            version=0 if known is None else known.version + 1,
+        )
         self.parameters = None  # until all are written
         structure = self._structure_for(parameters)
         self._write(parameters, structure)
