@@ -52,13 +52,10 @@ def test_torques_that_are_not_finite_or_over_a_limit_are_named(tau):
     assert "knee" not in fault.sentence
 
 
-def test_every_joint_with_a_bad_torque_is_named():
+def test_every_joint_with_a_bad_torque_is_named_and_one_whose_limit_is_not_a_number():
     sentence = unusable_torques(np.array([np.nan, 30.0]), EFFORT, LIMITS, JOINTS).sentence
     assert "hip: nan" in sentence
     assert "knee: 30" in sentence
-
-
-def test_a_torque_whose_limit_is_not_a_number_is_named():
     assert "hip: 0" in unusable_torques(np.zeros(2), EFFORT, np.array([np.nan, 20.0]), JOINTS).sentence
 
 

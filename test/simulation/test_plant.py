@@ -96,20 +96,6 @@ def test_states_go_in_and_out_unchanged(flying, load, name):
     np.testing.assert_allclose(v_out, v, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_velocity_is_the_derivative_of_the_configuration(flying, load, name):
-    model, _ = load(name)
-    plant = flying[name]
-    plant.set_state(*random_state(model, np.random.default_rng(2)))
-    plant.apply(np.zeros(model.na))
-    before, _ = plant.state()
-    plant.step()
-    after, v = plant.state()
-    # A semi-implicit step moves the configuration by the new velocity; the base's axes turn meanwhile.
-    moved = pin.difference(model.pinocchio, before, after) / plant.step_seconds
-    np.testing.assert_allclose(moved, v, atol=0.05 * np.abs(v).max() * np.abs(v[3:6]).max() * 0.02 + 0.02)
-
-
 def test_the_posture_stands_on_the_floor(any_robot, standing):
     model, settings = any_robot
     plant = Plant(model, settings)

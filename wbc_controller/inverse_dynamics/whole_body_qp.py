@@ -136,11 +136,7 @@ class WholeBodyQP:
         return self._hierarchies[layout.key].solve(layout.problem, layout.levels)
 
     def solve(
-        self,
-        state: RobotState,
-        references: References,
-        tau_before: Array | None = None,
-        explained: bool = True,
+        self, state: RobotState, references: References, tau_before: Array | None = None, explained: bool = True
     ) -> Solution:
         """Compute the solution of one cycle.
 

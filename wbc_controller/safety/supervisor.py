@@ -24,17 +24,7 @@ from wbc_controller.inverse_dynamics.arrays import all_finite, all_true
 from wbc_controller.inverse_dynamics.limits.torque import TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.references.trajectories import Ramp
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.records import (
-    REQUESTS,
-    Array,
-    Fault,
-    JointCommand,
-    Mode,
-    RobotState,
-    Solution,
-    freeze,
-    frozen,
-)
+from wbc_controller.records import REQUESTS, Array, Fault, JointCommand, Mode, RobotState, Solution, freeze, frozen
 from wbc_controller.safety.checks import (
     TORQUE_TOLERANCE,
     no_solution_for_too_long,

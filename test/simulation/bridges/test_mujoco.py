@@ -36,24 +36,17 @@ def random_state(model, seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_is_placed_is_read_again(scene, seed):
-    interface = wbc.MujocoInterface(scene.model, scene.mujoco)
-    q, v = random_state(scene.model, seed)
-    interface.place(scene.data, q, v)
-    again_q, again_v = interface.state(scene.data)
-    np.testing.assert_allclose(again_q, q, atol=1e-12)
-    np.testing.assert_allclose(again_v, v, atol=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_frames_and_their_velocities_are_the_same_in_both(scene, seed):
+def test_what_is_placed_is_read_again_and_frames_and_their_velocities_are_the_same_in_both(scene, seed):
     """Positions, orientations and velocities of a link, by MuJoCo's own kinematics and by Pinocchio's."""
     interface = wbc.MujocoInterface(scene.model, scene.mujoco)
     q, v = random_state(scene.model, seed)
     interface.place(scene.data, q, v)
     mujoco.mj_forward(scene.mujoco, scene.data)
+    again_q, again_v = interface.state(scene.data)
+    np.testing.assert_allclose(again_q, q, atol=1e-12)
+    np.testing.assert_allclose(again_v, v, atol=1e-12)
     dynamics = wbc.Dynamics(scene.model)
-    dynamics.update(*interface.state(scene.data))
+    dynamics.update(again_q, again_v)
     for link in ("FL_calf", "RR_thigh"):
         frame = scene.model.frame_id(link, "link")
         body = scene.mujoco.body(link).id

@@ -1,7 +1,5 @@
 """The commands of `wbc accuracy`: their figures on short runs, and the statistics behind them."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -122,7 +120,7 @@ def test_chatter_is_the_torque_above_8_hz():
 class Motions:
     """In place of a trial: its centre of mass is off by 5 mm, and by twice that in the second motion."""
 
-    made: Motions
+    made: "Motions"
     ends = False
 
     def __init__(self, config, changes, force_sensors):
@@ -172,15 +170,8 @@ def test_what_a_flaw_costs_is_the_largest_distance_in_each_motion(monkeypatch):
 
 def test_the_table_of_standing_is_printed_and_judged(monkeypatch):
     def made_up(robot, sensors, seed, seconds):
-        return Stand(
-            seed,
-            (0.001, 0.001, 0.002)[seed],
-            0.002,
-            0.003,
-            0.02 if robot == "g1" else 0.004,
-            np.full(9, 5.0),
-            np.full(9, 4.0),
-        )
+        tilt, drift = (0.001, 0.001, 0.002)[seed], 0.02 if robot == "g1" else 0.004
+        return Stand(seed, tilt, 0.002, 0.003, drift, np.full(9, 5.0), np.full(9, 4.0))
 
     monkeypatch.setattr("wbc_controller.validation.accuracy.standing.stand", made_up)
     standing = accuracy.commands["standing"]  # without its group, which takes over the process's signals
@@ -233,16 +224,14 @@ def test_an_imu_that_fails_is_a_fault_in_time_and_the_robot_can_be_activated_aga
 
 
 def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
-    fine = Outcome(0.01, 0.0, ())
+    fine, said = Outcome(0.01, 0.0, ()), ("NO_SOLUTION: there is none (daqp)",)
     found = {
-        "one foot pulled up": Outcome(
-            0.3, 0.1, ("left", "right"), ("NO_SOLUTION: there is none (daqp)",), ended=True, recovery=0.5
-        ),
+        "one foot pulled up": Outcome(0.3, 0.1, ("left", "right"), said, ended=True, recovery=0.5),
         "gyroscope bias of 0.05 rad/s": Outcome(0.3, 0.31, ()),
     }
     monkeypatch.setattr(
         "wbc_controller.validation.accuracy.mishaps.come_of",
-        lambda robot, name, *_: found.get(name, Outcome(0.01, 0.0, ())) if robot == "go2" else Outcome(0.01, 0.0, ()),
+        lambda robot, name, *_: found.get(name, fine) if robot == "go2" else fine,
     )
     run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
     assert (

@@ -100,3 +100,4 @@ def test_the_files_hold_the_same(tmp_path):
 def test_the_report_needs_no_outcome_of_any_sort(tmp_path):
     write_report([outcome()], tmp_path)
     write_report([outcome("message_dropout", after=0.05, **DETECTED)], tmp_path)
+    assert "Time until detection" in (tmp_path / "faults.html").read_text(encoding="utf-8")

@@ -16,14 +16,9 @@ from wbc_controller.validation.fuzz.strategies import drawn, encoded, hostile, m
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS
 
 TYPES = (
-    "sensor_msgs/msg/JointState",
-    "nav_msgs/msg/Odometry",
-    "trajectory_msgs/msg/JointTrajectory",
-    "trajectory_msgs/msg/MultiDOFJointTrajectory",
-    "std_msgs/msg/Float64MultiArray",
-    "geometry_msgs/msg/WrenchStamped",
-    "std_msgs/msg/Bool",
-)
+    "sensor_msgs/msg/JointState", "nav_msgs/msg/Odometry", "trajectory_msgs/msg/JointTrajectory", "std_msgs/msg/Bool",
+    "trajectory_msgs/msg/MultiDOFJointTrajectory", "std_msgs/msg/Float64MultiArray", "geometry_msgs/msg/WrenchStamped",
+)  # fmt: skip
 
 
 def values(strategy, count):

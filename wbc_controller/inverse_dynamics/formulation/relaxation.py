@@ -137,10 +137,7 @@ def _stopping(formulation: Formulation, bounds: Array) -> Array:
     """Bounds with which joints still stop at their position limits (`JointMotionLimit.stopping_bounds`)."""
     model, dynamics = formulation.model, formulation.dynamics
     return formulation.motion_limit.stopping_bounds(
-        dynamics.q[model.q_places],
-        dynamics.v[model.v_places],
-        bounds,
-        (model.position_lower, model.position_upper),
+        dynamics.q[model.q_places], dynamics.v[model.v_places], bounds, (model.position_lower, model.position_upper)
     )
 
 

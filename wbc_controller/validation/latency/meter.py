@@ -57,10 +57,7 @@ def joined(parts: Sequence[RoundTrips]) -> RoundTrips:
 
 
 def round_trips(
-    states: Sequence[tuple[float, int]],
-    efforts: Sequence[float],
-    commands: Iterable[tuple[float, int]],
-    period: float,
+    states: Sequence[tuple[float, int]], efforts: Sequence[float], commands: Iterable[tuple[float, int]], period: float
 ) -> RoundTrips:
     """Find the torques that belong to each state.
 
