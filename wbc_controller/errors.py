@@ -60,15 +60,7 @@ class NoSolution(WbcError):
         infeasibility: Any = None,
         search: Callable[[], Any] | None = None,
     ) -> None:
-        """Make the exception.
-
-        Args:
-            message: the failure in words.
-            status: status that the solver returned.
-            problem: the problem as it was given to the solver.
-            infeasibility: the conflicting constraints, if already known.
-            search: finds the conflicting constraints, if they are not known yet.
-        """
+        """Make the exception; `search` finds the conflicting constraints if they are not known yet."""
         super().__init__(message)
         self.status = status
         self.problem = problem
@@ -89,15 +81,7 @@ class TransportError(WbcError):
 
 
 def valid_choices(value: str, choices: Iterable[str]) -> str:
-    """List the valid values, and the one that was probably meant.
-
-    Args:
-        value: the value that was refused.
-        choices: the valid values.
-
-    Returns:
-        A clause to end an error message with, such as ``did you mean 'com'? Valid: com, posture``.
-    """
+    """List the valid values, and the one that was probably meant: ``did you mean 'com'? Valid: com, posture``."""
     names = sorted(choices)
     close = difflib.get_close_matches(value, names, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""

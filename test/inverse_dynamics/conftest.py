@@ -43,6 +43,12 @@ class Bench:
         other.controller = make_qp(other.settings, self.model, lambda: 0.0)
         return other
 
+    def on_levels(self, **levels: int) -> "Bench":
+        """The same robot with some tasks on other priority levels."""
+        tasks = self.settings.tasks
+        moved = {name: tasks[name].model_copy(update={"level": level}) for name, level in levels.items()}
+        return self.rebuilt({**tasks, **moved})
+
     def state(self, q: Array | None = None, v: Array | None = None) -> RobotState:
         """A state; at rest in the stance where nothing else is given."""
         return RobotState(

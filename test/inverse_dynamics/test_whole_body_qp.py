@@ -393,11 +393,7 @@ def test_bounds_that_do_not_change_come_back_after_a_cycle_in_which_they_were_re
 
 def test_with_strict_priorities_the_same_is_relaxed(bench):
     g1 = bench("g1")
-    tasks = {
-        name: task.model_copy(update={"level": 1 if name == "posture" else 0})
-        for name, task in g1.settings.tasks.items()
-    }
-    strict, count = g1.rebuilt(tasks), 0
+    strict, count = g1.on_levels(posture=1), 0
     for seed in range(0, 60, 2):
         state, references, before = g1.random_problem(seed)
         solution = strict.controller.solve(state, references, before)

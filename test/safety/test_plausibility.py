@@ -137,11 +137,11 @@ def test_a_slope_and_turning_about_the_vertical_are_no_fall(body):
     assert robot.mode is Mode.ACTIVE
 
 
-def fold(robot):
-    """Let the legs fold."""
+def fold(robot, thigh=1.0, calf=-1.5):
+    """Let the legs fold, with the velocities of their joints in rad/s."""
     for leg in range(4):
-        robot.v[joint(robot.model, 3 * leg + 1)[1]] = 1.0
-        robot.v[joint(robot.model, 3 * leg + 2)[1]] = -1.5
+        robot.v[joint(robot.model, 3 * leg + 1)[1]] = thigh
+        robot.v[joint(robot.model, 3 * leg + 2)[1]] = calf
 
 
 def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
@@ -179,8 +179,7 @@ def test_where_the_limbs_are_hardly_below_the_base_its_height_does_not_count(bod
     robot.step()
     watch = robot.supervisor._fall
     assert 0.0 < watch._height < LEAST_HEIGHT
-    for leg in range(4):
-        robot.v[joint(robot.model, 3 * leg + 1)[1]] = 0.5
+    fold(robot, 0.5, 0.0)
     robot.step(300)
     assert robot.mode is Mode.ACTIVE
 
@@ -198,9 +197,7 @@ def test_tilt_and_height_are_counted_from_each_activation_anew(body):
         assert robot.mode is Mode.ACTIVE
         again(robot)
     robot = body(fall=FallLimits(tilt=3.2, height=0.7))
-    for leg in range(4):
-        robot.v[joint(robot.model, 3 * leg + 1)[1]] = 0.5
-        robot.v[joint(robot.model, 3 * leg + 2)[1]] = -1.0
+    fold(robot, 0.5, -1.0)
     watch = robot.supervisor._fall
     for _ in range(3):  # 0.8 of the height in each activation, half of it in all
         robot.step()

@@ -54,6 +54,19 @@ def make(go2):
     return build
 
 
+def run_until(robot, peer, count, each, stop=None):
+    """Run until a number of states has come; `each` is called after every state."""
+    stop = stop or threading.Event()
+
+    def receive(content):
+        each()
+        if len(peer.all("joint_states")) == count:
+            stop.set()
+
+    peer.reactions["joint_states"] = receive
+    robot.run(stop)
+
+
 def test_a_period_publishes_the_state_with_one_stamp(make, go2):
     model, settings = go2
     robot, peer = make()
@@ -291,15 +304,10 @@ def test_real_time_keeps_absolute_deadlines(make):
             now[0] += timeout
             return self.is_set()
 
-    stop = Stop()
-
-    def controller(content):
+    def compute():
         now[0] += next(took)
-        if len(peer.all("joint_states")) == 200:
-            stop.set()
 
-    peer.reactions["joint_states"] = controller
-    robot.run(stop)
+    run_until(robot, peer, 200, compute, Stop())
     assert robot.rebased == 0
     assert len(peer.all("joint_states")) == 200
     assert robot.plant.time == pytest.approx(2.0 * now[0], abs=1e-9)
@@ -308,14 +316,8 @@ def test_real_time_keeps_absolute_deadlines(make):
 def test_torques_are_let_in_while_it_computes(make):
     """The interpreter changes threads often meanwhile, and as before afterwards."""
     robot, peer = make(clock=lambda: 0.0)
-    stop, seen, before = threading.Event(), [], sys.getswitchinterval()
-
-    def controller(content):
-        seen.append(sys.getswitchinterval())
-        stop.set()
-
-    peer.reactions["joint_states"] = controller
-    robot.run(stop)
+    seen, before = [], sys.getswitchinterval()
+    run_until(robot, peer, 1, lambda: seen.append(sys.getswitchinterval()))
     assert seen == [pytest.approx(1e-4)]
     assert sys.getswitchinterval() == before
 
@@ -323,16 +325,12 @@ def test_torques_are_let_in_while_it_computes(make):
 def test_lateness_is_given_up_and_counted(make):
     now = [0.0]
     robot, peer = make(clock=lambda: now[0])
-    stop = threading.Event()
     late_once = iter([0.15, 1.0])
 
-    def controller(content):
+    def compute():
         now[0] += next(late_once, 0.002)
-        if len(peer.all("joint_states")) == 5:
-            stop.set()
 
-    peer.reactions["joint_states"] = controller
-    robot.run(stop)
+    run_until(robot, peer, 5, compute)
     assert robot.rebased == 1
     assert robot.plant.time == pytest.approx(0.01)
 
@@ -361,17 +359,12 @@ def test_a_patient_robot_waits_for_a_controller_that_is_late(make, monkeypatch):
 def test_a_patient_robot_goes_on_where_nobody_sends_torques_any_more(make, monkeypatch):
     monkeypatch.setattr(module, "PATIENCE", 0.01)
     robot, peer = make(patient=True)
-    stop = threading.Event()
 
-    def controller(content):
-        count = len(peer.all("joint_states"))
-        if count == 20:
+    def once():
+        if len(peer.all("joint_states")) == 20:
             peer.effort(np.zeros(robot.plant.model.nu))
-        if count == 60:
-            stop.set()
 
-    peer.reactions["joint_states"] = controller
-    robot.run(stop)
+    run_until(robot, peer, 60, once)
     assert robot.plant.time == pytest.approx(0.12)
 
 

@@ -46,9 +46,6 @@ class WholeBodyQP:
     the friction and wrench cones of the contacts, and the limits. Here q̈ are the joint accelerations and ḣ_G is the
     rate of the momentum about the centre of mass: together they determine v̇, and unlike ‖v̇‖² they do not depend on the
     choice of the base link (S2). Building the problem (`formulation`) is separate from solving it.
-
-    Attributes:
-        formulation: builds the problem.
     """
 
     def __init__(

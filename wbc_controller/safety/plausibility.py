@@ -279,6 +279,7 @@ class FallWatch:
         self._limbs = _limb_ends(model.pinocchio) if model.floating_base else []
         self.upward, self._begun = (0.0, 0.0, 1.0), False
         self._height = 0.0  # at the activation, m
+        self._least_cosine = math.cos(limits.tilt) if limits.tilt < math.pi else -math.inf  # of the tilt
         self._looked = -math.inf
 
     def begin(self) -> None:
@@ -296,8 +297,8 @@ class FallWatch:
             return None
         (a, b, c), (x, y, z) = self.upward, upward(state.q)
         cosine = a * x + b * y + c * z
-        tilted = math.acos(max(-1.0, min(1.0, cosine)))
-        if not (tilted <= limits.tilt):
+        if not (cosine >= self._least_cosine):
+            tilted = math.acos(max(-1.0, min(1.0, cosine)))
             return Fault(
                 "FALLEN",
                 f"the base is tilted by {tilted:.2f} rad from where it was at the activation (limit {limits.tilt:.2f} "

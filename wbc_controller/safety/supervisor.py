@@ -154,12 +154,7 @@ class Supervisor:
         return None
 
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
-        """Take a user's request.
-
-        Args:
-            word: one of `REQUESTS`.
-            now: s.
-            problem: fault of the inputs, if any.
+        """Take a user's request, one of `REQUESTS`, at a time, s; `problem` is the fault of the inputs, if any.
 
         Returns:
             Whether this activates the controller, which then has to start from the present state.
@@ -238,9 +233,7 @@ class Supervisor:
 
         Args:
             now: s, on the clock of the loop.
-            state: the latched state, where there is one.
             joint_velocity: joint velocities, (nj,) in rad/s; None where they are not fresh.
-            problem: fault of the inputs, if any.
             outcome: the solution, or why there is none.
 
         Returns:
@@ -311,9 +304,9 @@ class Supervisor:
         if share >= 1.0 and not self._taken_over:
             self._taken_over = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
         freeze(made)  # and so the parts
-        tau, position, velocity = (made[part] for part in self._parts)
-        self._tau = tau
-        return JointCommand(seen.stamp, tau, position, velocity)
+        torques, positions, velocities = self._parts
+        self._tau = made[torques]
+        return JointCommand(seen.stamp, self._tau, made[positions], made[velocities])
 
     def _limited(self, tau: Array, available: tuple[Array, Array]) -> Array:
         """Limit torques by the rate from the last ones and, last, by the available ones, (na,) each in N·m."""

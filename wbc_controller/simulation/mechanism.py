@@ -257,7 +257,6 @@ def compile_mechanism(
         step: time step of the simulation, s.
         shapes: by Pinocchio joint, what its links touch the floor with. Contacts of other links have the shapes of the
             configuration.
-        attachments: grips, and joints that close loops.
 
     Raises:
         ConfigurationError: if MuJoCo refuses the URDF.

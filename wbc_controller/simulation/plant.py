@@ -279,14 +279,6 @@ class Plant:
         depths = [-float(self.data.contact[index].dist) for index in range(self.data.ncon)]
         return max([0.0, *depths])
 
-    def coupling_error(self) -> float:
-        """Return the largest error of a mimic joint's position relative to its leader, rad or m; 0 without any."""
-        followers = self._robot.followers
-        if followers is None or self._following is None:
-            return 0.0
-        q, _ = self.state()
-        return float(np.max(np.abs(self.data.qpos[self._following[0]] - q[followers.q_index])))
-
     def apply(self, tau: npt.ArrayLike) -> None:
         """Set the torques of the actuators, (na,) in N·m, from now on. They saturate at their effort limits.
 

@@ -136,13 +136,9 @@ def _hull(points: Array) -> Array:
 
 
 def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], Array]:
-    """Take the sole from a hull.
+    """Split a hull into balls at the corners of its sole, if it has one, and the vertices behind them.
 
-    Args:
-        lowest: how far the sole of the whole link reaches along the normal, m.
-
-    Returns:
-        Balls at the corners of the sole, if the hull has any, and the vertices of the hull behind them.
+    The sole of the whole link reaches `lowest` along the outward normal of the sole, m.
     """
     depth = lowest - hull @ normal
     low = depth < SOLE_DEPTH
@@ -162,11 +158,7 @@ def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], 
 
 
 def _part_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
-    """Take the round tip from a hull.
-
-    Returns:
-        The ball of the tip, if the hull is round there, and the vertices of the hull outside of it.
-    """
+    """Split a hull into the ball of its tip, if it is round in the direction `down`, and the vertices outside of it."""
     reach = hull @ down
     tip = hull[reach > reach.max() - TIP_DEPTH]
     fitted = fitted_ball(tip)

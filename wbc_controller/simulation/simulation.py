@@ -40,10 +40,7 @@ class Simulation:
     ) -> None:
         """Build the robot, its controller and the physics, in the nominal posture.
 
-        Args:
-            config: the configuration, or what `load` takes.
-            tasks: your own, as for `Controller`.
-            preflight: check first that the robot can stand as configured.
+        The configuration is as for `load`, your own tasks, contacts and limits, and `preflight`, as for `Controller`.
 
         Raises:
             ConfigurationError: if the robot cannot be controlled or simulated.

@@ -22,12 +22,7 @@ from wbc_controller.validation.user import User
 
 
 class Lockstep:
-    """Controller, mock robot and user on one memory bus.
-
-    Attributes:
-        topics: endpoints of the controller.
-        clock: of the controller's loop.
-    """
+    """Controller, mock robot and user on one memory bus."""
 
     def __init__(
         self,

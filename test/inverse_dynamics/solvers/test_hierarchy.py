@@ -153,10 +153,8 @@ def test_back_ends_agree_on_every_level():
 @pytest.mark.parametrize("solver", ["osqp", "proxqp"])
 def test_back_ends_that_fail_on_levels_are_refused(bench, solver):
     robot = bench("g1", solver={"name": solver})
-    tasks = dict(robot.settings.tasks)
-    tasks["posture"] = tasks["posture"].model_copy(update={"level": 1})
     with pytest.raises(ConfigurationError, match=rf"solver.name = '{solver}'.*level.*tolerance.*daqp"):
-        robot.rebuilt(tasks)
+        robot.on_levels(posture=1)
 
 
 def test_a_tolerance_is_kept_and_used():
@@ -185,23 +183,11 @@ def test_the_first_level_without_a_solution_is_one_of_the_problem():
     assert hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)]).x is None
 
 
-@pytest.fixture
-def robot_with(bench):
-    def build(**levels):
-        robot = bench("g1")
-        tasks = {
-            name: task.model_copy(update={"level": levels.get(name, 0)}) for name, task in robot.settings.tasks.items()
-        }
-        return robot.rebuilt(tasks)
-
-    return build
-
-
-def test_a_strict_task_gives_nothing_for_one_below(robot_with):
+def test_a_strict_task_gives_nothing_for_one_below(bench):
     """The com wants to stay, a hand wants to be two metres away; strictly, the com does not notice."""
     results = {}
     for name, levels in {"weighted": {}, "strict": {"left_hand": 1, "posture": 2}}.items():
-        robot = robot_with(**levels)
+        robot = bench("g1").on_levels(**levels)
         references = robot.references(left_hand=100.0)
         far = references.tasks["left_hand"].position + np.array([0.5, 0.5, 0.5, 0, 0, 0, 0])
         hand = replace(references.tasks["left_hand"], position=far)
@@ -235,8 +221,7 @@ def on_levels(robot, rng):
     level = {name: int(rng.integers(0, count)) for name in robot.settings.tasks}
     if rng.random() < 0.7:
         level["posture"] = max(level.values())
-    tasks = {name: task.model_copy(update={"level": level[name]}) for name, task in robot.settings.tasks.items()}
-    return robot.rebuilt(tasks)
+    return robot.on_levels(**level)
 
 
 def both_ways(robot, rng, *, limited):
@@ -300,9 +285,9 @@ def moving(robot, count):
         yield replace(references, tasks={**references.tasks, "left_hand": replace(hand, position=asked)})
 
 
-def test_what_a_hierarchy_remembers_gives_the_same_bits(robot_with):
+def test_what_a_hierarchy_remembers_gives_the_same_bits(bench):
     """From every cycle on: of active sets that are right, that are followed, that are wrong, and that are not tried."""
-    robot, other = (robot_with(left_hand=1, posture=2) for _ in range(2))
+    robot, other = (bench("g1").on_levels(left_hand=1, posture=2) for _ in range(2))
     met = set()
     for references in moving(robot, 60):
         memory = robot.controller.memory()
@@ -336,8 +321,8 @@ def test_active_sets_that_are_wrong_time_after_time_are_tried_less_often(monkeyp
 
 
 @pytest.mark.parametrize("spoilt", ["A", "bounds"])
-def test_values_that_are_not_finite_are_named(robot_with, spoilt):
-    robot = robot_with(posture=1)
+def test_values_that_are_not_finite_are_named(bench, spoilt):
+    robot = bench("g1").on_levels(posture=1)
     layout = robot.controller.formulation.build(robot.state(), robot.references())
     solving = hierarchy()
     assert solving.solve(layout.problem, layout.levels).residuals is not None

@@ -28,6 +28,14 @@ class Bench:
         for _ in range(self.plant.steps_per_period):
             self.plant.step()
 
+    def run(self, periods: int, damping: float | None = None) -> None:
+        """Let faults and physics go on; with a damping, N·m·s/rad, in place of torques."""
+        for _ in range(periods):
+            self.faults.pass_time()
+            if damping is not None:
+                self.plant.damp(damping)
+            self.pass_period()
+
     def measure(self):
         """What is measured now, and what is true."""
         stamp = self.plant.stamp + 1_000_000_000

@@ -169,19 +169,14 @@ def test_a_sunk_floor_lets_the_robot_fall_onto_it(bench):
     bench.plant.hold(False, ramp=0.0)
     bench.plan("floor_drop", depth=0.2, duration=0.01)
     touch = bench.plant.contact_forces
-    for _ in range(150):
-        bench.faults.pass_time()
-        bench.plant.damp(2.0)
-        bench.pass_period()
+    bench.run(150, damping=2.0)
     assert bench.plant.model.geom(FLOOR).pos[2] == pytest.approx(-0.2)
     assert touch.height(bench.plant.data, touch.geoms["front_left_foot"]) == pytest.approx(0.0, abs=0.002)
 
 
 def test_the_floor_tilts_by_its_angle_and_does_not_lift_the_robot(bench):
     bench.plan("floor_tilt", angle=0.2, ramp=0.1, duration=0.2)
-    for _ in range(110):
-        bench.faults.pass_time()
-        bench.pass_period()
+    bench.run(110)
     normal = bench.plant.data.geom(FLOOR).xmat.reshape(3, 3)[:, 2]
     assert np.arccos(normal[2]) == pytest.approx(0.2)
     assert normal @ (bench.plant.state()[0][:3] * [1, 1, 0] - bench.plant.data.geom(FLOOR).xpos) == pytest.approx(
@@ -194,10 +189,7 @@ def test_a_foot_over_a_hole_has_no_contact_and_stays_free_until_it_is_above_the_
     geoms = bench.plant.contact_forces.geoms[foot]
     bench.plant.hold(False, ramp=0.0)
     bench.plan("floor_hole", contact=foot, duration=0.3)
-    for _ in range(200):
-        bench.faults.pass_time()
-        bench.plant.damp(0.5)
-        bench.pass_period()
+    bench.run(200, damping=0.5)
     assert not bench.plant.contact_wrenches()[foot].any()
     assert bench.plant.contact_forces.height(bench.plant.data, geoms) < -0.001
     assert bench.faults.busy
@@ -219,9 +211,7 @@ def test_a_push_has_its_impulse(bench, kind, given, impulse):
     bench.plant.set_state(q, np.zeros_like(v))
     bench.plant.apply(np.zeros(12))
     bench.plan(kind, duration=0.1, **given)
-    for _ in range(60):
-        bench.faults.pass_time()
-        bench.pass_period()
+    bench.run(60)
     mujoco.mj_subtreeVel(bench.plant.model, bench.plant.data)
     momentum = bench.plant.data.subtree_linvel[1] * bench.model.mass
     assert np.linalg.norm(momentum[:2]) == pytest.approx(impulse(bench.model), rel=0.02)

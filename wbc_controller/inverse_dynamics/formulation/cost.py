@@ -42,7 +42,6 @@ class LevelCost:
         """Lay out the rows.
 
         Args:
-            layout: of the active contacts.
             first: whether this is the highest level, whose kernel also fills the rows of contacts.
             last: whether this is the lowest level, so that no rows have to be kept for levels below.
         """

@@ -36,10 +36,6 @@ class Formulation:
 
     Attributes:
         dynamics: the snapshot of the last cycle.
-        torque_limit: bounds of the torques.
-        motion_limit: bounds of the joint accelerations.
-        row_limits: bounds of other combinations of v̇.
-        period: time between cycles, s.
         structure: of the last cycle; None before the first.
         parameters: of the last cycle; None before the first.
         task_errors: task errors of each level in the last cycle.
@@ -58,13 +54,7 @@ class Formulation:
         regularization_acceleration: float = 1.0e-5,
         regularization_force: float = 1.0e-6,
     ) -> None:
-        """Make a formulation.
-
-        Args:
-            contacts: the contacts, active or not.
-            regularization_acceleration: ε_a.
-            regularization_force: ε_f.
-        """
+        """Make a formulation."""
         self.model = model
         self.dynamics = Dynamics(model)
         self.tasks: Mapping[str, Task] = {task.name: task for task in tasks}
@@ -106,7 +96,6 @@ class Formulation:
         """Compute the dynamics and fill the problem.
 
         Args:
-            references: task references, weights and contact activations.
             tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
 
         Returns:
@@ -152,12 +141,27 @@ class Formulation:
     def _current_structure(self, references: References) -> Structure:
         """Return the structure of this cycle, with its parameters written."""
         known, structure = self.parameters, self.structure
-        changes = sum([owner.version for owner in self._owners], self.motion_limit.version + self.torque_limit.version)
-        parameters = Parameters(references.weights, references.contacts, self.motion_limit, self.torque_limit, changes)
-        if structure is not None and parameters == known:
+        changes = self.motion_limit.version + self.torque_limit.version
+        for owner in self._owners:
+            changes += owner.version
+        if (
+            structure is not None
+            and known is not None
+            and known.changes == changes
+            and known.motion_limit is self.motion_limit
+            and known.torque_limit is self.torque_limit
+            and known.weights == references.weights
+            and known.activations == references.contacts
+        ):
             return structure
-        parameters.weights, parameters.activations = dict(references.weights), dict(references.contacts)
-        parameters.version = 0 if known is None else known.version + 1
+        parameters = Parameters(
+            weights=dict(references.weights),
+            activations=dict(references.contacts),
+            motion_limit=self.motion_limit,
+            torque_limit=self.torque_limit,
+            changes=changes,
+            version=0 if known is None else known.version + 1,
+        )
         self.parameters = None  # until all are written
         structure = self._structure_for(parameters)
         self._write(parameters, structure)

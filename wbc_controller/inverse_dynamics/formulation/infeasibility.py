@@ -177,7 +177,6 @@ def explain(
     """Find the constraints of a problem that conflict.
 
     Args:
-        effort: as in `named_constraints`.
         held: kinds of constraints that are enforced like the equations of motion, and never named.
 
     Returns:

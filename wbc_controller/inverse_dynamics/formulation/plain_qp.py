@@ -117,8 +117,6 @@ def plain_qp(
 
     Args:
         tasks: the tasks of one priority level, without those with a tolerance.
-        contacts: the contacts, active or not.
-        references: task references and weights, contact activations, external wrenches, disturbance.
         tau_before: the present torques, (na,) in N·m; None for no torque rate limit.
     """
     model, actuation, period = dynamics.model, dynamics.model.actuation, limits.period

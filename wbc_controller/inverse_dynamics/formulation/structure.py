@@ -28,4 +28,4 @@ class Parameters:
     motion_limit: JointMotionLimit  # bounds of the joint accelerations
     torque_limit: TorqueLimit  # bounds of the torques
     changes: int  # number of changes of attributes of tasks, contacts and limits, such as gains (`Tunable.version`)
-    version: int = field(default=0, compare=False)  # number of parameters that the controller has used before these
+    version: int  # number of parameters that the controller has used before these

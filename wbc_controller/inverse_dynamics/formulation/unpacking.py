@@ -94,7 +94,6 @@ def unpack(
     """Make a solution of an answer.
 
     Args:
-        answer: with a minimizer and its residuals.
         stages: time spent in each stage, in s.
 
     Raises:

@@ -67,18 +67,21 @@ def _project(table: DynamicsRows, k: int, h: Array) -> float:
 
 
 @part
-def _bound(table: DynamicsRows, i: int, before: Array, share: float) -> None:
-    """Bound a torque by the available torques, and by a share of τ_max around τ_before, clipped to the available."""
-    low, high, largest = table.available[0, i], table.available[1, i], table.available[2, i]
-    if share >= 0.0:
-        held, step = before[i], share * largest
-        if held < low:
-            held = low
-        if held > high:
-            held = high
-        low = low if low > held - step else held - step
-        high = high if high < held + step else held + step
-    table.lower[i], table.upper[i] = low - table.bias[i], high - table.bias[i]
+def _bound(table: DynamicsRows, before: Array, share: float) -> None:
+    """Bound torques by the available torques, and by a share of τ_max around τ_before, clipped to the available."""
+    least, most, largest, bias = table.available[0], table.available[1], table.available[2], table.bias
+    lower, upper = table.lower, table.upper
+    for i in range(len(bias)):
+        low, high = least[i], most[i]
+        if share >= 0.0:
+            held, step = before[i], share * largest[i]
+            if held < low:
+                held = low
+            if held > high:
+                held = high
+            low = low if low > held - step else held - step
+            high = high if high < held + step else held + step
+        lower[i], upper[i] = low - bias[i], high - bias[i]
 
 
 @compiled
@@ -105,4 +108,4 @@ def fill_dynamics(table: DynamicsRows, h: Vector, v: Vector, before: Vector, sha
             table.rows[table.first + k, right] = -constant
         else:
             table.bias[k - free] = constant
-            _bound(table, k - free, before, share)
+    _bound(table, before, share)

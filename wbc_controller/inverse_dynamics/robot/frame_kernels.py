@@ -68,7 +68,9 @@ class FrameRows(Struct):
 
 
 @part
-def _contact_rows(motion: LinkMotion, link: int, other: int, mount: Array, rows: Indices, out: Array) -> None:
+def _contact_rows(
+    motion: LinkMotion, link: int, other: int, mount: Array, rows: Indices, out: Array, memory: Array
+) -> None:
     """Fill rows of the twist ν of a contact frame C relative to a link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
 
     With X the transform of a twist of B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B) (`contacts.mount`).
@@ -80,8 +82,9 @@ def _contact_rows(motion: LinkMotion, link: int, other: int, mount: Array, rows:
         mount: placement of C on its link, (12,).
         rows: selected components of ν, (r,).
         out: J, and -ν̇ at v̇ = 0 in the last column, (r, …).
+        memory: for intermediate results, (≥ 2, 12).
     """
-    C, column, right = np.empty(12), np.empty(6), out.shape[1] - 1
+    C, column, right = memory[0], memory[1], out.shape[1] - 1
     twists, moves, links = motion.joint_twists, motion.moves, motion.links
     place(motion.joints[link], mount, C)
     for j in range(len(twists)):
@@ -139,16 +142,18 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 def _momentum_rows(motion: LinkMotion, out: Array) -> None:
     """Fill rows of the rate of the centroidal momentum: A_G v̇ = -Ȧ_G v."""
     centroidal = motion.centroidal
-    for i in range(6):
-        for j in range(len(centroidal)):
+    for j in range(len(centroidal)):
+        for i in range(6):
             out[i, j] = centroidal[j, i]
+    for i in range(6):
         out[i, out.shape[1] - 1] = -motion.drift[i]
 
 
 @part
 def _frame_rows(
-    motion: LinkMotion, link: int, first: int, size: int, numbers: Array, rows: Indices, out: Array, error: Array
-) -> None:
+    motion: LinkMotion, link: int, first: int, size: int, numbers: Array, rows: Indices, out: Array, error: Array,
+    memory: Array,
+) -> None:  # fmt: skip
     """Fill rows of a task on a frame's position, orientation or both, in world axes.
 
     J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
@@ -163,10 +168,11 @@ def _frame_rows(
         rows: components of the task that its mask selects, (r,).
         out: J, and the right-hand sides in the last column, (r, …).
         error: the task error, (r,) in m and rad.
+        memory: for intermediate results, (≥ 5, 12).
     """
-    at, twist, drift, wanted = np.empty(12), np.empty(6), np.empty(6), np.empty(6)
+    at, twist, drift, wanted = memory[0], memory[1], memory[2], memory[3]
     place(motion.joints[link], numbers, at)
-    _frame_jacobian(motion, link, three(at, 9), first, rows, out)
+    _frame_jacobian(motion, link, three(at, 9), first, rows, out, memory[4])
     _frame_motion(motion.links[link], three(at, 9), twist, drift)
     reference, right = 12 + 2 * size, out.shape[1] - 1
     velocity = reference
@@ -174,7 +180,7 @@ def _frame_rows(
         put(wanted, 0, subtract(three(numbers, reference), three(at, 9)))
         velocity += 3
     if first + size > 3:
-        put(wanted, 3, _rotation_error(at, numbers[velocity : velocity + 4]))
+        put(wanted, 3, _rotation_error(at, numbers[velocity : velocity + 4], memory[4]))
         velocity += 4
     acceleration = velocity + size
     for i in range(len(rows)):
@@ -187,9 +193,14 @@ def _frame_rows(
 
 
 @part
-def _frame_jacobian(motion: LinkMotion, link: int, p: Vector3, first: int, rows: Indices, out: Array) -> None:
-    """Fill J of a frame's selected components: columns of the joints that move the link, at the point p."""
-    column, twists, moves = np.empty(6), motion.joint_twists, motion.moves
+def _frame_jacobian(
+    motion: LinkMotion, link: int, p: Vector3, first: int, rows: Indices, out: Array, column: Array
+) -> None:
+    """Fill J of a frame's selected components: columns of the joints that move the link, at the point p.
+
+    `column` is memory for one column.
+    """
+    twists, moves = motion.joint_twists, motion.moves
     for j in range(len(twists)):
         if not moves[link, j]:
             for i in range(len(rows)):
@@ -212,9 +223,11 @@ def _frame_motion(link: Array, p: Vector3, twist: Array, drift: Array) -> None:
 
 
 @part
-def _rotation_error(frame: Array, reference: Array) -> Vector3:
-    """Return log(R_ref Rᵀ), from the rotation of a placement to a quaternion (x, y, z, w) of any length."""
-    q = np.empty(4)
+def _rotation_error(frame: Array, reference: Array, q: Array) -> Vector3:
+    """Return log(R_ref Rᵀ), from the rotation of a placement to a quaternion (x, y, z, w) of any length.
+
+    `q` is memory for the quaternion of that rotation.
+    """
     quaternion(frame, q)
     a, w = three(reference, 0), reference[3]
     b = three(q, 0)
@@ -312,6 +325,7 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
         The constant cost of the tasks on single accelerations.
     """
     motion, instructions, places, rest = table.motion, table.instructions, table.places, 0.0
+    memory = np.empty((5, 12))  # one allocation for all rows
     for k in range(len(instructions)):
         step = instructions[k]
         kind, link, first, size = step[KIND], step[LINK], step[FIRST], step[SIZE]
@@ -322,13 +336,13 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
             errors[step[ERROR] :],
         )
         if kind == FRAME:
-            _frame_rows(motion, link, first, size, numbers, rows, out, error)
+            _frame_rows(motion, link, first, size, numbers, rows, out, error, memory)
         elif kind == COM:
             _com_rows(motion, numbers, rows, out, error)
         elif kind == JOINTS:
             rest += _joint_targets(q, v, numbers, places[step[PLACE] :], size, table.target, error)
         elif kind == SURFACE:
-            _contact_rows(motion, link, step[OTHER], numbers, rows, out)
+            _contact_rows(motion, link, step[OTHER], numbers, rows, out, memory)
         elif kind == BALL:
             _ball_rows(motion, link, numbers, out)
         elif kind == MOMENTUM:

@@ -90,12 +90,17 @@ def link_terms(motion: LinkMotion, velocity: Vector) -> None:
         put(link, 6, add(linear, gravity))
         put(link, 9, angular)
     _momentum_rate(motion)
-    per_mass, com_velocity, centroidal, mass = motion.per_mass, motion.com_velocity, motion.centroidal, motion.mass
+    per_mass, com_velocity, centroidal, share = (
+        motion.per_mass,
+        motion.com_velocity,
+        motion.centroidal,
+        1.0 / motion.mass,
+    )
     for k in range(3):
         com_velocity[k] = 0.0
         motion.com_drift[k] = motion.drift[k] / motion.mass
     for j in range(len(velocity)):
         for k in range(6):
-            per_mass[j, k] = centroidal[j, k] / mass
+            per_mass[j, k] = share * centroidal[j, k]
         for k in range(3):
             com_velocity[k] += per_mass[j, k] * velocity[j]

@@ -50,7 +50,6 @@ class Hierarchy:
 
         Args:
             make_solver: makes a solver for problems of the same size as the one given.
-            timer: returns the time in s.
         """
         self._make_solver = make_solver
         self._timer = timer

@@ -101,9 +101,6 @@ def cost_of(
     """Let a robot sway by `SWAY` and squat by `SQUAT`, and compare its true centre of mass with the references.
 
     Args:
-        robot: name of a shipped robot, or the path of a file.
-        name: of the flaw, in `FLAWS`.
-        disturbance: ``estimation.disturbance``.
         known_friction: whether ``robot.friction`` has the joint friction of the flaw.
 
     Raises:

@@ -114,8 +114,6 @@ def come_of(
     """Let a robot sway, or hang on the hoist, and observe the outcome of a mishap.
 
     Args:
-        robot: name of a shipped robot, or the path of a file.
-        name: of the mishap, in `MISHAPS`.
         force_sensors: whether the robot has force sensors at its contacts: the true forces, 100 times a second.
 
     Raises:

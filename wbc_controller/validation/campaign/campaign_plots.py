@@ -44,7 +44,11 @@ def campaign_plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plo
             "Time until detection",
             "From the beginning of the fault until damping, as a share of the deadline: every point has to be left of "
             "1. Only faults that must be detected.",
-            by_category(_by_robot(detected, _share_of_deadline, _delay), axis="time / deadline [1]", limit=1.0),
+            by_category(
+                _by_robot(detected, lambda each: (each.after or 0.0) / (each.deadline or 1.0), _delay),
+                axis="time / deadline [1]",
+                limit=1.0,
+            ),
         ),
         Plot(
             "distances",
@@ -88,10 +92,6 @@ def _by_robot(
         color = PALETTE[i % len(PALETTE)]
         series.append(Series(robot, [each.kind for each in own], points, color, texts=[text(each) for each in own]))
     return series
-
-
-def _share_of_deadline(outcome: Outcome) -> float:
-    return (outcome.after or 0.0) / (outcome.deadline or 1.0)
 
 
 def _delay(outcome: Outcome) -> str:

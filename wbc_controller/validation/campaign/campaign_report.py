@@ -152,9 +152,6 @@ def command_that_repeats(outcome: Outcome) -> str:
 def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> None:
     """Write the table as Markdown and CSV, and, if plotly is installed, a page with plots.
 
-    Args:
-        repeated: the result of `repetitions`.
-
     Raises:
         ConfigurationError: if a file cannot be written.
     """

@@ -47,10 +47,8 @@ def run_campaign(
     """Run the trials that are missing in a folder, and write the report of all.
 
     Args:
-        robots: names of shipped robots, or paths of configurations.
         folder: where the results are kept; a second call goes on where the first has ended.
         jobs: trials at once; -1 for as many as there are processors.
-        backend: one of `BACKENDS`.
         address: of the scheduler or cluster of the backend, where it has one.
         recordings: folder for the recordings that faults leave, which are then looked at; None records nothing.
 
@@ -60,7 +58,7 @@ def run_campaign(
     Raises:
         ConfigurationError: where a name is unknown, a file cannot be used, or the backend is not installed.
     """
-    console = console or _console()
+    console = console or (Console() if Console().is_terminal else Console(width=_WIDTH))
     for robot in robots:
         find_configuration(robot)
     for kind in kinds:
@@ -123,11 +121,6 @@ def _in_new_process(key: Key, trial: Callable[..., Outcome]) -> Outcome:
         return pool.submit(trial, *key).result()
 
 
-def _console() -> Console:
-    console = Console()
-    return console if console.is_terminal else Console(width=_WIDTH)
-
-
 @contextlib.contextmanager
 def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[..., Outcome]) -> Iterator[Any]:
     """A function that runs trials and gives their outcomes as they come."""
@@ -147,15 +140,12 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
             # One trial after the other goes out, so that what has been done is known, and can be kept, at any time.
             streamed = "generator_unordered" if backend == "loky" else "list"
             parallel = joblib.Parallel(return_as=streamed, batch_size=1 if backend == "loky" else "auto")
-            for chunk in [keys] if backend == "loky" else _chunks(keys):
-                yield from parallel(joblib.delayed(trial)(*key) for key in chunk)
+            # On a cluster the outcomes come in portions, each of which is kept when it is complete.
+            size = len(keys) or 1 if backend == "loky" else 10 * _SAY_EVERY
+            for i in range(0, len(keys), size):
+                yield from parallel(joblib.delayed(trial)(*key) for key in keys[i : i + size])
 
         yield run
-
-
-def _chunks(keys: Sequence[Key]) -> list[Sequence[Key]]:
-    """On a cluster the outcomes come in portions, each of which is kept when it is complete."""
-    return [keys[i : i + 10 * _SAY_EVERY] for i in range(0, len(keys), 10 * _SAY_EVERY)]
 
 
 @contextlib.contextmanager

@@ -62,7 +62,6 @@ def run_trial(
     """Run one trial.
 
     Args:
-        robot: a shipped robot's name, or the path of a configuration.
         seed: decides when the fault begins, how long it lasts, and its parameters.
         parameters: of the fault, in place of those that are drawn.
         prepare: called with the controller before the trial, for tests.

@@ -67,9 +67,6 @@ def fuzz_files(
 ) -> FilesOutcome:
     """Read hostile ``configurations`` or ``urdf`` files, made from those of robots in turn, in a child process.
 
-    Returns:
-        What came out.
-
     Raises:
         WbcError: if the child process does not start.
     """

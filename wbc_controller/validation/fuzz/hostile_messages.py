@@ -88,9 +88,6 @@ def fuzz_messages(
 ) -> Outcome:
     """Send hostile messages to all nodes.
 
-    Returns:
-        The numbers of messages, and the failures.
-
     Raises:
         ConfigurationError: if there is no such node.
     """

@@ -106,7 +106,6 @@ def random_problem(
 
     Args:
         standing: q of the robot as it stands, (nq,).
-        references: at rest.
     """
     rng = np.random.default_rng(seed)
     lower, upper = model.position_lower + 0.02, model.position_upper - 0.02

@@ -42,10 +42,8 @@ class Target:
 
     Attributes:
         topics: its incoming topics, by name; without its URDF, which is read before the node exists.
-        by_key: the same, by key.
         types: type of each topic, by key.
         alive: whether it still works; a valid message may end that.
-        clock: the node's clock.
         heard: messages on the outgoing topics that are listened to, by key.
     """
 

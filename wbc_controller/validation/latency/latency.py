@@ -75,8 +75,6 @@ def measure_latency(
     """Measure the controller and the echo in turn, in blocks.
 
     Args:
-        robot: a robot that is shipped, or the path of a configuration.
-        folder: for the configuration and the logs.
         rate: states per second, and cycles; by default as configured.
         seconds: duration of each of the two, s.
         transport: ``dds`` or ``rclpy``.
