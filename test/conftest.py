@@ -61,12 +61,9 @@ def _transform(pose: Any) -> Any:
 
 
 def _joint_state(names: Any, position: Any, velocity: Any = (), effort: Any = (), time: int = 1) -> Any:
-    arrays = {
-        "position": np.asarray(position, dtype=float),
-        "velocity": np.asarray(velocity, dtype=float),
-        "effort": np.asarray(effort, dtype=float),
-    }
-    return message("sensor_msgs/msg/JointState", header=header(time), name=list(names), **arrays)
+    arrays = {"position": position, "velocity": velocity, "effort": effort}
+    fields = {field: np.array(values, dtype=float) for field, values in arrays.items()}
+    return message("sensor_msgs/msg/JointState", header=header(time), name=list(names), **fields)
 
 
 def _odom(pose: Any, twist: Any = (0.0,) * 6, child: str = "", time: int = 1, frame: str = "world") -> Any:

@@ -40,17 +40,11 @@ def frozen_mapping(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """The robot's state, latched at the start of a cycle.
+    """The robot's state, latched at the start of a cycle."""
 
-    Attributes:
-        stamp: source time of the joint state, in nanoseconds.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-    """
-
-    stamp: int
-    q: Array
-    v: Array
+    stamp: int  # source time of the joint state, in nanoseconds
+    q: Array  # configuration, (nq,)
+    v: Array  # generalized velocity, (nv,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,102 +64,62 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Gains and limits that can be changed while the controller runs.
+    """Gains and limits that can be changed while the controller runs."""
 
-    Attributes:
-        gains: gains by task and by name, each () or (size,): ``stiffness`` in 1/s² and ``damping`` in 1/s, or ``gain``
-            in 1/s.
-        position_margin: distance kept from the joint position limits, rad.
-        position_horizon: look-ahead time of the limits of joint position and velocity, s.
-        velocity_scale: share of the velocity limits that may be used.
-        acceleration: largest joint acceleration, rad/s².
-        torque_rate: torque rate limit, in effort limits per second.
-    """
-
+    #: Gains by task and by name, each () or (size,): ``stiffness`` in 1/s² and ``damping`` in 1/s, or ``gain`` in 1/s.
     gains: Mapping[str, Mapping[str, Array]]
-    position_margin: float
-    position_horizon: float
-    velocity_scale: float
-    acceleration: float
-    torque_rate: float
+    position_margin: float  # distance kept from the joint position limits, rad
+    position_horizon: float  # look-ahead time of the limits of joint position and velocity, s
+    velocity_scale: float  # share of the velocity limits that may be used
+    acceleration: float  # largest joint acceleration, rad/s²
+    torque_rate: float  # torque rate limit, in effort limits per second
 
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """What acts on the robot beside its model, as generalized forces.
+    """What acts on the robot beside its model, as generalized forces."""
 
-    Attributes:
-        forces: all that is taken into account, (nv,) in N and N·m: known friction, and the estimate.
-        estimate: the part that is estimated, (nv,).
-        at_bound: names of the joints, and ``base``, at which the estimate is as large as it may be.
-    """
-
-    forces: Array
-    estimate: Array
-    at_bound: tuple[str, ...] = ()
+    forces: Array  # all that is taken into account, (nv,) in N and N·m: known friction, and the estimate
+    estimate: Array  # the part that is estimated, (nv,)
+    at_bound: tuple[str, ...] = ()  # names of the joints, and ``base``, at which the estimate is as large as it may be
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """What a cycle has predicted, to be compared with the next state.
+    """What a cycle has predicted, to be compared with the next state."""
 
-    Attributes:
-        stamp: of its state, ns.
-        v: velocity in that state, (nv,).
-        v_dot: acceleration of the program, (nv,); None where it does not follow from the torques sent.
-        excess: generalized force of the torques sent, less that of the program's, (nv,) in N, N·m.
-        forces: what the contacts that held should carry, by name, in N, N·m.
-        M: mass matrix in that state, (nv, nv).
-        J: stacked Jacobian of these contacts, (k, nv).
-    """
-
-    stamp: int
-    v: Array
-    v_dot: Array | None
-    excess: Array
-    forces: Mapping[str, Array]
-    M: Array
-    J: Array
+    stamp: int  # of its state, ns
+    v: Array  # velocity in that state, (nv,)
+    v_dot: Array | None  # acceleration of the program, (nv,); None where it does not follow from the torques sent
+    excess: Array  # generalized force of the torques sent, less that of the program's, (nv,) in N, N·m
+    forces: Mapping[str, Array]  # what the contacts that held should carry, by name, in N, N·m
+    M: Array  # mass matrix in that state, (nv, nv)
+    J: Array  # stacked Jacobian of these contacts, (k, nv)
 
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """Everything that commands can set, sampled at the time of one cycle.
+    """Everything that commands can set, sampled at the time of one cycle."""
 
-    Attributes:
-        tasks: reference of each task.
-        weights: weight of each task, ramps applied; 0 switches a task off.
-        contacts: activation of each contact, from 0 (inactive) to 1 (fully active), ramps applied.
-        external_wrenches: known external wrench at each named frame, (6,) in N and N·m, world axes (S4).
-        tuning: gains and limits, ramps applied; None keeps those that the controller was made with.
-        anchors: anchor of each contact with a stiffness, (7,): its position in m and quaternion when it was activated,
-            relative to the world or to the link that it touches.
-        disturbance: what acts beside the model; None where nothing is known.
-    """
-
-    tasks: Mapping[str, Reference]
-    weights: Mapping[str, float]
-    contacts: Mapping[str, float]
+    tasks: Mapping[str, Reference]  # reference of each task
+    weights: Mapping[str, float]  # weight of each task, ramps applied; 0 switches a task off
+    contacts: Mapping[str, float]  # activation of each contact, from 0 (inactive) to 1 (fully active), ramps applied
+    #: Known external wrench at each named frame, (6,) in N and N·m, world axes (S4).
     external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
-    tuning: Tuning | None = None
+    tuning: Tuning | None = None  # gains and limits, ramps applied; None keeps those that the controller was made with
+    #: Anchor of each contact with a stiffness, (7,): its position in m and quaternion when it was activated, relative
+    #: to the world or to the link that it touches.
     anchors: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
-    disturbance: Disturbance | None = None
+    disturbance: Disturbance | None = None  # what acts beside the model; None where nothing is known
 
 
 class LevelReport(NamedTuple):
-    """The quadratic program of one priority level, as solved in one cycle.
+    """The quadratic program of one priority level, as solved in one cycle."""
 
-    Attributes:
-        tasks: names of the tasks that took part in it.
-        cost: cost of tasks and regularization at the solution, ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ….
-        iterations: the solver's own count.
-        seconds: solve time, s.
-    """
-
-    tasks: tuple[str, ...]
-    cost: float
-    iterations: int
-    seconds: float
+    tasks: tuple[str, ...]  # names of the tasks that took part in it
+    cost: float  # cost of tasks and regularization at the solution, ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + …
+    iterations: int  # the solver's own count
+    seconds: float  # solve time, s
 
 
 class Details(Protocol):
@@ -271,22 +225,15 @@ class Mode(str, enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Infeasibility:
-    """Why a quadratic program is infeasible.
+    """Why a quadratic program is infeasible."""
 
-    Attributes:
-        conflict: names of the constraints that cannot hold together, as in `Solution.binding`.
-        smallest: the constraints of the conflict whose relaxation needs the least total slack; relaxing the others
-            would be the alternative.
-        slack: slack that each constraint of the conflict needs, in the relaxation that it belongs to.
-        units: unit of each slack.
-        sentence: the conflict in words.
-    """
-
-    conflict: tuple[str, ...]
+    conflict: tuple[str, ...]  # names of the constraints that cannot hold together, as in `Solution.binding`
+    #: The constraints of the conflict whose relaxation needs the least total slack; relaxing the others would be the
+    #: alternative.
     smallest: tuple[str, ...]
-    slack: Mapping[str, float]
-    units: Mapping[str, str]
-    sentence: str
+    slack: Mapping[str, float]  # slack that each constraint of the conflict needs, in the relaxation that it belongs to
+    units: Mapping[str, str]  # unit of each slack
+    sentence: str  # the conflict in words
 
 
 @dataclass(frozen=True, slots=True)
@@ -322,18 +269,10 @@ class JointCommand(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AuditReport:
-    """Whether the model explains the measured motion: filtered residuals between the last states.
+    """Whether the model explains the measured motion: filtered residuals between the last states."""
 
-    Attributes:
-        energy: energy residual: power that no torque accounts for, W.
-        throughput: sum of the absolute powers of the joints, W: the scale for the energy residual.
-        force: force on the centre of mass that the model does not account for, world axes, (3,) in N.
-        joint_torques: torque at each joint that the model does not account for, (nj,) in N·m.
-        warnings: one sentence for each residual that has been too large for too long.
-    """
-
-    energy: float
-    throughput: float
-    force: Array
-    joint_torques: Array
-    warnings: tuple[str, ...]
+    energy: float  # energy residual: power that no torque accounts for, W
+    throughput: float  # sum of the absolute powers of the joints, W: the scale for the energy residual
+    force: Array  # force on the centre of mass that the model does not account for, world axes, (3,) in N
+    joint_torques: Array  # torque at each joint that the model does not account for, (nj,) in N·m
+    warnings: tuple[str, ...]  # one sentence for each residual that has been too large for too long

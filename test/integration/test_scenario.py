@@ -31,14 +31,9 @@ def test_stand_move_and_change_by_topics(user, make):
 
     # Several changes at once: back again, with other weights.
     x, y, z = start + np.array([-0.03, -0.03, 0.0])
-    user.send(
-        "controller",
-        "update",
-        make.string(
-            f"{{tasks: {{com: {{weight: 40, setpoint: [{x:.6f}, {y:.6f}, {z:.6f}]}}, posture: {{weight: 0.004}}}},"
-            " contacts: {rear_right_foot: {enabled: true}}}"
-        ),
-    )
+    tasks = f"{{com: {{weight: 40, setpoint: [{x:.6f}, {y:.6f}, {z:.6f}]}}, posture: {{weight: 0.004}}}}"
+    update = f"{{tasks: {tasks}, contacts: {{rear_right_foot: {{enabled: true}}}}}}"
+    user.send("controller", "update", make.string(update))
     user.run(2.0)
     assert np.linalg.norm(user.com() - [x, y, z]) < 0.003
 

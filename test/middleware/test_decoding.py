@@ -229,18 +229,10 @@ class TestTrajectories:
         np.testing.assert_array_equal(change.points[1].velocity, [10, 20, 30])
         np.testing.assert_array_equal(change.points[1].acceleration, [0.1, 0.2, 0.3])
 
-    @pytest.mark.parametrize(
-        ("task", "position", "velocity"),
-        [
-            ("com", 3, 3),
-            ("hand", 7, 6),
-            ("torso", 4, 3),
-            ("wrist", 7, 6),
-            ("visor", 3, 3),
-            ("spin", 3, 3),
-            ("steady", 2, 2),
-        ],
-    )
+    @pytest.mark.parametrize(("task", "position", "velocity"), [
+        ("com", 3, 3), ("hand", 7, 6), ("torso", 4, 3), ("wrist", 7, 6), ("visor", 3, 3), ("spin", 3, 3),
+        ("steady", 2, 2),
+    ])  # fmt: skip
     def test_of_a_frame(self, make, task, position, velocity):
         points = [(1.0, [[1, 2, 3, 0, 0, HALF, HALF]], [[1, 2, 3, 4, 5, 6]]), (2.0, [AT])]
         frame = WORDS.reference_frames.get(task, "world")

@@ -7,25 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbc_controller.middleware.codec import encode, header, message, torques
+from wbc_controller.middleware.codec import encode, message, torques
 from wbc_controller.middleware.message_layout import MessageLayout, Template
 from wbc_controller.middleware.setpoints import WRENCH, wrench_stamped
 
 
-def joint_state(names, position, velocity, effort, time=1):
-    arrays = (np.array(values, dtype=np.float64) for values in (position, velocity, effort))
-    fields = dict(zip(("position", "velocity", "effort"), arrays, strict=True))
-    return message("sensor_msgs/msg/JointState", header=header(time), name=list(names), **fields)
-
-
 @settings(max_examples=100)
 @given(st.integers(1, 2**31 * 10**9 - 1), st.lists(st.floats(width=64), min_size=6, max_size=6))
-def test_templates_write_the_bytes_of_the_codec(time, values):
+def test_templates_write_the_bytes_of_the_codec(make, time, values):
     row = np.array(values)
     effort = Template(torques(np.zeros(6)), ["data"])
     assert effort.write(time, row) == encode(torques(row))
-    joints = Template(joint_state("abcdef", [0] * 6, [0] * 6, [0] * 6), ["position"], ["velocity"], ["effort"])
-    expected = encode(joint_state("abcdef", row, row[::-1], -row, time))
+    joints = Template(make.joint_state("abcdef", [0] * 6, [0] * 6, [0] * 6), ["position"], ["velocity"], ["effort"])
+    expected = encode(make.joint_state("abcdef", row, row[::-1], -row, time))
     assert joints.write(time, row, row[::-1], -row) == expected
     wrench = Template(wrench_stamped(np.zeros(6), "foot"), WRENCH)
     assert wrench.write(time, row) == encode(wrench_stamped(row, "foot", time))
@@ -41,8 +35,8 @@ def test_numbers_of_another_size_are_not_written():
             wrench.write(1, *values)
 
 
-def test_fields_of_a_group_follow_one_another():
-    content = joint_state(["hip", "knee"], [1, 2], [3, 4], [])
+def test_fields_of_a_group_follow_one_another(make):
+    content = make.joint_state(["hip", "knee"], [1, 2], [3, 4], [])
     layout, payload = MessageLayout(content), encode(content)
     assert np.frombuffer(payload[layout.span])[layout.index_of("velocity", "position")].tolist() == [3, 4, 1, 2]
     with pytest.raises(KeyError):
@@ -51,10 +45,10 @@ def test_fields_of_a_group_follow_one_another():
         Template(content, ["position", "velocity"])  # the size of the second array is between them
 
 
-def test_a_layout_fits_messages_with_other_numbers_only():
-    layout = MessageLayout(joint_state(["hip", "knee"], [1, 2], [3, 4], []))
-    assert layout.fits(encode(joint_state(["hip", "knee"], [5, 6], [7, 8], [], time=9)))
-    assert not layout.fits(encode(joint_state(["hip", "kneE"], [1, 2], [3, 4], [])))
-    assert not layout.fits(encode(joint_state(["hip", "knee"], [1, 2], [3, 4], [5, 6])))
+def test_a_layout_fits_messages_with_other_numbers_only(make):
+    layout = MessageLayout(make.joint_state(["hip", "knee"], [1, 2], [3, 4], []))
+    assert layout.fits(encode(make.joint_state(["hip", "knee"], [5, 6], [7, 8], [], time=9)))
+    assert not layout.fits(encode(make.joint_state(["hip", "kneE"], [1, 2], [3, 4], [])))
+    assert not layout.fits(encode(make.joint_state(["hip", "knee"], [1, 2], [3, 4], [5, 6])))
     text = message("std_msgs/msg/String", data="text")
     assert MessageLayout(text).fits(encode(text))

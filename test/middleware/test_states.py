@@ -100,6 +100,10 @@ def test_odometry_has_the_numbers_of_the_codec(make, rows, time):
         np.testing.assert_array_equal(read.twist, values[7:13])
 
 
+#: Numbers of an IMU, some of them beyond its range.
+MEASURED = st.one_of(st.floats(-90, 90), st.sampled_from([-1.0, 0.0, 101.0, 2000.0, NAN, INF]))
+
+
 def imu(values, time=1, frame="pelvis"):
     content = imu_message(time, frame, np.zeros(4), np.array(values[:3]), np.array(values[3:6]))
     content.angular_velocity_covariance = np.array(values[6:15])
@@ -108,18 +112,7 @@ def imu(values, time=1, frame="pelvis"):
 
 
 @settings(max_examples=200)
-@given(
-    st.lists(
-        st.lists(
-            st.one_of(st.floats(-90, 90), st.sampled_from([-1.0, 0.0, 101.0, 2000.0, NAN, INF])),
-            min_size=24,
-            max_size=24,
-        ),
-        min_size=1,
-        max_size=6,
-    ),
-    TIMES,
-)
+@given(st.lists(st.lists(MEASURED, min_size=24, max_size=24), min_size=1, max_size=6), TIMES)
 def test_imu_data_have_the_numbers_of_the_codec(rows, time):
     reader = ImuReader("pelvis")
     for values in rows:

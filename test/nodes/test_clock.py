@@ -244,6 +244,15 @@ def states(controller, latency, count=100):
     return report
 
 
+def synchronized(bench):
+    """A controller on synchronized clocks, active for some time."""
+    controller = bench(changes=SYNCHRONIZED)
+    states(controller, 0.0)
+    controller.command("activate")
+    assert states(controller, 0.0, 300).mode is Mode.ACTIVE
+    return controller
+
+
 def test_with_synchronized_clocks_a_constant_latency_does_not_activate(bench):
     controller = bench(changes=SYNCHRONIZED)
     assert states(controller, 1.0).inputs.ages == pytest.approx({"joint_states": 1.0, "odom": 1.0})
@@ -271,20 +280,14 @@ def test_without_them_it_does(bench):
     ],
 )
 def test_clocks_that_part_are_a_fault_that_says_by_how_much(bench, skew, said):
-    controller = bench(changes=SYNCHRONIZED)
-    states(controller, 0.0)
-    controller.command("activate")
-    assert states(controller, 0.0, 300).mode is Mode.ACTIVE
+    controller = synchronized(bench)
     report = states(controller, skew, 40)
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "STALE_INPUT")
     assert said in report.fault.sentence
 
 
 def test_a_clock_that_is_set_while_active_is_a_fault_and_the_ages_begin_anew(bench, monkeypatch):
-    controller = bench(changes=SYNCHRONIZED)
-    states(controller, 0.0)
-    controller.command("activate")
-    assert states(controller, 0.0, 300).mode is Mode.ACTIVE
+    controller = synchronized(bench)
     clock = controller.clock
     with monkeypatch.context() as patch:
         patch.setattr(clock, "trouble", lambda: "this computer's clock was set forward by 3.500 s")

@@ -10,7 +10,7 @@ from starved import StarvedThread
 
 from wbc_controller import Simulation
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import encode, header, message, nanoseconds
+from wbc_controller.middleware.codec import encode, message, nanoseconds
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
@@ -208,15 +208,11 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
     assert robot.node._inputs.holding == FEET
 
 
-def test_what_is_refused_is_said(robot):
+def test_what_is_refused_is_said(robot, make):
     robot.send("holds", b"\x00\x01", "rear_left_foot")
     robot.sense()
     names = list(robot.model.joints[:-1])
-    short = message(
-        "sensor_msgs/msg/JointState", header=header(2), name=names, position=np.zeros(11), velocity=np.zeros(11),
-        effort=np.zeros(0),
-    )  # fmt: skip
-    robot.send("joint_states", short)
+    robot.send("joint_states", make.joint_state(names, np.zeros(11), np.zeros(11), time=2))
     robot.clock.time += 1.0
     robot.node.cycle()
     refused = {

@@ -182,15 +182,13 @@ def _status(*reports):
 @pytest.mark.parametrize(
     ("mode", "level"), [("inactive", 0), ("active", 0), ("holding", 1), ("damping", 1), ("stopped", 1), ("fault", 2)]
 )
-def test_the_level_follows_the_mode(mode, level):
+def test_the_level_follows_the_mode_and_a_fault_is_said(mode, level):
     status, values = _status(report(mode=Mode(mode)))
     assert (status.level, status.message, values["mode"]) == (level, mode, mode)
 
-
-def test_a_fault_is_said():
-    status, _ = _status(report(mode=Mode.FAULT, fault=Fault("ESTOP", "emergency stop by command")))
-    assert status.message == "fault; ESTOP: emergency stop by command"
-    assert status.level == 2
+    status, _ = _status(report(mode=Mode(mode), fault=Fault("ESTOP", "emergency stop by command")))
+    assert status.message == f"{mode}; ESTOP: emergency stop by command"
+    assert status.level == max(level, 1)
 
 
 def test_a_conflict_is_said_by_name_with_its_slack():

@@ -28,11 +28,10 @@ COM = (0.02, 0.0, 0.6)
 
 @pytest.fixture(scope="module")
 def rig():
-    made = Rig(commands=True)
-    made.shared = []
-    made.server.request_share_url = lambda: made.shared.append(1)  # in place of a tunnel by a public server
-    yield made
-    made.close()
+    with Rig(commands=True) as made:
+        made.shared = []
+        made.server.request_share_url = lambda: made.shared.append(1)  # in place of a tunnel by a public server
+        yield made
 
 
 @pytest.fixture
@@ -78,13 +77,8 @@ def all_is_well(rig, pages):
 
 
 def drag(**fields):
-    return {
-        "type": "TransformControlsUpdateMessage",
-        "name": "/handles/com",
-        "wxyz": (1.0, 0.0, 0.0, 0.0),
-        "position": COM,
-        **fields,
-    }
+    place = {"name": "/handles/com", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": COM}
+    return {"type": "TransformControlsUpdateMessage", **place, **fields}
 
 
 def update(page, label="STOP", **updates):

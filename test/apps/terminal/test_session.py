@@ -74,12 +74,7 @@ class Recording(Line):
         (("0", "the last 10 s are kept"), ("1", "it is written"), True, "it is written"),
         (("1", "it is written"), ("2", "it is written"), True, "it is written"),
         (("", "nothing is recorded"), None, False, "refused: nothing is recorded"),
-        (
-            ("1", "it is written"),
-            ("1", "it is written"),
-            None,
-            "the recorder does not answer; its last status: it is written",
-        ),
+        (("1", "it is written"), ("1", "it is written"), None, "does not answer; its last status: it is written"),
     ],
 )
 def test_a_recording_that_is_asked_for_is_answered_by_the_recorder(monkeypatch, before, behind, done, sentence):

@@ -12,23 +12,9 @@ import pytest
 from participants import is_omitted
 
 from wbc_controller.errors import TransportError
+from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, stamp
-from wbc_controller.middleware.topics import (
-    COMMAND_OUT,
-    CONTROLLER_TOPICS,
-    ESTIMATOR_TOPICS,
-    GUARD_TOPICS,
-    LATCHED,
-    MOCK_TOPICS,
-    REQUEST,
-    STATE_IN,
-    STATE_OUT,
-    TASK_TYPES,
-    Direction,
-    Endpoint,
-    counterpart,
-    endpoints,
-)
+from wbc_controller.middleware.topics import Direction, Endpoint, counterpart, endpoints
 from wbc_controller.nodes.simulated_clock import clock_of
 
 pytestmark = pytest.mark.live
@@ -36,11 +22,11 @@ pytestmark = pytest.mark.live
 STRING = "std_msgs/msg/String"
 
 
-def endpoint(name, qos=REQUEST, type_name=STRING, direction=Direction.IN):
+def endpoint(name, qos=topics.REQUEST, type_name=STRING, direction=Direction.IN):
     return Endpoint("test", "", name, type_name, direction, qos)
 
 
-ODOM = endpoint("/odom", STATE_IN)
+ODOM = endpoint("/odom", topics.STATE_IN)
 
 
 def text(content):
@@ -54,16 +40,20 @@ def texts(payloads):
 @pytest.mark.parametrize(
     ("node", "table"),
     [
-        ("wbc_controller", CONTROLLER_TOPICS),
-        ("mock_robot", MOCK_TOPICS),
-        ("guard", GUARD_TOPICS),
-        ("base_estimator", ESTIMATOR_TOPICS),
+        ("wbc_controller", topics.CONTROLLER_TOPICS),
+        ("mock_robot", topics.MOCK_TOPICS),
+        ("guard", topics.GUARD_TOPICS),
+        ("base_estimator", topics.ESTIMATOR_TOPICS),
     ],
 )
 def test_every_row_of_the_table_carries_its_message(request, join, eventually, example, node, table):
     owner, other = join(node), join("other")
     rows = endpoints(
-        table, node, task_kinds={kind: kind for kind in TASK_TYPES}, contacts=("left", "right"), frames=("pelvis",)
+        table,
+        node,
+        task_kinds={kind: kind for kind in topics.TASK_TYPES},
+        contacts=("left", "right"),
+        frames=("pelvis",),
     )
     on_ros2 = request.node.callspec.params["join"] == "ros2"
     rows = [row for row in rows if not (on_ros2 and is_omitted(row))]
@@ -84,11 +74,11 @@ def test_every_row_of_the_table_carries_its_message(request, join, eventually, e
 
 def test_latched_topic_replays_its_last_message_to_a_late_subscriber(join, eventually):
     writer, reader = join("writer"), join("reader")
-    publish = writer.advertise(endpoint("/state", LATCHED))
+    publish = writer.advertise(endpoint("/state", topics.LATCHED))
     publish(text("first"))
     publish(text("last"))
     received = []
-    reader.subscribe(endpoint("/state", LATCHED), received.append)
+    reader.subscribe(endpoint("/state", topics.LATCHED), received.append)
     eventually(lambda: received)
     assert texts(received) == ["last"]
 
@@ -104,9 +94,9 @@ def test_other_topics_replay_nothing(join, eventually):
 
 
 def test_best_effort_reader_matches_reliable_writer(join, eventually):
-    publish = join("writer").advertise(endpoint("/joint_states", COMMAND_OUT))
+    publish = join("writer").advertise(endpoint("/joint_states", topics.COMMAND_OUT))
     received = []
-    join("reader").subscribe(endpoint("/joint_states", STATE_IN), received.append)
+    join("reader").subscribe(endpoint("/joint_states", topics.STATE_IN), received.append)
     eventually(lambda: received, lambda: publish(text("x")))
 
 
@@ -125,10 +115,10 @@ def test_burst_of_ten_requests_arrives_whole_and_in_order(join, eventually):
 
 def test_large_message_arrives(join, eventually):
     urdf = "<robot>" + "x" * 2_000_000
-    publish = join("writer").advertise(endpoint("/robot_description", LATCHED))
+    publish = join("writer").advertise(endpoint("/robot_description", topics.LATCHED))
     publish(text(urdf))
     received = []
-    join("reader").subscribe(endpoint("/robot_description", LATCHED), received.append)
+    join("reader").subscribe(endpoint("/robot_description", topics.LATCHED), received.append)
     eventually(lambda: received)
     assert texts(received) == [urdf]
 
@@ -215,7 +205,10 @@ def test_topics_may_be_opened_and_messages_sent_from_a_callback(join, eventually
 
 
 def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventually):
-    publish, stream = join("writer").advertise(endpoint("/odom", STATE_OUT)), join("reader").stream(ODOM, depth=2)
+    publish, stream = (
+        join("writer").advertise(endpoint("/odom", topics.STATE_OUT)),
+        join("reader").stream(ODOM, depth=2),
+    )
     eventually(stream.take, lambda: publish(text("first")))
     time.sleep(0.05)  # what was on its way when one came
     stream.take()
@@ -229,7 +222,10 @@ def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventuall
 
 
 def test_who_waits_on_a_stream_is_told_of_each_message(join, eventually):
-    publish, stream = join("writer").advertise(endpoint("/odom", STATE_OUT)), join("reader").stream(ODOM, depth=1)
+    publish, stream = (
+        join("writer").advertise(endpoint("/odom", topics.STATE_OUT)),
+        join("reader").stream(ODOM, depth=1),
+    )
     eventually(stream.take, lambda: publish(text("first")))
     time.sleep(0.05)
     stream.take()
@@ -246,7 +242,7 @@ def test_who_waits_on_a_stream_is_told_of_each_message(join, eventually):
 
 def test_that_a_writer_is_gone_is_no_message(join, eventually):
     writer, stream = join("writer"), join("reader").stream(ODOM, depth=1)
-    publish = writer.advertise(endpoint("/odom", STATE_OUT))
+    publish = writer.advertise(endpoint("/odom", topics.STATE_OUT))
     eventually(stream.take, lambda: publish(text("first")))
     time.sleep(0.05)
     stream.take()
@@ -284,7 +280,7 @@ def test_a_stream_ends_with_its_transport(join):
 def clock_and_writer(join):
     """A simulated clock, a function that publishes a time in ns, and the transports of their nodes."""
     reader, writer = join("reader"), join("writer")
-    (topic,) = endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "clock"], "reader")
+    (topic,) = endpoints([topic for topic in topics.CONTROLLER_TOPICS if topic.key == "clock"], "reader")
     clock, publish = clock_of([topic], reader), writer.advertise(counterpart(topic))
     tell = lambda time_ns: publish(encode(message("rosgraph_msgs/msg/Clock", clock=stamp(time_ns))))  # noqa: E731
     return clock, tell, reader, writer
@@ -314,7 +310,7 @@ def test_the_simulated_time_is_read_while_the_transport_s_thread_is_busy(clock_a
 def test_the_time_that_was_sent_before_a_state_is_there_with_it(clock_and_writer, eventually):
     """Within a tenth of the limit of the stamps: two topics are two readers, whose order DDS does not promise."""
     clock, tell, reader, writer = clock_and_writer
-    states, period = endpoint("/joint_states", STATE_IN, "sensor_msgs/msg/JointState"), 2_000_000
+    states, period = endpoint("/joint_states", topics.STATE_IN, "sensor_msgs/msg/JointState"), 2_000_000
     stream = reader.stream(states, depth=1)
     publish = writer.advertise(counterpart(states))
     empty = {"name": [], **dict.fromkeys(("position", "velocity", "effort"), np.zeros(0))}

@@ -14,18 +14,9 @@ import pytest
 from participants import DOMAIN
 
 from wbc_controller.errors import TransportError
+from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.topics import (
-    CONTROLLER_TOPICS,
-    ESTIMATOR_TOPICS,
-    GUARD_TOPICS,
-    LATCHED,
-    MOCK_TOPICS,
-    REQUEST,
-    TASK_TYPES,
-    Direction,
-    Endpoint,
-)
+from wbc_controller.middleware.topics import Direction, Endpoint
 
 pytest.importorskip("cyclonedds")
 
@@ -53,13 +44,17 @@ INFO = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 SEES_THIS_FILE = {"PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path])}
 
 TABLE_TYPES = sorted(
-    {row.type for row in (*CONTROLLER_TOPICS, *MOCK_TOPICS, *GUARD_TOPICS, *ESTIMATOR_TOPICS) if "/" in row.type}
-    | {type_name for columns in TASK_TYPES.values() for type_name in columns.values()}
+    {
+        row.type
+        for row in (*topics.CONTROLLER_TOPICS, *topics.MOCK_TOPICS, *topics.GUARD_TOPICS, *topics.ESTIMATOR_TOPICS)
+        if "/" in row.type
+    }
+    | {type_name for columns in topics.TASK_TYPES.values() for type_name in columns.values()}
     | {INFO}
 )
 
 
-def endpoint(name, qos=REQUEST, type_name=STRING):
+def endpoint(name, qos=topics.REQUEST, type_name=STRING):
     return Endpoint("test", "", name, type_name, Direction.IN, qos)
 
 
@@ -240,7 +235,7 @@ def test_where_security_is_only_wished_for_it_is_said_that_there_is_none(environ
 
 _ASK = """
 import sys, time
-from test_dds import REQUEST, DdsTransport, endpoint, text
+from test_dds import DdsTransport, endpoint, text
 heard = []
 transport = DdsTransport("ask", domain_id=7)
 transport.subscribe(endpoint("/pong"), heard.append)
@@ -294,7 +289,7 @@ def test_close_from_a_callback_is_refused_and_the_transport_lives(transport, eve
 
 def test_node_and_its_endpoints_are_announced(eventually):
     transport = DdsTransport("wbc_controller", "/robot", DOMAIN, "LOCALHOST")
-    transport.advertise(endpoint("/robot/state", LATCHED))
+    transport.advertise(endpoint("/robot/state", topics.LATCHED))
     transport.subscribe(endpoint("/robot/command"), lambda payload: None)
     observer = DomainParticipant(DOMAIN)
     qos = Qos(Policy.Reliability.Reliable(0), Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
@@ -315,11 +310,11 @@ def test_node_and_its_endpoints_are_announced(eventually):
 
 _ECHO = """
 import sys, threading
-from test_dds import REQUEST, LATCHED, DdsTransport, endpoint
+from test_dds import DdsTransport, endpoint, topics
 done = threading.Event()
 transport = DdsTransport("echo", domain_id=int(sys.argv[1]), discovery_range="LOCALHOST")
 transport.subscribe(endpoint("/ping"), transport.advertise(endpoint("/pong")))
-transport.subscribe(endpoint("/urdf", LATCHED), transport.advertise(endpoint("/urdf_back", LATCHED)))
+transport.subscribe(endpoint("/urdf", topics.LATCHED), transport.advertise(endpoint("/urdf_back", topics.LATCHED)))
 transport.subscribe(endpoint("/stop"), lambda payload: done.set())
 done.wait(15)
 transport.close()
@@ -330,10 +325,10 @@ def test_two_processes_exchange_over_the_loopback(eventually):
     transport = DdsTransport("here", domain_id=DOMAIN, discovery_range="LOCALHOST")
     ping, stop = transport.advertise(endpoint("/ping")), transport.advertise(endpoint("/stop"))
     urdf = text("x" * 2_000_000)
-    transport.advertise(endpoint("/urdf", LATCHED))(urdf)
+    transport.advertise(endpoint("/urdf", topics.LATCHED))(urdf)
     pongs, urdfs = [], []
     transport.subscribe(endpoint("/pong"), pongs.append)
-    transport.subscribe(endpoint("/urdf_back", LATCHED), urdfs.append)
+    transport.subscribe(endpoint("/urdf_back", topics.LATCHED), urdfs.append)
     with subprocess.Popen([sys.executable, "-c", _ECHO, str(DOMAIN)], env=os.environ | SEES_THIS_FILE) as echo:
         eventually(lambda: pongs, lambda: ping(text("hello")))
         eventually(lambda: urdfs)

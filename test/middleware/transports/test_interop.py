@@ -7,18 +7,9 @@ import dataclasses
 import pytest
 from participants import DdsParticipants, Ros2Participants, is_omitted
 
+from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, encode, message
-from wbc_controller.middleware.topics import (
-    CONTROLLER_TOPICS,
-    ESTIMATOR_TOPICS,
-    GUARD_TOPICS,
-    LATCHED,
-    MOCK_TOPICS,
-    TASK_TYPES,
-    Direction,
-    Endpoint,
-    endpoints,
-)
+from wbc_controller.middleware.topics import Direction, Endpoint, endpoints
 
 pytestmark = pytest.mark.live
 
@@ -38,13 +29,13 @@ def pair(monkeypatch):
 @pytest.mark.parametrize("to_dds", [True, False])
 @pytest.mark.parametrize(
     "table",
-    [CONTROLLER_TOPICS, MOCK_TOPICS, GUARD_TOPICS, ESTIMATOR_TOPICS],
+    [topics.CONTROLLER_TOPICS, topics.MOCK_TOPICS, topics.GUARD_TOPICS, topics.ESTIMATOR_TOPICS],
     ids=["controller", "mock", "guard", "estimator"],
 )
 def test_every_row_crosses(pair, eventually, example, table, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
     rows = endpoints(
-        table, "node", task_kinds={kind: kind for kind in TASK_TYPES}, contacts=("left",), frames=("pelvis",)
+        table, "node", task_kinds={kind: kind for kind in topics.TASK_TYPES}, contacts=("left",), frames=("pelvis",)
     )
     for row in (row for row in rows if not is_omitted(row)):
         received, payload = [], encode(example(row.type))
@@ -57,7 +48,7 @@ def test_every_row_crosses(pair, eventually, example, table, to_dds):
 @pytest.mark.parametrize("to_dds", [True, False])
 def test_latched_message_reaches_a_late_subscriber(pair, eventually, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
-    topic = Endpoint("state", "", "/state", "std_msgs/msg/String", Direction.IN, LATCHED)
+    topic = Endpoint("state", "", "/state", "std_msgs/msg/String", Direction.IN, topics.LATCHED)
     writer.advertise(topic)(encode(message(topic.type, data="x" * 100_000)))
     received = []
     reader.subscribe(topic, received.append)
@@ -68,7 +59,7 @@ def test_latched_message_reaches_a_late_subscriber(pair, eventually, to_dds):
 @pytest.mark.parametrize("to_dds", [True, False])
 def test_each_names_the_publishers_of_the_other(pair, eventually, to_dds):
     writer, reader = pair if to_dds else reversed(pair)
-    topic = Endpoint("effort", "", "/effort", "std_msgs/msg/String", Direction.OUT, LATCHED)
+    topic = Endpoint("effort", "", "/effort", "std_msgs/msg/String", Direction.OUT, topics.LATCHED)
     reader.advertise(topic)
     writer.advertise(topic)
     eventually(lambda: reader.publishers(topic) == ("/on_ros2" if to_dds else "/on_dds",))

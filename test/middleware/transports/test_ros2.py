@@ -10,17 +10,9 @@ import time
 import pytest
 from participants import DOMAIN, DdsParticipants, Ros2Participants
 
+from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import encode, message
-from wbc_controller.middleware.topics import (
-    COMMAND_OUT,
-    LATCHED,
-    REQUEST,
-    STATE_IN,
-    STATE_OUT,
-    TF_OUT,
-    Direction,
-    Endpoint,
-)
+from wbc_controller.middleware.topics import Direction, Endpoint
 
 try:
     import rclpy
@@ -121,12 +113,12 @@ def at_500_hz(publish, payload, arrived, count=250):
 def test_messages_do_not_wake_the_executor(spun, peer):
     _, transport, counter = spun()
     received, streamed = [], []
-    transport.subscribe(endpoint("/read", STATE_IN), received.append)
-    stream = transport.stream(endpoint("/stream", STATE_IN), 10)
-    publishers = [peer.advertise(endpoint(name, STATE_OUT)) for name in ("/read", "/stream")]
-    sent = transport.advertise(endpoint("/sent", COMMAND_OUT))
+    transport.subscribe(endpoint("/read", topics.STATE_IN), received.append)
+    stream = transport.stream(endpoint("/stream", topics.STATE_IN), 10)
+    publishers = [peer.advertise(endpoint(name, topics.STATE_OUT)) for name in ("/read", "/stream")]
+    sent = transport.advertise(endpoint("/sent", topics.COMMAND_OUT))
     heard = []
-    peer.subscribe(endpoint("/sent", STATE_IN), heard.append)
+    peer.subscribe(endpoint("/sent", topics.STATE_IN), heard.append)
 
     def publish(payload):
         for each in (*publishers, sent):
@@ -149,9 +141,9 @@ def test_the_executor_pauses_between_two_waits(spun, peer):
     # rclpy's own clock subscription is the executor's: with a simulator's clock, each message would wake it.
     clock = "rosgraph_msgs/msg/Clock"
     node, transport, counter = spun(use_sim_time=True)
-    publish = peer.advertise(endpoint("/clock", STATE_OUT, clock))
+    publish = peer.advertise(endpoint("/clock", topics.STATE_OUT, clock))
     arrived = []
-    transport.subscribe(endpoint("/clock", STATE_IN, clock), arrived.append)
+    transport.subscribe(endpoint("/clock", topics.STATE_IN, clock), arrived.append)
     times = (
         encode(message(clock, clock=message("builtin_interfaces/msg/Time", sec=s, nanosec=0)))
         for s in itertools.count(1)
@@ -198,7 +190,7 @@ def warned(monkeypatch, caplog, eventually):
 
 
 def test_a_publisher_of_incompatible_quality_of_service_is_named_once(warned):
-    (sentence,) = warned(endpoint("/state", LATCHED), endpoint("/state", STATE_IN))
+    (sentence,) = warned(endpoint("/state", topics.LATCHED), endpoint("/state", topics.STATE_IN))
     assert sentence.startswith("no messages on /state from /ns/writer: incompatible QoS (")
     assert "volatile publisher and transient local subscription" in sentence
     assert "best effort publisher and reliable subscription" in sentence
@@ -206,14 +198,16 @@ def test_a_publisher_of_incompatible_quality_of_service_is_named_once(warned):
 
 
 def test_a_publisher_of_another_type_is_named_once(warned):
-    (sentence,) = warned(endpoint("/command", REQUEST), endpoint("/command", REQUEST, "std_msgs/msg/Bool"))
+    (sentence,) = warned(
+        endpoint("/command", topics.REQUEST), endpoint("/command", topics.REQUEST, "std_msgs/msg/Bool")
+    )
     assert sentence == (
         "no messages on /command from /ns/writer: their type is std_msgs/msg/Bool; publish std_msgs/msg/String"
     )
 
 
 def test_compatible_publishers_are_not_warned_of(warned):
-    assert warned(endpoint("/odom", STATE_IN), endpoint("/odom", REQUEST), expected=0) == []
+    assert warned(endpoint("/odom", topics.STATE_IN), endpoint("/odom", topics.REQUEST), expected=0) == []
 
 
 def test_tf_is_omitted_without_its_package(monkeypatch, caplog):
@@ -222,10 +216,10 @@ def test_tf_is_omitted_without_its_package(monkeypatch, caplog):
     participants = Ros2Participants()
     transport = participants.transport("node")
     try:
-        publish = transport.advertise(endpoint("/tf", TF_OUT, "tf2_msgs/msg/TFMessage"))
+        publish = transport.advertise(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
         publish(b"")
         assert caplog.messages == ["/tf is not published: the package tf2_msgs is not installed"]
-        assert not transport.is_read(endpoint("/tf", TF_OUT, "tf2_msgs/msg/TFMessage"))
+        assert not transport.is_read(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
     finally:
         transport.close()
         participants.close()

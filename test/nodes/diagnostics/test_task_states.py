@@ -1,5 +1,7 @@
 """Where tasks are, and where they are wanted, as messages."""
 
+from functools import partial
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -38,16 +40,11 @@ def test_each_round_says_of_every_task_where_it_is_wanted_and_where_it_is(robot,
             positions = {"task_reference": references.tasks[name].position}
             if isinstance(qp.tasks[name], AccelerationTask):
                 positions["task_value"] = qp.tasks[name].position(dynamics)
-            frame = words.reference_frames.get(name, "world")
-            expected[name] = {
-                key: encode(
-                    setpoint_message(
-                        TASK_TYPES[kind]["setpoint"], kind, position,
-                        frame=frame, stamp=stamp, joints=words.joints.get(name, ()),
-                    )
-                )
-                for key, position in positions.items()
-            }  # fmt: skip
+            frame, joints = words.reference_frames.get(name, "world"), words.joints.get(name, ())
+            made = partial(
+                setpoint_message, TASK_TYPES[kind]["setpoint"], kind, frame=frame, stamp=stamp, joints=joints
+            )
+            expected[name] = {key: encode(made(position)) for key, position in positions.items()}
         states.begin(words.kinds)
         said = iter(lambda: states.next(stamp, dynamics, references), None)  # noqa: B023
         assert dict(said) == expected

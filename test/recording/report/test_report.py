@@ -72,12 +72,8 @@ def test_the_page_holds_the_results(run, page):
 def test_the_verdict_names_what_failed(run, tmp_path):
     recording, model = run
     failed = Result("Stays <up>", "yes", "no", False)
-    write_run_report(
-        dataclasses.replace(recording, results=(*recording.results, failed)),
-        model,
-        tmp_path / "page.html",
-        kind="a run",
-    )
+    spoiled = dataclasses.replace(recording, results=(*recording.results, failed))
+    write_run_report(spoiled, model, tmp_path / "page.html", kind="a run")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "1 of 3 targets missed: Stays &lt;up&gt;." in page
     assert 'class="pill fail"' in page
