@@ -202,7 +202,7 @@ def test_a_level_that_loses_what_one_above_keeps_is_no_solution():
     memory = LevelMemory(problem, squares.base, 2)
     assert solve_level(problem, squares, sides, memory, 2)[0] == kernel.SOLVED
     assert solve_level(problem, squares, sides, memory)[0] == kernel.SOLVED
-    memory.upper_rows[-1, -1] += 1.0e-6  # the same row at two values
+    memory.rows[-1, -1] += 1.0e-6  # the same row at two values
     assert solve_level(problem, squares, sides, memory)[0] == kernel.NOT_FOUND
 
 

@@ -220,8 +220,7 @@ def solve_condensed(
     cost: LeastSquares,
     constraints: Constraints,
     sides: Signs,
-    base_map: OutMatrix,
-    upper_rows: OutMatrix,
+    memory: OutMatrix,
     above: int,
     kept: int,
     value: OutVector,
@@ -239,17 +238,16 @@ def solve_condensed(
     The last column of B has the right-hand sides β, for which z has -1. Dependent rows of B take no part; as their
     residuals are checked like all others, the solution is the minimizer even so.
 
-    For strict priorities there is one call per level, with the same `base_map`, `upper_rows` and results.
+    For strict priorities there is one call per level, with the same `memory` and results.
 
     Args:
         cost: of the level.
         constraints: of the problem.
         sides: the active set of [x; C x]: 1 at the upper bound, -1 at the lower one, else 0; and below it memory for
             the set that is to be tried next, (2, n + m_in).
-        base_map: [N, s], (base, n + 1 - base); the first level fills it.
-        upper_rows: the equality constraints in terms of z, which the first level fills, then the rows that the levels
-            above keep, and memory for those of this level, (≥ above + kept, n + 1 - base).
-        above: number of rows in `upper_rows`; 0 for the first level.
+        memory: [N, s] and the equality constraints in terms of z, which the first level fills, then the rows that the
+            levels above keep, and memory for those of this level, (≥ base + above + kept, n + 1 - base).
+        above: number of rows in `memory` after [N, s]; 0 for the first level.
         kept: number of leading rows of the cost that are added to them, with their values at the solution.
         value: for [x; C x], (n + m_in,).
         multipliers: for those of the active bounds, unless a higher level has set them, (n + m_in,).
@@ -267,7 +265,8 @@ def solve_condensed(
         raise ValueError("solve_condensed: the cost and the constraints have different numbers of variables")
     if not (len(cost.rows) >= soft >= kept and len(multipliers) == len(value) == sides.shape[1] and own >= 0):
         raise ValueError("solve_condensed: the sizes of the cost or of the results do not agree with the constraints")
-    if not (base_map.shape == (base, width) and len(upper_rows) >= (above if above else own) + kept):
+    base_map, upper_rows = memory[:base], memory[base:]
+    if not (memory.shape[1] == width and len(upper_rows) >= (above if above else own) + kept):
         raise ValueError("solve_condensed: the memory for the levels is too small")
     # Eliminate the base.
     if above == 0:
