@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from quadratic_programs import squares_problem
+from quadratic_programs import squares_problem, under
 
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticCost
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
@@ -153,7 +153,7 @@ def test_every_level_is_what_numpy_makes_of_it_below_those_above(seed, count, ba
     problem = squares_problem(rng, equalities=base + 2, rows=3, base=base)
     n, sides = problem.n, np.zeros(problem.bounds.shape[1], dtype=np.int8)
     costs = [problem.cost.squares]
-    costs += [squares_problem(rng, n=n, rows=2 + i, base=base).cost.squares for i in range(count - 1)]
+    costs += [under(problem, squares_problem(rng, n=n, rows=2 + i, base=base).cost.squares) for i in range(count - 1)]
     if dependent:  # on an equality constraint, and on a row of the level above
         costs[0].rows[2, :-1] = 2.0 * problem.A[0]
         costs[1].rows[0, :-1] = costs[0].rows[1, :-1]

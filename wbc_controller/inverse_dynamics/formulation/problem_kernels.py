@@ -25,7 +25,7 @@ class Constraints(Struct):
 
 
 class LeastSquares(Struct):
-    """The cost ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dⱼ (xⱼ - tⱼ)².
+    """The cost ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dⱼ (xⱼ - tⱼ)² under constraints.
 
     Attributes:
         rows: [R, r], (k, n + 1).
@@ -34,6 +34,7 @@ class LeastSquares(Struct):
             constraints determine these variables: that block is invertible.
         diagonal: d, (n,), positive except in the leading columns.
         target: t, (n,).
+        constraints: of the quadratic program.
     """
 
     rows: Matrix
@@ -41,6 +42,7 @@ class LeastSquares(Struct):
     base: int
     diagonal: Vector
     target: Vector
+    constraints: Constraints
 
 
 @part

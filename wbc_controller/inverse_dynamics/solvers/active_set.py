@@ -128,8 +128,8 @@ class ActiveSet:
         as a semismooth Newton method", SIAM J. Optim. 13, 2002). It need not end, but mostly does at once.
 
         Args:
-            problem: the problem, whose constraints apply.
-            squares: the cost.
+            problem: the problem.
+            squares: the cost, under the constraints of the problem.
             memory: with the rows of the levels above; the solution is stored there.
             kept: number of rows of the cost that lower levels must not change.
             tries: largest number of active sets that are tried.
@@ -141,7 +141,7 @@ class ActiveSet:
         while True:
             number += 1
             outcome, cost, found.least_room, found.largest_equality = kernel.solve_condensed(
-                squares, problem.constraints, self._sides, memory.rows, memory.above, kept, found.value,
+                squares, self._sides, memory.rows, memory.above, kept, found.value,
                 memory.multipliers, found.room, found.equalities, found.outputs,
             )  # fmt: skip
             if outcome != kernel.WRONG_SET or number == tries:

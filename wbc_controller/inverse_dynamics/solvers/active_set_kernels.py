@@ -218,7 +218,6 @@ def next_set(sides: np.ndarray, active: np.ndarray, p: Array, room: Array) -> No
 @compiled
 def solve_condensed(
     cost: LeastSquares,
-    constraints: Constraints,
     sides: Signs,
     memory: OutMatrix,
     above: int,
@@ -241,8 +240,7 @@ def solve_condensed(
     For strict priorities there is one call per level, with the same `memory` and results.
 
     Args:
-        cost: of the level.
-        constraints: of the problem.
+        cost: of the level, with the constraints of the problem.
         sides: the active set of [x; C x]: 1 at the upper bound, -1 at the lower one, else 0; and below it memory for
             the set that is to be tried next, (2, n + m_in).
         memory: [N, s] and the equality constraints in terms of z, which the first level fills, then the rows that the
@@ -259,6 +257,7 @@ def solve_condensed(
         `SOLVED`; `WRONG_SET`; `NOTHING_FREE` if the levels above determine x (then nothing is filled); or `NOT_FOUND`.
         Then the cost, the smallest room, and the largest |A x - b|.
     """
+    constraints = cost.constraints
     rows, weights, base, end = constraints.rows, cost.weights, cost.base, len(equalities)
     soft, own, width, last = len(weights), end - cost.base, rows.shape[1] - cost.base, rows.shape[1] - 1 - cost.base
     if not (cost.rows.shape[1] == rows.shape[1] and len(cost.diagonal) == len(cost.target) == rows.shape[1] - 1):
@@ -296,7 +295,7 @@ def solve_condensed(
         return NOTHING_FREE, 0.0, 0.0, 0.0
     # Solve, with up to two steps of iterative refinement: D⁻¹ magnifies the rounding of z, so z is moved on.
     p = np.zeros(len(B))
-    beta = residual(B, z, p, hard, weights)
+    beta: Array = -np.dot(B, z)
     left = beta
     for _ in range(3):
         correction = left.copy()
@@ -310,8 +309,7 @@ def solve_condensed(
             break
     # Check.
     lost = largest_of(left[own:top])  # of the rows that higher levels keep
-    for i in range(base):
-        value[i] = -dot(base_map[i], z)
+    value[:base] = -np.dot(base_map, z)
     for j in range(last):
         value[base + j] = z[j]
     least, largest = residuals(constraints, value, room, equalities, outputs)
