@@ -293,7 +293,7 @@ class Supervisor:
             return None
         if share >= 1.0 and not self._taken_over:
             self._taken_over = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
-        freeze(made)  # and so the parts
+        made.setflags(write=False)  # and so the parts
         torques, positions, velocities = self._parts
         self._tau = made[torques]
         return JointCommand(seen.stamp, self._tau, made[positions], made[velocities])

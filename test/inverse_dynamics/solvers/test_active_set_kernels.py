@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from quadratic_programs import squares_problem
+from quadratic_programs import squares_problem, under
 
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticCost
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
@@ -139,7 +139,7 @@ def test_every_level_is_what_numpy_makes_of_it_below_those_above(seed, count, ba
     problem = squares_problem(rng, equalities=base + 2, rows=3, base=base)
     n, sides = problem.n, np.zeros(problem.bounds.shape[1], dtype=np.int8)
     costs = [problem.cost.squares]
-    costs += [squares_problem(rng, n=n, rows=2 + i, base=base).cost.squares for i in range(count - 1)]
+    costs += [under(problem, squares_problem(rng, n=n, rows=2 + i, base=base).cost.squares) for i in range(count - 1)]
     if dependent:  # on an equality constraint, and on a row of the level above
         costs[0].rows[2, :-1] = 2.0 * problem.A[0]
         costs[1].rows[0, :-1] = costs[0].rows[1, :-1]
@@ -188,7 +188,7 @@ def test_a_level_that_loses_what_one_above_keeps_is_no_solution():
     memory = LevelMemory(problem, squares.base, 2)
     assert solve_level(problem, squares, sides, memory, 2)[0] == kernel.SOLVED
     assert solve_level(problem, squares, sides, memory)[0] == kernel.SOLVED
-    memory.upper_rows[-1, -1] += 1.0e-6  # the same row at two values
+    memory.rows[-1, -1] += 1.0e-6  # the same row at two values
     assert solve_level(problem, squares, sides, memory)[0] == kernel.NOT_FOUND
 
 

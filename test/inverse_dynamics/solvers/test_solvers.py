@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import qpsolvers
-from quadratic_programs import squares_problem
+from quadratic_programs import squares_problem, under
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram, Soft
@@ -244,7 +244,7 @@ def test_the_smaller_system_has_the_answer_of_the_whole_one(seed, rows):
         active_set = active_set_of(copied)
         active_set.learn(learnt)
         whole = active_set.solve(copied)
-        copied.cost.update(squares, 3.0)
+        copied.cost.update(under(copied, squares), 3.0)
         smaller = active_set.solve(copied)
         assert not copied.cost.computed
         size = max(1.0, np.abs(whole.x).max())

@@ -81,7 +81,12 @@ class LevelCost:
             (rows, places[task.name]) for task, rows in self._python_rows if isinstance(task, EffortTask)
         ]
         self.squares = LeastSquares(
-            rows=block[:count], weights=np.ones(count), base=base, diagonal=np.zeros(n), target=np.zeros(n)
+            rows=block[:count],
+            weights=np.ones(count),
+            base=base,
+            diagonal=np.zeros(n),
+            target=np.zeros(n),
+            constraints=problem.constraints,
         )
         self.rows = CompiledRows(dynamics, block, self.squares.target, entries)
         self.level = Level(

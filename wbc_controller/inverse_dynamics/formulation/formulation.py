@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -133,10 +134,10 @@ class Formulation:
 
     def add_effort_errors(self, x: Array) -> None:
         """Complete `task_errors` by those of the tasks on torques and contact forces at a solution, (n,)."""
-        costs = [] if self.structure is None else self.structure.costs
-        for cost, (_, errors) in zip(costs, self.task_errors, strict=True):
+        costs = () if self.structure is None else self.structure.costs
+        for level, cost in enumerate(costs):
             for rows, place in cost.effort_rows:
-                errors[place] = rows[:, :-1] @ x - rows[:, -1]
+                self.task_errors[level][1][place] = rows[:, :-1] @ x - rows[:, -1]
 
     def _current_structure(self, references: References) -> Structure:
         """Return the structure of this cycle, with its parameters written."""
@@ -150,13 +151,13 @@ class Formulation:
             and known.changes == changes
             and known.motion_limit is self.motion_limit
             and known.torque_limit is self.torque_limit
-            and known.weights == references.weights
-            and known.activations == references.contacts
+            # Tuples are compared by identity first: the same mappings take no time.
+            and (known.weights, known.activations) == (references.weights, references.contacts)
         ):
             return structure
         parameters = Parameters(
-            weights=dict(references.weights),
-            activations=dict(references.contacts),
+            weights=_unchanging(references.weights),
+            activations=_unchanging(references.contacts),
             motion_limit=self.motion_limit,
             torque_limit=self.torque_limit,
             changes=changes,
@@ -272,3 +273,8 @@ class Formulation:
         lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
         h = actuation.torques(bias_forces(self.dynamics, references))
         return lower - h, upper - h
+
+
+def _unchanging(mapping: Mapping[str, float]) -> Mapping[str, float]:
+    """Return a mapping itself if it is read-only, as those of the reference board are; otherwise a copy."""
+    return mapping if isinstance(mapping, MappingProxyType) else dict(mapping)

@@ -23,7 +23,7 @@ class Constraints(Struct):
 
 
 class LeastSquares(Struct):
-    """The cost ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dⱼ (xⱼ - tⱼ)².
+    """The cost ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dⱼ (xⱼ - tⱼ)² under constraints.
 
     Attributes:
         rows: [R, r], (k, n + 1).
@@ -32,6 +32,7 @@ class LeastSquares(Struct):
             constraints determine these variables: that block is invertible.
         diagonal: d, (n,), positive except in the leading columns.
         target: t, (n,).
+        constraints: of the quadratic program.
     """
 
     rows: Matrix
@@ -39,6 +40,7 @@ class LeastSquares(Struct):
     base: int
     diagonal: Vector
     target: Vector
+    constraints: Constraints
 
 
 @part

@@ -90,12 +90,8 @@ def link_terms(motion: LinkMotion, velocity: Vector) -> None:
         put(link, 6, add(linear, gravity))
         put(link, 9, angular)
     _momentum_rate(motion)
-    per_mass, com_velocity, centroidal, share = (
-        motion.per_mass,
-        motion.com_velocity,
-        motion.centroidal,
-        1.0 / motion.mass,
-    )
+    per_mass, com_velocity, centroidal = motion.per_mass, motion.com_velocity, motion.centroidal
+    share = 1.0 / motion.mass
     for k in range(3):
         com_velocity[k] = 0.0
         motion.com_drift[k] = motion.drift[k] / motion.mass

@@ -1,5 +1,7 @@
 """Warm start with the active set of the previous problem: the solution then takes one linear solve."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,25 +22,24 @@ class LevelMemory:
     """Arrays that the levels of one problem share, for `solve_condensed`; one level is a hierarchy of one.
 
     Attributes:
-        base_map: N and s of x_base = s - N z, (base, n + 1 - base).
-        upper_rows: the equality constraints in terms of z, then the rows that the levels above keep.
-        above: number of these rows so far; 0 before the first level.
+        rows: N and s of x_base = s - N z, then the equality constraints in terms of z, then the rows that the levels
+            above keep, (m_eq + kept, n + 1 - base).
+        above: number of these rows so far, without those of N; 0 before the first level.
         multipliers: of the bounds of x and the rows of C: those of the first level in which each is active.
         residuals: residuals of the constraints at the solution of the last level.
     """
 
-    __slots__ = ("above", "base_map", "multipliers", "residuals", "upper_rows")
+    __slots__ = ("above", "multipliers", "residuals", "rows")
 
     def __init__(self, problem: QuadraticProgram, base: int, kept: int = 0) -> None:
         """Allocate the arrays.
 
         Args:
+            problem: the problem.
             base: number of the base accelerations.
             kept: number of rows that all levels together keep.
         """
-        width = problem.n + 1 - base
-        self.base_map = np.empty((base, width))
-        self.upper_rows = np.empty((len(problem.b) - base + kept, width))
+        self.rows = np.empty((len(problem.b) + kept, problem.n + 1 - base))
         self.above = 0
         self.multipliers = np.empty(problem.bounds.shape[1])
         self.residuals = Residuals(problem)
@@ -127,6 +128,8 @@ class ActiveSet:
         as a semismooth Newton method", SIAM J. Optim. 13, 2002). It need not end, but mostly does at once.
 
         Args:
+            problem: the problem.
+            squares: the cost, under the constraints of the problem.
             memory: with the rows of the levels above; the solution is stored there.
             kept: number of rows of the cost that lower levels must not change.
             tries: largest number of active sets that are tried.
@@ -138,8 +141,8 @@ class ActiveSet:
         while True:
             number += 1
             outcome, cost, found.least_room, found.largest_equality = kernel.solve_condensed(
-                squares, problem.constraints, self._sides, memory.base_map, memory.upper_rows, memory.above, kept,
-                found.value, memory.multipliers, found.room, found.equalities, found.outputs,
+                squares, self._sides, memory.rows, memory.above, kept, found.value,
+                memory.multipliers, found.room, found.equalities, found.outputs,
             )  # fmt: skip
             if outcome != kernel.WRONG_SET or number == tries:
                 break

@@ -3,6 +3,8 @@
 `solvers.active_set` derives the equations.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -89,6 +91,7 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
     Args:
         place: its index in [x; C x].
         sign: 1 for the upper bound, -1 for the lower one.
+        constraints: the constraints.
         equalities: number of equality constraints.
         base_map: [N, s].
         out: for the row and its right-hand side, (n + 1 - base,).
@@ -215,10 +218,8 @@ def next_set(sides: np.ndarray, active: np.ndarray, p: Array, room: Array) -> No
 @compiled
 def solve_condensed(
     cost: LeastSquares,
-    constraints: Constraints,
     sides: Signs,
-    base_map: OutMatrix,
-    upper_rows: OutMatrix,
+    memory: OutMatrix,
     above: int,
     kept: int,
     value: OutVector,
@@ -236,15 +237,15 @@ def solve_condensed(
     The last column of B has the right-hand sides β, for which z has -1. Dependent rows of B take no part; as their
     residuals are checked like all others, the solution is the minimizer even so.
 
-    For strict priorities there is one call per level, with the same `base_map`, `upper_rows` and results.
+    For strict priorities there is one call per level, with the same `memory` and results.
 
     Args:
+        cost: of the level, with the constraints of the problem.
         sides: the active set of [x; C x]: 1 at the upper bound, -1 at the lower one, else 0; and below it memory for
             the set that is to be tried next, (2, n + m_in).
-        base_map: [N, s], (base, n + 1 - base); the first level fills it.
-        upper_rows: the equality constraints in terms of z, which the first level fills, then the rows that the levels
-            above keep, and memory for those of this level, (≥ above + kept, n + 1 - base).
-        above: number of rows in `upper_rows`; 0 for the first level.
+        memory: [N, s] and the equality constraints in terms of z, which the first level fills, then the rows that the
+            levels above keep, and memory for those of this level, (≥ base + above + kept, n + 1 - base).
+        above: number of rows in `memory` after [N, s]; 0 for the first level.
         kept: number of leading rows of the cost that are added to them, with their values at the solution.
         value: for [x; C x], (n + m_in,).
         multipliers: for those of the active bounds, unless a higher level has set them, (n + m_in,).
@@ -256,13 +257,15 @@ def solve_condensed(
         `SOLVED`; `WRONG_SET`; `NOTHING_FREE` if the levels above determine x (then nothing is filled); or `NOT_FOUND`.
         Then the cost, the smallest room, and the largest |A x - b|.
     """
+    constraints = cost.constraints
     rows, weights, base, end = constraints.rows, cost.weights, cost.base, len(equalities)
     soft, own, width, last = len(weights), end - cost.base, rows.shape[1] - cost.base, rows.shape[1] - 1 - cost.base
     if not (cost.rows.shape[1] == rows.shape[1] and len(cost.diagonal) == len(cost.target) == rows.shape[1] - 1):
         raise ValueError("solve_condensed: the cost and the constraints have different numbers of variables")
     if not (len(cost.rows) >= soft >= kept and len(multipliers) == len(value) == sides.shape[1] and own >= 0):
         raise ValueError("solve_condensed: the sizes of the cost or of the results do not agree with the constraints")
-    if not (base_map.shape == (base, width) and len(upper_rows) >= (above if above else own) + kept):
+    base_map, upper_rows = memory[:base], memory[base:]
+    if not (memory.shape[1] == width and len(upper_rows) >= (above if above else own) + kept):
         raise ValueError("solve_condensed: the memory for the levels is too small")
     # Eliminate the base.
     if above == 0:
@@ -292,7 +295,7 @@ def solve_condensed(
         return NOTHING_FREE, 0.0, 0.0, 0.0
     # Solve, with up to two steps of iterative refinement: D⁻¹ magnifies the rounding of z, so z is moved on.
     p = np.zeros(len(B))
-    beta = residual(B, z, p, hard, weights)
+    beta: Array = -np.dot(B, z)
     left = beta
     for _ in range(3):
         correction = left.copy()
@@ -306,8 +309,7 @@ def solve_condensed(
             break
     # Check.
     lost = largest_of(left[own:top])  # of the rows that higher levels keep
-    for i in range(base):
-        value[i] = -dot(base_map[i], z)
+    value[:base] = -np.dot(base_map, z)
     for j in range(last):
         value[base + j] = z[j]
     least, largest = residuals(constraints, value, room, equalities, outputs)
