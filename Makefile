@@ -40,7 +40,7 @@ boundscheck: $(VENV)/dev.installed  ## test the kernels with bounds checks of ar
 	NUMBA_BOUNDSCHECK=1 $(BIN)/python -m pytest $(NOT_LIVE) $(KERNEL_TESTS)
 
 kernel-coverage: $(VENV)/dev.installed  ## test the kernels as Python functions, and report the lines that ran
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest $(NOT_LIVE) --cov wbc_controller --cov-config pyproject.toml \
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest $(NOT_LIVE) --cov --cov-config pyproject.toml \
 	    --cov-report term-missing:skip-covered $(KERNEL_TESTS)
 
 docs: $(VENV)/dev.installed  ## write the generated pages of docs/
