@@ -120,12 +120,7 @@ def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, p
         ("setpoint", "com", make.point([0, np.nan, 0]), "tasks/com/setpoint: the point holds a value that"),
         ("trajectory", "com", nowhere, "tasks/com/trajectory: frame_id is 'laser'"),
         ("weight", "com", make.float64(-1.0), "tasks/com/weight: a weight must be from 0 to 1e6, not -1.0"),
-        (
-            "update",
-            "",
-            make.string("{tasks: {comm: {weight: 1}}}"),
-            "/update: unknown task 'comm'; did you mean 'com'?",
-        ),
+        ("update", "", make.string("{tasks: {comm: {weight: 1}}}"), "/update: unknown task 'comm'; did you mean"),
         ("update", "", make.string("{tasks: {com: "), "/update: not valid YAML"),
         ("command", "", make.string("actvate"), "command 'actvate' is unknown; did you mean 'activate'?"),
         ("command", "", make.string("reset"), "command 'reset' is refused while active"),

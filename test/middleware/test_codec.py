@@ -12,14 +12,9 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 def joint_state():
-    return message(
-        JOINT_STATE,
-        header=header(1_500_000_001, "base"),
-        name=["hip", "knee", "ünïcode"],
-        position=np.array([1.0, -2.0, np.nan]),
-        velocity=np.array([0.25, 0.5, np.inf]),
-        effort=np.array([]),
-    )
+    q, v, tau = (np.array(values) for values in ([1.0, -2.0, np.nan], [0.25, 0.5, np.inf], []))
+    top, names = header(1_500_000_001, "base"), ["hip", "knee", "ünïcode"]
+    return message(JOINT_STATE, header=top, name=names, position=q, velocity=v, effort=tau)
 
 
 def test_round_trip():

@@ -452,12 +452,8 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     controller = bench().activated(600)
     assert controller.efforts()[-1].any()
     loop, stop = controller.loop, threading.Event()
-    owner, name = {
-        "supervisor": (loop.controller.supervisor, "step"),
-        "publish": (loop._outputs, "publish_command"),
-        "inputs": (loop._inputs, "latch"),
-        "observer": (loop._outputs, "publish_status"),
-    }[where]
+    owner = {"supervisor": loop.controller.supervisor, "inputs": loop._inputs}.get(where, loop._outputs)
+    name = {"supervisor": "step", "inputs": "latch", "publish": "publish_command", "observer": "publish_status"}[where]
     whole, calls = getattr(owner, name), []
 
     def broken(*arguments, **named):
