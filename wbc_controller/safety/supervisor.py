@@ -273,10 +273,10 @@ class Supervisor:
             kept = math.exp(-self._passed / self._filter)
         if self._curve is not None:
             self._torques_available[:] = self._available(joint_velocity)
-        made = np.empty(self._parts[-1].stop)
+        made, passed = np.empty(self._parts[-1].stop), self._passed
         usable = follow(
             self._command_limits, solution.tau, solution.v_dot, seen.q, seen.v, self._tau, share, kept,
-            min(self._passed, self._period), made,
+            passed if passed < self._period else self._period, made,
         )  # fmt: skip
         if not usable:
             model, (lower, upper) = self._model, self._torques_available

@@ -142,20 +142,26 @@ def factorize(K: Array, hard: int, inverse: Array) -> bool:
     for i in range(m):
         inverse[i] = DEPENDENT * K[i, i] if i < hard else -1.0
     for i in range(m):
-        square = K[i, i]
+        row, fours = K[i, i:], i - i % 4
+        for k in range(0, fours, 4):  # less the parts of the rows above, four at a time
+            a, b, c, d = K[k, i:], K[k + 1, i:], K[k + 2, i:], K[k + 3, i:]
+            a0, b0, c0, d0 = a[0], b[0], c[0], d[0]
+            for j in range(len(row)):
+                row[j] -= (a0 * a[j] + b0 * b[j]) + (c0 * c[j] + d0 * d[j])
+        for k in range(fours, i):
+            factor, source = K[k, i], K[k, i:]
+            for j in range(len(row)):
+                row[j] -= factor * source[j]
+        square = row[0]
         if square <= inverse[i]:
             inverse[i] = 0.0
         elif square > 0.0:
             inverse[i] = 1.0 / math.sqrt(square)
         else:  # NaN, too
             return False
-        row = K[i]
-        for j in range(i, m):
-            row[j] *= inverse[i]
-        for k in range(i + 1, m):
-            factor, source, target = row[k], row[k:], K[k, k:]
-            for j in range(len(source)):
-                target[j] -= factor * source[j]
+        scale = inverse[i]
+        for j in range(len(row)):
+            row[j] *= scale
     return True
 
 
