@@ -38,8 +38,8 @@ class Stage(Peer):
         self.clock = ManualClock(100.0)
         self.bus = MemoryBus()
         robot = describe(self.model.urdf, self.settings.robot)
-        self.transport = transport(self.bus)
-        self.service = GuardService(self.settings, robot, TABLE, self.transport, self.clock)
+        self.guard_transport = transport(self.bus)
+        self.service = GuardService(self.settings, robot, TABLE, self.guard_transport, self.clock)
         super().__init__(self.bus, TABLE)
 
     def command(self, torques=1.0, names=None, time=1):
@@ -186,7 +186,7 @@ def test_commands_that_a_starved_thread_has_not_read_prevent_a_takeover(robot_of
     on.mode("active")
     on.command()
     on.joints()
-    on.transport.run()
+    on.guard_transport.run()
     for period in range(2, 500):  # the controller answers each state, and no callback runs
         on.clock.time += 0.002
         on.joints()
@@ -200,7 +200,7 @@ def test_commands_that_a_starved_thread_has_not_read_prevent_a_takeover(robot_of
     assert on.service.guard.takeovers == 0
     on.command(time=3_000_000_000)
     on.mode("active")
-    on.transport.run()
+    on.guard_transport.run()
     on.clock.time += 0.2
     on.service.cycle()
     assert on.service.guard.takeovers == 1

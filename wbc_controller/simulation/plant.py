@@ -182,6 +182,14 @@ class Plant:
             v[3:6] = self.data.qvel[3:6]
         return q, v
 
+    def coupling_error(self) -> float:
+        """Return the largest error of a mimic joint's position relative to its leader, rad or m; 0 without any."""
+        followers = self._robot.followers
+        if followers is None or self._following is None:
+            return 0.0
+        q, _ = self.state()
+        return float(np.max(np.abs(self.data.qpos[self._following[0]] - q[followers.q_index])))
+
     def acceleration(self) -> Array:
         """Return the generalized acceleration, (nv,), in Pinocchio's conventions.
 
