@@ -19,6 +19,7 @@ from waiting import until as wait_until
 try:
     import rclpy
     from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+    from rclpy.node import NodeNameNonExistentError
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import Float64MultiArray, String
 except ImportError as error:
@@ -78,6 +79,14 @@ def start(graph):
             process.send_signal(signal.SIGINT)
     for process in started:
         process.wait(20)
+
+
+def topics_of(look, name):
+    """The topics of a node, by a function of the graph; none before the graph knows the node."""
+    try:
+        return {topic for topic, _ in look(name, "/")}
+    except NodeNameNonExistentError:
+        return set()
 
 
 def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_controller(graph, start, robot_of):
