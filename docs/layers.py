@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Room(NamedTuple):
-    """What the files of a room may import besides the standard library, `BASICS` and their own room.
+    """Permitted imports of a room, besides the standard library, `BASICS` and the room itself.
 
     Attributes:
         rooms: other rooms of the package, all above it in the table.

@@ -18,7 +18,7 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import check_qp
 from wbc_controller.controller.live_settings import LiveSettings, live_part
-from wbc_controller.controller.memory import CycleRecord, give_back, taken
+from wbc_controller.controller.memory import CycleRecord, restore_state, save_state
 from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.errors import ConfigurationError, InputRefused, MethodError, NoSolution
@@ -235,9 +235,9 @@ class ControlCycle:
         """
         return {
             "qp": self.qp.memory(),
-            "board": taken(self.board),
-            "supervisor": taken(self.supervisor),
-            "model_error": taken(self.model_error),
+            "board": save_state(self.board),
+            "supervisor": save_state(self.supervisor),
+            "model_error": save_state(self.model_error),
         }
 
     def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
@@ -250,10 +250,10 @@ class ControlCycle:
         self._parts = self.live.newest
         self.board = ReferenceBoard(self._parts.board)
         self.supervisor = Supervisor(self.model, self._parts.supervisor)
-        give_back(self.board, memory["board"])
-        give_back(self.supervisor, memory["supervisor"])
+        restore_state(self.board, memory["board"])
+        restore_state(self.supervisor, memory["supervisor"])
         self.model_error.observer.limits = self._parts.disturbance
-        give_back(self.model_error, memory["model_error"])
+        restore_state(self.model_error, memory["model_error"])
         if memory["qp"] is not None:
             self.qp.recall(memory["qp"])
 

@@ -1,4 +1,4 @@
-"""What a controller remembers from one cycle to the next, taken and given back: so that a recording can go on from it.
+"""State that a controller keeps between cycles: saved in recordings, and restored for replay.
 
 A class lists the attributes that outlive a cycle in ``STATE_FIELDS``; values with such a list are saved likewise.
 """
@@ -35,18 +35,18 @@ class CycleRecord:
     apart: bool
 
 
-def taken(owner: Any) -> dict[str, Any]:
+def save_state(owner: Any) -> dict[str, Any]:
     """State of an object, by attribute; arrays that are written in place are copied."""
     return {name: _copied(getattr(owner, name)) for name in owner.STATE_FIELDS}
 
 
-def give_back(owner: Any, memory: Mapping[str, Any]) -> None:
-    """Restore the state of an object from `taken`."""
+def restore_state(owner: Any, memory: Mapping[str, Any]) -> None:
+    """Restore the state of an object from `save_state`."""
     for name in owner.STATE_FIELDS:
         present, value = getattr(owner, name), memory[name]
         if hasattr(type(present), "STATE_FIELDS"):
             if value is not None:
-                give_back(present, value)
+                restore_state(present, value)
         elif isinstance(present, np.ndarray) and present.flags.writeable:
             present[...] = value  # in place: compiled code may be bound to it
         else:
@@ -55,7 +55,7 @@ def give_back(owner: Any, memory: Mapping[str, Any]) -> None:
 
 def _copied(value: Any) -> Any:
     if hasattr(type(value), "STATE_FIELDS"):
-        return taken(value)
+        return save_state(value)
     if isinstance(value, deque):
         return list(value)
     if isinstance(value, np.ndarray) and value.flags.writeable:

@@ -1,4 +1,4 @@
-"""Where contact points are seen from the IMU, by the joints alone."""
+"""Positions of the contact points relative to the IMU, from the joint positions."""
 
 from __future__ import annotations
 
