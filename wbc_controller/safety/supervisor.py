@@ -31,7 +31,7 @@ from wbc_controller.safety.checks import (
     relaxed_for_too_long,
     unusable_torques,
 )
-from wbc_controller.safety.damping import stable_damping
+from wbc_controller.safety.damping import damping_matrix, stable_damping
 from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
 from wbc_controller.safety.supervisor_kernels import CommandLimits, follow
 
@@ -115,7 +115,8 @@ class Supervisor:
         self._curve = limits.torque_speed
         # What takes time, or remembers, is made anew only where its own limits are other ones.
         if old is None or (old.damping, old.period) != (limits.damping, limits.period):  # a delay is for good
-            self._joint_damping = stable_damping(self._model, limits.damping, limits.period + limits.velocity_delay)
+            D = stable_damping(self._model, limits.damping, limits.period + limits.velocity_delay)
+            self._damping_matrix = damping_matrix(self._model.actuation, D)  # (na, nj)
         if old is None or old.plausibility != limits.plausibility:
             self._watch = StateWatch(self._model, limits.plausibility) if limits.plausibility is not None else None
         if old is None or old.fall != limits.fall:
@@ -368,7 +369,7 @@ class Supervisor:
         """Torques that damp every joint, as far as the actuators can; zero where the velocities are not known."""
         if joint_velocity is None:
             return self._no_torque
-        return -self._model.actuation.from_joints(self._joint_damping * joint_velocity)
+        return -(self._damping_matrix @ joint_velocity)
 
     def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
         """Lower and upper bounds of the torques, both (na,) in N·m: the effort limits where no speed lowers them."""
