@@ -45,7 +45,7 @@ ROOMS = {
     _QP + "whole_body_qp": Room(f"{_QP}robot {_QP}contacts {_QP}tasks {_QP}formulation {_QP}solvers"),
     "estimation": Room(f"{_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
     # The supervisor knows the robot's limits and ramps, but not the program whose solutions it checks.
-    "safety": Room(f"{_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
+    "safety": Room(f"estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
     "controller": Room(
         "settings inverse_dynamics estimation safety", "numpy scipy pinocchio coal pydantic plotly rich"
     ),

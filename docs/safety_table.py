@@ -25,6 +25,8 @@ TESTS = {
     "position of the base against its velocity": "safety/test_plausibility.py::test_odometry_that_jumps_is_a_fault",
     "orientation of the base against its angular velocity":
         "safety/test_plausibility.py::test_an_orientation_that_jumps_is_a_fault",
+    "joint motion that the torques do not explain, in the first time of active control":
+        "nodes/test_bring_up.py::test_torques_in_another_order_stop_the_robot_and_name_a_joint",
     "tilt of a floating base since the activation":
         "safety/test_plausibility.py::test_a_base_that_tilts_too_far_has_fallen",
     "height of a floating base above the lowest end of a limb":

@@ -49,7 +49,7 @@ class Run:
 
     def __post_init__(self) -> None:
         settings = load_settings(find_configuration(self.robot))
-        quick = settings.safety.model_copy(update={"activation_ramp": 0.1})
+        quick = settings.safety.model_copy(update={"activation_ramp": 0.1, "bring_up_time": 0.0})
         self.settings = settings.model_copy(update={"safety": quick})
         other = {"model": self.plant} if self.plant else {}
         self.lockstep = Lockstep(self.settings, mock=other, observers=(self.reports.append,))

@@ -36,6 +36,7 @@ from wbc_controller.nodes.simulated_clock import SimulatedClock, clock_of
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
+from wbc_controller.safety.bring_up import BringUpWatch
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config
 
@@ -157,6 +158,7 @@ def make_loop(
             lambda: {**inputs.status(), **recorded()},
         ),
         make_audit(settings, model),
+        BringUpWatch(model, settings.safety.bring_up_time, settings.safety.bring_up_speed),
         Ownership(graph, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)),
         clock,
         timer=timer,

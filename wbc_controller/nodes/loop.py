@@ -21,6 +21,7 @@ from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
 from wbc_controller.records import AuditReport, Fault, Mode
+from wbc_controller.safety.bring_up import BringUpWatch
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.model_audit import ModelAudit
 
@@ -55,6 +56,7 @@ class ControlLoop:
         inputs: Inputs,
         outputs: Outputs,
         audit: ModelAudit,
+        bring_up: BringUpWatch,
         ownership: Ownership,
         clock: Clock,
         *,
@@ -65,7 +67,7 @@ class ControlLoop:
         self.observers = tuple(observers)
         self._inputs = inputs
         self._outputs = outputs
-        self._audit = audit
+        self._audit, self._bring_up = audit, bring_up
         self._ownership = ownership
         self._clock = clock
         self._timer = timer
@@ -100,7 +102,7 @@ class ControlLoop:
         if "reset" in requests and self._takes_reset(requests):
             self._inputs.restart_estimate()
             ages = self._inputs.ages()
-        problem = Fault("CLOCK", trouble) if trouble else self._inputs.fault(ages, timeout)
+        problem = Fault("CLOCK", trouble) if trouble else self._inputs.fault(ages, timeout) or self._bring_up.fault
         self._ownership.refresh(now)
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
@@ -139,6 +141,7 @@ class ControlLoop:
             # While it is not active, the supervisor may have refused the very state.
             trusted = solution if result.mode is Mode.ACTIVE else None
             audit = self._audit.look(state, controller.qp.dynamics, trusted, result.command)
+            self._bring_up.look(state, controller.qp.dynamics, trusted, result.command, controller.qp.contact_jacobian)
         stages = {
             "read": read,
             **result.stage_seconds,

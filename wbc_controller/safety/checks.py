@@ -47,6 +47,8 @@ CHECKS = (
     Check("position of the base against its velocity", ("safety.base_mismatch",), "m", "damping", "IMPLAUSIBLE_STATE"),
     Check("orientation of the base against its angular velocity", ("safety.base_turn_mismatch",), "rad", "damping",
           "IMPLAUSIBLE_STATE"),
+    Check("joint motion that the torques do not explain, in the first time of active control",
+          ("safety.bring_up_time", "safety.bring_up_speed"), "s, rad/s", "zero torque at once", "UNEXPLAINED_MOTION"),
     Check("tilt of a floating base since the activation", ("safety.max_tilt",), "rad", "damping", "FALLEN"),
     Check("height of a floating base above the lowest end of a limb", ("safety.min_height",),
           "share of that at the activation", "damping", "FALLEN"),

@@ -8,7 +8,8 @@
      reset               damping ──────────────> fault (or stopped, where a user asked for it)
        └─────────────── from damping, stopped and fault
 
-From every mode `estop` leads to fault, and the end of the process to stopped; both set the torques to zero at once.
+From every mode `estop` leads to fault, and the end of the process to stopped; both set the torques to zero at once, as
+unexplained motion during bring-up does (`bring_up`).
 
 In inactive nothing is published once the torques are zero. Damping opposes the joint velocities; where these are not
 known, the torques ramp to zero. In stopped and fault zero torques are published. A fault is latched until `reset`.
@@ -25,6 +26,7 @@ from wbc_controller.inverse_dynamics.limits.torque import TorqueSpeedCurve
 from wbc_controller.inverse_dynamics.references.trajectories import Ramp
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import REQUESTS, Array, Fault, JointCommand, Mode, RobotState, Solution, freeze, frozen
+from wbc_controller.safety.bring_up import UNEXPLAINED_MOTION
 from wbc_controller.safety.checks import (
     TORQUE_TOLERANCE,
     no_solution_for_too_long,
@@ -238,7 +240,10 @@ class Supervisor:
         if self.solving:
             if self._fall is not None and state is not None and problem is None:
                 problem = self._fall.look(now, state)
-            if problem is not None:
+            if problem is not None and problem.code == UNEXPLAINED_MOTION:
+                self._enter(Mode.FAULT, now, problem)
+                self._tau = self._no_torque  # at once, and without damping: it may drive other joints
+            elif problem is not None:
                 self._enter(Mode.DAMPING, now, problem)
             elif isinstance(outcome, Solution):
                 command = self._follow(now, state, joint_velocity, outcome)

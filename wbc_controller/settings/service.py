@@ -136,6 +136,17 @@ class SafetySettings(Section):
         description="Joint damping while holding and damping, N·m·s/rad; less at light joints if a posture within the "
         "limits makes it unstable at this rate.",
     )
+    bring_up_time: NonNegative = Field(
+        5.0,
+        le=3600.0,
+        description="Time of active control after the start of the process in which motion that the torques do not "
+        "explain stops the robot without damping, s: torques may reach other joints. 0 for never.",
+    )
+    bring_up_speed: Annotated[Positive, Field(le=1.0e3)] = Field(
+        5.0,
+        description="Largest unexplained speed of a joint in that time, rad/s; of a prismatic joint, a fifth of it in "
+        "m/s.",
+    )
     max_tilt: Annotated[Positive, Field(le=3.2)] = Field(
         1.0,
         description="Angle between the base's upward direction and that at the activation, rad, above which a robot "

@@ -28,6 +28,7 @@ NEXT_STEPS: Mapping[str, str] = {
     "STALE_INPUT": "see that the robot's driver runs, and its messages come in time (wbc status); then reset, activate",
     "ESTIMATE_LOST": "look at the IMU and its mounting; let the robot stand still or hang it up; then reset, activate",
     "IMPLAUSIBLE_STATE": "look at the joint or sensor that is named, with the robot hung up; then reset, activate",
+    "UNEXPLAINED_MOTION": "hang the robot up; compare the order and signs of its effort command; then reset, activate",
     "FALLEN": "hold the robot up (wbc send hold for the mock robot), then reset, activate, release",
     "NO_SOLUTION": "wbc replay names the constraints in conflict; take back the last request; then reset, activate",
     "RELAXED": "look at the constraints that were relaxed; ask for less; then reset, activate",

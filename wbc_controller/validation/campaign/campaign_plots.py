@@ -18,6 +18,7 @@ _COLORS = {
     "STALE_INPUT": "#2f7de1",
     "ESTIMATE_LOST": "#c2569f",
     "IMPLAUSIBLE_STATE": "#8a63d2",
+    "UNEXPLAINED_MOTION": "#a33b3b",
     "FALLEN": "#e5812b",
     "NO_SOLUTION": "#b58900",
     "RELAXED": "#149eb0",

@@ -106,6 +106,7 @@ class _Trial(Lockstep):
         changes = {
             **(place.settings if place is not None else {}),
             "safety.activation_ramp": 0.0,
+            "safety.bring_up_time": 0.0,  # the robot has been active for longer
             "safety.synchronized_clocks": synchronized,
             "control.markers_rate": 0.0,
             "control.trigger": "joint_states",

@@ -1,0 +1,140 @@
+"""The first seconds of control: torques that reach other joints stop the robot at once, and nothing else does."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from wbc_controller.records import Fault, Mode
+from wbc_controller.validation.lockstep import Lockstep
+
+#: Time at which the hoist lets go, and the end of a run, s.
+LET_GO, END = 1.0, 3.0
+
+
+class Wired:
+    """A robot on its hoist whose actuators receive the torques in another order; the hoist lets go later."""
+
+    def __init__(self, settings, order, signs=1.0, held=True):
+        self.lockstep = Lockstep(settings)
+        self.mock, self.model = self.lockstep.mock, self.lockstep.model
+        names, apply = list(self.model.actuators), self.mock.plant.apply
+        received = order(names)
+        self.mock.plant.apply = lambda tau: apply(signs * np.asarray(tau)[received])
+        self.lockstep.user.say("command", "activate")
+        if not held:
+            self.mock.plant.hold(False, ramp=0.0)
+        self.held = held
+        self.efforts, self.speeds = [], []
+
+    def run(self, until=END):
+        """Run until the controller stops; returns its last report."""
+        while self.lockstep.time < until:
+            report = self.lockstep.cycle()
+            self.speeds.append(float(np.abs(self.mock.plant.state()[1][self.model.v_index]).max()))
+            if report.mode not in (Mode.ACTIVE, Mode.HOLDING):
+                return report
+            if self.held and self.lockstep.time >= LET_GO:
+                self.mock.plant.hold(False)
+                self.held = False
+        return report
+
+
+def legs_exchanged(names):
+    """Left with right legs; front with rear legs of a quadruped."""
+    half = 6
+    order = np.arange(len(names))
+    order[: 2 * half] = np.roll(order[: 2 * half], half)
+    return order
+
+
+def exchanged(first, second):
+    def order(names):
+        indices = np.arange(len(names))
+        i, j = names.index(first), names.index(second)
+        indices[[i, j]] = j, i
+        return indices
+
+    return order
+
+
+ORDERS = {
+    "alphabetical": lambda names: np.argsort(names),
+    "shifted by one": lambda names: np.roll(np.arange(len(names)), 1),
+    "legs exchanged": legs_exchanged,
+}
+
+
+@pytest.mark.parametrize("name", ["g1", "go2", "talos"])
+@pytest.mark.parametrize("order", ORDERS)
+def test_torques_in_another_order_stop_the_robot_and_name_a_joint(robot_of, caplog, name, order):
+    caplog.set_level(logging.CRITICAL)
+    robot = Wired(robot_of(name)[0], ORDERS[order])
+    report = robot.run()
+    assert report.mode is Mode.FAULT
+    assert report.fault.code == "UNEXPLAINED_MOTION"
+    assert any(f"joint {joint!r} moves by" in report.fault.sentence for joint in robot.model.joints)
+    assert not report.command.tau.any()
+    assert max(robot.speeds) < 12.0
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("left_elbow_joint", "left_knee_joint"), ("right_wrist_yaw_joint", "waist_pitch_joint"),
+     ("left_ankle_pitch_joint", "right_knee_joint")],
+)  # fmt: skip
+def test_two_exchanged_joints_stop_the_robot(robot_of, first, second):
+    robot = Wired(robot_of("g1")[0], exchanged(first, second))
+    report = robot.run()
+    assert report.fault.code == "UNEXPLAINED_MOTION"
+    assert max(robot.speeds) < 12.0
+
+
+def test_a_wrong_sign_stops_the_robot(robot_of):
+    model = robot_of("g1")[1]
+    signs = np.ones(model.na)
+    signs[model.actuators.index("left_knee_joint")] = -1.0
+    report = Wired(robot_of("g1")[0], lambda names: np.arange(len(names)), signs).run()
+    assert report.fault.code == "UNEXPLAINED_MOTION"
+
+
+@pytest.mark.parametrize("name", ["g1", "go2", "talos"])
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("ramp", [0.0, 0.2, 1.0])
+def test_a_robot_that_receives_its_torques_stays_active(robot_of, changed, name, held, ramp):
+    """On the hoist until it stands, or let go at once, so that it sinks during the ramp."""
+    settings = changed(robot_of(name)[0], {"safety": {"activation_ramp": ramp}})
+    report = Wired(settings, lambda names: np.arange(len(names)), held=held).run()
+    assert report.fault is None or report.fault.code == "FALLEN"  # from no torque at all, with a long ramp
+    assert report.fault is None or ramp == 1.0
+
+
+def test_only_the_first_time_of_active_control_is_watched(robot_of, changed):
+    settings = changed(robot_of("go2")[0], {"safety": {"bring_up_time": 0.5}})
+    robot = Wired(settings, lambda names: np.arange(len(names)))
+    robot.run(until=0.8)
+    apply = robot.mock.plant.apply
+    robot.mock.plant.apply = lambda tau: apply(-np.asarray(tau))
+    report = robot.run()
+    assert report.fault is None or report.fault.code != "UNEXPLAINED_MOTION"
+
+
+def test_after_a_stop_the_robot_can_be_activated_again(robot_of):
+    robot = Wired(robot_of("go2")[0], ORDERS["alphabetical"])
+    robot.run()
+    robot.mock.plant.apply = type(robot.mock.plant).apply.__get__(robot.mock.plant)
+    robot.mock.plant.hold(True, ramp=0.0)
+    for word in ("reset", "activate"):
+        robot.lockstep.user.say("command", word)
+        report = robot.lockstep.cycle()
+    assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+
+
+def test_the_supervisor_does_not_damp_after_it(robot_of, bench):
+    on = bench("go2").activated(100)
+    assert on.efforts()[-1].any()
+    on.v[on.model.v_index] = 0.1
+    on.loop._bring_up.fault = Fault("UNEXPLAINED_MOTION", "joint 'FL_calf_joint' moves")
+    report = on.cycle()
+    assert report.mode is Mode.FAULT
+    assert not on.efforts()[-1].any()

@@ -1,0 +1,121 @@
+"""Stops a robot in its first seconds of control if its joints move otherwise than the torques sent explain.
+
+If torques reach other joints than intended, for example by another joint order in a driver, the joints run away within
+a few cycles. Damping would reach the wrong joints too, and often drives them. Therefore the response is zero torque.
+
+The unexplained velocity u of each joint decays with a time constant, and gains Δv - v̇ Δt in each step. The prediction v̇
+is that of the solution, corrected for torques that are not sent, for example during the activation ramp: N M⁻¹ Sᵀ Δτ,
+with N for the active contacts (`estimation.projection`). A stand or a person may hold the base or not: of both
+predictions, the better one counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from wbc_controller.estimation.projection import split_force
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array, Fault, JointCommand, RobotState, Solution
+
+#: Code of the fault.
+UNEXPLAINED_MOTION = "UNEXPLAINED_MOTION"
+#: Time constant of the decay, s.
+_MEMORY = 0.1
+#: Largest time between two states that are compared, s.
+_LARGEST_GAP = 0.02
+#: Speed of a prismatic joint that counts as much as one of 1 rad/s, m/s.
+_PRISMATIC = 0.2
+#: Torques not sent that are negligible, as a share of the effort limits.
+_NEGLIGIBLE = 0.02
+
+
+class BringUpWatch:
+    """Compares the motion of the joints with the torques sent, until the robot has been active for some time.
+
+    Attributes:
+        fault: unexplained motion in the last cycle, or None.
+    """
+
+    def __init__(self, model: RobotModel, time: float, speed: float) -> None:
+        """Make a watch for the first `time`, s, of active control, with the largest unexplained speed in rad/s."""
+        self.fault: Fault | None = None
+        self._model = model
+        self._left = time
+        self._limit = np.where(np.array(model.units) == "m", _PRISMATIC, 1.0) * speed
+        self._negligible = _NEGLIGIBLE * model.effort_limits
+        self._base = np.eye(6 if model.floating_base else 0, model.nv)
+        self._unexplained = np.zeros((2, model.nv))
+        self._before: tuple[RobotState, Array] | None = None  # state, and the predictions of v̇ from it, (2, nv)
+
+    def look(
+        self,
+        state: RobotState,
+        dynamics: Dynamics,
+        solution: Solution | None,
+        command: JointCommand | None,
+        jacobian: Callable[[tuple[str, ...]], Array],
+    ) -> None:
+        """Compare a state with its prediction, and set `fault`; arguments as for `ModelAudit.look`.
+
+        Args:
+            jacobian: returns the stacked Jacobian of contacts at this state, (k, nv), by their names.
+        """
+        self.fault = None
+        if self._left <= 0.0:
+            return
+        if solution is None or command is None:
+            self._before = None
+            return
+        before = self._before
+        gap = 1.0e-9 * (state.stamp - before[0].stamp) if before is not None else math.inf
+        if gap <= 0.0:  # the same state again: the torques that were sent first have acted for longer
+            return
+        if before is None or gap > _LARGEST_GAP:
+            self._unexplained[:] = 0.0
+        else:
+            self._left -= gap
+            self._unexplained *= math.exp(-gap / _MEMORY)
+            if not self._is_at_stop(state):
+                self._unexplained += state.v - before[0].v - gap * before[1]
+                self._judge()
+        self._before = state, self._predictions(dynamics, solution, command, jacobian)
+
+    def _predictions(
+        self,
+        dynamics: Dynamics,
+        solution: Solution,
+        command: JointCommand,
+        jacobian: Callable[[tuple[str, ...]], Array],
+    ) -> Array:
+        """Accelerations v̇ with a free and with a held base, (2, nv)."""
+        missing = command.tau - solution.tau
+        predictions = np.stack([solution.v_dot, solution.v_dot])
+        if (np.abs(missing) > self._negligible).any():
+            force = self._model.actuation.generalized_force(missing)
+            free = jacobian(tuple(solution.forces))
+            for prediction, J in zip(predictions, (free, np.vstack([free, self._base])), strict=True):
+                prediction += np.linalg.solve(dynamics.M, split_force(dynamics.M, J, force)[0])
+        return predictions
+
+    def _is_at_stop(self, state: RobotState) -> bool:
+        """Return whether a joint is beyond a position limit, so that forces act that the solution does not know."""
+        positions = state.q[self._model.q_places]
+        return bool(((positions < self._model.position_lower) | (positions > self._model.position_upper)).any())
+
+    def _judge(self) -> None:
+        """Set the fault if a joint exceeds the limit with both predictions."""
+        model = self._model
+        speeds = np.abs(self._unexplained[:, model.v_index]).min(axis=0)
+        worst = int((speeds / self._limit).argmax())
+        if not (speeds[worst] <= self._limit[worst]):
+            unit = f"{model.units[worst]}/s"
+            self.fault = Fault(
+                UNEXPLAINED_MOTION,
+                f"joint {model.joints[worst]!r} moves by {speeds[worst]:.2g} {unit} otherwise than the torques sent "
+                f"explain (limit {self._limit[worst]:g} {unit}, safety.bring_up_speed): they may reach other joints or "
+                "have another sign; compare the effort command's order with robot.actuators, by default robot.joints",
+            )
