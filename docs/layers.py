@@ -54,7 +54,9 @@ ROOMS = {
         "settings inverse_dynamics controller middleware",
         "numpy scipy pinocchio yaml click mcap zstandard",
     ),
-    "simulation": Room("settings inverse_dynamics controller middleware", "numpy scipy pinocchio coal mujoco pydantic"),
+    "simulation": Room(
+        "settings inverse_dynamics safety controller middleware", "numpy scipy pinocchio coal mujoco pydantic"
+    ),
     "nodes": Room(
         "settings inverse_dynamics estimation safety controller middleware recording simulation",
         "numpy pydantic rclpy rcl_interfaces std_srvs",

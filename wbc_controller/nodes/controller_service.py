@@ -158,7 +158,7 @@ def make_loop(
             lambda: {**inputs.status(), **recorded()},
         ),
         make_audit(settings, model),
-        BringUpWatch(model, settings.safety.bring_up_time, settings.safety.bring_up_speed),
+        BringUpWatch(model, settings.safety.bring_up_time, settings.safety.bring_up_speed, 1.0 / settings.control.rate),
         Ownership(graph, topics, settings.safety.torque_publishers, node, simulated=isinstance(clock, SimulatedClock)),
         clock,
         timer=timer,

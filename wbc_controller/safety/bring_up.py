@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from wbc_controller.estimation.projection import split_force
+from wbc_controller.inverse_dynamics.arrays import all_true
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Fault, JointCommand, RobotState, Solution
@@ -25,8 +26,8 @@ from wbc_controller.records import Array, Fault, JointCommand, RobotState, Solut
 UNEXPLAINED_MOTION = "UNEXPLAINED_MOTION"
 #: Time constant of the decay, s.
 _MEMORY = 0.1
-#: Largest time between two states that are compared, s.
-_LARGEST_GAP = 0.02
+#: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
+_LARGEST_GAP = 3.5
 #: Speed of a prismatic joint that counts as much as one of 1 rad/s, m/s.
 _PRISMATIC = 0.2
 #: Torques not sent that are negligible, as a share of the effort limits.
@@ -40,16 +41,23 @@ class BringUpWatch:
         fault: unexplained motion in the last cycle, or None.
     """
 
-    def __init__(self, model: RobotModel, time: float, speed: float) -> None:
-        """Make a watch for the first `time`, s, of active control, with the largest unexplained speed in rad/s."""
+    def __init__(self, model: RobotModel, time: float, speed: float, period: float) -> None:
+        """Make a watch for the first `time`, s, of active control.
+
+        Args:
+            speed: largest unexplained speed of a joint, rad/s.
+            period: control period, s.
+        """
         self.fault: Fault | None = None
         self._model = model
-        self._left = time
+        self._left, self._largest_gap = time, _LARGEST_GAP * period
         self._limit = np.where(np.array(model.units) == "m", _PRISMATIC, 1.0) * speed
+        self._limits = np.full(model.nv, np.inf)
+        self._limits[model.v_index] = self._limit
         self._negligible = _NEGLIGIBLE * model.effort_limits
         self._base = np.eye(6 if model.floating_base else 0, model.nv)
         self._unexplained = np.zeros((2, model.nv))
-        self._before: tuple[RobotState, Array] | None = None  # state, and the predictions of v̇ from it, (2, nv)
+        self._before: tuple[RobotState, Array] | None = None  # state, and the predictions of v̇ from it
 
     def look(
         self,
@@ -74,7 +82,7 @@ class BringUpWatch:
         gap = 1.0e-9 * (state.stamp - before[0].stamp) if before is not None else math.inf
         if gap <= 0.0:  # the same state again: the torques that were sent first have acted for longer
             return
-        if before is None or gap > _LARGEST_GAP:
+        if before is None or gap > self._largest_gap:
             self._unexplained[:] = 0.0
         else:
             self._left -= gap
@@ -91,25 +99,28 @@ class BringUpWatch:
         command: JointCommand,
         jacobian: Callable[[tuple[str, ...]], Array],
     ) -> Array:
-        """Accelerations v̇ with a free and with a held base, (2, nv)."""
+        """Accelerations v̇ with a free and with a held base, (2, nv), or (nv,) if they are equal."""
         missing = command.tau - solution.tau
-        predictions = np.stack([solution.v_dot, solution.v_dot])
-        if (np.abs(missing) > self._negligible).any():
-            force = self._model.actuation.generalized_force(missing)
-            free = jacobian(tuple(solution.forces))
-            for prediction, J in zip(predictions, (free, np.vstack([free, self._base])), strict=True):
-                prediction += np.linalg.solve(dynamics.M, split_force(dynamics.M, J, force)[0])
-        return predictions
+        if all_true(np.abs(missing) <= self._negligible):
+            return solution.v_dot
+        force = self._model.actuation.generalized_force(missing)
+        free = jacobian(tuple(solution.forces))
+        held = np.vstack([free, self._base])
+        changes = [np.linalg.solve(dynamics.M, split_force(dynamics.M, J, force)[0]) for J in (free, held)]
+        return solution.v_dot + np.array(changes)
 
     def _is_at_stop(self, state: RobotState) -> bool:
         """Return whether a joint is beyond a position limit, so that forces act that the solution does not know."""
         positions = state.q[self._model.q_places]
-        return bool(((positions < self._model.position_lower) | (positions > self._model.position_upper)).any())
+        return not all_true((positions >= self._model.position_lower) & (positions <= self._model.position_upper))
 
     def _judge(self) -> None:
         """Set the fault if a joint exceeds the limit with both predictions."""
+        speeds = np.abs(self._unexplained)
+        if all_true(speeds <= self._limits):
+            return
         model = self._model
-        speeds = np.abs(self._unexplained[:, model.v_index]).min(axis=0)
+        speeds = speeds[:, model.v_index].min(axis=0)
         worst = int((speeds / self._limit).argmax())
         if not (speeds[worst] <= self._limit[worst]):
             unit = f"{model.units[worst]}/s"

@@ -24,6 +24,7 @@ from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
+from wbc_controller.safety.damping import damping_matrix, stable_damping
 from wbc_controller.settings import FixedContact, PointContact, Settings, SurfaceContact
 from wbc_controller.settings.resources import locate
 from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
@@ -36,8 +37,6 @@ _log = logging.getLogger(__name__)
 
 #: Largest force or torque of a push, N or N·m: a larger value is a mistaken unit, and would break the simulation.
 PUSH_LIMIT = 1.0e5
-#: Largest share of a joint's velocity that damping may remove within one step.
-DAMPING_SHARE = 0.25
 #: A robot has fallen if its base is tilted by more, rad, or is below this share of its initial height.
 FALLEN_TILT, FALLEN_HEIGHT = math.radians(60.0), 0.5
 
@@ -108,11 +107,9 @@ class Plant:
         )
         self._count = 0
         self._tau = np.zeros(model.na)
-        self._damping: Array | None = None
-        # Sampled damping is stable only if step times damping times (M⁻¹)ⱼⱼ stays well below 1.
-        most = DAMPING_SHARE / (self.step_seconds * self.model.dof_invweight0[self._dof])
-        # Through a transmission, damping is certain to brake only if it is equal for all joints.
-        self._most_damping = most if model.actuation.direct else np.full(model.nj, most[model.actuation.driven].min())
+        self._wanted_damping, self._damping_matrix = math.nan, np.zeros((model.na, model.nj))
+        self.damp(settings.mock.damping)
+        self._damps = False
         self._pushes: list[_Push] = []
         self._imus: dict[str, _Body] = {}
         self._moved: dict[str, deque[Array]] = {}  # velocity of each of them in the world after each step of a period
@@ -167,8 +164,8 @@ class Plant:
     def applied_torques(self) -> Array:
         """Torques of the actuators, (na,) in N·m: the commanded torques within the limits, or the damping torques."""
         tau = self._tau
-        if self._damping is not None:
-            tau = -self._robot.actuation.from_joints(self._damping * self.data.qvel[self._dof])
+        if self._damps:
+            tau = -(self._damping_matrix @ self.data.qvel[self._dof])
         return np.array(np.clip(tau, -self.effort_limits, self.effort_limits))
 
     def state(self) -> tuple[Array, Array]:
@@ -295,7 +292,7 @@ class Plant:
         """
         torques = np.asarray(tau, dtype=np.float64)
         self.check_torques(torques)
-        self._tau, self._damping, self._stale = torques.copy(), None, True
+        self._tau, self._damps, self._stale = torques.copy(), False, True
 
     def check_torques(self, tau: Array) -> None:
         """Refuse torques that `apply` would refuse.
@@ -316,7 +313,10 @@ class Plant:
 
         The damping, in N·m·s/rad, is reduced if it would be unstable with the simulation's time step.
         """
-        self._damping, self._stale = np.minimum(damping, self._most_damping), True
+        if damping != self._wanted_damping:
+            D = stable_damping(self._robot, damping, self.step_seconds)
+            self._wanted_damping, self._damping_matrix = damping, damping_matrix(self._robot.actuation, D)
+        self._damps = self._stale = True
 
     def lock(self, joint: str) -> Callable[[], None]:
         """Lock a joint at its present position, as a brake does.

@@ -42,7 +42,8 @@ class EstimationTrial(Lockstep):
         Raises:
             ConfigurationError: if the robot cannot be controlled or simulated.
         """
-        settings = load(robot).replace({"control.markers_rate": 0.0, **changes}).settings
+        wanted = {"control.markers_rate": 0.0, "safety.bring_up_time": 0.0, **changes}
+        settings = load(robot).replace(wanted).settings
         model = make_model(settings)
         measured = [each for each in controller_endpoints(settings, model) if each.key == "measured_wrench"]
         remappings = {f"~/contacts/{each.subject}/wrench": each.name for each in measured if force_sensors}
