@@ -132,6 +132,7 @@ class ControlLoop:
         decided = timer()
         outputs.publish_command(result)
         sent = timer()
+        self._inputs.compare_odometry(controller.holding, held=controller.mode in _UNDER_CONTROL)
         controller.explain_failure(now)
         state, solution, references = result.state, result.solution, result.references
         audit = None
