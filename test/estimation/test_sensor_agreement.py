@@ -16,7 +16,7 @@ QUARTER = pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2.0)
 def motion(time):
     """A turn in rad and a displacement in m about and along all axes, (2, 3)."""
     return np.array([[0.03, 0.02, 0.015], [0.01, 0.03, 0.02]]) * np.sin(
-        time * np.array([[5.0, 7.0, 9.0], [6.0, 8.0, 4.0]])
+        time * np.array([[5.0, 8.0, 12.0], [6.0, 11.0, 15.0]])
     )
 
 
