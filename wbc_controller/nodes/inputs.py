@@ -107,7 +107,7 @@ class Inputs:
         self._clock = clock
         self.requests = Requests(vocabulary, prepare, self.wake)
         self._woken = False
-        self._clock_tolerance = clock_tolerance
+        self.clock_tolerance = clock_tolerance  # s; None if the clocks are not synchronized
         self._velocity_filter = velocity_filter
         self.estimator = estimator  # the estimator of the base; None if its state is measured
         self._agreement = agreement
@@ -201,9 +201,9 @@ class Inputs:
             self._base = None
 
     def _tracker(self) -> StampTracker:
-        if self._clock_tolerance is None:
+        if self.clock_tolerance is None:
             return StampTracker()
-        return StampTracker(self._clock.ahead, self._clock_tolerance)
+        return StampTracker(self._clock.ahead, self.clock_tolerance)
 
     def latch(self, holding: Collection[str] = (), *, held: bool = False) -> LatchedInputs:
         """Decode the newest states, assemble the robot's state, and take the requests that have been read.
@@ -359,7 +359,7 @@ class Inputs:
             waited = part.stamps.waited(now)
             if name in self._refusals:
                 notes[name] = f"last refusal: {self._refusals[name]}"
-            elif waited > _WAITED and self._clock_tolerance is not None:
+            elif waited > _WAITED and self.clock_tolerance is not None:
                 notes[name] = f"{waited:.3f} s of it on its way, or the clocks are not synchronized"
             elif waited > _WAITED:
                 notes[name] = f"{waited:.3f} s of it on its way"
