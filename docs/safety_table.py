@@ -14,6 +14,10 @@ TESTS = {
         "nodes/test_clock.py::test_clocks_that_part_are_a_fault_that_says_by_how_much",
     "the estimated base: finite, its slowest contact below 0.12 m/s":
         "nodes/test_base_from_imu.py::test_an_imu_that_contradicts_all_contacts_is_a_fault_with_the_size",
+    "axes and units of the odometry, against its pose and the legs":
+        "integration/test_wrong_sensor_axes.py::test_the_wrong_axis_or_unit_is_named",
+    "axes and units of the IMU, against the legs":
+        "integration/test_wrong_sensor_axes.py::test_the_wrong_axis_or_unit_is_named",
     "magnitude of joint positions and base coordinates":
         "safety/test_plausibility.py::test_positions_that_no_robot_has_are_a_fault_and_are_not_compared_with",
     "speeds of the joints and the base": "safety/test_plausibility.py::test_velocities_that_no_robot_has_are_a_fault",

@@ -5,8 +5,14 @@ import pytest
 from own_classes import Ceiling, Grip, Height
 
 import wbc_controller as wbc
+from wbc_controller.controller.build.estimation import contact_normals
 from wbc_controller.controller.controller import Controller
+from wbc_controller.inverse_dynamics.contacts import FixedContact, SurfaceContact, placement_of
+from wbc_controller.inverse_dynamics.contacts.support import Rectangle
+from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
+from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
+from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Mode
 
 PERIOD = 0.002
@@ -250,3 +256,23 @@ def test_a_method_that_only_pictures_use_damps_the_robot_too(service):
     fault = service.loop.controller.fault
     assert (service.loop.controller.mode, fault.code) == (Mode.DAMPING, "METHOD_FAILED")
     assert "contact 'grip': Grip.points() returned shape (1, 2), expected (1, 3)" in fault.sentence
+
+
+@pytest.mark.parametrize("kind", ["surface", "fixed"])
+def test_own_contacts_of_known_kinds_are_accepted_if_the_base_is_estimated(kind):
+    def brace(model):
+        place = placement_of([0.1, 0.0, 0.0])
+        if kind == "fixed":
+            made = FixedContact("brace", model, "torso_link", place)
+        else:
+            made = SurfaceContact("brace", model, "torso_link", place, Rectangle(0.02, 0.02))
+        made.enabled = False
+        return made
+
+    config = wbc.load("g1").replace({"estimation.base_state": "imu"})
+    controller = wbc.Controller(config, contacts=[brace], preflight=False)
+    topics = controller_endpoints(controller.config.settings, controller.model)
+    loop = make_loop(controller, MemoryTransport(MemoryBus()), ManualClock(), topics)
+    assert loop.estimator is not None
+    normals = contact_normals(controller.model, controller.contacts)["brace"]
+    np.testing.assert_allclose(normals["torso_link"], [0.0, 0.0, 1.0], atol=1e-9)

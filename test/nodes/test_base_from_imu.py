@@ -372,7 +372,7 @@ def test_the_normal_is_known_in_the_frames_in_which_forces_are_measured(robot_of
     settings, model = robot_of("g1")
     contacts = make_qp(settings, model).contacts
     name, spec = next(iter(settings.contacts.items()))
-    normals = contact_normals(settings, model, {name: contacts[name]})[name]
+    normals = contact_normals(model, {name: contacts[name]})[name]
     dynamics = Dynamics(model)
     normal = contacts[name].placement(dynamics).rotation[:, 2]
     for frame in (spec.frame, *set(normals) - {"", name}):
@@ -381,7 +381,7 @@ def test_the_normal_is_known_in_the_frames_in_which_forces_are_measured(robot_of
     assert "world" not in normals
     go2, dog = robot_of("go2")
     slope = changed(go2, {"contacts": {FEET[0]: {"normal": [0.0, 1.0, 1.0]}}})
-    found = contact_normals(slope, dog, {FEET[0]: make_contact(FEET[0], slope.contacts[FEET[0]], dog)})[FEET[0]]
+    found = contact_normals(dog, {FEET[0]: make_contact(FEET[0], slope.contacts[FEET[0]], dog)})[FEET[0]]
     assert set(found) == {"", FEET[0], "world"}
     np.testing.assert_allclose(found["world"], np.array([0.0, 1.0, 1.0]) / np.sqrt(2.0))
     np.testing.assert_allclose(found[""], [0.0, 0.0, 1.0])

@@ -70,7 +70,7 @@ def test_a_jump_back_is_seen_though_the_time_has_passed_the_old_one_when_it_is_r
 
 def test_the_resolution_is_the_smallest_of_the_newest_steps(clock_and_time):
     clock, publish = clock_and_time
-    for time_ms, step in ((100, 0.0), (200, 0.1), (200, 0.1), (300, 0.1)):
+    for time_ms, step in ((100, np.inf), (200, 0.1), (200, 0.1), (300, 0.1)):
         publish(time_ms * 1_000_000)
         clock.refresh()
         assert clock.resolution() == pytest.approx(step)
@@ -433,6 +433,52 @@ def test_a_coarse_clock_is_not_said_to_have_stood_still(simulated, rate, said):
         sentences += [*report.refused, report.fault.sentence if report.fault is not None else ""]
     assert not any("stood still" in sentence for sentence in sentences)
     assert any(f"the clock moves {said}, too coarse to measure ages up to 50 ms" in each for each in sentences)
+
+
+@pytest.mark.parametrize("asked", [1, 20, 220, 260])
+@pytest.mark.parametrize(
+    ("changes", "rate", "said"),
+    [
+        (None, 10, "in steps of 100 ms, too coarse to measure ages up to 50 ms (safety.state_timeout)"),
+        (SYNCHRONIZED, 10, "in steps of 100 ms, too coarse to measure ages up to 10 ms (safety.clock_tolerance)"),
+        (SYNCHRONIZED, 50, "in steps of 20 ms, too coarse to measure ages up to 10 ms (safety.clock_tolerance)"),
+    ],
+)
+def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes, rate, said, asked):
+    """Whenever the activation is requested: in the first step of the clock, at a time of it, or between two."""
+    controller = bench(changes=changes)
+    controller.loop = controller.remake(clock_of(controller.topics, controller.transport))
+    every, refused = round(1.0 / (rate * controller.period)), []
+    for number in range(400):
+        time_and_state(controller, with_time=number % every == 0)
+        if number == asked:
+            controller.command("activate")
+        report = controller.loop.cycle()
+        refused += [sentence for sentence in report.refused if "'activate'" in sentence]
+        assert report.mode is Mode.INACTIVE
+    assert len(refused) == 1
+    assert said in refused[0] or (asked < every and "the step of the clock is unknown" in refused[0])
+
+
+def test_an_activation_at_the_start_waits_for_the_step_of_the_clock(bench):
+    controller = bench()
+    controller.loop = controller.remake(clock_of(controller.topics, controller.transport))
+    controller.loop._activate_when_fresh = True
+    modes = []
+    for number in range(20):
+        time_and_state(controller, with_time=number in (0, 10, 11))
+        modes.append(controller.loop.cycle().mode)
+    assert modes == [Mode.INACTIVE] * 10 + [Mode.ACTIVE] * 10
+
+
+@pytest.mark.parametrize(("changes", "rate"), [(None, 20), (SYNCHRONIZED, 100)])
+def test_a_clock_as_fine_as_the_limit_is_accepted(bench, changes, rate):
+    controller = bench(changes=changes)
+    controller.loop = controller.remake(clock_of(controller.topics, controller.transport))
+    every = round(1.0 / (rate * controller.period))
+    states_with_time(controller, 3 * every, every=every)
+    controller.command("activate")
+    assert states_with_time(controller, 500, every=every).mode is Mode.ACTIVE
 
 
 def test_a_state_that_becomes_stale_in_simulated_time_while_the_torques_are_computed_sends_none(starved, monkeypatch):

@@ -16,6 +16,7 @@ from wbc_controller.estimation.invariant_filter import ImuNoise, InvariantFilter
 from wbc_controller.estimation.leg_kinematics import LegKinematics, Sight
 from wbc_controller.estimation.planar_transform import IDENTITY, PlanarTransform
 from wbc_controller.estimation.rolling import Rolling
+from wbc_controller.estimation.sensor_agreement import PERIOD, SensorAgreement, gravity_contradiction
 from wbc_controller.inverse_dynamics.arrays import all_true, cross, sum_of_squares
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
@@ -81,8 +82,9 @@ class BaseEstimator:
     A contact whose kinematics contradict the estimate by more than noise is excluded: it slips, or has lifted off. It
     is added again at its present place when it is at rest, or at once if no other contact is left.
 
-    If all contacts move in the estimate (`consistency`), the IMU is silent, or a number is not finite, the estimate is
-    lost. It starts again when the robot stands still.
+    If all contacts move in the estimate (`consistency`), the gyroscope's axes or unit contradict the legs
+    (`sensor_agreement`), the IMU is silent, or a number is not finite, the estimate is lost. It starts again when the
+    robot stands still.
 
     Attributes:
         imu_frame: name of the IMU's frame.
@@ -234,6 +236,8 @@ class BaseEstimator:
                 f"the robot has to stand still for {sensors.settling:g} s: its angular velocity varies by {wobble:.3g} "
                 f"rad/s (limit {sensors.stillness:g}, estimation.stillness)"
             )
+            if wobble <= np.degrees(sensors.stillness):
+                self._waits_for += "; the noise of a gyroscope in deg/s, instead of rad/s, may do so"
         elif not turn <= _MOST_BIAS:
             self._waits_for = (
                 f"the IMU turns at {turn:.3g} rad/s (limit {_MOST_BIAS:g}): the robot turns, or the gyroscope is wrong"
@@ -245,6 +249,8 @@ class BaseEstimator:
             )
         elif not holding:
             self._waits_for = "no contact holds that does not roll or belong to two links of the robot"
+        elif contradiction := gravity_contradiction(self._kinematics, holding, force.mean(axis=0) / pull):
+            self._waits_for = f"the accelerometer contradicts the legs: {contradiction}"
         else:
             filter = self._initial_filter(turning.mean(axis=0), force.mean(axis=0), holding)
             poses = (
@@ -313,6 +319,9 @@ class _Running:
         self._anchoring = Anchoring()
         self._rolling = Rolling(kinematics.rolling)
         self._consistency = ContactConsistency(kinematics)
+        self._agreement, self._bias = SensorAgreement(kinematics, "the gyroscope", moves=False), filter.gyroscope_bias
+        self._agreed = False
+        self._turned, self._compared = np.zeros(3), last.stamp  # turn since the last comparison, rad, and its stamp
         self._largest_square = {
             name: float(chdtri(3 * len(points), _SLIP)) for name, points in kinematics.points.items()
         }
@@ -340,6 +349,8 @@ class _Running:
         except np.linalg.LinAlgError as error:
             return str(error)
         lost = self.broken() or self._contradicted(tuple(holding), self.stamp - before)
+        if lost is None and self.stamp - self._compared >= PERIOD:
+            lost = self._compare_turns(tuple(holding))
         if lost is None and self.poses is not None:
             self.poses.follow(self.stamp)
         elif lost is None and self._anchoring.due(self.stamp):
@@ -359,10 +370,25 @@ class _Running:
         contacts.update(holding, found.rotation, found.velocity, omega, elapsed)
         if contacts.speed <= LIMIT:
             return None
+        wrong_axes = self._compare_turns(holding, at_once=True)
+        if wrong_axes is not None:
+            return wrong_axes
+        agree = self._agreed or self._agreement.comparison.turns_agree
+        wrong = "accelerometer (the gyroscope agrees with the legs)" if agree else "IMU"
         return (
             f"the IMU contradicts all contacts ({', '.join(holding)}): by its data each of them moves at "
-            f"{contacts.speed:.2f} m/s or more (limit {LIMIT:g} m/s); the IMU is wrong, or no contact holds"
+            f"{contacts.speed:.2f} m/s or more (limit {LIMIT:g} m/s); the {wrong} is wrong, or no contact holds"
         )
+
+    def _compare_turns(self, holding: tuple[str, ...], *, at_once: bool = False) -> str | None:
+        """Compare the gyroscope with the legs (`sensor_agreement`) until they have agreed about all axes."""
+        elapsed, self._compared = self.stamp - self._compared, self.stamp
+        turned, self._turned = self._turned, np.zeros(3)
+        if self._agreed or not holding:
+            return None
+        found = self._agreement.look(elapsed, turned[None], holding, at_once=at_once)
+        self._agreed = found is None and self._agreement.comparison.agreed
+        return found
 
     @property
     def odometry(self) -> PlanarTransform:
@@ -411,11 +437,9 @@ class _Running:
     def _propagate(self, sample: ImuSample, dt: float) -> None:
         """Propagate to an IMU sample, with the mean of this sample and the previous one."""
         last, self._last, self._interval = self._last, sample, dt
-        self.filter.propagate(
-            0.5 * (sample.angular_velocity + last.angular_velocity),
-            0.5 * (sample.specific_force + last.specific_force),
-            dt,
-        )
+        turning = 0.5 * (sample.angular_velocity + last.angular_velocity)
+        self.filter.propagate(turning, 0.5 * (sample.specific_force + last.specific_force), dt)
+        self._turned += dt * (turning - self._bias)
         if self._rolling.names:
             self._roll_balls(dt)
 

@@ -57,6 +57,11 @@ class _Touch:
     ends: np.ndarray
     points: Array
 
+    @property
+    def links(self) -> np.ndarray:
+        """Index of the joint that moves each point, (k,)."""
+        return np.repeat(self.joints, np.diff(self.ends, prepend=0))
+
     @staticmethod
     def of(touches: Sequence[_Touch]) -> _Touch:
         """Several as one."""
@@ -78,6 +83,7 @@ class LegKinematics:
         points: names of the points of each contact, by the contact's name.
         rolling: of contacts that are balls, the vector from the contact point to the centre, in the world, (3,) in m:
             their point is the centre, which moves as the ball rolls.
+        soles: names of the contacts that are soles.
         imu_rotation: from the axes of the IMU to those of the base, (3, 3).
         imu_position: of the IMU in the base's axes, (3,) in m.
         imu_motion: twist of the IMU against the base, in the base's axes, (6,) in m/s and rad/s.
@@ -117,6 +123,7 @@ class LegKinematics:
         self._noise = joint_noise, point_noise
         self.points: dict[str, tuple[str, ...]] = {}
         self.rolling: dict[str, Array] = {}
+        self.soles: tuple[str, ...] = ()
         self._touches: dict[str, _Touch] = {}
         self._together: dict[tuple[str, ...], _Touch] = {}
         self._sights: dict[tuple[str, ...], Sight] = {}  # at the joints' present state
@@ -126,6 +133,7 @@ class LegKinematics:
                 continue
             if isinstance(contact, SurfaceContact):
                 corners = contact.points(dynamics)[:_CORNERS]
+                self.soles += (name,)
             elif isinstance(contact, FixedContact):
                 corners = np.array([contact.placement(dynamics).act(offset) for offset in _ARM])
             elif isinstance(contact, PointContact) and contact.ball:
@@ -160,6 +168,11 @@ class LegKinematics:
         twist[:3] += cross(twist[3:], self.imu_position)
         self.imu_motion = twist
 
+    def center_of_mass(self) -> Array:
+        """Position of the centre of mass from the IMU and in its axes, (3,) in m."""
+        center = pin.centerOfMass(self._pinocchio, self._data, self._q)
+        return np.asarray((center - self.imu_position) @ self.imu_rotation)
+
     def frame(self, name: str, key: str) -> tuple[int, pin.SE3]:
         """The joint that moves a frame, and the frame's placement on it, for `from_imu`; the key names its setting.
 
@@ -180,20 +193,30 @@ class LegKinematics:
             self._sights[contacts] = self._look(contacts)
         return self._sights[contacts]
 
+    def places(self, contacts: tuple[str, ...]) -> Array:
+        """Positions of the points of some contacts, y = Rᵀ (r - p) in the axes of the IMU, (k, 3) in m."""
+        return np.asarray((self._points(self._touch(contacts)) - self.imu_position) @ self.imu_rotation)
+
+    def _touch(self, contacts: tuple[str, ...]) -> _Touch:
+        if contacts not in self._together:
+            self._together[contacts] = _Touch.of([self._touches[name] for name in contacts])
+        return self._together[contacts]
+
+    def _points(self, touch: _Touch) -> Array:
+        """Positions of the points in the base's axes, (k, 3) in m."""
+        placements = self._data.oMi
+        return np.array(
+            [placements[link].act(point) for link, point in zip(touch.links.tolist(), touch.points, strict=True)]
+        )
+
     def _look(self, contacts: tuple[str, ...]) -> Sight:
         """Compute the points of some contacts in the axes of the IMU, y = Rᵀ (r - p), and the Jacobian ẏ = D v.
 
         With Δ the columns of the joints that move the point's link, minus those that move the IMU's link,
         D = Rᵀ (Δ_linear - r × Δ_angular).
         """
-        if contacts not in self._together:
-            self._together[contacts] = _Touch.of([self._touches[name] for name in contacts])
-        touch, R, J = self._together[contacts], self.imu_rotation, self._data.J
-        k, counts = len(touch.names), np.diff(touch.ends, prepend=0)
-        links = np.repeat(touch.joints, counts)
-        r = np.array(
-            [self._data.oMi[link].act(point) for link, point in zip(links.tolist(), touch.points, strict=True)]
-        )
+        touch, R, J = self._touch(contacts), self.imu_rotation, self._data.J
+        k, links, r = len(touch.names), touch.links, self._points(touch)
         difference = J * (self._moves[links] - self._moves[self._imu_joint])[:, None]  # (k, 6, nv)
         D = (R.T @ (difference[:, :3] - hats(r) @ difference[:, 3:])).reshape(3 * k, -1)
         joint_noise, point_noise = self._noise

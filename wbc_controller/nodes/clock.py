@@ -23,7 +23,7 @@ class Clock(Protocol):
         return 0.0
 
     def resolution(self) -> float:
-        """Return the step between two times of the clock, s; 0 if it runs continuously, or the step is unknown."""
+        """Return the step between two times of the clock, s; 0 if it runs continuously, infinite if unknown yet."""
         return 0.0
 
     def refresh(self) -> None:

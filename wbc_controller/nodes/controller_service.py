@@ -13,6 +13,7 @@ from pathlib import Path
 from wbc_controller.controller.build.estimation import (
     estimates_base,
     make_estimator,
+    make_odometry_agreement,
     make_sensing,
     make_velocity_filter,
 )
@@ -136,6 +137,7 @@ def make_loop(
         partial(controller.live.prepare, source="update"),
         clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
         estimator=make_estimator(settings, model, published) if estimated else None,
+        agreement=make_odometry_agreement(settings, model, published),
         sensing=make_sensing(settings, model, published) if estimated else None,
         velocity_filter=make_velocity_filter(settings),
     )

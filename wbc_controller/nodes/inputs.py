@@ -23,6 +23,7 @@ from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
 from wbc_controller.estimation.contact_detection import ContactSensing
 from wbc_controller.estimation.joint_velocity import VelocityFilter
+from wbc_controller.estimation.odometry_agreement import OdometryAgreement
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import decoding
 from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
@@ -82,6 +83,7 @@ class Inputs:
         clock_tolerance: largest time by which a timestamp may be ahead of the clock, s; None if the clocks are not
             synchronized.
         estimator: estimates a floating base; None if its odometry is measured elsewhere.
+        agreement: compares odometry with the legs; None to compare nothing.
         sensing: the sensors at the contacts that the estimate uses; None to read none.
         velocity_filter: computes joint velocities from positions; None if they are measured.
     """
@@ -97,6 +99,7 @@ class Inputs:
         *,
         clock_tolerance: float | None = None,
         estimator: BaseEstimator | None = None,
+        agreement: OdometryAgreement | None = None,
         sensing: ContactSensing | None = None,
         velocity_filter: VelocityFilter | None = None,
     ) -> None:
@@ -104,9 +107,10 @@ class Inputs:
         self._clock = clock
         self.requests = Requests(vocabulary, prepare, self.wake)
         self._woken = False
-        self._clock_tolerance = clock_tolerance
+        self.clock_tolerance = clock_tolerance  # s; None if the clocks are not synchronized
         self._velocity_filter = velocity_filter
         self.estimator = estimator  # the estimator of the base; None if its state is measured
+        self._agreement = agreement
         self._imu: list[ImuSample] = []  # not estimated from yet
         self._poses: list[PoseSample] = []
         self._base: tuple[Array, Array] | None = None  # pose and twist, estimated in the last cycle
@@ -189,15 +193,17 @@ class Inputs:
             self._contact_sensors.restart()
 
     def restart_estimate(self) -> None:
-        """Start the estimate of the base again: the robot has to stand still."""
+        """Start the estimate of the base, or the comparison of odometry, again: the robot has to stand still."""
+        if self._agreement is not None:
+            self._agreement.restart()
         if self.estimator is not None:
             self.estimator.restart()
             self._base = None
 
     def _tracker(self) -> StampTracker:
-        if self._clock_tolerance is None:
+        if self.clock_tolerance is None:
             return StampTracker()
-        return StampTracker(self._clock.ahead, self._clock_tolerance)
+        return StampTracker(self._clock.ahead, self.clock_tolerance)
 
     def latch(self, holding: Collection[str] = (), *, held: bool = False) -> LatchedInputs:
         """Decode the newest states, assemble the robot's state, and take the requests that have been read.
@@ -234,6 +240,14 @@ class Inputs:
             requests=self.requests.take() if self.requests.wait_to_be_taken() else TakenRequests(),
             estimate=self._pose_notes(),
         )
+
+    def compare_odometry(self, holding: Collection[str], *, held: bool) -> None:
+        """Compare the newest odometry with the legs, after the torques are sent; arguments as for `latch`."""
+        joints, odometry = self._sources["joint_states"].newest, self._newest_base()
+        if self._agreement is None or joints is None or not odometry:
+            return
+        stamp = 1.0e-9 * self._sources["odom"].newest.stamp
+        self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, held=held)
 
     def _decode(self, endpoint: Endpoint, arrival: float, payload: bytes, refused: list[str]) -> None:
         """Decode one message, judge its timestamp, and keep it; a refused message leaves the last one in force."""
@@ -314,6 +328,8 @@ class Inputs:
             timeout: largest allowed age, s.
         """
         stale = stale_inputs(ages, timeout, self.notes)
+        if stale is None and self._agreement is not None and self._agreement.contradiction is not None:
+            return Fault("IMPLAUSIBLE_STATE", self._agreement.contradiction)
         if stale is None or self.estimator is None or not self.estimator.lost:
             return stale
         measured = {name: age for name, age in ages.items() if name != ESTIMATE}
@@ -343,7 +359,7 @@ class Inputs:
             waited = part.stamps.waited(now)
             if name in self._refusals:
                 notes[name] = f"last refusal: {self._refusals[name]}"
-            elif waited > _WAITED and self._clock_tolerance is not None:
+            elif waited > _WAITED and self.clock_tolerance is not None:
                 notes[name] = f"{waited:.3f} s of it on its way, or the clocks are not synchronized"
             elif waited > _WAITED:
                 notes[name] = f"{waited:.3f} s of it on its way"

@@ -37,6 +37,8 @@ _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
 _SWITCH_INTERVAL = 5.0e-4
 #: Modes in which the torques follow the references, or hold.
 _UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
+#: Rounding of the times of a clock, s.
+_ROUNDING = 1.0e-6
 #: Requests that undo an activation in the same cycle.
 _WITHDRAWN = ("damp", "reset")
 
@@ -103,6 +105,9 @@ class ControlLoop:
             self._inputs.restart_estimate()
             ages = self._inputs.ages()
         problem = Fault("CLOCK", trouble) if trouble else self._inputs.fault(ages, timeout) or self._bring_up.fault
+        if not trouble and (problem is not None or before not in _UNDER_CONTROL):
+            coarse = self._coarse_clock(stall, timeout)
+            problem = Fault("CLOCK", coarse) if coarse else problem
         self._ownership.refresh(now)
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
@@ -134,6 +139,7 @@ class ControlLoop:
         decided = timer()
         outputs.publish_command(result)
         sent = timer()
+        self._inputs.compare_odometry(controller.holding, held=controller.mode in _UNDER_CONTROL)
         controller.explain_failure(now)
         state, solution, references = result.state, result.solution, result.references
         audit = None
@@ -169,12 +175,25 @@ class ControlLoop:
             timeout: limit of the ages, s.
         """
         step = self._clock.resolution()
-        if stall <= 2.0 * step:  # its next message may just be late
-            return (
-                f"the clock moves in steps of {1e3 * step:.0f} ms, too coarse to measure ages up to "
-                f"{1e3 * timeout:.0f} ms (safety.state_timeout): publish it at the rate of the states"
-            )
+        if stall <= 2.0 * step < math.inf:  # its next message may just be late
+            return _coarse_sentence(step, timeout, "state_timeout")
         return f"the clock has stood still for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
+
+    def _coarse_clock(self, stall: float, timeout: float) -> str | None:
+        """Return a sentence if the clock's steps are too coarse for ages and stamps, or unknown in a stall; else None.
+
+        Between two times of a synchronized clock, the stamps of the states are ahead of it by up to one step.
+        """
+        step, limit, key = self._clock.resolution(), timeout, "state_timeout"
+        tolerance = self._inputs.clock_tolerance
+        if tolerance is not None and tolerance < timeout:
+            limit, key = tolerance, "clock_tolerance"
+        if math.isinf(step) and stall > 0.0:
+            return (
+                f"the step of the clock is unknown: it has shown one time only, and the states' stamps have advanced "
+                f"by {1e3 * stall:.0f} ms since then"
+            )
+        return _coarse_sentence(step, limit, key) if limit + _ROUNDING < step < math.inf else None
 
     def _takes_reset(self, words: tuple[str, ...]) -> bool:
         """Return whether the supervisor accepts the first 'reset' of some requests: it does unless it is in control."""
@@ -192,7 +211,7 @@ class ControlLoop:
                 _log.warning("the activation at the start waits: %s", "; ".join(contested))
             sentence = f"command 'activate' is refused: {'; '.join(contested)}"
             return tuple(word for word in words if word != "activate"), (sentence,) * words.count("activate")
-        if self._activate_when_fresh and problem is None:
+        if self._activate_when_fresh and problem is None and math.isfinite(self._clock.resolution()):
             self._activate_when_fresh = False
             words = ("activate", *words)
         return words, ()
@@ -321,3 +340,11 @@ class ControlLoop:
     def _patience(self, period: float) -> float:
         """Return the time to wait for the next joint state, s: until the last one is stale, then one period."""
         return max(period, min(self._fresh_until - self._clock.now(), self.controller.state_timeout))
+
+
+def _coarse_sentence(step: float, limit: float, key: str) -> str:
+    """Return a sentence on a clock whose step, s, is above a limit, s, of the settings."""
+    return (
+        f"the clock moves in steps of {1e3 * step:.0f} ms, too coarse to measure ages up to {1e3 * limit:.0f} ms "
+        f"(safety.{key}): publish it at the rate of the states"
+    )

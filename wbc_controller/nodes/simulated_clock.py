@@ -77,8 +77,8 @@ class SimulatedClock:
         self._now = (stamp + self._gone_back) * 1.0e-9
 
     def resolution(self) -> float:
-        """Smallest of the newest steps of the clock, s; 0 before the second message."""
-        return min(self._steps, default=0) * 1.0e-9
+        """Smallest of the newest steps of the clock, s; infinite before the second time."""
+        return min(self._steps, default=math.inf) * 1.0e-9
 
     def now(self) -> float:
         """Time since some fixed instant, s; 0 before the first message."""

@@ -17,6 +17,7 @@ from wbc_controller.estimation.invariant_filter import ImuNoise
 from wbc_controller.estimation.joint_velocity import VelocityFilter, delay
 from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.estimation.model_error import ModelErrorCompensation
+from wbc_controller.estimation.odometry_agreement import OdometryAgreement
 from wbc_controller.inverse_dynamics.contacts import (
     Contact,
     FixedContact,
@@ -76,7 +77,7 @@ def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[st
     observer = DisturbanceObserver(model, disturbance_limits(settings))
     contact_forces = None
     if estimates_base(settings, model):
-        limits = make_sensing(settings, model, contacts).limits
+        limits = detection_limits(settings, model)
         normals = {name: each.normal for name, each in contacts.items() if isinstance(each, UnilateralContact)}
         contact_forces = ContactForces(normals, limits.on, limits.off)
     return ModelErrorCompensation(observer, known, contact_forces, 1.0 / settings.control.rate)
@@ -99,6 +100,34 @@ def estimates_base(settings: Settings, model: RobotModel) -> bool:
     return settings.estimation.base_state == "imu" and model.floating_base
 
 
+def make_leg_kinematics(
+    settings: Settings, model: RobotModel, contacts: Mapping[str, Contact], frame: str
+) -> LegKinematics:
+    """Make the kinematics from a frame of a sensor to the contacts of the configuration.
+
+    Raises:
+        ConfigurationError: if the robot has no such frame.
+    """
+    return LegKinematics(
+        model,
+        contacts,
+        {name: contact.frame for name, contact in settings.contacts.items()},
+        frame,
+        joint_noise=settings.estimation.joint_position_noise,
+        point_noise=settings.estimation.contact_position_noise,
+    )
+
+
+def make_odometry_agreement(
+    settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]
+) -> OdometryAgreement | None:
+    """Make the comparison of odometry with the legs; None without odometry, or without contacts to compare with."""
+    if not model.floating_base or estimates_base(settings, model):
+        return None
+    legs = make_leg_kinematics(settings, model, contacts, model.base_link)
+    return OdometryAgreement(legs) if legs.points else None
+
+
 def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator:
     """Make the estimator of a floating base.
 
@@ -108,15 +137,7 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
     known = settings.estimation
     if not model.floating_base:
         raise ConfigurationError(f"robot.base = {settings.robot.base!r}: there is no base to estimate; Valid: floating")
-    frames = {name: contact.frame for name, contact in settings.contacts.items()}
-    legs = LegKinematics(
-        model,
-        contacts,
-        frames,
-        imu_frame(settings, model),
-        joint_noise=known.joint_position_noise,
-        point_noise=known.contact_position_noise,
-    )
+    legs = make_leg_kinematics(settings, model, contacts, imu_frame(settings, model))
     if not legs.points:
         raise ConfigurationError(
             "the base cannot be estimated: no contact of the configuration stays where it is (surface, point, fixed; "
@@ -138,16 +159,18 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
     return BaseEstimator(legs, sensors, np.array(model.pinocchio.gravity.linear), poses)
 
 
+def detection_limits(settings: Settings, model: RobotModel) -> DetectionLimits:
+    """Return the limits of forces at the contacts that hold."""
+    known, weight = settings.estimation, model.mass * model.gravity
+    return DetectionLimits(known.contact_force_on * weight, known.contact_force_off * weight, known.contact_timeout)
+
+
 def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactSensing:
     """Make the parameters of the sensors at the contacts."""
-    known, weight = settings.estimation, model.mass * model.gravity
-    limits = DetectionLimits(known.contact_force_on * weight, known.contact_force_off * weight, known.contact_timeout)
-    return ContactSensing(contact_normals(settings, model, contacts), limits)
+    return ContactSensing(contact_normals(model, contacts), detection_limits(settings, model))
 
 
-def contact_normals(
-    settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]
-) -> dict[str, dict[str, Array]]:
+def contact_normals(model: RobotModel, contacts: Mapping[str, Contact]) -> dict[str, dict[str, Array]]:
     """Return the normal of each contact in the axes of each frame in which its force may be measured, (3,) each.
 
     These frames are the contact's own (named after it, or unnamed); for soles and held links all frames of the link;
@@ -159,7 +182,7 @@ def contact_normals(
         own = {"": np.array([0.0, 0.0, 1.0]), name: np.array([0.0, 0.0, 1.0])}
         if isinstance(contact, SurfaceContact | FixedContact):
             normal = contact.placement(dynamics).rotation[:, 2]
-            link = frames[model.frame_id(settings.contacts[name].frame, f"contacts.{name}.frame")].parentJoint
+            link = frames[model.frame_id(contact.wrench_frame, f"contacts.{name}.frame")].parentJoint
             fixed = {f.name: i for i, f in enumerate(frames) if f.parentJoint == link}
             own = {frame: dynamics.placement(i).rotation.T @ normal for frame, i in fixed.items()} | own
         elif isinstance(contact, PointContact) and not contact.internal:

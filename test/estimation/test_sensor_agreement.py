@@ -1,0 +1,146 @@
+"""Sensors of the base against the legs: errors of axes and units are found and named, other differences are not."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller.controller.build.estimation import make_leg_kinematics
+from wbc_controller.controller.controller import Controller
+from wbc_controller.estimation.axes_comparison import AxesComparison
+from wbc_controller.estimation.odometry_agreement import OdometryAgreement
+from wbc_controller.estimation.sensor_agreement import PERIOD, SensorAgreement, gravity_contradiction
+
+QUARTER = pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2.0)
+
+
+def motion(time):
+    """A turn in rad and a displacement in m about and along all axes, (2, 3)."""
+    return np.array([[0.03, 0.02, 0.015], [0.01, 0.03, 0.02]]) * np.sin(
+        time * np.array([[5.0, 8.0, 12.0], [6.0, 11.0, 15.0]])
+    )
+
+
+def compared(C, *, world=None, noise=3.0e-4):
+    """Compare a motion with C times it; return the newest sentence, the time of the first in s, and the comparison."""
+    comparison, rng, first = AxesComparison(moves=True), np.random.default_rng(0), None
+    for time in np.arange(PERIOD, 2.0, PERIOD):
+        a = motion(time)
+        said = comparison.update(PERIOD, a, a @ np.transpose(C) + noise * rng.normal(size=(2, 3)), world)
+        first = time if first is None and said is not None else first
+    return said, first, comparison
+
+
+@pytest.mark.parametrize(
+    ("C", "said"),
+    [
+        (np.degrees(1.0) * np.eye(3), "as if angular velocities were in deg/s instead of rad/s"),
+        (QUARTER, "as if the axes were rotated by -90° about z or the axes x, y, z were -y, x, z"),
+        (pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 4.0), "as if the axes were rotated by -45° about z"),
+        (np.diag([1.0, -1.0, -1.0]), "180° about x or the axes x, y, z were x, -y, -z"),
+        (-np.eye(3), "as if the axes x, y, z were -x, -y, -z"),
+        (np.eye(3)[[1, 0, 2]], "as if the axes x, y, z were y, x, z"),
+        (np.diag([1.0, 1.0, -1.0]), "as if the axes x, y, z were x, y, -z"),
+    ],
+)
+def test_errors_of_axes_and_units_are_named(C, said):
+    found, first, comparison = compared(C)
+    assert said in found
+    assert first < 0.2
+    assert not comparison.agreed
+
+
+def test_a_twist_in_the_axes_of_the_world_is_named():
+    said = "as if the twist were in the axes of the world, not of child_frame_id"
+    assert said in compared(QUARTER, world=QUARTER)[0]
+    assert said not in compared(QUARTER, world=QUARTER.T)[0]
+
+
+@pytest.mark.parametrize("C", [np.eye(3), np.zeros((3, 3)), 0.5 * np.eye(3), np.diag([1.0, 0.0, 1.0])])
+def test_agreement_and_contradictions_with_other_causes_are_not_reported(C):
+    """A robot on a hoist, soft ground, and a foot that slips about one axis."""
+    _, first, comparison = compared(C)
+    assert first is None
+    assert comparison.agreed == np.array_equal(C, np.eye(3))
+
+
+def test_agreement_about_one_axis_is_not_final():
+    comparison = AxesComparison(moves=False)
+    for time in np.arange(0.0, 2.0, PERIOD):
+        a = np.array([[0.05 * np.sin(6.0 * time), 0.0, 0.0]])
+        assert comparison.update(PERIOD, a, a, None) is None
+    assert comparison.turns_agree
+    assert not comparison.agreed
+
+
+@pytest.fixture(scope="module")
+def legs():
+    """Legs of G1, with soles, and of Go2, with balls, from the base."""
+    found = {}
+    for robot in ("g1", "go2"):
+        controller = Controller(robot, preflight=False)
+        settings, model = controller.config.settings, controller.model
+        contacts = {name: controller.contacts[name] for name in settings.contacts}
+        found[robot] = make_leg_kinematics(settings, model, contacts, model.base_link), model, tuple(contacts)
+    return found
+
+
+def standing(legs, robot):
+    kinematics, model, contacts = legs[robot]
+    kinematics.update(np.array(model.posture), np.zeros(model.nj))
+    return kinematics, model, tuple(name for name in contacts if name in kinematics.points)
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+@pytest.mark.parametrize(
+    ("roll", "said"),
+    [(0.0, None), (0.5, None), (-0.9, None), (np.pi / 2.0, "90° apart: as if rotated about its x axis"),
+     (np.pi, "180° apart: its sign is wrong, or its z axis points down")],
+)  # fmt: skip
+def test_gravity_is_compared_with_the_contacts(legs, robot, roll, said):
+    kinematics, _, contacts = standing(legs, robot)
+    found = gravity_contradiction(kinematics, contacts, np.array([0.0, np.sin(roll), np.cos(roll)]))
+    assert found is None if said is None else said in found
+    assert gravity_contradiction(kinematics, (), np.array([0.0, 0.0, -1.0])) is None
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+def test_turn_and_displacement_are_those_of_the_legs(legs, robot, monkeypatch):
+    """The robot bends its legs with its feet at rest; the sensor measures in deg/s."""
+    kinematics, _, contacts = standing(legs, robot)
+    sensor = SensorAgreement(kinematics, "the sensor", moves=True)
+    still, before = kinematics.places(contacts), np.zeros((2, 3))
+    sensor.look(PERIOD, before, contacts)
+    said = None
+    for time in np.arange(PERIOD, 0.5, PERIOD):
+        turn, way = motion(time)
+        places = (still - way) @ pin.exp3(turn)
+        monkeypatch.setattr(kinematics, "places", lambda _, places=places: places)
+        steps, before = motion(time) - before, motion(time)
+        said = said or sensor.look(PERIOD, steps * [[np.degrees(1.0)], [1.0]], contacts)
+    assert f"the sensor contradicts the legs ({', '.join(contacts)}): a turn of" in said
+    assert "in deg/s instead of rad/s" in said
+
+
+def test_legs_that_move_against_each_other_tell_nothing(legs, monkeypatch):
+    kinematics, _, contacts = standing(legs, "g1")
+    sensor, still = SensorAgreement(kinematics, "the sensor", moves=True), kinematics.places(contacts)
+    for time in np.arange(0.0, 1.0, PERIOD):
+        slip = np.where(np.arange(len(still))[:, None] < 3, motion(time)[1], 0.0)
+        monkeypatch.setattr(kinematics, "places", lambda _, slip=slip: still + slip)
+        assert sensor.look(PERIOD, -5.0 * motion(time), contacts) is None
+
+
+def test_odometry_with_a_wrong_twist_remains_refused_until_a_restart(legs):
+    kinematics, model, contacts = standing(legs, "go2")
+    agreement, joints = OdometryAgreement(kinematics), (np.array(model.posture), np.zeros(model.nj))
+    pose, before = np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 1.0]), np.zeros(3)
+    for i in range(200):
+        turn = motion(0.002 * i)[0]
+        pose[3:], rate = pin.SE3ToXYZQUAT(pin.SE3(pin.exp3(turn), np.zeros(3)))[3:], (turn - before) / 0.002
+        before = turn
+        twist = np.concatenate([np.zeros(3), np.degrees(rate)])
+        agreement.update(0.002 * i, (pose.copy(), twist), joints, contacts, held=True)
+    assert "the twist of odometry contradicts its pose: a turn of" in agreement.contradiction
+    assert "deg/s" in agreement.contradiction
+    agreement.restart()
+    assert agreement.contradiction is None

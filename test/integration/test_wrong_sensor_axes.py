@@ -1,0 +1,98 @@
+"""Robots with wrong axes or units of a sensor: the activation is refused, or the first motion damps and names it."""
+
+import numpy as np
+import pytest
+
+from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
+from wbc_controller.records import Mode
+from wbc_controller.simulation.faults.fault import LONGEST, MeasurementFault
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
+
+QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def accelerometer_with_the_wrong_sign(measured):
+    measured.specific_force = -measured.specific_force
+
+
+def imu_rotated_about_z(measured):
+    measured.angular_velocity = QUARTER.T @ measured.angular_velocity
+    measured.specific_force = QUARTER.T @ measured.specific_force
+
+
+def gyroscope_in_deg(measured):
+    measured.angular_velocity = np.degrees(measured.angular_velocity)
+
+
+def facing_north(measured):
+    """Turn the world of the odometry by 90°: correct odometry."""
+    measured.pose[:3] = QUARTER @ measured.pose[:3]
+    measured.pose[3:] = quaternion_of(QUARTER @ rotation_of(measured.pose[3:]))
+
+
+def odometry_with_its_twist_in_the_world(measured):
+    facing_north(measured)
+    measured.twist = (rotation_of(measured.pose[3:]) @ measured.twist.reshape(2, 3).T).T.ravel()
+
+
+def odometry_in_deg(measured):
+    measured.twist[3:] = np.degrees(measured.twist[3:])
+
+
+def odometry_with_z_down(measured):
+    facing_north(measured)
+    turned = np.diag([1.0, -1.0, -1.0])
+    measured.pose[3:] = quaternion_of(rotation_of(measured.pose[3:]) @ turned)
+    measured.twist = (turned @ measured.twist.reshape(2, 3).T).T.ravel()
+
+
+def sway(robot, spoil, sensors):
+    """Activate a robot with a wrong sensor, let it down, and let it sway; return the refusal or the fault, or None."""
+
+    class Spoiled(MeasurementFault):
+        def _spoil(self, measured, site, kept):
+            spoil(measured)
+
+    base = "odom" if "odometry" in spoil.__name__ or spoil is facing_north else "imu"
+    trial = EstimationTrial(robot, {"estimation.base_state": base, "mock.sensors": sensors})
+    trial.mock.plan([Spoiled(duration=LONGEST)], since=0.0)
+    trial.settle()
+    trial.user.say("command", "activate")
+    if trial.cycle().mode is not Mode.ACTIVE:
+        return "; ".join(trial.report.refused)
+    for i in range(round(2.5 * trial.settings.control.rate)):
+        trial.cycle()
+        if trial.report.fault is not None:
+            return f"{trial.report.fault.code}: {trial.report.fault.sentence}"
+        if i == round(0.4 * trial.settings.control.rate):
+            trial.mock.plant.hold(False)
+        if i == round(1.0 * trial.settings.control.rate):
+            com = trial.wanted()
+            trial.follow([0.4, 0.8, 1.2], [com + [0.02, 0.03, 0.0], com - [0.02, 0.03, 0.0], com])
+    return None
+
+
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+@pytest.mark.parametrize(
+    ("spoil", "sensors", "said"),
+    [
+        (
+            accelerometer_with_the_wrong_sign,
+            "good",
+            ["'activate' is refused", "the accelerometer", "its sign is wrong"],
+        ),
+        (imu_rotated_about_z, "good", ["ESTIMATE_LOST", "the gyroscope contradicts the legs", "° about z"]),
+        (gyroscope_in_deg, "ideal", ["ESTIMATE_LOST", "the gyroscope contradicts the legs", "in deg/s"]),
+        (gyroscope_in_deg, "good", ["'activate' is refused", "varies by 0.", "noise of a gyroscope in deg/s"]),
+        (odometry_with_its_twist_in_the_world, "good", ["IMPLAUSIBLE_STATE", "twist", "in the axes of the world"]),
+        (odometry_in_deg, "good", ["IMPLAUSIBLE_STATE", "the twist of odometry", "in deg/s"]),
+        (odometry_with_z_down, "good", ["'activate' is refused", "orientation of odometry", "its z axis points down"]),
+        (facing_north, "cheap", None),
+    ],
+)
+def test_the_wrong_axis_or_unit_is_named(robot, spoil, sensors, said):
+    found = sway(robot, spoil, sensors)
+    if said is None:
+        assert found is None
+    else:
+        assert [part for part in said if part not in found] == []

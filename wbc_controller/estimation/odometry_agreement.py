@@ -1,0 +1,105 @@
+"""Agreement of odometry with itself and with the legs: gravity before the activation, the twist in the first motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.estimation.axes_comparison import AxesComparison
+from wbc_controller.estimation.leg_kinematics import LegKinematics
+from wbc_controller.estimation.sensor_agreement import HIGH_PASS, PERIOD, SensorAgreement, gravity_contradiction
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
+from wbc_controller.records import Array
+
+#: Longest time between two messages over which a twist is integrated, s.
+_GAP = 0.1
+
+
+class OdometryAgreement:
+    """Compares the twist with the change of the pose and with the legs, and the vertical with the contacts.
+
+    Attributes:
+        contradiction: a sentence on an error of axes or units; None without one. A wrong twist remains until `restart`.
+    """
+
+    def __init__(self, kinematics: LegKinematics) -> None:
+        """Start without data; the kinematics are those from the base link."""
+        self._kinematics = kinematics
+        self.restart()
+
+    def restart(self) -> None:
+        """Compare anew, as after a change of the sensor."""
+        self.contradiction: str | None = None
+        self._by_legs = SensorAgreement(self._kinematics, "odometry", moves=True)
+        self._by_pose = AxesComparison(moves=True)
+        self._moved, self._measured = np.zeros((2, 3)), np.zeros((2, 3))  # turn and displacement by pose and twist
+        self._twist = np.zeros(6)  # integral since the last comparison, m and rad
+        self._stamp, self._elapsed = math.inf, 0.0  # of the newest message, and since the last comparison, s
+        self._before: tuple[Array, Array] | None = None  # rotation and position at the last comparison
+        self._is_twist_wrong = self._agreed = False
+
+    def update(
+        self,
+        stamp: float,
+        base: tuple[Array, Array],
+        joints: tuple[Array, Array],
+        holding: Collection[str],
+        *,
+        held: bool,
+    ) -> None:
+        """Take the newest odometry and joints; both may be those of the last update.
+
+        Args:
+            stamp: of the odometry, s.
+            base: its pose, (7,), and its twist in its axes, (6,) in m/s and rad/s.
+            joints: positions and velocities of the joints, (nj,) each in rad and rad/s.
+            holding: names of the contacts that hold.
+            held: whether the robot is under control: the vertical is compared before that.
+        """
+        dt, self._stamp = stamp - self._stamp, stamp
+        if not dt > 0.0 or self._is_twist_wrong or (held and self._agreed):
+            return
+        if dt > _GAP:
+            self._before = None
+            return
+        self._twist += dt * base[1]
+        self._elapsed += dt
+        if self._elapsed >= PERIOD:
+            elapsed, self._elapsed = self._elapsed, 0.0
+            steps, self._twist = self._twist.reshape(2, 3)[::-1], np.zeros(6)
+            contacts = tuple(name for name in self._kinematics.points if name in holding)
+            self._compare(elapsed, base[0], steps, joints, contacts, held=held)
+
+    def _compare(
+        self,
+        elapsed: float,
+        pose: Array,
+        steps: Array,
+        joints: tuple[Array, Array],
+        contacts: tuple[str, ...],
+        *,
+        held: bool,
+    ) -> None:
+        """Compare turn and displacement by the twist, (2, 3) in rad and m, with the pose and with the legs."""
+        R, position, legs = rotation_of(pose[3:]), pose[:3], self._kinematics
+        before, self._before = self._before, (R, position)
+        if before is None:
+            self._moved, self._measured = np.zeros((2, 3)), np.zeros((2, 3))
+            return
+        keep = math.exp(-elapsed / HIGH_PASS)
+        self._moved = keep * (self._moved + [pin.log3(before[0].T @ R), R.T @ (position - before[1])])
+        self._measured = keep * (self._measured + steps)
+        found = self._by_pose.update(elapsed, self._moved, self._measured, R)
+        found = found and f"the twist of odometry contradicts its pose: {found}"
+        if found is None and contacts:
+            legs.update(*joints)
+            found = self._by_legs.look(elapsed, steps, contacts, R)
+        self._is_twist_wrong = found is not None
+        self._agreed = found is None and self._by_pose.agreed and self._by_legs.comparison.agreed
+        if found is None and contacts and not held:
+            found = gravity_contradiction(legs, contacts, R[2])
+            found = found and f"the orientation of odometry contradicts the legs: {found}"
+        self.contradiction = found
