@@ -40,6 +40,7 @@ from wbc_controller.simulation.faults.injector import Injector
 from wbc_controller.simulation.measurement import STREAMS, WORLD_FRAME, measure
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
+from wbc_controller.simulation.speed import Speed
 
 #: Name of the node, and prefix of its private topics.
 NODE_NAME = MOCK_NODE
@@ -71,6 +72,7 @@ class MockRobot:
         faults: the faults; planned by `plan`, or on the topic ``fault``.
         sent: if set, called with the stream of each message sent and the true time of its content, ns.
         rebased: how often the real-time schedule was late by more than `MAX_LATE`, and restarted.
+        speed: the simulated time compared with real time, which lockstep does not follow.
     """
 
     def __init__(
@@ -106,6 +108,7 @@ class MockRobot:
         self.faults = Injector(model, self.plant, 1.0 / settings.control.rate)
         self.sent: Callable[[str, int], None] | None = None
         self.rebased = 0
+        self.speed = Speed(real_time_factor, clock)
         self._robot = model
         self._mock = settings.mock
         self._contacts = settings.contacts
@@ -170,6 +173,7 @@ class MockRobot:
 
     def _run(self, stop: threading.Event) -> None:
         deadline = self._clock()
+        self.speed.begin(self.plant.time)
         while not stop.is_set():
             self.publish()
             if self._lockstep:
@@ -185,6 +189,7 @@ class MockRobot:
                     stop.wait(-late)
                 if self._patient:
                     self._wait_for_torques()
+                self.speed.look(self.plant.time)
             self.advance()
 
     def _wait_for_torques(self) -> None:
