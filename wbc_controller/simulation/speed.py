@@ -40,7 +40,7 @@ class Speed:
         if speed < _LOW * self._factor and not self._low:
             self._low = True
             _log.warning(
-                "the simulation runs at %.0f %% of real time instead of %.0f %%: this computer is too slow or too busy, or"
+                "the simulation runs at %.0f %% of real time instead of %.0f %%: this computer is too slow or busy, or"
                 " a patient robot waits for its controller; use a smaller real_time_factor, or lockstep",
                 100.0 * speed,
                 100.0 * self._factor,
