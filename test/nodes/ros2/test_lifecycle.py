@@ -7,6 +7,7 @@ import threading
 import time
 
 import pytest
+from busy import slowness
 from domains import own_domain
 from waiting import until
 
@@ -167,7 +168,7 @@ def caller(user, name):
     client = user.create_client(Trigger, f"/wbc_controller/{name}")
 
     def call():
-        assert client.wait_for_service(10)
+        assert client.wait_for_service(10 * slowness())
         future = client.call_async(Trigger.Request())
         until(future.done, patience=10)
         return future.result().success, future.result().message
