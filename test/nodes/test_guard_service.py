@@ -108,6 +108,14 @@ def test_a_guard_without_patience_does_not_flood_the_log(stage, caplog):
     assert caplog.messages[-1].startswith("watching")
 
 
+def test_valid_and_refused_commands_in_turn_do_not_flood_the_log(stage, caplog):
+    on = stage()
+    for _ in range(50):
+        on.run(0.002, commands=True)
+        on.command(np.nan)
+    assert [said.partition(":")[0] for said in caplog.messages] == ["joint_commands refused"]
+
+
 def test_its_own_settings_are_obeyed(stage):
     on = stage(guard={"patience": 0.1, "damping": 7.0, "damping_time": 0.2, "torque": 0.01})
     on.mode("active")

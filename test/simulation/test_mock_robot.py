@@ -276,6 +276,14 @@ def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, nam
     assert (np.abs(robot.plant.applied_torques) < 0.9).all()
 
 
+def test_valid_and_refused_torques_in_turn_do_not_flood_the_log(make, go2, caplog):
+    robot, peer = make()
+    for size in range(20):
+        peer.effort(np.zeros(go2[0].na + (size % 3)))
+        step(robot)
+    assert [said.partition(":")[0] for said in caplog.messages] == ["effort refused"]
+
+
 def test_lockstep_runs_are_the_same_bit_for_bit(make, go2):
     model, _ = go2
 

@@ -22,6 +22,7 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message, torques
 from wbc_controller.middleware.joint_states import JointStateReader
+from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
@@ -77,7 +78,7 @@ class GuardService:
         self._period = 1.0 / settings.control.rate
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
         self._diagnostics_due = -math.inf
-        self._said = ""
+        self._said, self._limit = "", LogLimit()
         self._unlogged, self._logged_at = 0, -math.inf  # changes of the state since the last line of the log, at s
         self._lock = threading.Lock()
         self._command_at, self._torques = -math.inf, np.zeros(len(robot.effort_limits))
@@ -146,7 +147,7 @@ class GuardService:
         with self._lock:
             known = self._refused.get(topic)
             self._refused[topic] = str(reason)[:_LONGEST_REASON]
-        if known is None:
+        if known is None and self._limit.passes(topic):
             _log.warning("%s refused: %s", topic, reason)
 
     def _heard(self) -> Heard:

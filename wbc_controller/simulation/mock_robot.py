@@ -27,6 +27,7 @@ from wbc_controller.controller.build.estimation import imu_frame
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import codec as messages
+from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.odometry import transform
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, endpoints
@@ -131,6 +132,7 @@ class MockRobot:
         self._tau_time = 0.0
         self._heard = math.inf  # simulated time when torques came last; infinite where nobody sends any
         self._last_refusal: dict[str, str] = {}
+        self._limit = LogLimit()
         # Stored by the transport's threads; bounded, because they are not emptied while the robot waits.
         self._answers: deque[bytes] = deque(maxlen=10)
         self._requests: deque[tuple[str, str, bytes]] = deque(maxlen=100)
@@ -326,7 +328,8 @@ class MockRobot:
         try:
             use(messages.decode(payload, self._types[key]))
         except InputRefused as error:
-            if self._last_refusal.get(key) != str(error):
+            torques = key in ("effort", "joint_commands")  # each period; users send the others
+            if self._last_refusal.get(key) != str(error) and (not torques or self._limit.passes(key)):
                 self._last_refusal[key] = str(error)
                 _log.warning("%s refused: %s", key, error)
             return False

@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
+from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import endpoints
 from wbc_controller.middleware.transports.ros2 import Ros2Transport
 from wbc_controller.nodes.controller_service import URDF_TOPIC, make_clock, make_loop
@@ -210,12 +211,14 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         if self._urdf_transport is not None:
             return
         (endpoint,) = endpoints(URDF_TOPIC, self.get_name(), namespace=self.get_namespace())
+        limit = LogLimit()
 
         def receive(payload: bytes) -> None:
             try:
                 self._urdf = urdf_of(payload, endpoint)
             except InputRefused as refusal:
-                _log.warning("refused %s: %s", endpoint.name, refusal)
+                if limit.passes(endpoint.name):
+                    _log.warning("refused %s: %s", endpoint.name, refusal)
                 return
             if self._starting and self.executor is not None:
                 self.executor.create_task(self.start)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
 
 from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import REQUEST, Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 
 _log = logging.getLogger(__name__)
-
-#: Time for which the warning of a topic is not repeated, s.
-_SILENCE = 1.0
 
 
 class LifecycleGate:
@@ -21,7 +18,7 @@ class LifecycleGate:
 
     def __init__(self, transport: Transport) -> None:
         self.open = False  # True while messages are delivered
-        self._warned: dict[str, float] = {}  # time of the last warning of each topic, s
+        self._limit = LogLimit()
         self.discovery_time = transport.discovery_time
         self._transport = transport
         self._command: Callable[[bytes], None] = lambda payload: None
@@ -38,17 +35,10 @@ class LifecycleGate:
         def deliver(payload: bytes) -> None:
             if self.open:
                 callback(payload)
-            elif endpoint.qos == REQUEST:
-                self._warn(endpoint.name)
+            elif endpoint.qos == REQUEST and self._limit.passes(endpoint.name):
+                _log.warning("message on %s ignored: the node is not active", endpoint.name)
 
         self._transport.subscribe(endpoint, deliver)
-
-    def _warn(self, topic: str) -> None:
-        """Log an ignored message, at most once per second and topic."""
-        now = time.monotonic()
-        if now - self._warned.get(topic, -_SILENCE) >= _SILENCE:
-            self._warned[topic] = now
-            _log.warning("message on %s ignored: the node is not active", topic)
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
         """Open a topic for reading; messages that are taken while the gate is closed are dropped."""
