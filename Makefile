@@ -50,7 +50,7 @@ lock:  ## resolve requirements/*.txt anew; needs uv
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
 	    --upgrade --quiet setup.py --extra demo --output-file requirements/demo.txt
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
-	    --upgrade --quiet setup.py requirements/dev.in --constraints requirements/demo.txt --extra demo --extra ros2 \
+	    --upgrade --quiet setup.py requirements/dev.in --constraints requirements/demo.txt --extra demo --extra test --extra ros2 \
 	    --output-file requirements/dev.txt
 
 clean:  ## remove the virtual environment and everything that was built

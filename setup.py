@@ -68,7 +68,18 @@ setup(
             "mujoco-core>=4,<5; python_version >= '3.11'",
             "mujoco>=3.3,<4; python_version < '3.11'",
         ],
-        "test": ["pytest>=7.4"],  # by this, colcon test knows that the tests are pytest's
+        # What the tests import; by pytest in it, colcon test knows that the tests are pytest's. For others they skip.
+        "test": [
+            "pytest>=7.4",
+            "hypothesis>=6.100,<7",
+            "quadprog>=0.1.12,<0.2",  # a solver that is called through qpsolvers, and the exact reference of the tests
+            "joblib>=1.4,<2",
+            "plotly>=7.1,<8",
+            # What the examples for Python users are run with.
+            "gymnasium>=1,<2",
+            "nbclient>=0.10,<1",
+            "ipykernel>=6,<8",
+        ],
         "plots": ["plotly>=7.1,<8"],
         "campaign": ["joblib>=1.4,<2"],  # for wbc faults
         "fuzz": ["hypothesis>=6.100,<7"],  # for wbc fuzz messages, configurations and urdf

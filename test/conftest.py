@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from busy import pytest_runtest_protocol
 
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
@@ -27,6 +28,8 @@ from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.settings.nesting import merged
+
+__all__ = ["pytest_runtest_protocol"]
 
 
 @pytest.fixture(scope="session", autouse=True)

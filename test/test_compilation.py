@@ -3,8 +3,11 @@
 import ast
 import importlib.util
 import os
+import re
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import numba
@@ -41,6 +44,8 @@ def scale(scaled: Scaled) -> None:
     for i in range(len(scaled.values)):
         scaled.out[i] = scaled.factor * scaled.values[i]
 """
+ROOT = Path(compilation.__file__).parent
+KERNELS = sorted(ROOT.rglob("*_kernels.py"))
 #: Tests of Numba's own type checks.
 compiled_only = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="NUMBA_DISABLE_JIT is set")
 
@@ -158,8 +163,77 @@ def test_the_first_start_says_that_it_compiles_and_the_next_one_loads_the_code(t
     script = "import logging; logging.basicConfig(level=logging.INFO); import kernels_of_a_test"
     _, log = run(tmp_path, script, NUMBA_CACHE_DIR=str(tmp_path))
     assert "INFO:wbc_controller.compilation:compiled total in" in log
-    assert log.count("once: about half a minute") == 1
+    assert log.count("once: 15 to 60 s of processor time") == 1
     assert run(tmp_path, script, NUMBA_CACHE_DIR=str(tmp_path)) == ("", "")
+
+
+@compiled_only
+def test_processes_that_start_together_compile_each_function_once(tmp_path):
+    script = "import logging; logging.basicConfig(level=logging.INFO); import kernels_of_a_test"
+    (tmp_path / "kernels_of_a_test.py").write_text(SOURCE, encoding="utf-8")
+    environment = {
+        **os.environ, "PYTHONPATH": str(Path(compilation.__file__).parents[1]), "NUMBA_CACHE_DIR": str(tmp_path)
+    }  # fmt: skip
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-c", script], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(3)
+    ]
+    logs = [process.communicate(timeout=300)[1] for process in processes]
+    assert [process.returncode for process in processes] == [0, 0, 0]
+    for function in ("total", "strided_total", "scale", "allocate_Scaled"):
+        assert "".join(logs).count(f"compiled {function} in") == 1, logs
+
+
+@compiled_only
+def test_waiting_for_another_process_is_logged(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
+    compilation._announce_wait.cache_clear()
+    with (tmp_path / "total.lock").open("w") as lock:
+        compilation.fcntl.flock(lock, compilation.fcntl.LOCK_EX)
+        waiting = threading.Thread(target=load, args=(tmp_path,), kwargs={"name": "waiting"})
+        waiting.start()
+        while "another process is compiling the kernels" not in caplog.text:
+            assert waiting.is_alive()
+            time.sleep(0.01)
+    waiting.join()
+    assert sys.modules["waiting"].total(np.ones(3), 2.0) == 6.0
+
+
+@compiled_only
+def test_without_a_lock_functions_are_compiled_all_the_same(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
+    (tmp_path / "total.lock").mkdir()  # opening it fails, as it does in a read-only folder
+    with caplog.at_level("DEBUG", "wbc_controller"):
+        assert load(tmp_path, name="unlocked").total(np.ones(3), 2.0) == 6.0
+    assert "total is compiled without a lock: [Errno 21] Is a directory" in caplog.text
+
+
+@compiled_only
+def test_progress_is_a_warning_for_slow_functions(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(compilation, "_SLOW", 0.0)
+    monkeypatch.setattr(compilation, "_made", [])
+    load(tmp_path, name="slow")
+    shown = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    progress = [re.sub(r"\d+\.\d s", "… s", text) for text in shown if text.startswith("compiled")]
+    assert progress == [
+        f"compiled {function} in … s ({i} of about {compilation._total()})"
+        for i, function in enumerate(("total", "strided_total", "allocate_Scaled", "scale"), start=1)
+    ]
+
+
+def test_the_number_of_kernels_is_known():
+    modules = [f"wbc_controller.{'.'.join(kernel.relative_to(ROOT).with_suffix('').parts)}" for kernel in KERNELS]
+    script = f"""
+import importlib
+from wbc_controller import compilation
+for module in {modules}: importlib.import_module(module)
+print(len(compilation._made), compilation._total())
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    made, total = done.stdout.split()
+    assert made == ("0" if numba.config.DISABLE_JIT else total)
 
 
 @compiled_only
@@ -205,9 +279,6 @@ k.scale(struct)
 print(isinstance(k.scale, types.FunctionType), struct.out.tolist(), k.Scaled.__mro__[2].__name__)
 """
     assert run(tmp_path, script, NUMBA_DISABLE_JIT="1")[0] == "True [3.0, 3.0] object\n"
-
-
-KERNELS = sorted(Path(compilation.__file__).parent.rglob("*_kernels.py"))
 
 
 @pytest.mark.parametrize("file", KERNELS, ids=lambda file: file.stem)

@@ -11,8 +11,9 @@ A kernel is a function in a file `*_kernels.py`. Its annotations are the types t
     @compiled
     def clip(bounds: Bounds, values: Vector, out: OutVector) -> None: ...
 
-It is compiled when its module is imported, never later: a call with other types raises a TypeError. Sums are taken in
-the order in which they are written (no ``fastmath``), so that every run gives the same bits.
+It is compiled when its module is imported, never later: a call with other types raises a TypeError. Processes that are
+started together compile each function once: the others wait for its code. Sums are taken in the order in which they are
+written (no ``fastmath``), so that every run gives the same bits.
 
 With ``NUMBA_DISABLE_JIT=1`` kernels are Python functions and structs plain objects, for breakpoints and coverage.
 ``NUMBA_BOUNDSCHECK=1`` adds bounds checks. ``NUMBA_CACHE_DIR`` names a folder for the compiled code; by default it is
@@ -21,11 +22,12 @@ in the package's ``__pycache__``, or, if that is read-only, in the user's cache 
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import logging
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -35,6 +37,11 @@ import numba
 import numpy as np
 from numba import types
 from numba.experimental import structref
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -79,6 +86,10 @@ _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 _SCALARS = {float: types.float64, int: types.int64, bool: types.boolean}
+#: Time of compilation from which a function is reported by a warning, s.
+_SLOW = 1.0
+#: Names of the functions compiled or loaded so far.
+_made: list[str] = []
 
 #: A function that kernels call. It is compiled as a part of them.
 part: Callable[[_Function], _Function] = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -191,19 +202,41 @@ def describe(array: Any) -> str:
 
 
 def _compile(function: Any, signature: list[Any]) -> Any:
-    """Compile a function for one signature, or load its code from the cache; log a warning if that takes long."""
-    started, former, folder = time.monotonic(), numba.config.CACHE_DIR, _cache_folder()
-    numba.config.CACHE_DIR = str(folder or "")
-    try:
-        dispatcher = numba.njit(tuple(signature), cache=folder is not None, error_model="numpy", no_cfunc_wrapper=True)(
-            function
-        )
-    finally:
-        numba.config.CACHE_DIR = former
+    """Compile a function for one signature, or load its code from the cache; log the progress if it is compiled."""
+    folder = _cache_folder()
+    with _compiling_alone(folder, function.__name__):
+        started, former = time.monotonic(), numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(folder or "")
+        try:
+            options = {"cache": folder is not None, "error_model": "numpy", "no_cfunc_wrapper": True}
+            dispatcher = numba.njit(tuple(signature), **options)(function)
+        finally:
+            numba.config.CACHE_DIR = former
+    _made.append(function.__name__)
     if folder is None or sum(dispatcher.stats.cache_misses.values()):
         _announce()
-        _log.info("compiled %s in %.1f s", function.__name__, time.monotonic() - started)
+        seconds = time.monotonic() - started
+        level = logging.WARNING if seconds >= _SLOW else logging.INFO  # programs show warnings from the start
+        _log.log(level, "compiled %s in %.1f s (%d of about %d)", function.__name__, seconds, len(_made), _total())
     return dispatcher
+
+
+@contextlib.contextmanager
+def _compiling_alone(folder: Path | None, name: str) -> Iterator[None]:
+    """Wait while another process compiles the same function: its code is then in the cache."""
+    with contextlib.ExitStack() as stack:
+        if folder is not None and fcntl is not None:
+            try:
+                folder.mkdir(exist_ok=True)
+                file = stack.enter_context((folder / f"{name}.lock").open("w"))
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    _announce_wait()
+                    fcntl.flock(file, fcntl.LOCK_EX)
+            except OSError as error:  # a read-only folder, or a network file system without locks
+                _log.debug("%s is compiled without a lock: %s", name, error)
+        yield  # closing the file releases the lock, as does the end of the process
 
 
 @cache
@@ -236,4 +269,17 @@ def _is_writable(folder: Path) -> bool:
 @cache
 def _announce() -> None:
     """Log once that the kernels are compiled."""
-    _log.warning("the kernels are compiled for this processor, once: about half a minute")
+    _log.warning("the kernels are compiled for this processor, once: 15 to 60 s of processor time")
+
+
+@cache
+def _announce_wait() -> None:
+    """Log once that another process compiles the kernels."""
+    _log.warning("another process is compiling the kernels: waiting for it")
+
+
+@cache
+def _total() -> int:
+    """Return the number of kernels and structs in the package; a process may import fewer."""
+    texts = [path.read_text(encoding="utf-8") for path in _PACKAGE.rglob("*_kernels.py")]
+    return sum(text.count("\n@compiled\n") + text.count("(Struct):\n") for text in texts)

@@ -1,9 +1,10 @@
 """The benchmark of the page, for a few seconds."""
 
-import page
 import pytest
 
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+import page
 
 pytestmark = pytest.mark.live
 

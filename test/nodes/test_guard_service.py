@@ -91,6 +91,33 @@ def test_from_watching_to_damping_and_back(stage):
     assert re.fullmatch(r"damping COMMANDS_STOPPED: the last command came 1[4-6] ms ago, in mode active", second)
 
 
+def test_a_guard_without_patience_does_not_flood_the_log(stage, caplog):
+    on = stage()
+    on.mode("active")
+    on.run(0.1, commands=True)
+    caplog.clear()
+    for _ in range(200):  # in 4 s the commands pause 200 times, each time longer than the patience of 12 ms
+        on.run(0.018)
+        on.run(0.002, commands=True)
+    on.run(2.0, commands=True)
+    assert len([content for content in on.all("state") if content.data.startswith("damping")]) >= 190
+    assert 4 <= len(caplog.messages) <= 6
+    assert caplog.messages[0].startswith("damping COMMANDS_STOPPED: the last command came 1")
+    assert caplog.messages[0].endswith(" ms ago, in mode active")
+    assert re.search(
+        r"; \d\d changes before, not logged: guard.patience \(12 ms\) may be too short$", caplog.messages[1]
+    )
+    assert caplog.messages[-1].startswith("watching")
+
+
+def test_valid_and_refused_commands_in_turn_do_not_flood_the_log(stage, caplog):
+    on = stage()
+    for _ in range(50):
+        on.run(0.002, commands=True)
+        on.command(np.nan)
+    assert [said.partition(":")[0] for said in caplog.messages] == ["joint_commands refused"]
+
+
 def test_its_own_settings_are_obeyed(stage):
     on = stage(guard={"patience": 0.1, "damping": 7.0, "damping_time": 0.2, "torque": 0.01})
     on.mode("active")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 import threading
 
 import numpy as np
@@ -591,6 +592,31 @@ def test_several_publishers_of_joint_states_are_on_diagnostics(bench):
     status = last_status(controller)
     assert status.level == 0
     assert {"publishers//joint_states": "/gripper, /memory"}.items() <= {v.key: v.value for v in status.values}.items()
+
+
+def test_a_fault_is_logged_once_for_as_long_as_it_lasts(bench, caplog):
+    caplog.set_level("INFO", "wbc_controller")
+    controller = bench(changes={"safety": {"damping_time": 1.5, "activation_ramp": 0.1}}).activated(5)
+    controller.command("deactivate")
+    controller.cycle(100)
+    controller.activate()
+    controller.cycle(30, joints=False, base=False)
+    controller.cycle(2000)  # damping, and 2.5 s of the fault
+    controller.command("reset")
+    controller.cycle()
+    said = [re.sub("is .*", "is …", said) for said in caplog.messages if not said.startswith("scheduling")]
+    assert said == [
+        "command 'activate' accepted",
+        "mode: active",
+        "command 'deactivate' accepted",
+        "mode: inactive",
+        "command 'activate' accepted",
+        "mode: active",
+        "damping: STALE_INPUT: joint_states is …",
+        "fault: STALE_INPUT: joint_states is …",
+        "command 'reset' accepted",
+        "mode: inactive",
+    ]
 
 
 def test_many_different_sentences_at_once_are_logged_in_bounded_number(bench, caplog):

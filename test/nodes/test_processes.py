@@ -10,6 +10,7 @@ import sys
 import time
 
 import pytest
+from busy import patience
 
 from wbc_controller.errors import WbcError
 from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
@@ -85,7 +86,7 @@ def test_a_process_hears_a_hang_up_also_under_nohup(tmp_path):
         process = processes.launch("sleeper", [sys.executable, "-c", "import time; time.sleep(60)"])
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
         process.send_signal(signal.SIGHUP)
-        assert process.wait(30.0) == -signal.SIGHUP
+        assert process.wait(patience(30.0)) == -signal.SIGHUP
     finally:
         signal.signal(signal.SIGHUP, ours)
         processes.close()

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from busy import patience
 from domains import own_domain
 from waiting import until
 
@@ -49,7 +50,7 @@ def test_a_command_that_is_ended_ends_what_it_has_started(number):
     process = subprocess.Popen([sys.executable, "-c", STARTED], stdout=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "started\n"
     process.send_signal(number)
-    assert process.communicate(timeout=60.0)[0] == "ended what was started\n"
+    assert process.communicate(timeout=patience(60.0))[0] == "ended what was started\n"
     assert process.returncode == 128 + number
 
 
@@ -61,7 +62,7 @@ def test_a_signal_sets_the_event_and_the_handlers_come_back(number):
         with set_by_signals(stop):
             assert not stop.is_set()
             os.kill(os.getpid(), number)
-            assert stop.wait(5.0)
+            assert stop.wait(patience(5.0))
         assert signal.getsignal(number) is signal.default_int_handler
     finally:
         signal.signal(number, before)
@@ -69,7 +70,7 @@ def test_a_signal_sets_the_event_and_the_handlers_come_back(number):
 
 
 def test_a_signal_in_the_midst_of_the_waiting_does_not_hang():
-    subprocess.run([sys.executable, "-c", WAITING], timeout=30, check=True)
+    subprocess.run([sys.executable, "-c", WAITING], timeout=patience(30.0), check=True)
 
 
 def test_a_process_that_nohup_started_goes_on():
@@ -80,7 +81,7 @@ def test_a_process_that_nohup_started_goes_on():
             os.kill(os.getpid(), signal.SIGHUP)
             assert not stop.wait(0.2)
             os.kill(os.getpid(), signal.SIGTERM)
-            assert stop.wait(5.0)
+            assert stop.wait(patience(5.0))
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, before)
@@ -115,7 +116,7 @@ def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_
         until(lambda: len(torques) > 50 and np.any(torques[-1]) and heard["/guard/state"][-1:] == ["watching"])
         for name in ("run", "guard", "mock"):
             running[name].send_signal(signal.SIGHUP)
-            assert running[name].wait(20) == 0
+            assert running[name].wait(patience(20.0)) == 0
             if name == "run":
                 until(lambda: not np.any(torques[-1]))
         assert not np.any(torques[-1])

@@ -11,6 +11,7 @@ import threading
 import time
 
 import pytest
+from busy import patience
 from chains import joint, robot
 from domains import own_domain
 
@@ -103,7 +104,7 @@ def test_a_urdf_from_the_network_that_pinocchio_would_not_survive_ends_in_a_sent
         ended = subprocess.run(
             [sys.executable, "-m", "wbc_controller", command, str(path)],
             env=os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"},
-            capture_output=True, text=True, timeout=60,
+            capture_output=True, text=True, timeout=patience(60.0),
         )  # fmt: skip
     finally:
         transport.close()

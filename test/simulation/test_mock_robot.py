@@ -17,6 +17,7 @@ from wbc_controller.middleware.topics import MOCK_TOPICS, endpoints
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.settings import Settings
 from wbc_controller.simulation import mock_robot as module
+from wbc_controller.simulation import speed
 from wbc_controller.simulation.mock_robot import MockRobot
 
 
@@ -275,6 +276,14 @@ def test_lockstep_goes_on_damped_after_an_unusable_answer(make, go2, caplog, nam
     assert (np.abs(robot.plant.applied_torques) < 0.9).all()
 
 
+def test_valid_and_refused_torques_in_turn_do_not_flood_the_log(make, go2, caplog):
+    robot, peer = make()
+    for size in range(20):
+        peer.effort(np.zeros(go2[0].na + (size % 3)))
+        step(robot)
+    assert [said.partition(":")[0] for said in caplog.messages] == ["effort refused"]
+
+
 def test_lockstep_runs_are_the_same_bit_for_bit(make, go2):
     model, _ = go2
 
@@ -333,6 +342,27 @@ def test_lateness_is_given_up_and_counted(make):
     run_until(robot, peer, 5, compute)
     assert robot.rebased == 1
     assert robot.plant.time == pytest.approx(0.01)
+
+
+def test_a_slow_simulation_is_logged_while_it_runs(make, caplog, monkeypatch):
+    monkeypatch.setattr(speed, "_WINDOW", 0.5)
+    caplog.set_level(logging.INFO, "wbc_controller")
+    now, period = [0.0], 0.002 / 0.14
+    robot, peer = make(clock=lambda: now[0])
+
+    def compute():
+        now[0] += period if len(peer.all("joint_states")) < 200 else 0.002
+
+    class Stop(threading.Event):
+        def wait(self, timeout=None):
+            now[0] += timeout
+            return self.is_set()
+
+    run_until(robot, peer, 800, compute, Stop())
+    slow, again = [record.getMessage() for record in caplog.records]
+    assert slow.startswith("the simulation runs at 14 % of real time instead of 100 %: ")
+    assert again == "the simulation runs at 100 % of real time again"
+    assert robot.speed.mean(robot.plant.time) == pytest.approx(1.6 / (200 * period + 1.2), rel=0.1)
 
 
 def test_a_patient_robot_waits_for_a_controller_that_is_late(make, monkeypatch):

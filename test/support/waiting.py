@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from busy import slowness
+
 
 def until(
     condition: Callable[[], object],
@@ -12,11 +14,16 @@ def until(
     patience: float = 40.0,
     again: Callable[[], None] = lambda: None,
 ) -> None:
-    """Wait until a condition holds, at most `patience`, s; `again` is done at once and then twice a second."""
-    deadline, due = time.monotonic() + patience, 0.0
+    """Wait until a condition holds; `again` is done at once and then twice a second.
+
+    Args:
+        patience: longest time on a computer without other work, s.
+    """
+    began, due = time.monotonic(), 0.0
     while not condition():
-        if time.monotonic() >= due:
+        now = time.monotonic()
+        if now >= due:
             again()
-            due = time.monotonic() + 0.5
-        assert time.monotonic() < deadline, f"waited {patience} s in vain for {what}"
+            due = now + 0.5
+        assert now - began < patience * slowness(), f"waited {now - began:.0f} s in vain for {what}"
         time.sleep(0.01)

@@ -308,7 +308,7 @@ class ControlCycle:
             except InputRefused as refusal:
                 refused.append(str(refusal))
                 continue
-            _log.info("command %r: now %s", word, self.mode.value)
+            _log.info("command %r accepted", word)
         return starts
 
     def _take_changes(

@@ -21,6 +21,7 @@ from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode
+from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.audit import make_audit
@@ -174,15 +175,19 @@ def make_loop(
 def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
     """Subscribe to requests to record the last seconds."""
     (endpoint,) = [topic for topic in topics if topic.key == "record"]
+    limit = LogLimit()
+
+    def refuse(reason: object) -> None:
+        if limit.passes(endpoint.name):
+            _log.warning("%s: refused: %s", endpoint.name, reason)
 
     def receive(payload: bytes) -> None:
         if recorder is None:
-            _log.warning("%s: refused: %s", endpoint.name, NOT_RECORDED)
-            return
+            return refuse(NOT_RECORDED)
         try:
             recorder.request(decode(payload, endpoint.type).data.strip()[:_LONGEST_REASON] or "REQUEST")
         except InputRefused as refusal:
-            _log.warning("%s: refused: %s", endpoint.name, refusal)
+            refuse(refusal)
 
     transport.subscribe(endpoint, receive)
 

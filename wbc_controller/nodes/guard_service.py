@@ -25,6 +25,7 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message, torques
 from wbc_controller.middleware.joint_states import JointStateReader
+from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
@@ -38,6 +39,8 @@ NODE_NAME = "guard"
 #: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
 _LONGEST_REASON = 300
 
+#: Time between two lines of the log, s: a guard with too little patience takes over many times a second.
+_SILENCE = 1.0
 #: Time before a takeover in which a command can still arrive that this computer was too busy to receive, s.
 _SECOND_LOOK = 0.001
 
@@ -80,7 +83,8 @@ class GuardService:
         self._period = 1.0 / settings.control.rate
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
         self._diagnostics_due = -math.inf
-        self._said = ""
+        self._said, self._limit = "", LogLimit()
+        self._unlogged, self._logged_at = 0, -math.inf  # changes of the state since the last line of the log, at s
         self._lock = threading.Lock()
         self._command_at, self._torques = -math.inf, np.zeros(len(robot.effort_limits))
         self._drive = robot.drive
@@ -148,7 +152,7 @@ class GuardService:
         with self._lock:
             known = self._refused.get(topic)
             self._refused[topic] = str(reason)[:_LONGEST_REASON]
-        if known is None:
+        if known is None and self._limit.passes(topic):
             _log.warning("%s refused: %s", topic, reason)
 
     def _heard(self) -> Heard:
@@ -209,9 +213,14 @@ class GuardService:
         changed = text != self._said
         if changed:
             if guard.reason or self._said.partition(" ")[0] in (GuardMode.DAMPING, GuardMode.ZERO, GuardMode.RELEASED):
-                _log.warning("%s", text)
+                self._unlogged += 1
             self._said = text
             self._publish["state"](encode(message("std_msgs/msg/String", data=text)))
+        if self._unlogged and now - self._logged_at >= _SILENCE:
+            patience, others = 1e3 * guard.limits.patience, self._unlogged - 1
+            hint = f"; {others} changes before, not logged: guard.patience ({patience:g} ms) may be too short"
+            _log.warning("%s%s", text, hint if others > 1 else "")  # one: from a takeover to the return
+            self._unlogged, self._logged_at = 0, now
         if changed or now >= self._diagnostics_due:
             self._diagnostics_due = now + self._diagnostics_period
             self._publish["diagnostics"](encode(self._diagnostics(now, heard, text)))

@@ -80,6 +80,7 @@ class ControlLoop:
         self._activate_when_fresh = False
         self._waits_for: tuple[str, ...] = ()
         self._said: dict[str, float] = {}
+        self._mode_said = controller.mode
 
     @property
     def estimator(self) -> BaseEstimator | None:
@@ -160,7 +161,7 @@ class ControlLoop:
         outputs.publish_tasks(now, latched.state, controller.qp.dynamics, references, solution)
         outputs.publish_markers(now, latched.state, references, solution)
         outputs.compose()
-        if self._said or report.refused or report.fault is not None:
+        if self._said or report.refused or report.fault is not None or report.mode is not self._mode_said:
             self._say(report, now)
         for observer in self.observers:
             observer(report)
@@ -217,17 +218,29 @@ class ControlLoop:
         return words, ()
 
     def _say(self, report: CycleReport, now: float) -> None:
-        """Log refusals and faults; a sentence that recurs in every cycle is logged once per second."""
-        if any(now - at >= _SILENCE for at in self._said.values()):
-            self._said = {topic: at for topic, at in self._said.items() if now - at < _SILENCE}
-        sentences = [f"refused {sentence}" for sentence in report.refused]
+        """Log refusals, faults and modes: refusals that recur in every cycle once per second, a fault once."""
+        if any(not (0.0 <= now - at < _SILENCE) for at in self._said.values()):
+            self._said = {topic: at for topic, at in self._said.items() if 0.0 <= now - at < _SILENCE}
+        for refused in report.refused:
+            self._log(logging.WARNING, f"refused {refused}", now)
         if report.fault is not None:
-            sentences.append(f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}")
-        for sentence in sentences:
-            topic = _FIGURES.sub("#", sentence)[:60]  # figures may change from cycle to cycle
-            if topic not in self._said and len(self._said) < _MOST_SAID:
-                self._said[topic] = now
-                _log.warning("%s", sentence)
+            said = f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}"
+            topic = self._log(logging.WARNING, said, now)
+            if topic in self._said:
+                self._said[topic] = now  # silent for as long as it lasts
+        elif self._mode_said is Mode.HOLDING is not report.mode:  # it may hold and follow in turn
+            self._log(logging.INFO, f"mode: {report.mode.value}", now)
+        elif report.mode is not self._mode_said:
+            _log.info("mode: %s", report.mode.value)
+        self._mode_said = report.mode
+
+    def _log(self, level: int, sentence: str, now: float) -> str:
+        """Log a sentence unless its topic has been logged within the last second; returns the topic."""
+        topic = _FIGURES.sub("#", sentence)[:60]  # figures may change from cycle to cycle
+        if topic not in self._said and len(self._said) < _MOST_SAID:
+            self._said[topic] = now
+            _log.log(level, "%s", sentence)
+        return topic
 
     def _report(
         self,

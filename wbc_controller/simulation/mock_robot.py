@@ -27,6 +27,7 @@ from wbc_controller.controller.build.estimation import imu_frame
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import codec as messages
+from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.odometry import transform
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Direction, Endpoint, endpoints
@@ -40,6 +41,7 @@ from wbc_controller.simulation.faults.injector import Injector
 from wbc_controller.simulation.measurement import STREAMS, WORLD_FRAME, measure
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
+from wbc_controller.simulation.speed import Speed
 
 #: Name of the node, and prefix of its private topics.
 NODE_NAME = MOCK_NODE
@@ -71,6 +73,7 @@ class MockRobot:
         faults: the faults; planned by `plan`, or on the topic ``fault``.
         sent: if set, called with the stream of each message sent and the true time of its content, ns.
         rebased: how often the real-time schedule was late by more than `MAX_LATE`, and restarted.
+        speed: the simulated time compared with real time, which lockstep does not follow.
     """
 
     def __init__(
@@ -106,6 +109,7 @@ class MockRobot:
         self.faults = Injector(model, self.plant, 1.0 / settings.control.rate)
         self.sent: Callable[[str, int], None] | None = None
         self.rebased = 0
+        self.speed = Speed(real_time_factor, clock)
         self._robot = model
         self._mock = settings.mock
         self._contacts = settings.contacts
@@ -128,6 +132,7 @@ class MockRobot:
         self._tau_time = 0.0
         self._heard = math.inf  # simulated time when torques came last; infinite where nobody sends any
         self._last_refusal: dict[str, str] = {}
+        self._limit = LogLimit()
         # Stored by the transport's threads; bounded, because they are not emptied while the robot waits.
         self._answers: deque[bytes] = deque(maxlen=10)
         self._requests: deque[tuple[str, str, bytes]] = deque(maxlen=100)
@@ -170,6 +175,7 @@ class MockRobot:
 
     def _run(self, stop: threading.Event) -> None:
         deadline = self._clock()
+        self.speed.begin(self.plant.time)
         while not stop.is_set():
             self.publish()
             if self._lockstep:
@@ -185,6 +191,7 @@ class MockRobot:
                     stop.wait(-late)
                 if self._patient:
                     self._wait_for_torques()
+                self.speed.look(self.plant.time)
             self.advance()
 
     def _wait_for_torques(self) -> None:
@@ -321,7 +328,8 @@ class MockRobot:
         try:
             use(messages.decode(payload, self._types[key]))
         except InputRefused as error:
-            if self._last_refusal.get(key) != str(error):
+            torques = key in ("effort", "joint_commands")  # each period; users send the others
+            if self._last_refusal.get(key) != str(error) and (not torques or self._limit.passes(key)):
                 self._last_refusal[key] = str(error)
                 _log.warning("%s refused: %s", key, error)
             return False

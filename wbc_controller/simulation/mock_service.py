@@ -74,4 +74,5 @@ def run_mock(
     finally:
         watch.stop()
     if robot.rebased:
-        _log.warning("fell behind real time %d times", robot.rebased)
+        speed = 100.0 * robot.speed.mean(robot.plant.time)
+        _log.warning("fell behind real time %d times, and ran at %.0f %% of it on average", robot.rebased, speed)

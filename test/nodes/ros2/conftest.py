@@ -6,6 +6,7 @@ import sys
 import time
 
 import pytest
+from busy import patience
 from domains import own_domain
 from launching import PATIENCE, ROOT
 
@@ -52,9 +53,9 @@ def user(environment, monkeypatch):
     executor.add_node(node)
 
     def until(condition, seconds=PATIENCE):
-        deadline = time.monotonic() + seconds
+        began = time.monotonic()
         while not condition():
-            assert time.monotonic() < deadline, f"not within {seconds} s"
+            assert time.monotonic() - began < patience(seconds), f"not within {time.monotonic() - began:.0f} s"
             executor.spin_once(timeout_sec=0.05)
 
     yield node, until

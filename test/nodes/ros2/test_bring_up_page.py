@@ -7,6 +7,7 @@ import subprocess
 import threading
 
 import pytest
+from busy import patience
 from launching import PATIENCE, ROOT, launch, patient
 
 try:
@@ -60,7 +61,7 @@ def robot(environment, user, tmp_path):
         until(lambda: states == ["inactive"] and "/joint_states" in seen)
 
         def run(words):
-            done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=PATIENCE)
+            done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=patience(PATIENCE))
             assert done.returncode == 0, done.stdout + done.stderr
             return done.stdout
 
@@ -69,7 +70,7 @@ def robot(environment, user, tmp_path):
     yield make
     for process in started:
         process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=PATIENCE)
+        output, _ = process.communicate(timeout=patience(PATIENCE))
         print(states, output)  # shown by pytest where the test fails
         assert process.returncode == 0
         assert "Traceback" not in output

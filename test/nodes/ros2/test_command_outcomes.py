@@ -15,8 +15,12 @@ from wbc_controller.records import Fault, Mode
 @pytest.fixture
 def asked():
     """A pending 'activate', and the list of its answers."""
+    return ask("activate")
+
+
+def ask(word):
     waiting, outcome = CommandOutcomes(), []
-    waiting.ask("activate", lambda: None, lambda *answer: outcome.append(answer))
+    waiting.ask(word, lambda: None, lambda *answer: outcome.append(answer))
     return waiting, outcome
 
 
@@ -46,6 +50,26 @@ def test_a_mode_that_does_not_confirm_it_says_why(asked):
     waiting, outcome = asked
     waiting.observe(report(Mode.DAMPING, ("activate",), fault=Fault("FALLEN", "it lies")))
     assert outcome == [(False, "damping FALLEN: it lies")]
+
+
+@pytest.mark.parametrize(
+    ("last", "answer"),
+    [
+        (report(Mode.INACTIVE), (True, "inactive")),
+        (
+            report(Mode.DAMPING, fault=Fault("STALE_INPUT", "odom is late")),
+            (False, "damping STALE_INPUT: odom is late"),
+        ),
+    ],
+)
+def test_a_deactivation_is_answered_at_the_end_of_its_ramp(last, answer):
+    waiting, outcome = ask("deactivate")
+    waiting.observe(report(Mode.ACTIVE, ("deactivate",)))
+    for mode in (Mode.ACTIVE, Mode.HOLDING, Mode.ACTIVE):
+        waiting.observe(report(mode, refused=("command 'deactivate' is refused",)))  # another one
+    assert outcome == []
+    waiting.observe(last)
+    assert outcome == [answer]
 
 
 def test_one_that_was_turned_away_is_answered_too(asked, monkeypatch):

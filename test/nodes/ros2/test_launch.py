@@ -4,11 +4,12 @@ import itertools
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from busy import patience
 from launching import PATIENCE, ROOT, launch
+from waiting import until
 
 try:
     from geometry_msgs.msg import PointStamped, WrenchStamped
@@ -33,7 +34,7 @@ def end(*processes):
     """End launch files as Ctrl-C does; what they have said, which pytest shows where the test fails."""
     for process in processes:
         process.send_signal(signal.SIGINT)
-    outputs = [process.communicate(timeout=PATIENCE)[0] for process in processes]
+    outputs = [process.communicate(timeout=patience(PATIENCE))[0] for process in processes]
     print(*outputs)
     return outputs
 
@@ -93,7 +94,7 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
 
 def test_a_robot_that_does_not_exist_ends_the_controller_with_the_reason(environment):
     process = launch(environment, "config:=/nowhere/robot.yaml", "mock:=false")
-    output, _ = process.communicate(timeout=PATIENCE)
+    output, _ = process.communicate(timeout=patience(PATIENCE))
     assert "config = '/nowhere/robot.yaml': there is no such file" in output
     assert "exit code 2" in output
     assert "Traceback" not in output
@@ -123,7 +124,7 @@ def test_the_guard_may_be_launched_too(environment, user):
 def test_every_argument_is_described(environment, file, arguments):
     done = subprocess.run(
         ["ros2", "launch", "wbc_controller", file, "--show-args"],
-        env=environment, capture_output=True, text=True, timeout=PATIENCE, check=True,
+        env=environment, capture_output=True, text=True, timeout=patience(PATIENCE), check=True,
     )  # fmt: skip
     for argument in arguments:
         assert f"'{argument}':" in done.stdout
@@ -153,10 +154,7 @@ def stand_in(environment, tmp_path):
 
 
 def wait_for(files, process):
-    deadline = time.monotonic() + PATIENCE
-    while not all(file.exists() and file.read_text() for file in files):
-        assert time.monotonic() < deadline, f"not within {PATIENCE} s"
-        time.sleep(0.1)
+    until(lambda: all(file.exists() and file.read_text() for file in files), patience=PATIENCE)
     end(process)
 
 

@@ -7,6 +7,7 @@ import threading
 import time
 
 import pytest
+from busy import slowness
 from domains import own_domain
 from waiting import until
 
@@ -59,9 +60,11 @@ def log():
     loggers = [logging.getLogger(f"wbc_controller.nodes.ros2.{name}") for name in ("controller_node", "lifecycle_gate")]
     for logger in loggers:
         logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
     yield records
     for logger in loggers:
         logger.removeHandler(handler)
+        logger.setLevel(logging.NOTSET)
 
 
 def text_of(records):
@@ -165,7 +168,7 @@ def caller(user, name):
     client = user.create_client(Trigger, f"/wbc_controller/{name}")
 
     def call():
-        assert client.wait_for_service(10)
+        assert client.wait_for_service(10 * slowness())
         future = client.call_async(Trigger.Request())
         until(future.done, patience=10)
         return future.result().success, future.result().message
@@ -173,7 +176,7 @@ def caller(user, name):
     return call
 
 
-def test_transitions_there_and_back_twice(make_node):
+def test_transitions_there_and_back_twice(make_node, log):
     node = make_node(robot="g1")
     for _ in range(2):
         assert node.trigger_configure() == SUCCESS
@@ -182,6 +185,11 @@ def test_transitions_there_and_back_twice(make_node):
             assert node.trigger_deactivate() == SUCCESS
         assert node.trigger_cleanup() == SUCCESS
     assert not [thread for thread in threading.enumerate() if thread.name == "control loop"]
+    prefix = "lifecycle transition: "
+    logged = [record.getMessage() for record in log if record.getMessage().startswith(prefix)]
+    states = {"activate": "active", "deactivate": "inactive", "configure": "inactive", "clean up": "unconfigured"}
+    there = ["configure", "activate", "deactivate", "activate", "deactivate", "clean up"]
+    assert logged == [f"{prefix}{what}; the node is {states[what]}" for what in 2 * there]
 
 
 @pytest.mark.parametrize(
@@ -304,7 +312,10 @@ def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
     user.create_subscription(String, "/wbc_controller/state", lambda message: said.append(message.data), 10)
     until(lambda: publish.get_subscription_count() == 1, patience=10)
     publish.publish(String(data="estop"))
+    for _ in range(5):  # of which one is logged in a second
+        publish.publish(String(data="estop"))
     until(lambda: "/wbc_controller/command ignored: the node is not active" in text_of(log), patience=10)
+    assert text_of(log).count("/wbc_controller/command ignored") == 1
     assert on_executor(executor, node.trigger_activate) == SUCCESS
     until(lambda: said, patience=10)
     publish.publish(String(data="estop"))
@@ -368,6 +379,8 @@ def test_a_service_waits_without_keeping_joint_states_from_the_loop(bring_up, ro
     assert answers[0] == (True, "active")
     assert set(answers[1:]) == {(False, "command 'activate' has no effect: the controller is active already")}
     assert node._loop.controller.supervisor.mode is Mode.ACTIVE
+    assert caller(user, "deactivate")() == (True, "inactive")
+    assert node._loop.controller.supervisor.mode is Mode.INACTIVE
 
 
 def test_simulated_time_is_honoured(bring_up, robot):

@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from xml.etree import ElementTree
 
 import pytest
+from busy import slowness
 from domains import own_domain
 from waiting import until as wait_until
 
@@ -54,7 +55,7 @@ def graph(monkeypatch):
     yield node
     executor.shutdown()
     context.try_shutdown()
-    thread.join(10)
+    thread.join(10 * slowness())
     node.destroy_node()
 
 
@@ -78,7 +79,7 @@ def start(graph):
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
     for process in started:
-        process.wait(20)
+        process.wait(20 * slowness())
 
 
 def topics_of(look, name):

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+from busy import patience
 from launching import PATIENCE, patient, start_node
 
 try:
@@ -43,7 +44,7 @@ def page(environment, tmp_path):
     for browser in browsers:
         browser.close()
     view.send_signal(signal.SIGINT)
-    assert view.wait(PATIENCE) == 0, log.read_text()
+    assert view.wait(patience(PATIENCE)) == 0, log.read_text()
 
 
 def test_it_shows_and_commands_nodes_of_ros2(environment, user, page, tmp_path):
@@ -80,4 +81,4 @@ def test_it_shows_and_commands_nodes_of_ros2(environment, user, page, tmp_path):
     finally:
         for each in nodes:
             each.send_signal(signal.SIGINT)
-        print(states, [each.wait(PATIENCE) for each in nodes])  # shown by pytest if the test fails
+        print(states, [each.wait(patience(PATIENCE)) for each in nodes])  # shown by pytest if the test fails

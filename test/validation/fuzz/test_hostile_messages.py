@@ -2,8 +2,10 @@
 
 import base64
 import dataclasses
+import gc
 import json
 import time
+import weakref
 
 import numpy as np
 import pytest
@@ -29,9 +31,9 @@ from wbc_controller.nodes.requests import Requests
 from wbc_controller.safety.guard import Guard
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.validation.fuzz.controller_target import ControllerTarget
-from wbc_controller.validation.fuzz.hostile_messages import fuzz_messages, load, replay, save
+from wbc_controller.validation.fuzz.hostile_messages import TARGETS, fuzz_messages, load, replay, save
 from wbc_controller.validation.fuzz.other_targets import UrdfTarget
-from wbc_controller.validation.fuzz.target import fuzzed_robot
+from wbc_controller.validation.fuzz.target import Target, fuzzed_robot
 
 ROBOT = "go2"
 #: Messages here; `wbc fuzz messages` sends a million.
@@ -81,6 +83,21 @@ def test_the_same_seed_sends_the_same_messages(monkeypatch):
 
     assert sent(3) == sent(3)
     assert len(set(sent(3)) | set(sent(4))) > 25
+
+
+@pytest.mark.parametrize("key", TARGETS)
+def test_no_node_outlives_its_episode(key, monkeypatch):
+    """Otherwise the memory grows by a robot per episode, and hides a leak of the node."""
+    nodes, original = weakref.WeakSet(), Target.__init__
+
+    def init(self, *arguments):
+        nodes.add(self)
+        original(self, *arguments)
+
+    monkeypatch.setattr(Target, "__init__", init)
+    fuzz_messages(ROBOT, 20, 1, targets=[key])
+    gc.collect()
+    assert not list(nodes)
 
 
 class TestWhatIsBrokenIsFound:

@@ -8,10 +8,12 @@ from collections.abc import Callable
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.records import Mode
 
-#: Command of each service, and the modes that confirm it (empty: any mode).
+#: Modes in which the torques follow the solutions, or hold.
+_IN_CONTROL = frozenset({Mode.ACTIVE, Mode.HOLDING})
+#: Command of each service, and the modes that confirm it.
 SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
-    "activate": ("activate", frozenset({Mode.ACTIVE, Mode.HOLDING})),
-    "deactivate": ("deactivate", frozenset()),
+    "activate": ("activate", _IN_CONTROL),
+    "deactivate": ("deactivate", frozenset({Mode.INACTIVE})),
     "reset": ("reset", frozenset({Mode.INACTIVE})),
     "stop": ("estop", frozenset({Mode.FAULT})),
 }
@@ -58,24 +60,28 @@ class _Waiting:
         self.answer = answer
         self._word = word
         self._cycles = 0
+        self._taken = False  # whether a cycle has accepted the command
 
     def observe(self, report: CycleReport) -> bool:
         """Process the report of a cycle; return True if the command is answered."""
         self._cycles += 1
-        if (
-            self._word not in report.inputs.requests.commands
-        ):  # it is read on another thread, which may take some cycles
-            if self._cycles < _LONGEST_WAIT:
-                return False
-            self.answer(False, f"command {self._word!r} was not taken within {self._cycles} cycles; send it again")
-            return True
-        refusals = [text for text in report.refused if text.startswith(f"command {self._word!r}")]
-        if refusals:
-            self.answer(False, refusals[-1])
-            return True
+        if not self._taken:
+            # It is read on another thread, which may take some cycles.
+            if self._word not in report.inputs.requests.commands:
+                if self._cycles < _LONGEST_WAIT:
+                    return False
+                self.answer(False, f"command {self._word!r} was not taken within {self._cycles} cycles; send it again")
+                return True
+            refusals = [text for text in report.refused if text.startswith(f"command {self._word!r}")]
+            if refusals:
+                self.answer(False, refusals[-1])
+                return True
+            self._taken = True
+        if self._word == "deactivate" and report.mode in _IN_CONTROL:  # the torques ramp down
+            return False
         state = report.mode.value
         if report.fault is not None:
             state += f" {report.fault.code}: {report.fault.sentence}"
         expected = next(modes for word, modes in SERVICES.values() if word == self._word)
-        self.answer(not expected or report.mode in expected, state)
+        self.answer(report.mode in expected, state)
         return True

@@ -16,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from wbc_controller.controller.controller import Controller
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
+from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import endpoints
 from wbc_controller.middleware.transports.ros2 import Ros2Transport
 from wbc_controller.nodes.controller_service import URDF_TOPIC, make_clock, make_loop
@@ -39,6 +40,15 @@ _log = logging.getLogger(__name__)
 _REMINDER = 5.0
 #: Longest time for shutting down on an executor that may have failed, s.
 _PATIENCE = 5.0
+#: State of the node after each transition.
+_STATES = {
+    "configure": "inactive",
+    "activate": "active",
+    "deactivate": "inactive",
+    "clean up": "unconfigured",
+    "shut down": "finalized",
+    "process the error": "unconfigured",
+}
 _NOT_ACTIVE = "the node is not active; ros2 lifecycle shows its state"
 _PARAMETERS: dict[str, tuple[Any, str]] = {
     "autostart": (True, "Configure and activate the node at start-up; where that fails, the process ends."),
@@ -151,7 +161,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return own_values(values(self), {name: _PARAMETERS[name][0]}, self.get_fully_qualified_name())[name]
 
     def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
-        """Run a transition, and log its errors, since rclpy drops them."""
+        """Run a transition, and log its outcome, since rclpy drops errors."""
         try:
             transition()
         except WbcError as error:
@@ -160,6 +170,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         except Exception:
             _log.exception("cannot %s", what)
             return TransitionCallbackReturn.ERROR
+        _log.info("lifecycle transition: %s; the node is %s", what, _STATES[what])
         return TransitionCallbackReturn.SUCCESS
 
     def _configure(self) -> None:
@@ -200,12 +211,14 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         if self._urdf_transport is not None:
             return
         (endpoint,) = endpoints(URDF_TOPIC, self.get_name(), namespace=self.get_namespace())
+        limit = LogLimit()
 
         def receive(payload: bytes) -> None:
             try:
                 self._urdf = urdf_of(payload, endpoint)
             except InputRefused as refusal:
-                _log.warning("refused %s: %s", endpoint.name, refusal)
+                if limit.passes(endpoint.name):
+                    _log.warning("refused %s: %s", endpoint.name, refusal)
                 return
             if self._starting and self.executor is not None:
                 self.executor.create_task(self.start)
@@ -230,7 +243,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self._thread = threading.Thread(target=run, name="control loop")
         self._gate.open = True
         self._thread.start()
-        _log.info("active: waiting for 'activate' on %s/command", self.get_fully_qualified_name())
+        _log.info("waiting for 'activate' on %s/command", self.get_fully_qualified_name())
 
     def _run(self, loop: ControlLoop, settings: Settings, activate: bool) -> None:
         try:

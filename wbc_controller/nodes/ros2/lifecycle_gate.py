@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 
 from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import REQUEST, Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 
@@ -17,6 +18,7 @@ class LifecycleGate:
 
     def __init__(self, transport: Transport) -> None:
         self.open = False  # True while messages are delivered
+        self._limit = LogLimit()
         self.discovery_time = transport.discovery_time
         self._transport = transport
         self._command: Callable[[bytes], None] = lambda payload: None
@@ -33,7 +35,7 @@ class LifecycleGate:
         def deliver(payload: bytes) -> None:
             if self.open:
                 callback(payload)
-            elif endpoint.qos == REQUEST:
+            elif endpoint.qos == REQUEST and self._limit.passes(endpoint.name):
                 _log.warning("message on %s ignored: the node is not active", endpoint.name)
 
         self._transport.subscribe(endpoint, deliver)

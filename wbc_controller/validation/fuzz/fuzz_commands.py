@@ -23,7 +23,7 @@ _EVERY = 10.0
 
 @click.group()
 def fuzz() -> None:
-    """Try to break it: hostile messages, files, states and setpoints, floods, killed processes, long runs.
+    """Try to break it: hostile messages, files, clocks, states and setpoints, floods, killed processes, long runs.
 
     Floods, kills and soak start real processes on a DDS domain of their own, the others none. All of them end with exit
     status 1 where something broke, and repeat themselves by their seed.
@@ -226,6 +226,23 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
     for said in result.own_faults:
         click.echo(f"  {said}")
     sys.exit(0 if not result.own_faults and all(result.flat(name) for name in result.memory) else 1)
+
+
+@fuzz.command()
+@click.argument("robots", default="go2,g1,talos")
+@click.option("--count", default=1000, show_default=True, help="Trials of each robot.")
+@click.option("--first", default=0, show_default=True, help="Number of each robot's first trial.")
+@click.option("--seed", default=0, show_default=True, help="Of all choices.")
+def clocks(robots: str, count: int, first: int, seed: int) -> None:
+    """Change clocks, stamps and delivery, pause the controller, and see that no robot falls without a fault."""
+    with _needing_extras():
+        from wbc_controller.validation.fuzz import clocks as run
+
+    say = _Progress()
+    done = run.fuzz_clocks(robots.split(","), count, seed, first=first, progress=lambda trial: say(trial.line()))
+    for line in run.summary(done):
+        click.echo(line)
+    sys.exit(1 if any(trial.why for trial in done) else 0)
 
 
 @fuzz.command()

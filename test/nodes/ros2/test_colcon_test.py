@@ -1,0 +1,47 @@
+"""`colcon test` in a sourced workspace: the documented dependencies, and the pytest plugins of ROS 2."""
+
+import os
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import setuptools
+
+ROOT = Path(__file__).resolve().parents[3]
+#: Libraries that ROS 2, or another library of the list, brings.
+BROUGHT = {"numpy", "pyyaml"}
+#: The entry points of launch_testing and launch_testing_ros.
+PLUGINS = "launch_testing", "launch_ros"
+
+
+def name(requirement):
+    return re.match(r"[\w-]+", requirement).group()
+
+
+def test_the_documented_installation_contains_all_libraries_of_package_and_tests(monkeypatch):
+    given = {}
+    monkeypatch.setattr(setuptools, "setup", lambda **arguments: given.update(arguments))
+    monkeypatch.chdir(ROOT)
+    runpy.run_path("setup.py")
+    extras = given["extras_require"]
+    needed = [*given["install_requires"], *extras["robots"], extras["mock"][0], *extras["test"]]
+    page = (ROOT / "docs/ros2.md").read_text(encoding="utf-8").split("## Install on an installation of ROS")[1]
+    commands = re.search(r"```bash\n(.*?)```", page, re.DOTALL).group(1)
+    assert {name(each) for each in needed} - BROUGHT == {name(each) for each in re.findall(r"'(.*?)'", commands)}
+
+
+@pytest.mark.parametrize("plugin", PLUGINS)
+def test_the_plugins_of_a_sourced_ros_2_are_not_loaded(tmp_path, plugin):
+    """They import each test file under its bare name, so that two files of one name end the collection."""
+    (tmp_path / "plugin_of_a_test.py").write_text("raise RuntimeError('the plugin is loaded')\n", encoding="utf-8")
+    distribution = tmp_path / "plugin_of_a_test-1.dist-info"
+    distribution.mkdir()
+    (distribution / "METADATA").write_text("Metadata-Version: 2.1\nName: plugin-of-a-test\nVersion: 1\n")
+    (distribution / "entry_points.txt").write_text(f"[pytest11]\n{plugin} = plugin_of_a_test\n")
+    paths = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    words = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider", "test/test_layering.py"]
+    done = subprocess.run(words, cwd=ROOT, env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,57 @@
+"""The fuzzer of clocks and load: robots stand or are damped with a fault, and what breaks that is found."""
+
+import dataclasses
+
+import pytest
+from click.testing import CliRunner
+
+from wbc_controller.cli import main
+from wbc_controller.nodes.inputs import Inputs
+from wbc_controller.validation.campaign.fall import TrueFall
+from wbc_controller.validation.fuzz import clocks
+from wbc_controller.validation.fuzz.clocks import CLOCKS, run_trial
+
+
+def test_no_clock_and_no_load_makes_a_robot_fall_without_a_fault():
+    result = CliRunner().invoke(main, ["fuzz", "clocks", "go2", "--count", "30"])
+    assert result.exit_code == 0, result.output
+    lines = result.stdout.splitlines()
+    assert [line.split()[:2] for line in lines] == [["go2", clock] for clock in CLOCKS]
+    for outcome in ("stood", "refused", "STALE_INPUT", "CLOCK"):
+        assert any(outcome in line for line in lines), outcome
+
+
+@pytest.mark.parametrize("number", [0, 4])
+def test_a_trial_follows_from_its_seed_and_number(number):
+    assert run_trial("go2", 3, number) == run_trial("go2", 3, number)
+    assert run_trial("go2", 3, number) != run_trial("go2", 4, number)
+
+
+def test_torques_from_stale_states_are_found(monkeypatch):
+    monkeypatch.setattr(Inputs, "fault", lambda self, ages, timeout: None)
+    monkeypatch.setattr("wbc_controller.nodes.loop.stale_inputs", lambda ages, timeout: None)
+    trials = (run_trial("go2", 0, number) for number in range(60))
+    assert next(trial.why for trial in trials if trial.why).startswith("stale: at ")
+
+
+def test_a_fall_without_a_fault_ends_the_command_with_1(monkeypatch):
+    monkeypatch.setattr(TrueFall, "seen", lambda self: True)
+    result = CliRunner().invoke(main, ["fuzz", "clocks", "go2", "--count", "3", "--first", "10"])
+    assert result.exit_code == 1
+    assert "go2, trial 1" in result.output
+    assert "; the robot fell without a fault" in result.output
+
+
+def test_steps_of_the_clock_are_seen_by_the_controller():
+    seen = []
+
+    class Watched(clocks._Standing):
+        def _period(self):
+            super()._period()
+            seen.append(self.clock.stamp())
+
+    trial = dataclasses.replace(run_trial("go2", 0, 0), clock="simulated")
+    steps = clocks.ClockSteps(step=0.02, start=0.0, duration=60.0)
+    Watched(trial, [steps], True, clocks.np.random.default_rng(0)).run()
+    assert {stamp % 20_000_000 for stamp in seen} == {0}
+    assert len(set(seen)) > 20

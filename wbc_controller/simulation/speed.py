@@ -1,0 +1,54 @@
+"""The speed of a simulation compared with real time: logged when it becomes too low, and when it is enough again."""
+
+import logging
+from collections.abc import Callable
+
+#: Wall time over which the speed is measured, s.
+_WINDOW = 5.0
+#: Share of the requested speed below which it is too low, and above which it is enough again.
+_LOW, _ENOUGH = 0.9, 0.95
+
+_log = logging.getLogger(__name__)
+
+
+class Speed:
+    """Compares the simulated time with the wall time.
+
+    Args:
+        factor: requested simulated seconds per second.
+        clock: returns the wall time, s.
+    """
+
+    def __init__(self, factor: float, clock: Callable[[], float]) -> None:
+        self._factor, self._clock = factor, clock
+        self._low = False
+        self._began = self._since = clock()
+        self._first = self._simulated = 0.0  # simulated time at the start, and at the start of the window, s
+
+    def begin(self, simulated: float) -> None:
+        """Begin to measure, at a simulated time, s."""
+        self._began = self._since = self._clock()
+        self._first = self._simulated = simulated
+
+    def look(self, simulated: float) -> None:
+        """Log a change of the speed; called in each period with the simulated time, s."""
+        now = self._clock()
+        if now - self._since < _WINDOW:
+            return
+        speed = (simulated - self._simulated) / (now - self._since)
+        self._since, self._simulated = now, simulated
+        if speed < _LOW * self._factor and not self._low:
+            self._low = True
+            _log.warning(
+                "the simulation runs at %.0f %% of real time instead of %.0f %%: this computer is too slow or busy, or"
+                " a patient robot waits for its controller; use a smaller real_time_factor, or lockstep",
+                100.0 * speed,
+                100.0 * self._factor,
+            )
+        elif speed >= _ENOUGH * self._factor and self._low:
+            self._low = False
+            _log.info("the simulation runs at %.0f %% of real time again", 100.0 * speed)
+
+    def mean(self, simulated: float) -> float:
+        """Return the mean speed up to a simulated time, as a share of real time."""
+        return (simulated - self._first) / max(self._clock() - self._began, 1.0e-9)

@@ -1,0 +1,210 @@
+"""The fuzzer of clocks and load: with any clock, delivery and lateness a robot stands, or a fault says why not.
+
+In each trial the controller measures time by /clock, by a clock that is synchronized with the robot's, or by its own.
+Up to three faults of stamps, clocks and delivery begin before the activation or while the robot stands. /clock may
+move in steps, and the controller may lose the processor again and again. All runs on simulated time and one thread.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.errors import WbcError
+from wbc_controller.middleware.topics import counterpart
+from wbc_controller.middleware.transports.memory import MemoryTransport
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.records import Mode
+from wbc_controller.settings.config import load
+from wbc_controller.simulation.faults.catalogue import KINDS, draw
+from wbc_controller.simulation.faults.fault import Fault, MeasurementFault, Site, number
+from wbc_controller.simulation.measurement import Measurement
+from wbc_controller.validation.campaign.fall import TrueFall
+from wbc_controller.validation.campaign.monitor import OutputMonitor
+from wbc_controller.validation.campaign.outcome import UNSEEN
+from wbc_controller.validation.error_log import logged_errors
+from wbc_controller.validation.lockstep import Lockstep
+
+#: Clocks of the controller.
+CLOCKS = ("simulated", "synchronized", "own")
+#: Simulated time of a trial after the activation, s, and periods for which the robot hangs before it.
+_DURATION, _HANGING = 1.2, 10
+#: Periods of hanging between two attempts to activate, and the number of attempts.
+_BETWEEN, _ATTEMPTS = 5, 4
+#: Range of the pauses of the controller, s, and of the time between two of them, s.
+_PAUSE, _BUSY = (0.002, 0.1), (0.005, 0.5)
+#: Kinds of fault that change times only.
+_TIMES = [kind for kind in KINDS.values() if kind.place in ("stamps and clock", "delivery")]
+
+
+class ClockSteps(MeasurementFault):
+    """The time on /clock moves in steps."""
+
+    place = "stamps and clock"
+    step: float = number(0.02, 0.002, 0.5, "s", "between two times")
+
+    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+        measured.stamps["clock"] -= measured.stamps["clock"] % round(1.0e9 * self.step)
+
+
+@dataclass(slots=True)
+class ClockTrial:
+    """One trial."""
+
+    robot: str
+    number: int  # of the trial: with the seed it decides everything
+    clock: str  # one of `CLOCKS`
+    faults: str  # kinds of the faults
+    late: bool  # whether the controller loses the processor again and again
+    result: str = "stood"  # `stood`, `refused`, or the code of the fault that ended the control
+    why: str = ""  # the broken invariant; empty if none
+
+    def line(self) -> str:
+        """Return the trial in one line."""
+        late = ", late" if self.late else ""
+        why = f"; {self.why}" if self.why else ""
+        return f"{self.robot}, trial {self.number}: {self.clock} clock, {self.faults}{late}: {self.result}{why}"
+
+
+def fuzz_clocks(
+    robots: Sequence[str],
+    count: int,
+    seed: int,
+    *,
+    first: int = 0,
+    progress: Callable[[ClockTrial], None] = lambda trial: None,
+) -> list[ClockTrial]:
+    """Run a number of trials with each robot.
+
+    Raises:
+        ConfigurationError: if there is no such robot.
+    """
+    trials = []
+    for robot in robots:
+        for each in range(first, first + count):
+            trials.append(run_trial(robot, seed, each))
+            progress(trials[-1])
+    return trials
+
+
+def run_trial(robot: str, seed: int, number: int) -> ClockTrial:
+    """Run one trial."""
+    rng = np.random.default_rng([seed, number])
+    clock, late = CLOCKS[number % len(CLOCKS)], bool(rng.random() < 0.4)
+    before = rng.random() < 0.3  # whether the faults begin before the activation
+    kinds: list[type[Fault]] = [_TIMES[i] for i in rng.choice(len(_TIMES), rng.integers(0 if late else 1, 4))]
+    if clock == "simulated" and rng.random() < 0.5:
+        kinds.append(ClockSteps)
+    faults = [
+        draw(
+            kind,
+            rng,
+            start=0.0 if before else float(rng.uniform(0.2, 0.6)),
+            duration=60.0 if before else float(rng.uniform(0.05, 0.6)),
+            seed=int(rng.integers(2**32)),
+        )
+        for kind in kinds
+    ]
+    trial = ClockTrial(robot, number, clock, ", ".join(fault.kind() for fault in faults) or "no fault", late)
+    with logged_errors() as errors, np.errstate(all="ignore"):
+        try:
+            _Standing(trial, faults, before, rng).run()
+        except WbcError as error:
+            trial.why = f"{type(error).__name__}: {error}"
+    if errors:
+        trial.why = f"an error was logged: {errors[0]}"
+    return trial
+
+
+class _Standing(Lockstep):
+    """A robot that stands, and its controller with its clock and its pauses."""
+
+    def __init__(self, trial: ClockTrial, faults: Sequence[Fault], before: bool, rng: np.random.Generator) -> None:
+        changes = {
+            "safety.activation_ramp": 0.0,
+            "safety.synchronized_clocks": trial.clock == "synchronized",
+            "control.markers_rate": 0.0,
+        }
+        settings = load(trial.robot).replace(changes).settings
+        model = make_model(settings)
+        names = {t.key: t.name for t in controller_endpoints(settings, model) if t.key in ("joint_states", "odom")}
+        self._monitor = OutputMonitor(model, settings, names, stamps_lie=True)
+        super().__init__(
+            settings, model=model, use_sim_time=trial.clock == "simulated", observers=(self._monitor.cycle,)
+        )
+        self.mock.sent = self._monitor.sent
+        (effort,) = [topic for topic in self.topics if topic.key == "effort"]
+        MemoryTransport(self.bus).subscribe(counterpart(effort), self._monitor.torques)
+        self._trial, self._faults, self._before, self._rng = trial, faults, before, rng
+        self._paused_until, self._pauses_at = 0.0, math.inf
+        self._fall = TrueFall(model, self.mock.plant)
+
+    def run(self) -> None:
+        """Hang, activate, and stand until the time is over or the controller damps."""
+        if self._before:
+            self.mock.plan(self._faults, self.time)
+        for _ in range(_HANGING):
+            self._period()
+        for _ in range(_ATTEMPTS):
+            self.user.say("command", "activate")
+            for _ in range(_BETWEEN):
+                self._period()
+            if self._monitor.mode is Mode.ACTIVE:
+                break
+        else:
+            self._trial.result = "refused"
+            return self._judge()
+        rising = 1.0 / self.settings.limits.torque_rate
+        for _ in range(math.ceil(rising / self.controller.period)):
+            self._period()
+        self.mock.plant.hold(False, ramp=0.0)
+        if not self._before:
+            self.mock.plan(self._faults, self.time)
+        if self._trial.late:
+            self._pauses_at = self.time
+        end, fallen_since = self.time + _DURATION, math.inf
+        while self.time < end and self._monitor.left is None:
+            self._period()
+            fallen_since = min(fallen_since, self.time) if self._fall.seen() else math.inf
+            if self.time - fallen_since > UNSEEN:
+                self._trial.why = "the robot fell without a fault"
+                return None
+        return self._judge()
+
+    def _period(self) -> None:
+        """Let one control period pass, in which the controller may not run."""
+        self._monitor.now = 1.0e-9 * self.mock.stamp
+        self.publish_state()
+        if self.time >= self._pauses_at:
+            self._paused_until = self.time + _between(self._rng, _PAUSE)
+            self._pauses_at = self._paused_until + _between(self._rng, _BUSY)
+        if self.time >= self._paused_until:
+            self.loop.run_due(self._monitor.now, self.controller.period)
+        self.mock.advance()
+
+    def _judge(self) -> None:
+        """Note the result, and the first violation."""
+        if self._monitor.left is not None:
+            self._trial.result = self._monitor.left[1]
+        violations = dict(self._monitor.violations)
+        if any(fault.place == "stamps and clock" for fault in self._faults):
+            violations.pop("stale", None)  # the true age is not known to a controller with a false clock
+        if violations:
+            name, sentence = next(iter(violations.items()))
+            self._trial.why = f"{name}: {sentence}"
+
+
+def _between(rng: np.random.Generator, ends: tuple[float, float]) -> float:
+    """Draw a time, s, so that short and long ones are equally frequent."""
+    return float(np.exp(rng.uniform(*np.log(ends))))
+
+
+def summary(trials: Sequence[ClockTrial]) -> Iterator[str]:
+    """Return a line for each robot and clock, and one for each trial with a broken invariant."""
+    for robot, clock in dict.fromkeys((trial.robot, trial.clock) for trial in trials):
+        own = [trial.result for trial in trials if (trial.robot, trial.clock) == (robot, clock)]
+        yield f"{robot:10} {clock:13} " + ", ".join(f"{own.count(each)} {each}" for each in sorted(set(own)))
+    yield from (trial.line() for trial in trials if trial.why)
