@@ -1,4 +1,4 @@
-"""How far a standing robot could be pushed, sway and squat: linear programs over contact forces and torques at rest."""
+"""How far a standing robot could be pushed, sway and squat: forces and torques at rest, motion with held contacts."""
 
 from __future__ import annotations
 
@@ -21,42 +21,54 @@ _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.
 _MATTERS = 1.0e-3
 #: Step of a squat, m, and the largest share of the height of the centre of mass that is tried.
 _STEP, _DEEPEST = 0.01, 0.6
-#: Iterations of Newton's method in each step, and the largest error that is left, m and rad.
-_ITERATIONS, _REACHED = 6, 1.0e-3
+#: Iterations of Newton's method in each step, the largest error that is left, m and rad, and that of contacts: one that
+#: the controller allows redundant contacts (`formulation.redundancy`).
+_ITERATIONS, _REACHED, _HELD = 6, 1.0e-3, 5.0e-4
+#: Steps in which the static sway is tried, and halvings to find how far the robot comes if it does not get there.
+_STEPS, _HALVINGS = 3, 5
+#: Weight of the height, and of a base whose orientation no task holds, while a robot sways: they change if need be.
+_FREE = 0.01
 #: Weight of the joints' own motion: of all ways down the one that moves them least.
 _LEAST_MOTION = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
 class _Balance:
-    """The largest multiple of a disturbance, and the actuator that allows no more; None where it is the contacts."""
+    """The largest multiple of a disturbance, and the cause that allows no more: an actuator; None for the contacts."""
 
     most: float
-    actuator: str | None
+    cause: str | None
 
 
-def reserves(qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int]) -> list[Finding]:
+def reserves(qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], *, level: bool) -> list[Finding]:
     """Find the reserves of a robot with a floating base that stands in a configuration q, where its dynamics are left.
 
     A push is a steady horizontal force on the base, in line with the centre of mass. Swaying moves the weight
-    sideways, at the posture's own torque arms. Friction, supports, largest forces and effort limits hold. `hanging` are
-    indices of joints without a motor that nothing supports.
+    sideways, at the posture's own torque arms, as far as the robot can move with its contacts held. Friction, supports,
+    largest forces and effort limits hold.
+
+    Args:
+        hanging: indices of joints without a motor that nothing supports.
+        level: whether a task holds the orientation of the base, so that it stays level while the robot sways.
     """
     model, dynamics = qp.model, qp.dynamics
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     arm = dynamics.com - dynamics.placement(model.frame_id(model.base_link, "base")).translation
     weight = model.mass * np.array(model.pinocchio.gravity.linear)
     pushes, shifts = {}, {}
+    anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
+    all_anchored = len(anchored) == len(bearing)  # nothing says how far a loop is open along the way
     for name, direction in _DIRECTIONS.items():
         way = np.array(direction)
         pushes[name] = _most(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
         shifts[name] = _most(qp, bearing, hanging, np.concatenate([np.zeros(3), np.cross(way, weight)]))
+        if all_anchored and np.isfinite(shifts[name].most):
+            shifts[name] = _moved(qp, anchored, hanging, q, way, level, shifts[name])
     found = [
         Finding("push", "steady, at the centre of mass: " + _listed(pushes, 1.0, "N")),
         Finding("sway", "of the centre of mass: " + _listed(shifts, 1e3, "mm")),
     ]
-    anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
-    if len(anchored) == len(bearing):  # nothing says how far a loop is open along the way
+    if all_anchored:
         found.append(Finding("squat", _squat(qp, anchored, hanging, q)))
     return found
 
@@ -65,7 +77,7 @@ def _listed(found: dict[str, _Balance], scale: float, unit: str) -> str:
     parts = []
     for name, balance in found.items():
         size = f"{scale * balance.most:.0f} {unit}" if np.isfinite(balance.most) else "any"
-        parts.append(f"{size} {name}" + (f" ({balance.actuator})" if balance.actuator else ""))
+        parts.append(f"{size} {name}" + (f" ({balance.cause})" if balance.cause else ""))
     return ", ".join(parts)
 
 
@@ -106,51 +118,88 @@ def _most(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], w
     return _Balance(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
 
 
-def _squat(qp: WholeBodyQP, bearing: Sequence[AnchoredContact], hanging: Sequence[int], q: Array) -> str:
-    """How far the centre of mass can go straight down, with the base level and the contacts where they are."""
-    model, dynamics = qp.model, qp.dynamics
-    base, start = model.frame_id(model.base_link, "base"), dynamics.com.copy()
-    upright = dynamics.placement(base).rotation.copy()
-    held = [(contact, contact.anchor(dynamics)) for contact in bearing]
-    depth, why, at = 0.0, "", np.array(q)
-    while not why:
-        goal = start - np.array([0.0, 0.0, depth + _STEP])
-        for _ in range(_ITERATIONS):
+class _HeldContacts:
+    """Motion of a robot whose contacts stay where they are in the present configuration."""
+
+    def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact]) -> None:
+        self._qp = qp
+        dynamics = qp.dynamics
+        self._base = qp.model.frame_id(qp.model.base_link, "base")
+        self.com = dynamics.com.copy()
+        self._upright = dynamics.placement(self._base).rotation.copy()
+        self._held = [(contact, contact.anchor(dynamics)) for contact in bearing]
+
+    def reach(self, goal: Array, start: Array, weights: Array) -> tuple[Array, str]:
+        """Move the centre of mass to a goal, (3,) in m, from a configuration, by Newton's method.
+
+        Args:
+            weights: of the centre of mass and the base's orientation, (6,); 1 if required.
+
+        Returns:
+            The configuration, in which the dynamics are left, and the reason if the goal is not reached, else "".
+        """
+        qp, at = self._qp, start
+        model, dynamics = qp.model, qp.dynamics
+        C, least = model.actuation.C, _LEAST_MOTION * np.eye(model.nv)
+        for last in [False] * _ITERATIONS + [True]:
             dynamics.update(at, np.zeros(model.nv))
-            turned = pin.log3(upright @ dynamics.placement(base).rotation.T)
-            J = np.vstack(
-                [
-                    *(contact.jacobian(dynamics) for contact, _ in held),
-                    dynamics.com_jacobian,
-                    dynamics.jacobian(base, pin.LOCAL_WORLD_ALIGNED)[3:],
-                    model.actuation.C,
-                ]
-            )
-            error = np.concatenate(
-                [
-                    *(contact.displacement(dynamics, anchor) for contact, anchor in held),
-                    goal - dynamics.com,
-                    turned,
-                    np.zeros(len(model.actuation.C)),
-                ]
-            )
-            least = _LEAST_MOTION * np.eye(model.nv)
-            step = np.linalg.lstsq(np.vstack([J, least]), np.concatenate([error, np.zeros(model.nv)]), rcond=None)[0]
+            turned = pin.log3(self._upright @ dynamics.placement(self._base).rotation.T)
+            gap = np.concatenate([contact.displacement(dynamics, anchor) for contact, anchor in self._held])
+            off = weights * np.concatenate([goal - dynamics.com, turned])
+            if last:
+                break
+            J = np.vstack([contact.jacobian(dynamics) for contact, _ in self._held])
+            own = np.vstack([dynamics.com_jacobian, dynamics.jacobian(self._base, pin.LOCAL_WORLD_ALIGNED)[3:]])
+            rows = np.vstack([J, weights[:, None] * own, C, least])
+            error = np.concatenate([gap, off, np.zeros(len(C) + model.nv)])
+            step = np.linalg.lstsq(rows, error, rcond=None)[0]
             at = np.asarray(pin.integrate(model.pinocchio, at, step))
         joints = at[model.q_index]
         beyond = np.flatnonzero((joints < model.position_lower) | (joints > model.position_upper))
-        if depth + _STEP > _DEEPEST * start[2]:
-            why = "no more was tried"
-        elif np.abs(error).max() > _REACHED:
-            why = "the legs reach no further"
-        elif beyond.size:
-            why = f"{model.joints[beyond[0]]} is at its position limit"
-        elif not _stands(qp, bearing, hanging):
-            why = "the torques or contacts bear no more"
+        if np.abs(off[weights == 1.0]).max() > _REACHED or np.abs(gap).max(initial=0.0) > _HELD:
+            return at, "reach"
+        return at, f"position of {model.joints[beyond[0]]}" if beyond.size else ""
+
+
+def _moved(
+    qp: WholeBodyQP, bearing: Sequence[AnchoredContact], hanging: Sequence[int], q: Array, way: Array, level: bool,
+    static: _Balance,
+) -> _Balance:  # fmt: skip
+    """Find how far the centre of mass can move along a horizontal unit vector, at most as far as statics allow."""
+    motion = _HeldContacts(qp, bearing)
+    done, far, at, cause = 0.0, np.inf, np.array(q), static.cause
+    weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])
+    tried = static.most / _STEPS
+    for _ in range(_STEPS + _HALVINGS):
+        there, why = motion.reach(motion.com + tried * way, at, weights)
+        if not why and not _stands(qp, bearing, hanging):
+            why = "torques or contacts"
+        if why:
+            far, cause = tried, why
         else:
-            depth += _STEP
-    dynamics.update(q, np.zeros(model.nv))
-    return f"{1e3 * depth:.0f} mm straight down; {why}"
+            done, at = tried, there
+        if done == static.most:
+            break
+        tried = min(static.most, done + static.most / _STEPS, 0.5 * (done + far))
+    qp.dynamics.update(q, np.zeros(qp.model.nv))
+    return _Balance(done, cause)
+
+
+def _squat(qp: WholeBodyQP, bearing: Sequence[AnchoredContact], hanging: Sequence[int], q: Array) -> str:
+    """How far the centre of mass can go straight down, with the base level and the contacts where they are."""
+    motion = _HeldContacts(qp, bearing)
+    depth, why, at = 0.0, "", np.array(q)
+    while not why:
+        goal = motion.com - np.array([0.0, 0.0, depth + _STEP])
+        if depth + _STEP > _DEEPEST * motion.com[2]:
+            why = "no more was tried"
+            break
+        at, why = motion.reach(goal, at, np.ones(6))
+        if not why and not _stands(qp, bearing, hanging):
+            why = "torques or contacts"
+        depth += 0.0 if why else _STEP
+    qp.dynamics.update(q, np.zeros(qp.model.nv))
+    return f"{1e3 * depth:.0f} mm straight down ({why})"
 
 
 def _stands(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
