@@ -11,6 +11,8 @@ import pinocchio as pin
 
 from wbc_controller.apps.new.notes import Draft
 
+#: Types of joints with limits.
+_LIMITED = ("revolute", "continuous", "prismatic")
 #: Gravity, m/s².
 _GRAVITY = 9.81
 #: Effort above which a limit cannot be a motor's, in weights of the robot at the end of its longest limb, and its
@@ -48,6 +50,16 @@ class Placeholders:
                 draft.note("robot.joint_limits", text, "missing")
 
 
+def fill_limits(tree: ElementTree.Element) -> None:
+    """Write 0 for the missing efforts and speeds of a URDF's joints, in place."""
+    for joint in tree.findall("joint"):
+        if joint.get("type") in _LIMITED:
+            limit = joint.find("limit")
+            limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
+            for key in ("effort", "velocity"):
+                limit.set(key, limit.get(key, "0"))
+
+
 def reach_of(model: pin.Model) -> float:
     """Return the length of the longest chain of joints, m."""
     lengths = np.zeros(model.njoints)
@@ -65,7 +77,7 @@ def replaced_limits(joints: Sequence[ElementTree.Element], mass: float, reach: f
     weight = mass * _GRAVITY * max(reach, 0.05)
     found = Placeholders({}, {})
     for joint in joints:
-        if joint.get("type") not in ("revolute", "continuous", "prismatic"):
+        if joint.get("type") not in _LIMITED:
             continue
         limit = joint.find("limit")
         given = {key: None if limit is None else limit.get(key) for key in ("effort", "velocity", "lower", "upper")}

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.actuation import Actuation
+from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.mimic import Followers, Mimic, read_mimics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveForces, PassiveJoint
@@ -63,10 +65,7 @@ def build_model(
         ConfigurationError: where the URDF or a joint cannot be used.
     """
     tree, urdf = read_robot(urdf, joint_limits or {})
-    try:
-        full = pin.buildModelFromXML(urdf, *([pin.JointModelFreeFlyer(), _FREE_FLYER] if floating_base else []))
-    except (ValueError, RuntimeError) as error:
-        raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
+    full = read_mechanism(tree, floating_base=floating_base)
     mimics, passive_joints = read_mimics(tree), passive_joints or {}
     _check_names(full, joints, passive_joints, locked_joints or {}, mimics)
     following = {name: mimic for name, mimic in mimics.items() if mimic.leader in joints}
@@ -77,7 +76,7 @@ def build_model(
         if name not in following and full.joints[full.getJointId(name)].nq == 1:
             locked[name] = mimic.ratio * locked.get(mimic.leader, 0.0) + mimic.offset
     locked = {name: position for name, position in locked.items() if position != 0.0}
-    model = _lock(full, [name for name in _joints_of(full) if name not in joints and name not in following], locked)
+    model = read_mechanism(tree, {*joints, *following}, locked, floating_base=floating_base)
     mass = pin.computeTotalMass(model)
     if not (mass >= _LEAST_MASS):
         raise ConfigurationError(
@@ -186,12 +185,29 @@ def _require_one_coordinate(full: pin.Model, name: str, subject: str) -> None:
         )
 
 
-def _lock(full: pin.Model, names: Sequence[str], positions: Mapping[str, float]) -> pin.Model:
-    """Lock joints at the given positions, rad; at zero where none is given."""
-    q = pin.neutral(full)
-    for name, position in positions.items():
-        q[full.joints[full.getJointId(name)].idx_q] = position
-    return pin.buildReducedModel(full, [full.getJointId(name) for name in names], q) if names else full
+def read_mechanism(
+    tree: ElementTree.Element,
+    moving: Collection[str] | None = None,
+    locked: Mapping[str, float] = MappingProxyType({}),
+    *,
+    floating_base: bool,
+) -> pin.Model:
+    """Read the mechanism of a URDF with Pinocchio.
+
+    Args:
+        moving: joints that move; None for all.
+        locked: positions of other joints, rad or m; 0 by default.
+        floating_base: whether the root link moves freely.
+
+    Raises:
+        ConfigurationError: if Pinocchio refuses it.
+    """
+    moving = [str(joint.get("name")) for joint in tree.findall("joint")] if moving is None else moving
+    mechanism = ElementTree.tostring(bare_mechanism(tree, moving, locked), encoding="unicode")
+    try:
+        return pin.buildModelFromXML(mechanism, *([pin.JointModelFreeFlyer(), _FREE_FLYER] if floating_base else []))
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
 
 
 def _tighten(
