@@ -18,6 +18,8 @@ from wbc_controller.records import Array
 _LEVEL, _ABOVE = 0.15, 0.02
 #: Largest relative difference in the masses of two legs.
 _ALIKE = 0.2
+#: Joints that a leg has at least, if it does not begin at the base: fingers have fewer.
+_LEG = 3
 
 #: Shapes by the number of the link's frame.
 Elements = Mapping[int, Sequence[pin.GeometryObject]]
@@ -83,7 +85,16 @@ class Body:
 
     def feet(self) -> list[Foot]:
         """Return the feet, the front left one first; none if the robot does not stand on limbs."""
-        own = [limb for limb in self.limbs if self.model.pinocchio.parents[limb.joints[0]] == 1]
+        lowest = min(self.limbs, key=lambda limb: limb.low, default=None)
+        if lowest is None:
+            return []
+        base = 1
+        pelvis = int(self.model.pinocchio.parents[lowest.joints[0]])  # below a waist it is not the base
+        return self._feet_at(base) or (self._feet_at(pelvis) if len(lowest.joints) >= _LEG else [])
+
+    def _feet_at(self, trunk: int) -> list[Foot]:
+        """Return the feet of the limbs that begin at what a joint moves."""
+        own = [limb for limb in self.limbs if self.model.pinocchio.parents[limb.joints[0]] == trunk]
         lowest = min(own, key=lambda limb: limb.low, default=None)
         if lowest is None:
             return []
