@@ -36,7 +36,7 @@ TIP_ERROR = 0.001
 MOST_CORNERS = 12
 #: Cosine of the angle between the normals of one sole, at most 3°.
 _PARALLEL = 0.9986
-#: Half the thickness of the box in place of a mesh without a volume, at least, m.
+#: Smallest radius, and half the smallest thickness, of a shape without a volume, m.
 _THINNEST = 0.0005
 
 
@@ -93,7 +93,7 @@ def add_shape(spec: Any, body: Any, shape: Shape, name: str) -> Any:
     """Add a shape to a body of MuJoCo's specification, without mass, and return its geom."""
     geom = body.add_geom(type=shape.kind, name=name, mass=0.0)
     if shape.points is None:
-        geom.size = [*shape.size, 0.0, 0.0, 0.0][:3]
+        geom.size = [*(max(size, _THINNEST) for size in shape.size), 0.0, 0.0, 0.0][:3]  # MuJoCo refuses 0
         geom.pos = shape.placement.translation
         geom.quat = np.array(pin.SE3ToXYZQUAT(shape.placement))[[6, 3, 4, 5]]
     else:
