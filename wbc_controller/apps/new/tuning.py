@@ -11,8 +11,11 @@ import pinocchio as pin
 from wbc_controller.apps.new.feet import Limb
 from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.notes import Draft, identifier
+from wbc_controller.controller.build.footprint import fewer_corners
+from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
+from wbc_controller.settings import LimitSettings
 
 #: Stiffness of the centre of mass in squared frequencies g/h of a pendulum as high as it, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
@@ -22,6 +25,8 @@ _LOAD = 3.0
 _FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}
 #: Damping of joints in emergencies, as a share of m g h, N·m·s/rad, and at most: that of G1.
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
+#: Distance from the position limits, as a share of the smallest range.
+_MARGIN = 0.1
 #: Fastest joint speed of which all is used, rad/s.
 _FAST = 8.0
 #: Joints that an arm has at least, for a task of its hand.
@@ -51,7 +56,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
                 half = np.abs(foot.corners).max(axis=0)
                 contact |= {"half_length": _down(half[0]), "half_width": _down(half[1])}
             else:
-                contact["vertices"] = [_rounded(corner) for corner in foot.corners]
+                contact["vertices"] = [_rounded(corner) for corner in _rounded_polygon(foot.corners)]
         else:
             contact["radius"] = round(foot.radius, 4)
             if foot.kind == "rolling":
@@ -120,7 +125,13 @@ def link_of(model: RobotModel, joint: int) -> str:
 
 
 def put_limits(model: RobotModel, draft: Draft) -> None:
-    """Write which share of the joints' speeds is used."""
+    """Write the share of the joints' speeds that is used, and the distance from the position limits."""
+    ranges = model.position_upper - model.position_lower
+    smallest = int(np.argmin(ranges))
+    margin = float(f"{_MARGIN * ranges[smallest]:.1g}")
+    if margin < LimitSettings().position_margin:
+        draft.put("limits.position_margin", margin, f"In proportion to the range of {model.joints[smallest]}, the "
+                  f"smallest: {ranges[smallest]:.3g} {model.units[smallest]}.", "guess")  # fmt: skip
     fastest = float(model.velocity_limits.max())
     if fastest > _FAST:
         share = float(np.clip(round(_FAST / fastest, 2), 0.15, 1.0))
@@ -135,6 +146,14 @@ def put_damping(model: RobotModel, height: float, draft: Draft) -> None:
         draft.put("safety.damping", damping, "In proportion to mass and size: G1 has 2 N·m·s/rad.", "guess")
         draft.put("guard.damping", damping)
         draft.put("mock.damping", damping)
+
+
+def _rounded_polygon(corners: Array) -> Array:
+    """Round the corners of a polygon, (n, 2) in m, and leave out those that are then on an edge."""
+    corners = np.round(corners, 4)
+    while len(corners) > 3 and not all(are_corners(corners)):
+        corners = fewer_corners(corners, len(corners) - 1)
+    return corners
 
 
 def _rounded(values: Array) -> list[float]:
