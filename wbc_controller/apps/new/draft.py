@@ -134,6 +134,9 @@ def _put_base(source: Source, base: Base | None, feet: Sequence[Foot], draft: Dr
     if base is not None:
         draft.put("robot.base", base, f"As --base {base} says.")
         return base
+    if source.floats:
+        draft.put("robot.base", "floating", "The URDF's joints between root link and base stand for a floating base.")
+        return "floating"
     if source.root == _WORLD:
         draft.put("robot.base", "fixed", f"The URDF's root link is called {_WORLD!r}.")
         return "fixed"

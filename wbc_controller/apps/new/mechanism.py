@@ -24,6 +24,7 @@ from wbc_controller.inverse_dynamics.robot.urdf import (
     read_robot,
     split_planar_joints,
 )
+from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
 
@@ -43,6 +44,11 @@ class Source:
     path: Path
     text: str  # its text; planar joints are split into three of one coordinate, missing limits are 0
     tree: ElementTree.Element  # the same, as XML
+
+    @property
+    def floats(self) -> bool:
+        """True if joints of the URDF stand for a floating base."""
+        return bool(virtual_joints(self.tree))
 
     @property
     def root(self) -> str:
@@ -104,10 +110,10 @@ def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) ->
     elements = [joint for joint in source.tree.iterfind("joint") if joint.get("type") != "fixed"]
     limits = replaced_limits(elements, mass, reach_of(model))
     ranges = ranges_of(source, limits.values)
-    joints, light, stiff, other = [], [], [], []
+    joints, light, stiff, other, virtual = [], [], [], [], virtual_joints(source.tree)
     for name in (str(element.get("name")) for element in elements):
         joint = model.joints[model.getJointId(name)]
-        if name in mimics:
+        if name in mimics or name in virtual:
             continue
         if joint.nv != 1:
             other.append(name)
@@ -130,6 +136,7 @@ def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) ->
         (light, f"what each of them moves is less than {100.0 * _FINGER:g} % of the robot's mass, as fingers are"),
         (stiff, "their range in the URDF is empty"),
         (other, "they have several degrees of freedom"),
+        (virtual, "they stand for a floating base"),
     ):
         if names:
             draft.note("robot.joints", f"Locked, and not listed here, are {', '.join(names)}: {why}.", "guess")

@@ -37,10 +37,13 @@ def bare_mechanism(
 
 
 def shapes_only(urdf: str, kind: str) -> str:
-    """Return a URDF's text with the shapes of one kind alone, ``collision`` or ``visual``, and all joints fixed."""
+    """Return a URDF's text with the shapes of one kind alone, ``collision`` or ``visual``, and all joints fixed.
+
+    ``<collision_checking>`` names cylinders that Pinocchio reads as capsules.
+    """
     tree = ElementTree.fromstring(urdf)  # noqa: S314 - read by `parse_urdf` before
     for link in tree.findall("link"):
-        for element in [element for element in link if element.tag != kind]:
+        for element in [element for element in link if element.tag not in (kind, f"{kind}_checking")]:
             link.remove(element)
     for joint in tree.findall("joint"):
         _lock(joint, 0.0)

@@ -17,6 +17,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveForces, PassiveJoint
 from wbc_controller.inverse_dynamics.robot.transmission import Transmission, make_drive
 from wbc_controller.inverse_dynamics.robot.urdf import JointLimits, read_robot
+from wbc_controller.inverse_dynamics.robot.virtual_base import drop_virtual_joints, virtual_joints
 from wbc_controller.records import Array, frozen
 
 #: Smallest mass of a robot, kg: what is divided by a much smaller one is not finite.
@@ -43,7 +44,8 @@ def build_model(
     """Build the model of a robot from its URDF.
 
     Joints with a ``<mimic>`` element follow their leader if it is in `joints`. All joints that neither move nor follow
-    are locked. A continuous joint is a revolute one without position limits.
+    are locked. A continuous joint is a revolute one without position limits. Virtual joints in place of a floating
+    base, and the links above them, are left out.
 
     Args:
         joints: joints with one degree of freedom that move and are measured.
@@ -65,6 +67,9 @@ def build_model(
         ConfigurationError: where the URDF or a joint cannot be used.
     """
     tree, urdf = read_robot(urdf, joint_limits or {})
+    _refuse_virtual_motors(tree, joints)
+    if floating_base and drop_virtual_joints(tree):
+        urdf = ElementTree.tostring(tree, encoding="unicode")
     full = read_mechanism(tree, floating_base=floating_base)
     mimics, passive_joints = read_mimics(tree), passive_joints or {}
     _check_names(full, joints, passive_joints, locked_joints or {}, mimics)
@@ -138,6 +143,15 @@ def build_model(
 
 def _joints_of(full: pin.Model) -> list[str]:
     return [str(name) for name in full.names[1:] if name != _FREE_FLYER]
+
+
+def _refuse_virtual_motors(tree: ElementTree.Element, joints: Sequence[str]) -> None:
+    listed = [name for name in virtual_joints(tree) if name in joints]
+    if listed:
+        raise ConfigurationError(
+            f"robot.joints: {', '.join(listed)} stand for a floating base in the URDF, and have no motors: leave them "
+            "out, with robot.base: floating"
+        )
 
 
 def _check_names(
