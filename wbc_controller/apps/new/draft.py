@@ -154,7 +154,7 @@ def _put_arm(draft: Draft, source: Source, body: Body, postures: dict[str, dict[
     model = _model(draft, source, floating=False)
     put_fixed(model, postures, draft)
     tuning.put_limits(model, draft)
-    tuning.put_arm_tasks(body.model, body.limbs, draft)
+    tuning.put_arm_tasks(body.model, body.arms, draft)
 
 
 def _put_legged(
@@ -176,7 +176,7 @@ def _put_legged(
     _put_imu(model, draft)
     if feet:
         tuning.put_contacts(model, feet, draft)
-    tuning.put_standing_tasks(model, body.limbs, feet, height, draft)
+    tuning.put_standing_tasks(model, body.arms, feet, height, draft)
 
 
 def _put_imu(model: RobotModel, draft: Draft) -> None:

@@ -50,6 +50,7 @@ class Body:
         self.height = float(np.ptp(everything[:, 2]))  # of the whole robot, m
         self._low = {joint: float(some[:, 2].min(initial=np.inf)) for joint, some in points.items()}
         self.limbs = [self._limb(end) for end in range(2, model.pinocchio.njoints) if not self._children(end)]
+        self.arms = self._arms()  # the limbs, with a chain that branches into fingers in place of the fingers
 
     def _children(self, joint: int) -> list[int]:
         return list(self.model.pinocchio.children[joint])
@@ -72,6 +73,17 @@ class Body:
         while model.parents[chain[0]] > 1 and len(self._children(model.parents[chain[0]])) == 1:
             chain.insert(0, int(model.parents[chain[0]]))
         return Limb(end, tuple(chain), sum(model.inertias[joint].mass for joint in chain), self._low[end])
+
+    def _arms(self) -> list[Limb]:
+        supports = self.model.pinocchio.supports
+        palms: list[Limb] = []
+        for joint in range(2, self.model.pinocchio.njoints):
+            if len(self._children(joint)) > 1 and not any(palm.end in supports[joint] for palm in palms):
+                chain, own = self._limb(joint), len(supports[joint])
+                longest = max(len(supports[limb.end]) - own for limb in self.limbs if joint in supports[limb.end])
+                palms += [chain] if len(chain.joints) > longest else []
+        fingers = [limb for limb in self.limbs if any(palm.end in supports[limb.end] for palm in palms)]
+        return [*(limb for limb in self.limbs if limb not in fingers), *palms]
 
     def axis(self, joint: int) -> Array:
         """Return the axis of a joint in its own frame, (3,)."""

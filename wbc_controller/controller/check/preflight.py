@@ -110,7 +110,8 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings += [*locked_joints(model), *_unheld(settings, qp, active)]
         findings += limits(settings, model, _placements(qp))
         if model.floating_base:
-            findings += reserves(qp, active, q, _hanging(qp, active))
+            margin = settings.limits.position_margin if settings.limits.position else 0.0
+            findings += reserves(qp, active, q, hanging_joints(qp, active), margin)
         return findings
     except ConfigurationError as error:
         raise ConfigurationError(config.named(str(error))) from error
@@ -145,7 +146,7 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
         findings.append(_support(qp, standing, normal))
     board.reset(qp.dynamics, 0.0)
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
-    findings += _balance(qp, _hanging(qp, active))
+    findings += _balance(qp, hanging_joints(qp, active))
     findings += _static(qp, state, board.sample(0.0), active, normal)
     return findings
 
@@ -260,7 +261,7 @@ def _static(
     model = qp.model
     layout = qp.formulation.build(state, references).snapshot()  # a copy, as it is changed below
     problem = layout.problem
-    still = np.delete(np.arange(model.nv), model.v_index[_hanging(qp, active)])
+    still = np.delete(np.arange(model.nv), model.v_index[hanging_joints(qp, active)])
     problem.x_lower[still] = problem.x_upper[still] = 0.0
     problem.b[: layout.mechanism.start] = 0.0  # ignore the small position errors of loops
     solver = make_solver("daqp", problem)
@@ -312,7 +313,7 @@ def _why_not(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
     )
 
 
-def _hanging(qp: WholeBodyQP, active: list[str]) -> list[int]:
+def hanging_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:
     """Indices of passive joints without support by a contact or loop: only their springs determine where they rest."""
     bearing = [contact for name, contact in qp.contacts.items() if name in active or isinstance(contact, LoopClosure)]
     borne = np.zeros(qp.model.nv, dtype=bool)

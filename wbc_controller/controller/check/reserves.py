@@ -19,8 +19,10 @@ from wbc_controller.records import Array
 _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
 #: Share by which the multiple has to grow, per share of an effort limit, for the limit to count as what bounds it.
 _MATTERS = 1.0e-3
-#: Step of a squat, m, and the largest share of the height of the centre of mass that is tried.
+#: Step of a motion of the centre of mass, m, and the largest share of its height that is tried for a squat.
 _STEP, _DEEPEST = 0.01, 0.6
+#: Smallest step that is tried, m.
+_LEAST_STEP = 1.0e-6
 #: Iterations of Newton's method in each step, and the largest error that is left, m and rad.
 _ITERATIONS, _REACHED = 6, 1.0e-3
 #: Weight of the joints' own motion: of all ways down the one that moves them least.
@@ -35,12 +37,14 @@ class _Balance:
     actuator: str | None
 
 
-def reserves(qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int]) -> list[Finding]:
+def reserves(
+    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], margin: float = 0.0
+) -> list[Finding]:
     """Find the reserves of a robot with a floating base that stands in a configuration q, where its dynamics are left.
 
     A push is a steady horizontal force on the base, in line with the centre of mass. Swaying moves the weight
     sideways, at the posture's own torque arms. Friction, supports, largest forces and effort limits hold. `hanging` are
-    indices of joints without a motor that nothing supports.
+    indices of joints without a motor that nothing supports; `margin` is the distance from the position limits, rad.
     """
     model, dynamics = qp.model, qp.dynamics
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
@@ -55,9 +59,9 @@ def reserves(qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence
         Finding("push", "steady, at the centre of mass: " + _listed(pushes, 1.0, "N")),
         Finding("sway", "of the centre of mass: " + _listed(shifts, 1e3, "mm")),
     ]
-    anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
-    if len(anchored) == len(bearing):  # nothing says how far a loop is open along the way
-        found.append(Finding("squat", _squat(qp, anchored, hanging, q)))
+    squat = com_reach(qp, active, q, hanging, -np.eye(3)[2], _DEEPEST * float(dynamics.com[2]), margin)
+    if squat is not None:
+        found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down; {squat.why}"))
     return found
 
 
@@ -106,15 +110,53 @@ def _most(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], w
     return _Balance(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
 
 
-def _squat(qp: WholeBodyQP, bearing: Sequence[AnchoredContact], hanging: Sequence[int], q: Array) -> str:
-    """How far the centre of mass can go straight down, with the base level and the contacts where they are."""
+@dataclass(frozen=True, slots=True)
+class ComReach:
+    """The distance that the centre of mass can move, m, and the reason for its end."""
+
+    distance: float
+    why: str
+
+
+def com_reach(
+    qp: WholeBodyQP,
+    active: Sequence[str],
+    q: Array,
+    hanging: Sequence[int],
+    direction: Array,
+    most: float,
+    margin: float = 0.0,
+) -> ComReach | None:
+    """Find how far the centre of mass can move at rest, with the base level and the contacts in place.
+
+    Args:
+        q: configuration at the start, in which the dynamics are left.
+        hanging: indices of joints without a motor that nothing supports.
+        direction: unit vector in the world, (3,).
+        most: largest distance that is tried, m.
+        margin: distance from the position limits, rad.
+
+    Returns:
+        The distance; None if a loop is closed, as its opening along the way is not known.
+    """
     model, dynamics = qp.model, qp.dynamics
+    bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
+    anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
+    if len(anchored) < len(bearing):
+        return None
     base, start = model.frame_id(model.base_link, "base"), dynamics.com.copy()
     upright = dynamics.placement(base).rotation.copy()
-    held = [(contact, contact.anchor(dynamics)) for contact in bearing]
-    depth, why, at = 0.0, "", np.array(q)
+    held = [(contact, contact.anchor(dynamics)) for contact in anchored]
+    lower, upper = model.position_lower + margin, model.position_upper - margin
+    begin = q[model.q_index]
+    lower, upper = np.minimum(lower, begin), np.maximum(upper, begin)  # the posture itself may be nearer
+    distance, why, at = 0.0, "", np.array(q)
     while not why:
-        goal = start - np.array([0.0, 0.0, depth + _STEP])
+        step = min(_STEP, most - distance)
+        goal = start + (distance + step) * direction
+        if not (step > _LEAST_STEP):
+            why = "no more was tried"
+            break
         for _ in range(_ITERATIONS):
             dynamics.update(at, np.zeros(model.nv))
             turned = pin.log3(upright @ dynamics.placement(base).rotation.T)
@@ -135,22 +177,20 @@ def _squat(qp: WholeBodyQP, bearing: Sequence[AnchoredContact], hanging: Sequenc
                 ]
             )
             least = _LEAST_MOTION * np.eye(model.nv)
-            step = np.linalg.lstsq(np.vstack([J, least]), np.concatenate([error, np.zeros(model.nv)]), rcond=None)[0]
-            at = np.asarray(pin.integrate(model.pinocchio, at, step))
+            change = np.linalg.lstsq(np.vstack([J, least]), np.concatenate([error, np.zeros(model.nv)]), rcond=None)[0]
+            at = np.asarray(pin.integrate(model.pinocchio, at, change))
         joints = at[model.q_index]
-        beyond = np.flatnonzero((joints < model.position_lower) | (joints > model.position_upper))
-        if depth + _STEP > _DEEPEST * start[2]:
-            why = "no more was tried"
-        elif np.abs(error).max() > _REACHED:
+        beyond = np.flatnonzero((joints < lower) | (joints > upper))
+        if np.abs(error).max() > _REACHED:
             why = "the legs reach no further"
         elif beyond.size:
             why = f"{model.joints[beyond[0]]} is at its position limit"
-        elif not _stands(qp, bearing, hanging):
+        elif not _stands(qp, anchored, hanging):
             why = "the torques or contacts bear no more"
         else:
-            depth += _STEP
+            distance += step
     dynamics.update(q, np.zeros(model.nv))
-    return f"{1e3 * depth:.0f} mm straight down; {why}"
+    return ComReach(distance, why)
 
 
 def _stands(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
