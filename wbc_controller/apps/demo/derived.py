@@ -107,7 +107,8 @@ def _mobility(model: RobotModel, frame: str) -> Array:
     q, data = model.configuration(model.posture), model.pinocchio.createData()
     pin.computeAllTerms(model.pinocchio, data, q, np.zeros(model.nv))
     M = np.triu(data.M) + np.triu(data.M, 1).T
-    J = pin.getFrameJacobian(model.pinocchio, data, model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)[:3]
+    number = model.frame_id(frame, "frame")
+    J = pin.getFrameJacobian(model.pinocchio, data, number, pin.LOCAL_WORLD_ALIGNED).reshape(6, model.nv)[:3]
     return np.asarray(J @ np.linalg.solve(M, J.T))
 
 

@@ -43,9 +43,9 @@ class Hand:
         q = model.configuration(posture)
         pin.computeJointJacobians(model.pinocchio, self._data, q)
         pin.updateFramePlacements(model.pinocchio, self._data)
-        J = pin.getFrameJacobian(model.pinocchio, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED)
+        J = np.array(pin.getFrameJacobian(model.pinocchio, self._data, self._frame, pin.LOCAL_WORLD_ALIGNED))
+        J = J.reshape(6, model.nv)
         if model.followers is not None:
-            J = np.array(J)
             for row in J:
                 model.followers.carry(row)
         return self._data.oMf[self._frame], J[:, model.v_index[self._own]]

@@ -106,7 +106,8 @@ def _shapes(model: RobotModel, source: Source, draft: Draft) -> Elements:
     """
     tree, folder, lost = copy.deepcopy(source.tree), source.path.parent, []
     for link in tree.iterfind("link"):
-        for element in (*link.findall("collision"), *link.findall("visual")):
+        # Visuals count only if there are no collision shapes.
+        for element in link.findall("collision") or link.findall("visual"):
             mesh = element.find("geometry/mesh")
             if mesh is not None and not _is_there(str(mesh.get("filename")), folder):
                 link.remove(element)

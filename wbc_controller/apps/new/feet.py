@@ -100,9 +100,10 @@ class Body:
         lowest = min(self.limbs, key=lambda limb: limb.low, default=None)
         if lowest is None:
             return []
-        base = 1
-        pelvis = int(self.model.pinocchio.parents[lowest.joints[0]])  # below a waist it is not the base
-        return self._feet_at(base) or (self._feet_at(pelvis) if len(lowest.joints) >= _LEG else [])
+        base, pelvis = 1, int(self.model.pinocchio.parents[lowest.joints[0]])
+        # A pelvis below a waist is lower than the base; a chest with arms is higher.
+        below = len(lowest.joints) >= _LEG and self.data.oMi[pelvis].translation[2] <= 0.0
+        return self._feet_at(base) or (self._feet_at(pelvis) if below else [])
 
     def _feet_at(self, trunk: int) -> list[Foot]:
         """Return the feet of the limbs that begin at what a joint moves."""

@@ -14,6 +14,8 @@ from wbc_controller.settings.files import parse_settings, yaml_line
 #: Where a value is from: the robot's own files, a guess, or a person, who has yet to fill it in.
 Origin = Literal["found", "guess", "missing"]
 _PREFIX: dict[Origin, str] = {"found": "", "guess": "Guess: ", "missing": "Fill in: "}
+#: Names of tasks that a draft has in any case.
+_TASKS = ("com", "base", "torso", "posture")
 #: Names are not broken at the end of a line.
 _UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 #: Length of a line, in characters, and the sections whose entries stand on a line each.
@@ -50,6 +52,13 @@ class Draft:
         place[last] = value
         if text:
             self.note(key, text, origin)
+
+    def free_name(self, section: str, link: str) -> str:
+        """Return a name for a task or contact of a link that is not taken."""
+        name, taken = identifier(link), {*self.values.get(section, {}), *_TASKS}
+        while name in taken:
+            name += "_"
+        return name
 
     def note(self, key: str, text: str, origin: Origin) -> None:
         """Add a note on a dotted key, or on its section."""

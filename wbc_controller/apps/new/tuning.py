@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from wbc_controller.apps.new.feet import Limb
 from wbc_controller.apps.new.foot_shape import Foot
-from wbc_controller.apps.new.notes import Draft, identifier
+from wbc_controller.apps.new.notes import Draft
 from wbc_controller.controller.build.footprint import fewer_corners
 from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -44,7 +44,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
     for number, foot in enumerate(feet):
         frame = frames[model.frame_id(foot.link, "contacts")]
         placement = frame.placement.actInv(foot.placement)
-        name = identifier(foot.link)
+        name = draft.free_name("contacts", foot.link)
         contact: dict[str, Any] = {"type": foot.kind, "frame": foot.link}
         translation = _rounded(placement.translation)
         if any(translation):
@@ -115,7 +115,7 @@ def _put_hands(
             if len(joints) < _POSE:
                 task["mask"] = [True, True, True, False, False, False]
                 text += f" {len(joints)} joints keep its position, not its orientation as well."
-            draft.put(f"tasks.{identifier(link)}", task, text)
+            draft.put(f"tasks.{draft.free_name('tasks', link)}", task, text)
 
 
 def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str:

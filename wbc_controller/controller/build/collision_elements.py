@@ -37,7 +37,8 @@ def read_collision_elements(
             model.pinocchio, shapes_only(urdf, "collision"), pin.COLLISION, None, folders, _MESHES
         )
     except (ValueError, RuntimeError) as error:
-        raise ConfigurationError(f"{key}: a collision element cannot be read: {error}") from error
+        reason = " ".join(str(error).rpartition("message:")[2].split())  # a sentence after the place in the library
+        raise ConfigurationError(f"{key}: a collision element cannot be read: {reason}") from error
     elements: dict[int, list[pin.GeometryObject]] = {}
     for element in read.geometryObjects:
         elements.setdefault(element.parentFrame, []).append(element)

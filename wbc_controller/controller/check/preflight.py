@@ -50,6 +50,8 @@ _BALANCE = 1.0e-3
 _NEAR = 10.0
 #: Tilt of a sole from which on its robot is said to turn on release, rad: 1°.
 _TILTED = 0.0175
+#: Largest tilt of a sole, rad: 5°.
+_STEEP = 0.0873
 #: Smallest share of a joint in a motion that tasks and contacts leave free.
 _FREE = 1.0e-6
 
@@ -171,6 +173,12 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
         for name in standing
         if isinstance(contact := qp.contacts[name], SurfaceContact)
     }
+    steep = [f"{name} {degrees(tilt):.0f}°" for name, tilt in tilts.items() if not (tilt <= _STEEP)]
+    if steep:
+        raise ConfigurationError(
+            f"robot.posture: with the base upright these soles are tilted against the floor: {', '.join(steep)} "
+            f"(allowed {degrees(_STEEP):.0f}°)"
+        )
     if tilts:
         text = ", ".join(f"{name} {degrees(tilt):.1f}°" for name, tilt in tilts.items())
         turns = max(tilts.values()) > _TILTED

@@ -112,8 +112,13 @@ def build_model(
     velocity_limits = np.array(model.upperVelocityLimit)[v_index]
     _require_velocity_limits(joints, velocity_limits)
     for name, mimic in following.items():
-        _tighten(joints.index(mimic.leader), mimic, model, q_of[name], v_of[name], lower, upper, velocity_limits)
-    _require_position_limits(joints, lower, upper)
+        leader = joints.index(mimic.leader)
+        _tighten(leader, mimic, model, q_of[name], v_of[name], lower, upper, velocity_limits)
+        if not (lower[leader] <= upper[leader]):
+            raise ConfigurationError(
+                f"robot.urdf: joint {mimic.leader!r} has no position within its limits and those of {name!r}, which "
+                "mimics it; correct the limits or the <mimic>"
+            )
     result = RobotModel(
         pinocchio=model,
         urdf=urdf,
@@ -242,13 +247,4 @@ def _require_velocity_limits(joints: Sequence[str], limits: np.ndarray) -> None:
             raise ConfigurationError(
                 f"robot.urdf: joint {name!r} has the velocity limit {limit}; it must be positive, in the URDF or by "
                 f"robot.joint_limits.{name}.velocity"
-            )
-
-
-def _require_position_limits(joints: Sequence[str], lower: Array, upper: Array) -> None:
-    for name, low, high in zip(joints, lower, upper, strict=True):
-        if not (low <= high):
-            raise ConfigurationError(
-                f"robot.urdf: joint {name!r} has the lower position limit {low:g} above the upper one {high:g}; "
-                f"correct the URDF, or give robot.joint_limits.{name} a lower and an upper"
             )
