@@ -25,9 +25,11 @@ def _joined(values: Any, is_value: Callable[[Any], bool], above: str = "") -> An
 
 def _by_joint(*keys: str) -> BeforeValidator:
     """Join names in a dictionary by joint, with values or with sections that have some of the keys."""
-    return BeforeValidator(
-        lambda values: _joined(values, lambda value: isinstance(value, Mapping) and bool({*keys} & {*value}))
-    )
+
+    def is_section(value: Any) -> bool:
+        return isinstance(value, Mapping) and not value.keys().isdisjoint(keys)
+
+    return BeforeValidator(lambda values: _joined(values, is_section))
 
 
 class PassiveJointSettings(Section):

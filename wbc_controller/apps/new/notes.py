@@ -115,7 +115,7 @@ def _entry(name: str, value: Any, indent: str) -> list[str]:
     if not isinstance(value, list | Mapping):
         return [f"{indent}{name}: {yaml_line(value)}"]
     if isinstance(value, Mapping):
-        first, last, parts = "{", "}", [f"{key}: {yaml_line(one)}" for key, one in value.items()]
+        first, last, parts = "{", "}", [f"{yaml_line(key)}: {yaml_line(one)}" for key, one in value.items()]
     else:
         first, last, parts = "[", "]", [yaml_line(one) for one in value]
     within = indent + " " * (len(name) + 3)

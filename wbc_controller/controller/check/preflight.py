@@ -38,8 +38,9 @@ from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 
-#: Largest height difference of contacts on one floor, with the base upright, m.
-_LEVEL = 0.01
+#: Largest height difference of contacts on one floor, with the base upright, m, and as a share of the height of the
+#: centre of mass: a wheel further above the floor spins.
+_LEVEL, _LEVEL_SHARE = 0.01, 0.02
 #: Cosine of the largest angle between the floor's normal and that of a contact on the floor, 60°.
 _FLOOR = 0.5
 #: Largest position error of a loop in the nominal posture, m or rad.
@@ -236,11 +237,12 @@ def _loops(qp: WholeBodyQP) -> list[Finding]:
 
 def _support(qp: WholeBodyQP, points: Mapping[str, Array], normal: Array) -> Finding:
     heights = {name: float((corners @ normal).max()) for name, corners in points.items()}
-    high = [f"{name} {1e3 * height:.0f} mm" for name, height in heights.items() if not (height <= _LEVEL)]
+    level = min(_LEVEL, _LEVEL_SHARE * float(qp.dynamics.com @ normal))
+    high = [f"{name} {1e3 * height:.0f} mm" for name, height in heights.items() if not (height <= level)]
     if high:
         raise ConfigurationError(
             f"robot.posture: with the base upright these contacts are above the floor on which the lowest one stands: "
-            f"{', '.join(high)} (allowed {1e3 * _LEVEL:.0f} mm)"
+            f"{', '.join(high)} (allowed {1e3 * level:.0f} mm)"
         )
     margin = support_margin(np.vstack(list(points.values()))[:, :2], qp.dynamics.com[:2])
     side = "inside" if margin >= 0.0 else "outside"
