@@ -52,7 +52,7 @@ _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
 ON_THE_FLOOR = 1
 #: Stiffness of friction relative to the normal direction: soft friction would let a standing foot creep.
 FRICTION_STIFFNESS = 10.0
-_ROOT_ALIAS = "root_link"
+_WORLD, _WORLD_ALIAS = "world", "<world>"
 
 
 def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tuple[int, pin.SE3]:
@@ -124,6 +124,11 @@ def position_and_wxyz(placement: pin.SE3) -> Array:
     return np.array(pin.SE3ToXYZQUAT(placement))[[0, 1, 2, 6, 3, 4, 5]]
 
 
+def _body_name(link: str) -> str:
+    """Return MuJoCo's name of a link that moves."""
+    return _WORLD_ALIAS if link == _WORLD else link
+
+
 def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     """Return the URDF that MuJoCo reads, with the mechanism of Pinocchio's model, and the name of its root link.
 
@@ -132,13 +137,12 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     tree = bare_mechanism(ET.fromstring(model.urdf), model.moving_joints, model.locked)  # noqa: S314 - read before
     children = {element.get("link") for element in tree.iterfind("joint/child")}
     root = next(str(link.get("name")) for link in tree.findall("link") if link.get("name") not in children)
-    if root == "world" and model.floating_base:
+    if root != _WORLD or model.floating_base:
         # MuJoCo would use a link of this name as the world itself.
-        for tag, key in (("link", "name"), ("joint/parent", "link")):
+        for tag, key in (("link", "name"), ("joint/parent", "link"), ("joint/child", "link")):
             for element in tree.findall(tag):
-                if element.get(key) == root:
-                    element.set(key, _ROOT_ALIAS)
-        root = _ROOT_ALIAS
+                element.set(key, _body_name(str(element.get(key))))
+        root = _body_name(root)
     extension = ET.SubElement(tree, "mujoco")
     # Masses and inertias stay exactly those of the URDF. Links without a joint stay separate bodies, since MuJoCo 3.3
     # computes a wrong inertia when it fuses them.
@@ -182,7 +186,7 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
             ", ".join(balanced),
         )
     for name in bare_links(model):
-        body = spec.body(name)
+        body = spec.body(_body_name(name))
         body.explicitinertial = True
         body.mass = _BARE_MASS * model.mass
         body.inertia = np.full(3, _BARE_INERTIA * body.mass)

@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_sentence
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.model_plausibility import (
@@ -22,6 +23,7 @@ from wbc_controller.controller.check.model_plausibility import (
     locked_joints,
     require_bodies,
     require_friction,
+    without_effort,
 )
 from wbc_controller.controller.check.reserves import reserves
 from wbc_controller.errors import ConfigurationError
@@ -112,6 +114,7 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings += _posture(settings, qp, active, normal)
         findings += [*locked_joints(model), *_unheld(settings, qp, active)]
         findings += limits(settings, model, _placements(qp))
+        findings += without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
             margin = settings.limits.position_margin if settings.limits.position else 0.0
             findings += reserves(qp, active, q, hanging_joints(qp, active), margin)
