@@ -167,6 +167,7 @@ def _put_legged(
     posture = put_standing(model, feet, postures, draft) if feet else put_fixed(model, postures, draft)
     height = body.height
     if feet:
+        feet = Body(model, body.elements, posture).measured_again(feet)
         stand = Legs(model, feet, posture, known=True).stand(posture)
         height = float(stand.com[2] - stand.bottoms.mean())
         if len(feet) == 2 and all(foot.kind != "surface" for foot in feet):

@@ -40,7 +40,7 @@ class Body:
 
     def __init__(self, model: RobotModel, elements: Elements, posture: Array) -> None:
         """Place the robot, with its shapes, in a posture, (nj,) in rad."""
-        self.model, self._elements = model, elements
+        self.model, self.elements = model, elements
         self.data = model.pinocchio.createData()  # its kinematics in the posture
         q = model.configuration(posture)
         pin.framesForwardKinematics(model.pinocchio, self.data, q)
@@ -59,7 +59,7 @@ class Body:
         """Return points of the shapes that a joint moves, or the origins of its links, (n, 3) in the world."""
         place, frames = self.data.oMi[joint], self.model.pinocchio.frames
         shapes = [
-            outline(element) for frame, own in self._elements.items() if frames[frame].parentJoint == joint
+            outline(element) for frame, own in self.elements.items() if frames[frame].parentJoint == joint
             for element in own
         ]  # fmt: skip
         shapes = shapes or [
@@ -139,8 +139,13 @@ class Body:
                 )
         return self._measured(list(dict.fromkeys(moved[link] for link in links)))
 
+    def measured_again(self, feet: Sequence[Foot]) -> list[Foot]:
+        """Return the feet as they are in this posture: a ball touches the ground with another side."""
+        again = {foot.joint: foot for foot in self._measured([foot.joint for foot in feet])}
+        return [again[foot.joint] if again[foot.joint].kind == foot.kind == "point" else foot for foot in feet]
+
     def _measured(self, ends: Sequence[int]) -> list[Foot]:
-        feet = [measure(self.model, self._elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]
+        feet = [measure(self.model, self.elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]
         at = {foot.joint: self.data.oMi[foot.joint].act(foot.placement.translation) for foot in feet}
         # Rounded, so that feet beside each other count as equally far in front.
         return sorted(feet, key=lambda foot: (-round(at[foot.joint][0] / self.height, 1), -at[foot.joint][1]))

@@ -92,8 +92,7 @@ def measure(
     else:
         ball = _ball(shapes[lowest], down)
         tip = points[np.argmax(points @ down)]
-        radius = ball if ball is not None else UNKNOWN_RADIUS
-        centre = tip - radius * down
+        centre, radius = ball if ball is not None else (tip - UNKNOWN_RADIUS * down, UNKNOWN_RADIUS)
         known = "a sphere fitted to the foot's underside" if ball is not None else ""
     return Foot(joint, link, "point", pin.SE3(np.eye(3), centre), np.zeros((0, 2)), radius=radius, known=known)
 
@@ -202,8 +201,8 @@ def _area(polygon: Array) -> float:
     return float(0.5 * abs((polygon[:, 0] * after[:, 1] - polygon[:, 1] * after[:, 0]).sum()))
 
 
-def _ball(points: Array, down: Array) -> float | None:
-    """Return the radius of a sphere through the lower side of a shape, m; None if it is no sphere."""
+def _ball(points: Array, down: Array) -> tuple[Array, float] | None:
+    """Return centre, (3,) in m, and radius of a sphere through the lower side of a shape; None if it is no sphere."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -216,4 +215,4 @@ def _ball(points: Array, down: Array) -> float | None:
         return None
     centre, radius = ball
     away = np.linalg.norm(points[chosen] - centre, axis=1) - radius
-    return radius if np.abs(away).max() <= _BALL * radius else None
+    return (centre, radius) if np.abs(away).max() <= _BALL * radius else None

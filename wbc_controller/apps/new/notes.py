@@ -96,7 +96,7 @@ class Draft:
             if whole:
                 lines += _entry(name, value, indent)
             else:
-                lines.append(f"{indent}{name}:")
+                lines.append(f"{indent}{yaml_line(name)}:")
                 self._write(value, f"{key}.", indent + "  ", lines)
 
 
@@ -112,6 +112,7 @@ def _comment(text: str, indent: str) -> list[str]:
 
 def _entry(name: str, value: Any, indent: str) -> list[str]:
     """A key and its value, lists and mappings in brackets, on as few lines as they need."""
+    name = yaml_line(name)
     if not isinstance(value, list | Mapping):
         return [f"{indent}{name}: {yaml_line(value)}"]
     if isinstance(value, Mapping):
