@@ -38,7 +38,8 @@ _log = logging.getLogger(__name__)
 PUSH_LIMIT = 1.0e5
 #: Largest share of a joint's velocity that damping may remove within one step.
 DAMPING_SHARE = 0.25
-#: A robot has fallen if its base is tilted by more, rad, or is below this share of its initial height.
+#: A robot has fallen if its base is tilted by more, rad, or is below this share of its initial height; of a base below
+#: the centre of mass, as one at the feet, the height of the latter counts.
 FALLEN_TILT, FALLEN_HEIGHT = math.radians(60.0), 0.5
 
 
@@ -121,13 +122,20 @@ class Plant:
         self._stale = False
         start = self._initial_base(normal)
         # Without contacts there is no floor.
-        self._fallen_height = FALLEN_HEIGHT * float(start.translation[2]) if self.contacts else -math.inf
+        self._fallen_height = self._lowest_base(start) if self.contacts else -math.inf
         self._hoist = Hoist(self.model, self.data, start) if model.floating_base else None
         for closure in self._closures.values():
             place(self.model, closure, closure.placements[0])
         self.set_state(model.configuration(model.posture, start), np.zeros(model.nv))
         for name in self._grips:
             self.grip(name, self.contacts[name].enabled)
+
+    def _lowest_base(self, start: pin.SE3) -> float:
+        """Return the height of the base below which the robot has fallen, m, for its initial placement."""
+        model = self._robot
+        com = pin.centerOfMass(model.pinocchio, model.pinocchio.createData(), model.configuration(model.posture, start))
+        base = float(start.translation[2])
+        return base - (1.0 - FALLEN_HEIGHT) * max(base, float(com[2]))
 
     def body(self, frame: str) -> int:
         """Return the index of the MuJoCo body that carries a frame of the URDF."""
