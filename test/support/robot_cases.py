@@ -106,6 +106,26 @@ TIP = link("tip", 0.01) + joint("tip_joint", "left_ankle", "tip", at="0.05 0 0")
 #: An ankle whose range allows a squat of 20 mm.
 STIFF = ('lower="-1" upper="1"', 'lower="-0.45" upper="1"')
 
+
+def rover() -> str:
+    """A quadruped of 10 kg on wheels with a tread of 50 mm."""
+    wheel = '<geometry><cylinder radius="0.08" length="0.05"/></geometry>'
+    tread = f'<collision><origin rpy="1.5707963 0 0"/>{wheel}</collision>'
+    parts = [link("body", 6.0, inertia=0.1, more=BOX.format(at="0 0 0", size="0.5 0.2 0.1"))]
+    for name, x, y in (("fl", 0.25, 0.15), ("fr", 0.25, -0.15), ("rl", -0.25, 0.15), ("rr", -0.25, -0.15)):
+        parts += [
+            link(f"{name}_hip", 0.2), joint(f"{name}_abduction", "body", f"{name}_hip", "1 0 0", f"{x} {y} 0"),
+            link(f"{name}_thigh", 0.4, "0 0 -0.1"), joint(f"{name}_pitch", f"{name}_hip", f"{name}_thigh"),
+            link(f"{name}_shank", 0.2, "0 0 -0.1"),
+            joint(f"{name}_knee", f"{name}_thigh", f"{name}_shank", at="0 0 -0.2",
+                  limit='lower="-2.6" upper="-0.2" effort="40" velocity="10"'),
+            link(f"{name}_wheel", 0.4, inertia=0.001, more=tread),
+            joint(f"{name}_spin", f"{name}_shank", f"{name}_wheel", at="0 0 -0.2", kind="continuous",
+                  limit='effort="20" velocity="20"'),
+        ]  # fmt: skip
+    return robot(*parts)
+
+
 #: Robots that stand, or arms that hold still, with everything that `wbc new` writes.
 STANDING = {
     "a material without a name": biped(sole=UNNAMED + SOLE),
@@ -123,6 +143,7 @@ STANDING = {
     "points at the corners of the soles": biped(sole=SOLE + POINTS),
     "fingers that turn": arm(TURNING),
     "ankles with a small range": biped().replace(*STIFF),
+    "legs on wheels": rover(),
 }  # fmt: skip
 XACRO = (
     '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="arm"><xacro:include filename="arm.xacro"/>'

@@ -28,7 +28,7 @@ from wbc_controller.settings import (
 )
 from wbc_controller.simulation.attachments import Attachment, add_attachment, frame_on_joint
 from wbc_controller.simulation.joint_models import couple, gear, spring
-from wbc_controller.simulation.shapes import CORNER_RADIUS, Shape, add_shape
+from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape
 
 _log = logging.getLogger(__name__)
 
@@ -41,8 +41,6 @@ STIFF_STEPS = 4.0
 #: Share of a constraint that is enforced rigidly (MuJoCo's impedance): the remaining compliance keeps redundant
 #: contacts well posed.
 IMPEDANCE = 0.98
-#: Half the thickness of a wheel, m: it touches with its rim.
-RIM_RADIUS = 0.001
 #: Half side and half thickness of the slab that a contact between two links touches, m.
 SLAB, SLAB_DEPTH = 0.15, 0.01
 #: Mass of a link between two joints at one place, as a share of the robot's, and its moments of inertia over its mass,

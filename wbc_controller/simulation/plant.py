@@ -24,12 +24,12 @@ from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
-from wbc_controller.settings import FixedContact, PointContact, Settings, SurfaceContact
+from wbc_controller.settings import FixedContact, PointContact, RollingContact, Settings, SurfaceContact
 from wbc_controller.settings.resources import locate
 from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.contact_forces import ContactForces
 from wbc_controller.simulation.hoist import RAMP, Hoist
-from wbc_controller.simulation.mechanism import compile_mechanism, contact_frame, rub
+from wbc_controller.simulation.mechanism import compile_mechanism, contact_frame, rotation_to, rub
 from wbc_controller.simulation.shapes import Shape, read_shapes
 
 _log = logging.getLogger(__name__)
@@ -484,6 +484,7 @@ class Plant:
             return {}
         soles: dict[int, list[Array]] = {}
         tips: dict[int, Array] = {}
+        wheels: dict[int, pin.SE3] = {}
         standing: dict[str, int] = {}
         data = self._robot.pinocchio.createData()
         pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
@@ -495,8 +496,10 @@ class Plant:
                     soles.setdefault(joint, []).append(-placement.rotation[:, 2])
                 elif isinstance(contact, PointContact):
                     tips[joint] = -data.oMi[joint].rotation.T @ normal
+                elif isinstance(contact, RollingContact):
+                    wheels[joint] = placement * pin.SE3(rotation_to(np.array(contact.axis)), np.zeros(3))
         try:
-            shapes, why = read_shapes(self._robot, soles, tips, folder), "have no collision element in the URDF"
+            shapes, why = read_shapes(self._robot, soles, tips, wheels, folder), "have no collision element in the URDF"
         except ConfigurationError as error:  # the controller, too, can do without the meshes
             shapes, why = {}, f"have no shapes ({error})"
         bare = [name for name, joint in standing.items() if joint not in shapes]
