@@ -9,12 +9,14 @@ import pytest
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.references.changes import EnableTask
 from wbc_controller.inverse_dynamics.robot.actuation import Actuation
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.mechanics import Recoordinated, recoordinate
-from wbc_controller.records import RobotState, frozen
+from wbc_controller.records import References, RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.validation.fuzz.problems import rest
 
 NEW_ROOT = {"g1": "waist_pitch_joint", "talos": "arm_left_4_joint", "go2": "RL_thigh_joint"}
 
@@ -37,6 +39,13 @@ def in_other_coordinates(model: RobotModel, other: Recoordinated) -> tuple[Robot
     ), signs
 
 
+def hurried(references: References, heading: float = 0.3) -> References:
+    """Ask for 8 m/s² of the centre of mass along a heading, which friction does not allow."""
+    ahead = 8.0 * np.array([np.cos(heading), np.sin(heading), 0.0])
+    com = dataclasses.replace(references.tasks["com"], acceleration=frozen(ahead))
+    return dataclasses.replace(references, tasks={**references.tasks, "com": com})
+
+
 @pytest.mark.parametrize("robot", list(NEW_ROOT))
 def test_the_answer_is_the_same_in_other_coordinates(robot):
     settings = load_settings(find_configuration(robot))
@@ -49,8 +58,8 @@ def test_the_answer_is_the_same_in_other_coordinates(robot):
     here, there = make_qp(settings, model), make_qp(settings, model_there)
     boards = [make_board(settings, controller) for controller in (here, there)]
     start = model.configuration(model.posture)
-    worst = 0.0
-    for _ in range(10):
+    worst, active = 0.0, 0
+    for i in range(10):
         q = pin.integrate(model.pinocchio, start, 0.02 * rng.normal(size=model.nv))
         v = 0.1 * rng.normal(size=model.nv)
         q_there, v_there = other.configuration(q), other.velocity(q, v)
@@ -59,12 +68,38 @@ def test_the_answer_is_the_same_in_other_coordinates(robot):
             controller.dynamics.update(*state)
             board.reset(controller.dynamics, 0.0)
             board.apply([EnableTask(name, True) for name in settings.tasks], controller.dynamics, 0.0)
-            answers.append(controller.solve(RobotState(0, frozen(state[0]), frozen(state[1])), board.sample(1.0)))
+            references = board.sample(1.0)
+            if i % 2:
+                references = hurried(references)
+            answers.append(controller.solve(RobotState(0, frozen(state[0]), frozen(state[1])), references))
         a, b = answers
         assert a.relaxed == b.relaxed == ()
+        active += any(name.startswith("cone:") for name in a.binding)
         forces = [np.concatenate(list(answer.forces.values())) for answer in answers]  # one foot may bear nothing
         pairs = [(signs * a.tau, b.tau), (other.acceleration(q, v, a.v_dot), b.v_dot), (forces[0], forces[1])]
         for expected, found in pairs:
             worst = max(worst, float(np.linalg.norm(found - expected) / np.linalg.norm(expected)))
     print(f"{robot}: largest relative difference {worst:.1e}")
     assert worst < 1e-8
+    assert active >= 4
+
+
+@pytest.mark.parametrize(("robot", "share"), [("go2", 0.92), ("g1", 1.0 - 1e-8), ("talos", 1.0 - 1e-8)])
+def test_the_available_friction_does_not_depend_on_the_heading(robot, share):
+    """Exactly for soles, whose pyramids turn with them; within cos(π / 8) for points."""
+    settings = load_settings(find_configuration(robot))
+    model = make_model(settings)
+    controller = make_qp(settings, model)
+    start, reached = stance(model, controller, list(controller.contacts)), []
+    for heading in np.linspace(0.0, np.pi / 2.0, 9):
+        q = start.copy()
+        turned = pin.SE3(pin.exp3(np.array([0.0, 0.0, heading])), np.zeros(3)) * pin.XYZQUATToSE3(start[:7])
+        q[:7] = pin.SE3ToXYZQUAT(turned)
+        state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
+        solution = controller.solve(state, hurried(rest(controller, settings, state), heading))
+        assert any(name.startswith("cone:") for name in solution.binding)
+        ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
+        reached.append(ahead @ controller.dynamics.com_jacobian @ solution.v_dot)
+    assert min(reached) > share * max(reached)
+    if robot == "go2":  # 0.6 of gravity is 5.9 m/s², and the body sinks a little
+        assert min(reached) > 5.9

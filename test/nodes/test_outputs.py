@@ -253,6 +253,15 @@ def test_no_piece_of_diagnostics_sorts_the_times_of_many_cycles(monkeypatch):
     assert (values["time/stage 3/median"], values["time/stage 3/max"]) == ("3 us", "993 us")
 
 
+def test_contacts_that_contradict_each_other_are_a_warning():
+    for missed, level in ((0.4, 0), (0.6, 1)):
+        summary = StatusSummary("/r1/wbc_controller", "r1")
+        summary.add(report(solution=solution(residuals={"contact_motion": missed})))
+        (status,) = whole(summary.compose(9)).status
+        assert ("contacts contradict each other by 0.6 m/s²" in status.message) == (level == 1)
+        assert status.level == level
+
+
 def test_what_acts_beside_the_model_is_said_by_joint(robot_of):
     _, model = robot_of("go2")
     forces = np.arange(18.0)

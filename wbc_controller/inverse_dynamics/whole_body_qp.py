@@ -102,6 +102,7 @@ class WholeBodyQP:
         self._solvers.clear()
         self._hierarchies.clear()
         self._current = None
+        self.formulation.redundancy = None
 
     def memory(self) -> dict[str, Any] | None:
         """State that the next solution depends on: warm starts and last state; None if a solver hides its own."""
@@ -109,12 +110,20 @@ class WholeBodyQP:
         hierarchies = [(key, hierarchy.memory()) for key, hierarchy in self._hierarchies.items()]
         if any(remembered is None for _, remembered in (*solvers, *hierarchies)):
             return None
-        return {"q": self.dynamics.q, "v": self.dynamics.v, "solvers": solvers, "hierarchies": hierarchies}
+        return {
+            "q": self.dynamics.q,
+            "v": self.dynamics.v,
+            "solvers": solvers,
+            "hierarchies": hierarchies,
+            "redundancy": self.formulation.redundancy,
+        }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Go on from what `memory` gave."""
         self.forget()
         self.dynamics.update(memory["q"], memory["v"])
+        found = memory.get("redundancy")
+        self.formulation.redundancy = None if found is None else (tuple(found[0]), bool(found[1]))
         for key, remembered in memory["solvers"]:
             self._solver_of(self.formulation.layout(tuple(key))).recall(remembered)
         for key, remembered in memory["hierarchies"]:
@@ -212,6 +221,8 @@ class WholeBodyQP:
         current = self._current
         solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
         answer = self._by_levels(layout) if self._priorities else solver.solve(layout.problem)
+        if answer.x is None and answer.status != NOT_FINITE and self.formulation.find_redundancy(layout):
+            answer = self._by_levels(layout) if self._priorities else solver.solve(layout.problem)
         known = answer.residuals
         if known is not None and answer.cost is not None and known.violation <= solver.tolerance:
             return answer  # as an active set leaves it, complete

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.controller.check import contact_shapes
 from wbc_controller.controller.check.preflight import check, support_margin
 from wbc_controller.controller.controller import Controller
@@ -34,6 +35,23 @@ def test_what_is_found_for_each_shipped_robot(robot_of, name, joints, contacts):
     assert found["standing"].startswith("possible on " + ", ".join(settings.contacts))
     share = float(found["standing"].split(", ")[-1].split(" %")[0])
     assert 0.0 < share < 100.0
+
+
+SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
+
+
+@pytest.mark.parametrize(("leans", "sideways"), [(False, range(3)), (True, range(10, 40))])
+def test_redundant_contacts_are_named_and_limit_the_sway(changed, leans, sideways):
+    """Solo 8 has no hip abduction: it sways to the side only if its base leans, until its feet would slip."""
+    settings = new_configuration(SOLO_8).settings
+    found = findings(changed(settings, {"tasks": {"base": {"enabled": not leans}}}))
+    feet = "FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT"
+    assert found["redundant contacts"].startswith(f"2 of the 12 directions that are held, at {feet}: no joint moves")
+    sway = {side: int(mm) for mm, side in re.findall(r"(\d+) mm (\w+)", found["sway"])}
+    assert sway["left"] in sideways
+    assert sway["right"] in sideways
+    assert "left (reach)" in found["sway"]
+    assert min(sway["forward"], sway["back"]) > 100
 
 
 def refusal(settings):

@@ -1,6 +1,5 @@
 """Why there is no solution: the guilty constraints, no innocent one, and the slack that would reconcile them."""
 
-import copy
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
@@ -99,20 +98,6 @@ def weak_arm(robot, name):
     return still(robot), {f"torque:{ELBOW[name]}"}
 
 
-def pulled_apart(robot, name):
-    contact = first_contact(robot)
-    twin = copy.copy(contact)
-    twin.name = "twin"
-
-    def drifting(dynamics):
-        return contact.acceleration_at_rest(dynamics) - 0.5 * np.eye(contact.size)[0]
-
-    twin.acceleration_at_rest, twin.instruction = drifting, lambda: None
-    robot.controller.formulation.contacts = {contact.name: contact, "twin": twin}
-    robot.settings = robot.settings.model_copy(update={"contacts": {contact.name: None, "twin": None}})
-    return failure(robot), {f"contact_motion:{contact.name}", "contact_motion:twin"}
-
-
 def crossed(robot, name):
     column = robot.model.v_index[robot.model.joints.index(ELBOW[name])]
 
@@ -178,7 +163,6 @@ CASES = {
     "one foot presses": (one_foot_presses, ("talos", "go2")),
     "all feet press": (all_feet_press, ROBOTS),
     "weak arm": (weak_arm, ("g1", "talos")),
-    "pulled apart": (pulled_apart, ROBOTS),
     "crossed motion": (crossed, ROBOTS),
     "wrong knee torque before": (wrong_torque_before(KNEE), ROBOTS),
     "wrong elbow torque before": (wrong_torque_before(ELBOW), ("g1",)),

@@ -30,10 +30,12 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import LoopClosure, SurfaceContact, UnilateralContact
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
+from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST, mobilities
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveJoint
 from wbc_controller.inverse_dynamics.solvers import make_solver
+from wbc_controller.inverse_dynamics.tasks import FrameOrientationTask, FramePoseTask
 from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, References, RobotState, frozen
@@ -55,6 +57,8 @@ _NEAR = 10.0
 _TILTED = 0.0175
 #: Largest tilt of a sole, rad: 5°.
 _STEEP = 0.0873
+#: Smallest component of a contact in a redundant direction.
+_PART = 0.1
 #: Smallest share of a joint in a motion that tasks and contacts leave free.
 _FREE = 1.0e-6
 
@@ -112,12 +116,14 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
         qp.dynamics.update(q, np.zeros(model.nv))
         findings += _posture(settings, qp, active, normal)
-        findings += [*locked_joints(model), *_unheld(settings, qp, active)]
+        findings += [*locked_joints(model), *_unheld(settings, qp, active), *_redundant(qp, active)]
         findings += limits(settings, model, _placements(qp))
         findings += without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
             margin = settings.limits.position_margin if settings.limits.position else 0.0
-            findings += reserves(qp, active, q, hanging_joints(qp, active), margin)
+            findings += reserves(
+                qp, active, q, hanging_joints(qp, active), level=_is_kept_level(settings, qp), margin=margin
+            )
         return findings
     except ConfigurationError as error:
         raise ConfigurationError(config.named(str(error))) from error
@@ -213,6 +219,39 @@ def _unheld(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[
     free = np.abs(null_space(rows)[model.v_index]).max(axis=1, initial=0.0) > _FREE
     names = [name for name, loose in zip(model.joints, free, strict=True) if loose]
     return [Finding("held by no task", f"{', '.join(names)}: add them to a task of type posture")] if names else []
+
+
+def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
+    """Whether an enabled task holds the orientation of the base."""
+    frames, model = qp.model.pinocchio.frames, qp.model
+    base = frames[model.frame_id(model.base_link, "base")].parentJoint
+    return any(
+        isinstance(task, (FrameOrientationTask, FramePoseTask))
+        and frames[model.frame_id(task.frame, name)].parentJoint == base
+        for name, task in qp.tasks.items()
+        if settings.tasks[name].enabled
+    )
+
+
+def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
+    """Report directions that the contacts hold although the robot cannot move along them."""
+    contacts = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
+    if not contacts:
+        return []
+    J = np.vstack([contact.jacobian(qp.dynamics) for contact in contacts])
+    values, directions = mobilities(J, np.concatenate([contact.metric for contact in contacts]), qp.dynamics)
+    part = np.abs(directions[:, values < LEAST]).max(axis=1, initial=0.0)
+    parts = np.split(part, np.cumsum([contact.size for contact in contacts])[:-1])
+    names = [contact.name for contact, own in zip(contacts, parts, strict=True) if own.max() > _PART]
+    if not names:
+        return []
+    return [
+        Finding(
+            "redundant contacts",
+            f"{np.count_nonzero(values < LEAST)} of the {len(J)} directions that are held, at {', '.join(names)}: no "
+            "joint moves the contacts along them, so that a motion that needs it is limited (sway) or makes them slip",
+        )
+    ]
 
 
 def _joints(model: RobotModel) -> str:

@@ -1,4 +1,4 @@
-"""How far a standing robot could be pushed, sway and squat: linear programs over contact forces and torques at rest."""
+"""How far a standing robot could be pushed, sway and squat: forces and torques at rest, motion with held contacts."""
 
 from __future__ import annotations
 
@@ -19,49 +19,69 @@ from wbc_controller.records import Array
 _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
 #: Share by which the multiple has to grow, per share of an effort limit, for the limit to count as what bounds it.
 _MATTERS = 1.0e-3
-#: Step of a motion of the centre of mass, m, and the largest share of its height that is tried for a squat.
-_STEP, _DEEPEST = 0.01, 0.6
-#: Smallest step that is tried, m.
-_LEAST_STEP = 1.0e-6
-#: Iterations of Newton's method in each step, and the largest error that is left, m and rad.
-_ITERATIONS, _REACHED = 6, 1.0e-3
+#: Step of a squat, m, the smallest one, and the largest share of the height of the centre of mass that is tried.
+_STEP, _LEAST_STEP, _DEEPEST = 0.01, 1.0e-6, 0.6
+#: Iterations of Newton's method in each step, the largest error that is left, m and rad, and that of contacts: one that
+#: the controller allows redundant contacts (`formulation.redundancy`).
+_ITERATIONS, _REACHED, _HELD = 6, 1.0e-3, 5.0e-4
+#: Steps in which the static sway is tried, and halvings to find how far the robot comes if it does not get there.
+_STEPS, _HALVINGS = 3, 5
+#: Weight of the height, and of a base whose orientation no task holds, while a robot sways: they change if need be.
+_FREE = 0.01
 #: Weight of the joints' own motion: of all ways down the one that moves them least.
 _LEAST_MOTION = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
 class _Balance:
-    """The largest multiple of a disturbance, and the actuator that allows no more; None where it is the contacts."""
+    """The largest multiple of a disturbance, and the cause that allows no more: an actuator; None for the contacts."""
 
     most: float
-    actuator: str | None
+    cause: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class ComReach:
+    """The distance that the centre of mass can move, m, and the reason for its end."""
+
+    distance: float
+    why: str
 
 
 def reserves(
-    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], margin: float = 0.0
+    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], *, level: bool, margin: float = 0.0
 ) -> list[Finding]:
     """Find the reserves of a robot with a floating base that stands in a configuration q, where its dynamics are left.
 
     A push is a steady horizontal force on the base, in line with the centre of mass. Swaying moves the weight
-    sideways, at the posture's own torque arms. Friction, supports, largest forces and effort limits hold. `hanging` are
-    indices of joints without a motor that nothing supports; `margin` is the distance from the position limits, rad.
+    sideways, at the posture's own torque arms, as far as the robot can move with its contacts held. Friction, supports,
+    largest forces and effort limits hold.
+
+    Args:
+        hanging: indices of joints without a motor that nothing supports.
+        level: whether a task holds the orientation of the base, so that it stays level while the robot sways.
+        margin: distance from the position limits, rad.
     """
     model, dynamics = qp.model, qp.dynamics
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     arm = dynamics.com - dynamics.placement(model.frame_id(model.base_link, "base")).translation
     weight = model.mass * np.array(model.pinocchio.gravity.linear)
     pushes, shifts = {}, {}
+    anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
+    all_anchored = len(anchored) == len(bearing)  # nothing says how far a loop is open along the way
     for name, direction in _DIRECTIONS.items():
         way = np.array(direction)
         pushes[name] = _most(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
         shifts[name] = _most(qp, bearing, hanging, np.concatenate([np.zeros(3), np.cross(way, weight)]))
+        if all_anchored and np.isfinite(shifts[name].most):
+            shifts[name] = _moved(_HeldContacts(qp, anchored, margin), hanging, q, way, level, shifts[name])
     found = [
         Finding("push", "steady, at the centre of mass: " + _listed(pushes, 1.0, "N")),
         Finding("sway", "of the centre of mass: " + _listed(shifts, 1e3, "mm")),
     ]
     squat = com_reach(qp, active, q, hanging, -np.eye(3)[2], _DEEPEST * float(dynamics.com[2]), margin)
     if squat is not None:
-        found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down; {squat.why}"))
+        found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down ({squat.why})"))
     return found
 
 
@@ -69,7 +89,7 @@ def _listed(found: dict[str, _Balance], scale: float, unit: str) -> str:
     parts = []
     for name, balance in found.items():
         size = f"{scale * balance.most:.0f} {unit}" if np.isfinite(balance.most) else "any"
-        parts.append(f"{size} {name}" + (f" ({balance.actuator})" if balance.actuator else ""))
+        parts.append(f"{size} {name}" + (f" ({balance.cause})" if balance.cause else ""))
     return ", ".join(parts)
 
 
@@ -110,12 +130,73 @@ def _most(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], w
     return _Balance(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
 
 
-@dataclass(frozen=True, slots=True)
-class ComReach:
-    """The distance that the centre of mass can move, m, and the reason for its end."""
+class _HeldContacts:
+    """Motion of a robot whose contacts stay where they are in the present configuration."""
 
-    distance: float
-    why: str
+    def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], margin: float) -> None:
+        self.qp, self.bearing = qp, bearing
+        model = qp.model
+        self._lower = np.minimum(model.position_lower + margin, model.posture)
+        self._upper = np.maximum(model.position_upper - margin, model.posture)
+        dynamics = qp.dynamics
+        self._base = qp.model.frame_id(qp.model.base_link, "base")
+        self.com = dynamics.com.copy()
+        self._upright = dynamics.placement(self._base).rotation.copy()
+        self._held = [(contact, contact.anchor(dynamics)) for contact in bearing]
+
+    def reach(self, goal: Array, start: Array, weights: Array) -> tuple[Array, str]:
+        """Move the centre of mass to a goal, (3,) in m, from a configuration, by Newton's method.
+
+        Args:
+            weights: of the centre of mass and the base's orientation, (6,); 1 if required.
+
+        Returns:
+            The configuration, in which the dynamics are left, and the reason if the goal is not reached, else "".
+        """
+        qp, at = self.qp, start
+        model, dynamics = qp.model, qp.dynamics
+        C, least = model.actuation.C, _LEAST_MOTION * np.eye(model.nv)
+        for last in [False] * _ITERATIONS + [True]:
+            dynamics.update(at, np.zeros(model.nv))
+            turned = pin.log3(self._upright @ dynamics.placement(self._base).rotation.T)
+            gap = np.concatenate([contact.displacement(dynamics, anchor) for contact, anchor in self._held])
+            off = weights * np.concatenate([goal - dynamics.com, turned])
+            if last:
+                break
+            J = np.vstack([contact.jacobian(dynamics) for contact, _ in self._held])
+            own = np.vstack([dynamics.com_jacobian, dynamics.jacobian(self._base, pin.LOCAL_WORLD_ALIGNED)[3:]])
+            rows = np.vstack([J, weights[:, None] * own, C, least])
+            error = np.concatenate([gap, off, np.zeros(len(C) + model.nv)])
+            step = np.linalg.lstsq(rows, error, rcond=None)[0]
+            at = np.asarray(pin.integrate(model.pinocchio, at, step))
+        joints = at[model.q_index]
+        beyond = np.flatnonzero((joints < self._lower) | (joints > self._upper))
+        if np.abs(off[weights == 1.0]).max() > _REACHED or np.abs(gap).max(initial=0.0) > _HELD:
+            return at, "reach"
+        return at, f"position of {model.joints[beyond[0]]}" if beyond.size else ""
+
+
+def _moved(
+    motion: _HeldContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: _Balance
+) -> _Balance:
+    """Find how far the centre of mass can move along a horizontal unit vector, at most as far as statics allow."""
+    qp, bearing = motion.qp, motion.bearing
+    done, far, at, cause = 0.0, np.inf, np.array(q), static.cause
+    weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])
+    tried = static.most / _STEPS
+    for _ in range(_STEPS + _HALVINGS):
+        there, why = motion.reach(motion.com + tried * way, at, weights)
+        if not why and not _stands(qp, bearing, hanging):
+            why = "torques or contacts"
+        if why:
+            far, cause = tried, why
+        else:
+            done, at = tried, there
+        if done == static.most:
+            break
+        tried = min(static.most, done + static.most / _STEPS, 0.5 * (done + far))
+    qp.dynamics.update(q, np.zeros(qp.model.nv))
+    return _Balance(done, cause)
 
 
 def com_reach(
@@ -127,69 +208,33 @@ def com_reach(
     most: float,
     margin: float = 0.0,
 ) -> ComReach | None:
-    """Find how far the centre of mass can move at rest, with the base level and the contacts in place.
+    """Find how far the centre of mass can move straight at rest, with the base level and the contacts held.
 
     Args:
         q: configuration at the start, in which the dynamics are left.
-        hanging: indices of joints without a motor that nothing supports.
+        hanging: as in `reserves`, and `margin`.
         direction: unit vector in the world, (3,).
         most: largest distance that is tried, m.
-        margin: distance from the position limits, rad.
 
     Returns:
         The distance; None if a loop is closed, as its opening along the way is not known.
     """
-    model, dynamics = qp.model, qp.dynamics
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
     if len(anchored) < len(bearing):
         return None
-    base, start = model.frame_id(model.base_link, "base"), dynamics.com.copy()
-    upright = dynamics.placement(base).rotation.copy()
-    held = [(contact, contact.anchor(dynamics)) for contact in anchored]
-    lower, upper = model.position_lower + margin, model.position_upper - margin
-    begin = q[model.q_index]
-    lower, upper = np.minimum(lower, begin), np.maximum(upper, begin)  # the posture itself may be nearer
+    motion = _HeldContacts(qp, anchored, margin)
     distance, why, at = 0.0, "", np.array(q)
     while not why:
         step = min(_STEP, most - distance)
-        goal = start + (distance + step) * direction
         if not (step > _LEAST_STEP):
             why = "no more was tried"
             break
-        for _ in range(_ITERATIONS):
-            dynamics.update(at, np.zeros(model.nv))
-            turned = pin.log3(upright @ dynamics.placement(base).rotation.T)
-            J = np.vstack(
-                [
-                    *(contact.jacobian(dynamics) for contact, _ in held),
-                    dynamics.com_jacobian,
-                    dynamics.jacobian(base, pin.LOCAL_WORLD_ALIGNED)[3:],
-                    model.actuation.C,
-                ]
-            )
-            error = np.concatenate(
-                [
-                    *(contact.displacement(dynamics, anchor) for contact, anchor in held),
-                    goal - dynamics.com,
-                    turned,
-                    np.zeros(len(model.actuation.C)),
-                ]
-            )
-            least = _LEAST_MOTION * np.eye(model.nv)
-            change = np.linalg.lstsq(np.vstack([J, least]), np.concatenate([error, np.zeros(model.nv)]), rcond=None)[0]
-            at = np.asarray(pin.integrate(model.pinocchio, at, change))
-        joints = at[model.q_index]
-        beyond = np.flatnonzero((joints < lower) | (joints > upper))
-        if np.abs(error).max() > _REACHED:
-            why = "the legs reach no further"
-        elif beyond.size:
-            why = f"{model.joints[beyond[0]]} is at its position limit"
-        elif not _stands(qp, anchored, hanging):
-            why = "the torques or contacts bear no more"
-        else:
-            distance += step
-    dynamics.update(q, np.zeros(model.nv))
+        at, why = motion.reach(motion.com + (distance + step) * direction, at, np.ones(6))
+        if not why and not _stands(qp, anchored, hanging):
+            why = "torques or contacts"
+        distance += 0.0 if why else step
+    qp.dynamics.update(q, np.zeros(qp.model.nv))
     return ComReach(distance, why)
 
 

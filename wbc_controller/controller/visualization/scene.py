@@ -153,9 +153,11 @@ def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array)
         torque = wrench[3:] - pin.skew(centre) @ wrench[:3]
         origin = centre + pin.skew(normal) @ torque / pressure
     arrow = [origin, origin + FORCE_LENGTH / weight * wrench[:3]]
-    x, y = (CONE_HEIGHT * contact.friction / math.sqrt(2.0) * axes[i] for i in range(3) if i != contact.normal)
+    x, y = (CONE_HEIGHT * contact.friction * axes[i] for i in range(3) if i != contact.normal)
     above = centre + CONE_HEIGHT * normal
-    top = [above + x + y, above + x - y, above - x - y, above - x + y]
+    # The edges of `contacts.support.friction_pyramid`, or of the pyramids at the corners of a sole.
+    angles = np.arange(8) * math.pi / 4.0 if contact.size == 3 else (np.arange(4) + 0.5) * math.pi / 2.0
+    top = [above + math.cos(angle) * x + math.sin(angle) * y for angle in angles.tolist()]
     return arrow, [point for corner in top for point in (centre, corner)] + _edges(top)
 
 

@@ -19,9 +19,16 @@ _CORNER = 1.0e-6
 
 
 def friction_pyramid(friction: float) -> Array:
-    """Four-sided pyramid inside the friction cone: C, (4, 3), so that C f ≤ 0 implies √(fx² + fy²) ≤ friction fz."""
-    mu = friction / math.sqrt(2.0)
-    return np.array([[1.0, 0.0, -mu], [-1.0, 0.0, -mu], [0.0, 1.0, -mu], [0.0, -1.0, -mu]])
+    """Eight-sided pyramid inside the friction cone: C, (8, 3), so that C f ≤ 0 implies √(fx² + fy²) ≤ friction fz.
+
+    Its edges touch the cone along x, y and the diagonals; elsewhere at least cos(π / 8) = 92 % of the friction is used.
+    The axes of a point contact do not turn with the robot: with four sides the available friction would depend on the
+    robot's heading by 30 %.
+    """
+    sides = 8
+    normal = 2.0 * math.pi * (np.arange(sides) + 0.5) / sides
+    reach = friction * math.cos(math.pi / sides)
+    return np.column_stack([np.cos(normal), np.sin(normal), np.full(sides, -reach)])
 
 
 def wrench_cone(friction: float, half_length: float, half_width: float) -> Array:

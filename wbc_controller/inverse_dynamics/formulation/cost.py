@@ -33,6 +33,8 @@ class LevelCost:
         squares: the cost, whose weights are w and ε.
         rows: the rows that a kernel fills: of tasks, and for the first level of contacts.
         effort_rows: [R, r] of each task on torques or contact forces, and the place of its error.
+        redundant_rows: [R, r] of the redundant directions of the contacts, with weight 1, (nf, n + 1); for the first
+            level only.
     """
 
     def __init__(
@@ -57,9 +59,12 @@ class LevelCost:
         self._rows_of = [(task.name, places[task.name]) for task in with_rows]
         end = sum(task.dimension for task in with_rows)
         count = end + base
-        # The rows of the first level are directly above the equality constraints: one kernel fills both.
+        # The rows of the first level are directly above the equality constraints: one kernel fills both. Above them is
+        # room for the redundant directions of the contacts.
+        soft = len(layout.J) if first else 0
         top, bottom = problem.room - count, problem.room + len(problem.b)
-        block = problem.memory[top:bottom] if first else np.zeros((count, n + 1))
+        whole = problem.memory[top - soft : bottom] if first else np.zeros((count, n + 1))
+        self.redundant_rows, block = whole[:soft], whole[soft:]
         self._bands, bands = _places(self._with_tolerance)
         self._band_rows = np.zeros((bands, n + 1))
         self._band_scale, self._band_width = np.zeros(bands), np.zeros(bands)
@@ -80,19 +85,29 @@ class LevelCost:
         self.effort_rows = [
             (rows, places[task.name]) for task, rows in self._python_rows if isinstance(task, EffortTask)
         ]
+        weights = np.ones(soft + count)
         self.squares = LeastSquares(
             rows=block[:count],
-            weights=np.ones(count),
+            weights=weights[soft:],
             base=base,
             diagonal=np.zeros(n),
             target=np.zeros(n),
             constraints=problem.constraints,
         )
+        self._with_redundant = LeastSquares(
+            rows=whole[: soft + count],
+            weights=weights,
+            base=base,
+            diagonal=self.squares.diagonal,
+            target=self.squares.target,
+            constraints=problem.constraints,
+        )
         self.rows = CompiledRows(dynamics, block, self.squares.target, entries)
+        self._kept = [block[: 0 if last else end, :n], whole[: 0 if last else soft + end, :n]]
         self.level = Level(
             tasks=tuple(task.name for task in tasks),
             cost=problem.cost if first else QuadraticCost(np.zeros((n, n)), np.zeros(n)),
-            kept=block[: 0 if last else end, :n],
+            kept=self._kept[0],
             G=np.zeros((bands, n)),
             lower=np.zeros(bands),
             upper=np.zeros(bands),
@@ -131,6 +146,7 @@ class LevelCost:
         """
         level, places = self.level, self._errors_of
         level.cost.update(self.squares, constant)
+        level.kept = self._kept[0]
         if not self._python_rows:
             return places, errors
         missing, place_of = set(), dict(places)
@@ -147,6 +163,12 @@ class LevelCost:
             level.lower[:], level.upper[:] = middle - self._band_width, middle + self._band_width
         level.tasks = tuple(task.name for task in self._tasks if task.name not in missing)
         return [(name, place) for name, place in places if name not in missing], errors
+
+    def add_redundant_rows(self) -> None:
+        """Make `redundant_rows` part of the cost of this cycle."""
+        cost = self.level.cost
+        cost.update(self._with_redundant, cost.squares_constant)
+        self.level.kept = self._kept[1]
 
 
 def _on_diagonal(tasks: Sequence[Task], nv: int) -> list[tuple[PostureTask, Instruction]]:

@@ -1,5 +1,6 @@
 """Fills the quadratic program of `plain_qp` in every cycle with kernels, in arrays that stay from cycle to cycle."""
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from types import MappingProxyType
@@ -14,6 +15,7 @@ from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Prog
 from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
 from wbc_controller.inverse_dynamics.formulation.plain_qp import Limits, Regularization, bias_forces
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
+from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST, NEARLY, mobilities, separate
 from wbc_controller.inverse_dynamics.formulation.structure import Parameters, Structure
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import acceleration_bounds
@@ -40,6 +42,8 @@ class Formulation:
         structure: of the last cycle; None before the first.
         parameters: of the last cycle; None before the first.
         task_errors: task errors of each level in the last cycle.
+        redundancy: names of the active contacts, and whether they are separated in every cycle, as they may be
+            redundant (`formulation.redundancy`). They are examined when they change; None before the first cycle.
     """
 
     def __init__(
@@ -68,6 +72,7 @@ class Formulation:
         self.task_errors: tuple[Errors, ...] = ()
         self.structure: Structure | None = None
         self.parameters: Parameters | None = None
+        self.redundancy: tuple[tuple[str, ...], bool] | None = None
         self._owners: tuple[Task | Contact, ...] = (*tasks, *contacts)
         self._levels = sorted({task.level for task in tasks})
         self._layouts: dict[tuple[str, ...], Layout] = {}
@@ -88,8 +93,9 @@ class Formulation:
     def layout(self, names: tuple[str, ...]) -> Layout:
         """Return columns, rows and arrays of the problem for one set of active contacts."""
         if names not in self._layouts:
-            rows = sum(task.dimension for task in self.tasks.values() if task.level == self._levels[0]) + 6
             contacts = [self.contacts[name] for name in names]
+            rows = sum(task.dimension for task in self.tasks.values() if task.level == self._levels[0])
+            rows += 6 + sum(contact.size for contact in contacts)
             self._layouts[names] = Layout(self.dynamics, contacts, self.row_limits, rows)
         return self._layouts[names]
 
@@ -130,7 +136,39 @@ class Formulation:
         self.task_errors = tuple(found)
         if self.row_limits:
             self._fill_row_limits(layout)
+        layout.contact_rows = None
+        if self.redundancy is None or self.redundancy[0] != layout.key:
+            self.redundancy = layout.key, self._mobility(layout) < NEARLY
+        if self.redundancy[1]:
+            self._separate_contacts(layout)
         return layout
+
+    def find_redundancy(self, layout: Layout) -> bool:
+        """Separate the contacts of a built problem if they have become redundant since they were examined.
+
+        Returns:
+            True if the problem has changed.
+        """
+        if layout.contact_rows is not None or self._mobility(layout) >= LEAST:
+            return False
+        self.redundancy = layout.key, True
+        self._separate_contacts(layout)
+        return True
+
+    def _mobility(self, layout: Layout) -> float:
+        """Return the smallest mobility of the contacts; inf without contacts."""
+        return float(mobilities(layout.J, layout.metric, self.dynamics)[0].min(initial=math.inf))
+
+    def _separate_contacts(self, layout: Layout) -> None:
+        """Leave rows of the contacts that do not contradict each other in A and b; others become part of the cost."""
+        nf, nv = layout.J.shape
+        hard, soft = separate(layout.J, layout.contact_motion, layout.metric, self.dynamics)
+        layout.contact_rows = np.column_stack([layout.J, layout.contact_motion])
+        layout.problem.A[:nf, :nv], layout.contact_motion[:] = hard[:, :-1], hard[:, -1]
+        if self.structure is not None:
+            first = self.structure.costs[0]
+            first.redundant_rows[:, :nv], first.redundant_rows[:, -1] = soft[:, :-1], soft[:, -1]
+            first.add_redundant_rows()
 
     def add_effort_errors(self, x: Array) -> None:
         """Complete `task_errors` by those of the tasks on torques and contact forces at a solution, (n,)."""
@@ -238,7 +276,7 @@ class Formulation:
             place.J[:], place.acceleration[:] = motion_of(place.contact, self.dynamics)
             self._bound_force(place, references.contacts)
         if layout.anchored:
-            layout.contact_motion += pull(layout.J, layout.anchored, self.dynamics, references.anchors)
+            layout.contact_motion += pull(len(layout.J), layout.anchored, self.dynamics, references.anchors)
 
     def _fill_row_limits(self, layout: Layout) -> None:
         for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):

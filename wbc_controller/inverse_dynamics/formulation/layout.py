@@ -42,8 +42,9 @@ class Layout:
         places: rows and columns of each active contact, in order.
         forces: columns of all contact forces in x.
         forces_of: name of each active contact, and the indices of its force in f.
-        J: the stacked Jacobians of the active contacts, (nf, nv).
-        contact_motion: the required J v̇, (nf,).
+        contact_rows: [J, b] of the active contacts as they were before redundant directions were taken out of A and b
+            (`formulation.redundancy`), (nf, nv + 1); None if A and b have them.
+        contact_motion: the right-hand sides of the contacts in b, (nf,).
         damping: D of each row of J, 1/s, (nf,).
         metric: diagonal of W in the regularization ½ ε_f fᵀ W f of the forces, (nf,).
         dynamics_rows: the equations of motion and torque bounds, for the kernel that fills them.
@@ -93,7 +94,8 @@ class Layout:
         self.problem = problem = QuadraticProgram.empty(nv + nf, self.mechanism.stop, inequality, cost_rows, na)
         self.limit_parts = [(problem.C[rows, :nv], problem.lower[rows], problem.upper[rows]) for rows in self.limits]
         problem.A[nf : nf + len(coupling), :nv] = coupling  # C v̇ = 0
-        self.J = problem.A[:nf, :nv]
+        self._rows_in_A = problem.A[:nf, :nv]
+        self.contact_rows: Array | None = None
         self.contact_motion = problem.b[:nf]
         self.damping = np.concatenate([np.zeros(0), *(np.full(c.size, c.damping) for c in contacts)])
         self.metric = np.concatenate([np.zeros(0), *(c.metric for c in contacts)])
@@ -104,7 +106,7 @@ class Layout:
             rows = slice(cone, cone + len(contact.cone))
             lower, upper = problem.bounds[:, columns]
             self.places.append(
-                ContactPlace(contact, motion, self.J[motion], problem.b[motion], rows, columns, lower, upper)
+                ContactPlace(contact, motion, problem.A[motion, :nv], problem.b[motion], rows, columns, lower, upper)
             )
             problem.C[rows, columns] = contact.cone
             problem.upper[rows] = 0.0
@@ -165,6 +167,11 @@ class Layout:
         for limit, rows in zip(self.row_limits, self.limits, strict=True):
             labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in limit.names]
         return labels
+
+    @property
+    def J(self) -> Array:
+        """The stacked Jacobians of the active contacts, (nf, nv)."""
+        return self._rows_in_A if self.contact_rows is None else self.contact_rows[:, :-1]
 
     @property
     def torque_map(self) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.contacts.contact import motion_of as contact_motion
 from wbc_controller.inverse_dynamics.formulation.anchors import pull
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
+from wbc_controller.inverse_dynamics.formulation.redundancy import separate
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask, EffortTask, Task
@@ -112,12 +113,15 @@ def plain_qp(
     references: References,
     tau_before: Array | None = None,
     regularization: Regularization = Regularization(),
+    *,
+    first: bool = True,
 ) -> PlainQP:
     """Build the quadratic program at one state.
 
     Args:
         tasks: the tasks of one priority level, without those with a tolerance.
         tau_before: the present torques, (na,) in N·m; None for no torque rate limit.
+        first: whether this is the highest level, whose cost has the redundant directions of the contacts.
     """
     model, actuation, period = dynamics.model, dynamics.model.actuation, limits.period
     activations = {c.name: 1.0 if c.permanent else references.contacts.get(c.name, 0.0) for c in contacts}
@@ -134,8 +138,10 @@ def plain_qp(
     torque_map = rows[free:], h[free:]
 
     # Contacts: J v̇ = -J̇v - D J v + K e, forces within bounds, and in the cone C f ≤ 0.
-    A = np.vstack([in_columns(J, 0, n), in_columns(actuation.C, 0, n), rows[:free]])
-    b = np.concatenate([J_acceleration, np.zeros(len(actuation.C)), -h[:free]])
+    metric = np.concatenate([np.zeros(0), *(contact.metric for contact in active)])
+    motion, redundant = separate(J, J_acceleration, metric, dynamics)
+    A = np.vstack([in_columns(motion[:, :-1], 0, n), in_columns(actuation.C, 0, n), rows[:free]])
+    b = np.concatenate([motion[:, -1], np.zeros(len(actuation.C)), -h[:free]])
     x_lower, x_upper = np.full(n, -np.inf), np.full(n, np.inf)
     cone = np.zeros((0, n))
     for contact in active:
@@ -161,7 +167,6 @@ def plain_qp(
     qp = PlainQP(np.zeros((n, n)), np.zeros(n), A, b, np.vstack(C), *bounds, torque_map, columns)
 
     # Regularization: of q̈, of f, and of the rate of the momentum ḣ_G = A_G v̇ + Ȧ_G v.
-    metric = np.concatenate([np.zeros(0), *(contact.metric for contact in active)])
     base = 6 if model.floating_base else 0
     qp.H[range(base, nv), range(base, nv)] = regularization.acceleration
     qp.H[range(nv, n), range(nv, n)] = regularization.force * FORCE_UNIT**2 * metric
@@ -170,7 +175,9 @@ def plain_qp(
         momentum = in_columns(scale[:, None] * dynamics.centroidal_matrix, 0, n)
         add_squares(qp, regularization.acceleration, momentum, -scale * dynamics.centroidal_drift)
 
-    # Tasks: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖².
+    # Redundant directions of the contacts, and tasks: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖².
+    if first:
+        add_squares(qp, 1.0, in_columns(redundant[:, :-1], 0, n), redundant[:, -1])
     for task in tasks:
         weight = references.weights.get(task.name, 0.0)
         if weight > 0.0 and (found := task_rows(task, dynamics, qp, references.tasks[task.name], n)) is not None:
@@ -188,7 +195,7 @@ def contact_accelerations(dynamics: Dynamics, active: Sequence[Contact], referen
             anchored.append((contact, slice(len(J), len(J) + contact.size)))
         J, at_rest = np.vstack([J, own_J]), np.concatenate([at_rest, own_at_rest])
         D = np.concatenate([D, np.full(contact.size, contact.damping)])
-    return J, at_rest - D * (J @ dynamics.v) + pull(J, anchored, dynamics, references.anchors)
+    return J, at_rest - D * (J @ dynamics.v) + pull(len(J), anchored, dynamics, references.anchors)
 
 
 def torque_bounds(limits: Limits, speeds: Array, tau_before: Array | None) -> tuple[Array, Array]:

@@ -96,11 +96,10 @@ def hindering_contacts(formulation: Formulation, layout: Layout, value: Array) -
     if not (needed > most).any():
         return ()
     places = [place for place in layout.places if not place.contact.permanent]
-    apart = not all(any(place.J[:, joint].any() for place in places) for joint in passing)
+    apart = not all(any(layout.J[place.motion, joint].any() for place in places) for joint in passing)
     moving = _moving(formulation, layout, _LOOSE)
-    return tuple(
-        place.contact.name for place in places if apart or place.contact.name in moving or place.J[:, passing].any()
-    )
+    moved = [place.contact.name for place in places if layout.J[place.motion][:, passing].any()]
+    return tuple(place.contact.name for place in places if apart or place.contact.name in (*moving, *moved))
 
 
 def stops_missed(formulation: Formulation, layout: Layout, value: Array) -> float:

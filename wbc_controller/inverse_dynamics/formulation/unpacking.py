@@ -40,6 +40,7 @@ class _LazyDetails:
     ) -> None:
         self._layout, self._labels, self._levels = layout, layout.labels, layout.levels
         self._answer, self._residuals, self._errors, self._stages = answer, residuals, errors, stages
+        self._contact_rows = layout.contact_rows
 
     @property
     def forces(self) -> Mapping[str, Array]:
@@ -52,8 +53,12 @@ class _LazyDetails:
 
     @cached_property
     def residuals(self) -> Mapping[str, float]:
-        """The largest violation in each group of constraints."""
+        """The largest violation in each group of constraints; for contacts with redundant directions, in all rows."""
         equalities, contact_rows = self._residuals.equalities.tolist(), self._layout.mechanism.start
+        rows = self._contact_rows
+        if rows is not None:
+            missed = rows[:, :-1] @ self._residuals.value[: rows.shape[1] - 1] - rows[:, -1]
+            equalities[:contact_rows] = np.abs(missed).tolist()
         return MappingProxyType(
             {
                 "equations_of_motion": max(equalities[contact_rows:], default=0.0),

@@ -96,8 +96,10 @@ class ActiveSet:
         return {"side": self.side.copy()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the state that `memory` returned."""
-        self._take(np.array(memory["side"], dtype=np.int8))
+        """Restore the state that `memory` returned; one of a program with other constraints is ignored."""
+        side = np.array(memory["side"], dtype=np.int8)
+        if side.shape == self.side.shape:
+            self._take(side)
 
     def _take(self, side: np.ndarray) -> None:
         self.side[:] = side

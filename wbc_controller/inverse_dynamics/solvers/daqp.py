@@ -27,6 +27,9 @@ _CAREFUL: tuple[Mapping[str, float], ...] = (
     {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2, "eq_reduction": 1},
     {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2},
 )
+#: The last attempt: proximal-point iterations, which factorize H + eps_prox 1 in place of H. They have solved all of 5
+#: problems in 12,000 of lower levels that DAQP takes for infeasible even with the settings above.
+_PROXIMAL: Mapping[str, float] = {**_SETTINGS, "iter_limit": 600, "eps_prox": 0.1}
 #: By what the weights of soft constraints are divided where no task is pursued: DAQP ends on more such problems.
 _LIGHTER = 100.0
 #: Status of a problem whose constraints cannot be met together; that of other failures is different.
@@ -126,7 +129,8 @@ def solve_carefully(problem: QuadraticProgram, soft: Soft | None = None) -> Answ
         sense, begin = np.concatenate([sense, kind]), np.concatenate([begin, kind])
         inverse_weights = np.concatenate([np.ones(end), 1.0 / soft.weights])
     attempts = [
-        (problem.H, problem.g, first, settings, 1.0) for first, settings in zip((begin, sense), _CAREFUL, strict=True)
+        (problem.H, problem.g, first, settings, 1.0)
+        for first, settings in zip((begin, sense, sense), (*_CAREFUL, _PROXIMAL), strict=True)
     ]
     if soft is not None:
         # One attempt: torques that come some periods late are worse than a cycle in which little is missed and no task

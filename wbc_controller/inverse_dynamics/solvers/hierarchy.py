@@ -93,8 +93,9 @@ class Hierarchy:
 
         Returns:
             The solution in the problem's decision variables. The multiplier of each constraint is that of the first
-            level in which it is binding. If the first level has no solution, x is None, as from a solver. Where the
-            solver of a lower level fails, the solution of the others is used, and `relaxed` has a sentence on it.
+            level in which it is binding. If the first level has no solution, x is None, as from a solver. If all
+            solvers fail on a lower level, it keeps the solution of the levels above (z = 0 with the least slack), and
+            `relaxed` contains a sentence.
         """
         answer = self._guess(problem, levels)
         if answer is not None:
@@ -164,12 +165,13 @@ class Hierarchy:
                 self._solvers[size] = self._make_solver(reduced)
             answer = self._solvers[size].solve(reduced)
             iterations += answer.iterations
-            if answer.x is None or not (reduced.violation(answer.x) <= self._solvers[size].tolerance):
+            found = answer.x
+            if found is None or not (reduced.violation(found) <= self._solvers[size].tolerance):
                 if not reports:
                     return Answer(None, answer.status, iterations)
                 unsolved += (f"level with {', '.join(level.tasks)}: {answer.status}",)
-                continue
-            z, slack = np.split(answer.x, [free.shape[1]])
+                found, answer.multipliers = _least_slack(reduced, free.shape[1]), np.zeros(reduced.bounds.shape[1])
+            z, slack = np.split(found, [free.shape[1]])
             x = x + free @ z
             # The reduced problem has no bounds on its variables; its first rows are the bounds and rows of the problem.
             costs = answer.multipliers[len(reduced.g) :][: len(multipliers)]
@@ -186,6 +188,13 @@ class Hierarchy:
         solved = Answer(x, "optimal", iterations, multipliers)
         solved.levels, solved.relaxed = reports, unsolved
         return solved
+
+
+def _least_slack(reduced: QuadraticProgram, nz: int) -> Array:
+    """Return [z, s] with z = 0, which is feasible in all lower levels, and the least s, (n,)."""
+    ns = reduced.n - nz
+    bands = slice(len(reduced.upper) - ns, None)
+    return np.concatenate([np.zeros(nz), np.clip(np.zeros(ns), reduced.lower[bands], reduced.upper[bands])])
 
 
 def _reduced(

@@ -18,6 +18,8 @@ from wbc_controller.records import Array, Disturbance, Mode, Solution
 #: Times that are sorted in one piece of the message, and those of one stage more.
 _AT_ONCE = 500
 _OK, _WARN, _ERROR = 0, 1, 2
+#: Residual of the contacts' motion above which they contradict each other, m/s² or rad/s².
+_CONTRADICTION = 0.5
 _LEVELS = {
     Mode.INACTIVE: _OK,
     Mode.ACTIVE: _OK,
@@ -109,7 +111,7 @@ class StatusSummary:
         span, self._span = self._span, None
         if span is None:
             return None
-        last, taken = span.last, self._taken
+        last, taken, missed = span.last, self._taken, 0.0
         values = self._scheduling | _of_cycles(span)
         yield
         sorted_so_far = 0
@@ -124,8 +126,13 @@ class StatusSummary:
         if last.solution is not None:
             values |= _of_solution(last.solution)
             yield
+            missed = last.solution.residuals.get("contact_motion", 0.0)
         values |= _of_checks(last)
         warnings = [f"relaxed {what} in {count} of {span.count} cycles" for what, count in sorted(span.relaxed.items())]
+        if missed > _CONTRADICTION:
+            warnings.append(
+                f"contacts contradict each other by {missed:.2g} m/s² (docs/contacts.md, redundant contacts)"
+            )
         warnings += last.contested
         if last.audit is not None:
             warnings += last.audit.warnings

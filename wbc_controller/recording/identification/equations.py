@@ -26,7 +26,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 #: Width of the line that gives accelerations, and time between two moments, s.
-_WIDTH, _EVERY = 0.03, 0.02
+WIDTH, _EVERY = 0.03, 0.02
 #: Moments that make a stretch.
 _TOGETHER = 25
 #: Speed below which a joint rests, rad/s or m/s.
@@ -57,11 +57,14 @@ class Equations:
     group: np.ndarray
 
 
-def moments(recorded: Mapping[str, Array], model: RobotModel, contacts: Mapping[str, Contact]) -> Moments:
+def moments(
+    recorded: Mapping[str, Array], model: RobotModel, contacts: Mapping[str, Contact], width: float = WIDTH
+) -> Moments:
     """Find moments at which the controller was active and its contacts did not change, and smooth around them.
 
     Args:
         recorded: arrays of the cycles (`recording.cycle_arrays`).
+        width: time over which each moment is smoothed, s.
 
     Raises:
         ConfigurationError: where the recording is not one of this robot, or has no such moments.
@@ -78,7 +81,7 @@ def moments(recorded: Mapping[str, Array], model: RobotModel, contacts: Mapping[
     if len(time) < 2:
         raise ConfigurationError(f"the recording has {len(time)} cycles: nothing to fit")
     gap = float(np.median(np.diff(time)))
-    half = max(2, round(0.5 * _WIDTH / gap))
+    half = max(2, round(0.5 * width / gap))
     forces = {name: recorded[f"force/{name}"] for name in contacts if f"force/{name}" in recorded}
     holds = np.array([np.isfinite(force).all(axis=1) for force in forces.values()]).T.reshape(len(time), len(forces))
     usable = (np.asarray(recorded["mode"]) == "active") & np.isfinite(recorded["q"]).all(axis=1)
@@ -89,7 +92,7 @@ def moments(recorded: Mapping[str, Array], model: RobotModel, contacts: Mapping[
     middle = middle[broken[middle + half + 1] == broken[middle - half]]
     if not len(middle):
         raise ConfigurationError(
-            f"no {_WIDTH:g} s of the recording have regular states, an active controller and the same contacts"
+            f"no {width:g} s of the recording have regular states, an active controller and the same contacts"
         )
     # The slope of a straight line through the velocities is this mean of their differences, of which each is caused by
     # the torques of its own interval: the same mean of these belongs to it.

@@ -13,7 +13,7 @@ from wbc_controller.controller.visualization.tables import Table, as_text
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.recording.cycle_arrays import cycle_arrays
-from wbc_controller.recording.identification.equations import equations, moments
+from wbc_controller.recording.identification.equations import WIDTH, equations, moments
 from wbc_controller.recording.identification.fit import UNSURE, Fit, fit
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.records import Array
@@ -41,7 +41,10 @@ def fitted(settings: Settings, recorded: Mapping[str, Array]) -> tuple[Fit, Robo
     """
     model = make_model(settings)
     contacts = make_qp(settings, model).contacts
-    return fit(equations(moments(recorded, model, contacts), model, contacts)), model
+    wide, narrow = (
+        equations(moments(recorded, model, contacts, width), model, contacts) for width in (WIDTH, 0.5 * WIDTH)
+    )
+    return fit(wide, narrow), model
 
 
 def report(found: Fit, model: RobotModel) -> str:

@@ -1,0 +1,211 @@
+"""Contacts that hold more directions than the robot can move along: solutions with all solvers, and their residuals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from wbc_controller import Simulation
+from wbc_controller.apps.new.draft import new_configuration
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import stance
+from wbc_controller.inverse_dynamics.contacts import Rectangle, placement_of
+from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST, NEARLY, mobilities, separate
+from wbc_controller.mechanics import recoordinate
+from wbc_controller.records import RobotState, frozen
+from wbc_controller.settings.config import load
+from wbc_controller.validation.fuzz.problems import rest
+
+SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
+LEVELS = {"tasks.posture.level": 2, "tasks.base.level": 1}
+SOLVERS = {"daqp": {}, "osqp": {}, "proxqp": {}, "quadprog": {}, "levels": LEVELS}
+
+
+def solo_8(solver="daqp"):
+    """Four point feet, and legs without hip abduction."""
+    changes = SOLVERS[solver] | {"solver.name": "daqp" if solver == "levels" else solver}
+    return load(new_configuration(SOLO_8).settings).replace(changes)
+
+
+def without_ankle_roll():
+    """G1 with soles that turn about one axis only."""
+    g1 = load("g1")
+    robot = g1.settings.robot
+    kept = [i for i, joint in enumerate(robot.joints) if "ankle_roll" not in joint]
+    return g1.replace({f"robot.{key}": [getattr(robot, key)[i] for i in kept] for key in ("joints", "posture")})
+
+
+ROBOTS = {"solo 8": solo_8, "g1 without ankle roll": without_ankle_roll}
+
+
+class Standing:
+    """A robot on all its contacts."""
+
+    def __init__(self, config):
+        self.settings = config.settings
+        self.model = make_model(self.settings)
+        self.qp = make_qp(self.settings, self.model)
+        self.q = stance(self.model, self.qp, list(self.qp.contacts))
+        self.references = rest(self.qp, self.settings, self.state(self.q))
+
+    def state(self, q, v=None):
+        return RobotState(0, frozen(q), frozen(np.zeros(self.model.nv) if v is None else v))
+
+    def leaning(self, share):
+        """The stance with left legs that are stretched by a share."""
+        joints = np.array([1.0 - share if joint.startswith(("FL", "HL")) else 1.0 for joint in self.model.joints])
+        q = self.q.copy()
+        q[self.model.q_index] *= joints
+        return q
+
+    def near(self, rng):
+        """A random state near the stance, whose contacts move, too."""
+        q = pin.integrate(self.model.pinocchio, self.q, 0.03 * rng.uniform(-1.0, 1.0, self.model.nv))
+        return self.state(q, 0.2 * rng.uniform(-1.0, 1.0, self.model.nv))
+
+    def rows(self, state):
+        """J and b of the contacts at a state."""
+        rows = self.qp.formulation.build(state, self.references).contact_rows
+        return rows[:, :-1], rows[:, -1]
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_redundant_feet_have_a_least_squares_solution_and_its_residual(solver):
+    robot = Standing(solo_8(solver))
+    rng, missed = np.random.default_rng(3), []
+    for _ in range(20):
+        state = robot.near(rng)
+        solution = robot.qp.solve(state, robot.references)
+        J, b = robot.rows(state)
+        off = J @ solution.v_dot - b
+        assert solution.relaxed == ()
+        assert solution.residuals["contact_motion"] == pytest.approx(np.abs(off).max(), abs=1e-9)
+        assert solution.residuals["equations_of_motion"] < 1e-3 if solver == "osqp" else 1e-6
+        values, u = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
+        assert (values < LEAST).sum() in (1, 2)  # of 12: all feet together, and the lean near the level stance
+        held = values >= LEAST
+        np.testing.assert_allclose(u[:, held].T @ off, 0.0, atol=1e-3 if solver == "osqp" else 1e-6)
+        (exact,) = u[:, values < 1e-9].T  # no acceleration changes this component
+        assert exact @ off == pytest.approx(-exact @ b, abs=1e-9)
+        missed.append(np.abs(off).max())
+    assert max(missed) > 1e-3
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_solo_8_moves_its_centre_of_mass_to_the_side(solver):
+    simulation = Simulation(solo_8(solver))
+    controller = simulation.controller
+    start = controller.dynamics.com.copy()
+    controller.set("com", start + [0.0, 0.01, 0.0], duration=0.3)
+    results = simulation.run(0.6)
+    assert {result.solution.relaxed for result in results} == {()}
+    assert 2e-3 < controller.dynamics.com[1] - start[1] < 11e-3
+
+
+def test_a_humanoid_without_ankle_roll_moves_its_centre_of_mass_to_the_side():
+    simulation = Simulation(without_ankle_roll())
+    controller = simulation.controller
+    start = controller.dynamics.com.copy()
+    controller.set("com", start + [0.0, 0.01, 0.0], duration=0.3)
+    simulation.run(0.8)
+    assert controller.dynamics.com[1] - start[1] == pytest.approx(0.01, abs=2e-3)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_two_of_twelve_directions_are_redundant(robot):
+    robot = Standing(ROBOTS[robot]())
+    J, _ = robot.rows(robot.state(robot.q))
+    values, _ = mobilities(J, np.concatenate([c.metric for c in robot.qp.contacts.values()]), robot.qp.dynamics)
+    assert (values < LEAST).sum() == 2
+    assert values[values >= LEAST].min() > 0.5
+    assert 12 - np.linalg.matrix_rank(J, tol=1e-3) in (1, 2)
+
+
+def test_mobilities_do_not_depend_on_the_coordinates():
+    robot = Standing(solo_8())
+    q = robot.leaning(0.2)
+    robot.qp.dynamics.update(q, np.zeros(robot.model.nv))
+    J = np.vstack([contact.jacobian(robot.qp.dynamics) for contact in robot.qp.contacts.values()])
+    other = recoordinate(robot.model.pinocchio, root="HR_HFE", flip=["FL_KFE"], shuffle=2)
+    units = np.eye(robot.model.nv)
+    T = np.column_stack([other.velocity(q, unit) for unit in units])  # velocities there = T times those here
+    M = np.linalg.inv(T).T @ robot.qp.dynamics.M @ np.linalg.inv(T)
+    there = np.linalg.eigvalsh(robot.model.mass * (J @ np.linalg.inv(T)) @ np.linalg.solve(M, (J @ np.linalg.inv(T)).T))
+    values, _ = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
+    np.testing.assert_allclose(values, there, atol=1e-9 * there.max())
+    assert values[1] < LEAST < values[2]
+
+
+def test_nothing_jumps_as_a_direction_becomes_a_constraint():
+    robot = Standing(solo_8())
+    com = robot.references.tasks["com"]
+    asked = replace(com, position=frozen(com.position + [0.0, 0.01, 0.0]))
+    references = replace(robot.references, tasks={**robot.references.tasks, "com": asked})
+    shares, answers, held = np.linspace(0.1, 0.6, 200), [], []
+    for share in shares:
+        state = robot.state(robot.leaning(share), 0.1 * np.eye(robot.model.nv)[3])
+        answers.append(robot.qp.solve(state, references).tau)
+        J, _ = robot.rows(state)
+        held.append(int((mobilities(J, np.ones(len(J)), robot.qp.dynamics)[0] >= LEAST).sum()))
+    assert (held[0], held[-1]) == (10, 11)
+    steps = np.abs(np.diff(answers, axis=0)).max(axis=1)
+    assert steps.max() < 4.0 * np.median(steps)
+
+
+def test_contacts_with_full_rank_are_left_as_they_are(load):
+    model, settings = load("go2")
+    qp = make_qp(settings, model)
+    q = stance(model, qp, list(qp.contacts))
+    state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
+    layout = qp.formulation.build(state, rest(qp, settings, state))
+    assert layout.contact_rows is None
+    hard, soft = separate(layout.J, layout.contact_motion, layout.metric, qp.dynamics)
+    assert np.array_equal(hard, np.column_stack([layout.J, layout.contact_motion]))
+    assert not soft.any()
+    assert mobilities(layout.J, layout.metric, qp.dynamics)[0].min() > 10.0 * NEARLY
+
+
+def test_contacts_that_become_redundant_after_their_activation_are_found_when_a_solver_fails():
+    robot, fresh = Standing(solo_8()), Standing(solo_8())
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        state = robot.near(rng)
+        robot.qp.formulation.redundancy = tuple(robot.qp.contacts), False
+        found = robot.qp.solve(state, robot.references)
+        assert robot.qp.formulation.redundancy[1]
+        np.testing.assert_allclose(found.tau, fresh.qp.solve(state, fresh.references).tau, atol=1e-7)
+
+
+@pytest.mark.parametrize("solver", ["daqp", "levels"])
+def test_a_restored_program_continues_bit_for_bit(solver):
+    robot, other = Standing(solo_8(solver)), Standing(solo_8(solver))
+    rng = np.random.default_rng(6)
+    robot.qp.solve(robot.near(rng), robot.references)
+    for examined in (True, False):
+        robot.qp.formulation.redundancy = tuple(robot.qp.contacts), examined
+        memory, state = robot.qp.memory(), robot.near(rng)
+        other.qp.recall(memory)
+        expected, found = (each.qp.solve(state, robot.references) for each in (robot, other))
+        assert found.tau.tobytes() == expected.tau.tobytes()
+        assert found.iterations == expected.iterations
+
+
+def test_two_soles_in_one_place_that_are_pulled_apart_meet_in_the_middle(bench):
+    robot = bench("g1")
+    contact = next(iter(robot.controller.contacts.values()))
+
+    class Drifting(type(contact)):
+        def acceleration_at_rest(self, dynamics):
+            return super().acceleration_at_rest(dynamics) - 0.5 * np.eye(self.size)[0]
+
+    settings = robot.settings.contacts[contact.name]
+    sole = Rectangle(settings.half_length, settings.half_width)
+    twin = Drifting("twin", robot.model, settings.frame, placement_of(settings.translation, settings.rpy), sole)
+    qp = make_qp(robot.settings, robot.model, contacts=[lambda _: twin])
+    references = replace(robot.references(), contacts={**robot.references().contacts, "twin": 1.0})
+    solution = qp.solve(robot.state(), references)
+    assert solution.relaxed == ()
+    assert (contact.jacobian(qp.dynamics) @ solution.v_dot)[0] == pytest.approx(-0.25, abs=1e-6)
+    assert solution.residuals["contact_motion"] == pytest.approx(0.25, abs=1e-6)
