@@ -2,11 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from wbc_controller.settings.values import Finite, NonNegative, Positive, Section
+
+
+def _joined(values: Any, is_value: Callable[[Any], bool], above: str = "") -> Any:
+    """Join the parts of joint names with dots, which are nested in a configuration: ``{a: {b: 1}}`` to ``{a.b: 1}``."""
+    if not isinstance(values, Mapping):
+        return values
+    joined: dict[str, Any] = {}
+    for name, value in values.items():
+        if is_value(value) or not isinstance(value, Mapping) or not value:
+            joined[f"{above}{name}"] = value
+        else:
+            joined |= _joined(value, is_value, f"{above}{name}.")
+    return joined
+
+
+def _by_joint(*keys: str) -> BeforeValidator:
+    """Join names in a dictionary by joint, with values or with sections that have some of the keys."""
+
+    def is_section(value: Any) -> bool:
+        return isinstance(value, Mapping) and not value.keys().isdisjoint(keys)
+
+    return BeforeValidator(lambda values: _joined(values, is_section))
 
 
 class PassiveJointSettings(Section):
@@ -20,7 +43,7 @@ class PassiveJointSettings(Section):
 class TransmissionSettings(Section):
     """An actuator other than the motor of a single joint, such as one that drives several joints."""
 
-    ratios: dict[str, Finite] = Field(
+    ratios: Annotated[dict[str, Finite], _by_joint()] = Field(
         min_length=1,
         description="Ratio by joint name: turns of the actuator per turn of the joint. The actuator's speed is the sum "
         "of ratio times joint speed, and its torque acts at each of these joints as ratio times torque.",
@@ -83,18 +106,18 @@ class RobotSettings(Section):
         description="Content of the effort command: torques of the actuators; or, for a robot whose drivers handle the "
         "transmissions, torques at the driven joints in the order of `joints`.",
     )
-    passive_joints: dict[str, PassiveJointSettings] = Field(
+    passive_joints: Annotated[dict[str, PassiveJointSettings], _by_joint(*PassiveJointSettings.model_fields)] = Field(
         default_factory=dict, description="The joints in `joints` that have no motor of their own."
     )
-    locked_joints: dict[str, Finite] = Field(
+    locked_joints: Annotated[dict[str, Finite], _by_joint()] = Field(
         default_factory=dict, description="Positions of joints that are locked at a position other than zero, rad."
     )
-    joint_limits: dict[str, JointLimitSettings] = Field(
+    joint_limits: Annotated[dict[str, JointLimitSettings], _by_joint(*JointLimitSettings.model_fields)] = Field(
         default_factory=dict,
         description="Limits of single joints that replace those of the URDF, by joint: for the controller, the guard "
         "and the mock robot.",
     )
-    friction: dict[str, FrictionSettings] = Field(
+    friction: Annotated[dict[str, FrictionSettings], _by_joint(*FrictionSettings.model_fields)] = Field(
         default_factory=dict,
         description="Friction of single joints, which the controller makes up for, by joint; `wbc identify` finds it.",
     )

@@ -1,35 +1,13 @@
 """Joints of MuJoCo's model that are more than a motor: locked, passive, geared and mimic joints."""
 
-import xml.etree.ElementTree as ET
 from typing import Any
 
 import mujoco
-import numpy as np
-import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.mimic import Followers
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveForces
-
-
-def lock(joint: ET.Element, position: float) -> None:
-    """Lock a joint of a URDF, changed in place, at a position, rad or m."""
-    if position != 0.0:
-        origin = joint.find("origin")
-        if origin is None:
-            origin = ET.SubElement(joint, "origin")
-        xyz, rpy = (np.array([float(value) for value in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
-        found = joint.find("axis")
-        axis = np.array([float(value) for value in (found.get("xyz", "") if found is not None else "1 0 0").split()])
-        along = position * axis / np.linalg.norm(axis)
-        motion = (
-            pin.SE3(np.eye(3), along) if joint.get("type") == "prismatic" else pin.SE3(pin.exp3(along), np.zeros(3))
-        )
-        placement = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz) * motion
-        origin.set("xyz", " ".join(map(repr, placement.translation.tolist())))
-        origin.set("rpy", " ".join(map(repr, pin.rpy.matrixToRpy(placement.rotation).tolist())))
-    joint.set("type", "fixed")
 
 
 def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:

@@ -15,6 +15,7 @@ from wbc_controller.controller.build.robot_description import inertia_tensor, so
 from wbc_controller.controller.check.model_plausibility import bare_links
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import placement_of
+from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import (
@@ -26,8 +27,8 @@ from wbc_controller.settings import (
     SurfaceContact,
 )
 from wbc_controller.simulation.attachments import Attachment, add_attachment, frame_on_joint
-from wbc_controller.simulation.joint_models import couple, gear, lock, spring
-from wbc_controller.simulation.shapes import CORNER_RADIUS, Shape, add_shape
+from wbc_controller.simulation.joint_models import couple, gear, spring
+from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape
 
 _log = logging.getLogger(__name__)
 
@@ -40,8 +41,6 @@ STIFF_STEPS = 4.0
 #: Share of a constraint that is enforced rigidly (MuJoCo's impedance): the remaining compliance keeps redundant
 #: contacts well posed.
 IMPEDANCE = 0.98
-#: Half the thickness of a wheel, m: it touches with its rim.
-RIM_RADIUS = 0.001
 #: Half side and half thickness of the slab that a contact between two links touches, m.
 SLAB, SLAB_DEPTH = 0.15, 0.01
 #: Mass of a link between two joints at one place, as a share of the robot's, and its moments of inertia over its mass,
@@ -51,7 +50,7 @@ _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
 ON_THE_FLOOR = 1
 #: Stiffness of friction relative to the normal direction: soft friction would let a standing foot creep.
 FRICTION_STIFFNESS = 10.0
-_ROOT_ALIAS = "root_link"
+_WORLD, _WORLD_ALIAS = "world", "<world>"
 
 
 def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tuple[int, pin.SE3]:
@@ -123,41 +122,25 @@ def position_and_wxyz(placement: pin.SE3) -> Array:
     return np.array(pin.SE3ToXYZQUAT(placement))[[0, 1, 2, 6, 3, 4, 5]]
 
 
+def _body_name(link: str) -> str:
+    """Return MuJoCo's name of a link that moves."""
+    return _WORLD_ALIAS if link == _WORLD else link
+
+
 def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
-    """Reduce a URDF to the mechanism of Pinocchio's model.
+    """Return the URDF that MuJoCo reads, with the mechanism of Pinocchio's model, and the name of its root link.
 
-    Shapes are removed: those that touch are added by `shapes`. Joints that do not move are fixed at their locked
-    positions. Joint friction and damping of the URDF are removed, as they are not part of the controller's dynamics
-    either.
-
-    Returns:
-        The URDF and the name of its root link.
+    Shapes are not part of it: those that touch are added by `shapes`.
     """
-    tree = ET.fromstring(model.urdf)  # noqa: S314  # the user's own file, already read by Pinocchio
-    children = set()
-    for joint in tree.findall("joint"):
-        if joint.get("name") not in model.moving_joints:
-            lock(joint, model.locked.get(str(joint.get("name")), 0.0))
-        for tag in ("dynamics", "mimic", "safety_controller", "calibration"):
-            for element in joint.findall(tag):
-                joint.remove(element)
-        child = joint.find("child")
-        if child is not None:
-            children.add(child.get("link"))
+    tree = bare_mechanism(ET.fromstring(model.urdf), model.moving_joints, model.locked)  # noqa: S314 - read before
+    children = {element.get("link") for element in tree.iterfind("joint/child")}
     root = next(str(link.get("name")) for link in tree.findall("link") if link.get("name") not in children)
-    if root == "world" and model.floating_base:
+    if root != _WORLD or model.floating_base:
         # MuJoCo would use a link of this name as the world itself.
-        for tag, key in (("link", "name"), ("joint/parent", "link")):
+        for tag, key in (("link", "name"), ("joint/parent", "link"), ("joint/child", "link")):
             for element in tree.findall(tag):
-                if element.get(key) == root:
-                    element.set(key, _ROOT_ALIAS)
-        root = _ROOT_ALIAS
-    for link in tree.findall("link"):
-        for tag in ("visual", "collision"):
-            for element in link.findall(tag):
-                link.remove(element)
-    for element in [element for element in tree if element.tag not in ("link", "joint")]:
-        tree.remove(element)
+                element.set(key, _body_name(str(element.get(key))))
+        root = _body_name(root)
     extension = ET.SubElement(tree, "mujoco")
     # Masses and inertias stay exactly those of the URDF. Links without a joint stay separate bodies, since MuJoCo 3.3
     # computes a wrong inertia when it fuses them.
@@ -201,7 +184,7 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
             ", ".join(balanced),
         )
     for name in bare_links(model):
-        body = spec.body(name)
+        body = spec.body(_body_name(name))
         body.explicitinertial = True
         body.mass = _BARE_MASS * model.mass
         body.inertia = np.full(3, _BARE_INERTIA * body.mass)

@@ -25,19 +25,20 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 from wbc_controller.safety.damping import damping_matrix, stable_damping
-from wbc_controller.settings import FixedContact, PointContact, Settings, SurfaceContact
+from wbc_controller.settings import FixedContact, PointContact, RollingContact, Settings, SurfaceContact
 from wbc_controller.settings.resources import locate
 from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.contact_forces import ContactForces
 from wbc_controller.simulation.hoist import RAMP, Hoist
-from wbc_controller.simulation.mechanism import compile_mechanism, contact_frame, rub
+from wbc_controller.simulation.mechanism import compile_mechanism, contact_frame, rotation_to, rub
 from wbc_controller.simulation.shapes import Shape, read_shapes
 
 _log = logging.getLogger(__name__)
 
 #: Largest force or torque of a push, N or N·m: a larger value is a mistaken unit, and would break the simulation.
 PUSH_LIMIT = 1.0e5
-#: A robot has fallen if its base is tilted by more, rad, or is below this share of its initial height.
+#: A robot has fallen if its base is tilted by more, rad, or is below this share of its initial height; of a base below
+#: the centre of mass, as one at the feet, the height of the latter counts.
 FALLEN_TILT, FALLEN_HEIGHT = math.radians(60.0), 0.5
 
 
@@ -118,13 +119,20 @@ class Plant:
         self._stale = False
         start = self._initial_base(normal)
         # Without contacts there is no floor.
-        self._fallen_height = FALLEN_HEIGHT * float(start.translation[2]) if self.contacts else -math.inf
+        self._fallen_height = self._lowest_base(start) if self.contacts else -math.inf
         self._hoist = Hoist(self.model, self.data, start) if model.floating_base else None
         for closure in self._closures.values():
             place(self.model, closure, closure.placements[0])
         self.set_state(model.configuration(model.posture, start), np.zeros(model.nv))
         for name in self._grips:
             self.grip(name, self.contacts[name].enabled)
+
+    def _lowest_base(self, start: pin.SE3) -> float:
+        """Return the height of the base below which the robot has fallen, m, for its initial placement."""
+        model = self._robot
+        com = pin.centerOfMass(model.pinocchio, model.pinocchio.createData(), model.configuration(model.posture, start))
+        base = float(start.translation[2])
+        return base - (1.0 - FALLEN_HEIGHT) * max(base, float(com[2]))
 
     def body(self, frame: str) -> int:
         """Return the index of the MuJoCo body that carries a frame of the URDF."""
@@ -476,6 +484,7 @@ class Plant:
             return {}
         soles: dict[int, list[Array]] = {}
         tips: dict[int, Array] = {}
+        wheels: dict[int, pin.SE3] = {}
         standing: dict[str, int] = {}
         data = self._robot.pinocchio.createData()
         pin.forwardKinematics(self._robot.pinocchio, data, self._robot.configuration(self._robot.posture))
@@ -487,8 +496,10 @@ class Plant:
                     soles.setdefault(joint, []).append(-placement.rotation[:, 2])
                 elif isinstance(contact, PointContact):
                     tips[joint] = -data.oMi[joint].rotation.T @ normal
+                elif isinstance(contact, RollingContact):
+                    wheels[joint] = placement * pin.SE3(rotation_to(np.array(contact.axis)), np.zeros(3))
         try:
-            shapes, why = read_shapes(self._robot, soles, tips, folder), "have no collision element in the URDF"
+            shapes, why = read_shapes(self._robot, soles, tips, wheels, folder), "have no collision element in the URDF"
         except ConfigurationError as error:  # the controller, too, can do without the meshes
             shapes, why = {}, f"have no shapes ({error})"
         bare = [name for name, joint in standing.items() if joint not in shapes]

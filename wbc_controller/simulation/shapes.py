@@ -2,7 +2,7 @@
 
 Boxes, spheres, cylinders and capsules are taken as they are, meshes by their convex hulls. A floor touches a hull at
 its vertices, so that a hull may be taken apart: a sole becomes balls at the corners of its outline, a round tip one
-ball, and the rest of the hull stays a mesh.
+ball, and the rest of the hull stays a mesh. A wheel becomes a thin rim.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,12 +17,14 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.controller.build.collision_elements import enclosing_points, read_collision_elements
-from wbc_controller.controller.build.footprint import fewer_corners, fitted_ball
+from wbc_controller.controller.build.footprint import fewer_corners, fitted_ball, outline
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 #: Radius of the balls at the corners of a sole, m: small, so that its outline stays where it is.
 CORNER_RADIUS = 0.001
+#: Half the thickness of a wheel, m: it touches with its rim.
+RIM_RADIUS = 0.001
 #: Unevenness of a mesh that is still a flat sole, m: thinned-out meshes of flat soles have a millimetre or two. As it
 #: is, such a hull would rock on three points; MuJoCo gives a mesh on a plane three points in any case, and where they
 #: change, a standing robot shakes.
@@ -36,7 +38,7 @@ TIP_ERROR = 0.001
 MOST_CORNERS = 12
 #: Cosine of the angle between the normals of one sole, at most 3°.
 _PARALLEL = 0.9986
-#: Half the thickness of the box in place of a mesh without a volume, at least, m.
+#: Smallest radius, and half the smallest thickness, of a shape without a volume, m.
 _THINNEST = 0.0005
 
 
@@ -51,7 +53,11 @@ class Shape:
 
 
 def read_shapes(
-    model: RobotModel, soles: Mapping[int, Sequence[Array]], tips: Mapping[int, Array], folder: Path | None = None
+    model: RobotModel,
+    soles: Mapping[int, Sequence[Array]],
+    tips: Mapping[int, Array],
+    wheels: Mapping[int, pin.SE3],
+    folder: Path | None = None,
 ) -> dict[int, list[Shape]]:
     """Read the collision shapes of a robot's URDF.
 
@@ -59,6 +65,7 @@ def read_shapes(
         soles: by Pinocchio joint, the outward normals of the soles of its links, in the joint's frame, (3,) each.
         tips: by Pinocchio joint whose links stand on a point, the direction downwards in the nominal posture, in the
             joint's frame, (3,).
+        wheels: by Pinocchio joint, the placement of a wheel in the joint's frame, with z along the axle.
         folder: folder of meshes that are named by a relative path.
 
     Returns:
@@ -74,6 +81,9 @@ def read_shapes(
     by_joint.pop(0, None)
     shapes: dict[int, list[Shape]] = {}
     for joint, elements in by_joint.items():
+        if joint in wheels:
+            shapes[joint] = [_rim(elements, wheels[joint])]
+            continue
         shapes[joint] = [shape for shape in map(_primitive, elements) if shape is not None]
         hulls = [_hull(enclosing_points(element)) for element in elements if _primitive(element) is None]
         for normal in _different(soles.get(joint, ())) if hulls else ():
@@ -93,7 +103,7 @@ def add_shape(spec: Any, body: Any, shape: Shape, name: str) -> Any:
     """Add a shape to a body of MuJoCo's specification, without mass, and return its geom."""
     geom = body.add_geom(type=shape.kind, name=name, mass=0.0)
     if shape.points is None:
-        geom.size = [*shape.size, 0.0, 0.0, 0.0][:3]
+        geom.size = [*(max(size, _THINNEST) for size in shape.size), 0.0, 0.0, 0.0][:3]  # MuJoCo refuses 0
         geom.pos = shape.placement.translation
         geom.quat = np.array(pin.SE3ToXYZQUAT(shape.placement))[[6, 3, 4, 5]]
     else:
@@ -101,6 +111,14 @@ def add_shape(spec: Any, body: Any, shape: Shape, name: str) -> Any:
         mesh.uservert = shape.points.ravel().tolist()
         geom.meshname = name
     return geom
+
+
+def _rim(elements: Sequence[pin.GeometryObject], wheel: pin.SE3) -> Shape:
+    """Return the rim of a wheel with the radius of its elements: a tyre has no edges on which it tilts, a tread has."""
+    points = np.vstack([outline(element) for element in elements])
+    across = ((points - wheel.translation) @ wheel.rotation)[:, :2]
+    radius = float(np.linalg.norm(across, axis=1).max())
+    return Shape(mujoco.mjtGeom.mjGEOM_ELLIPSOID, wheel, (radius, radius, RIM_RADIUS))
 
 
 def _different(normals: Sequence[Array]) -> list[Array]:

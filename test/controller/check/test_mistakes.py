@@ -163,7 +163,7 @@ IN_THE_URDF = {
     "no effort at all": (LIMIT, LIMIT.replace('effort="60" ', ""),
         ["joint 'hip': it has no <limit effort=…>", "robot.joint_limits.hip.effort"]),
     "limits the wrong way round": (LIMIT, LIMIT.replace('lower="-1"', 'lower="2"'),
-        ["joint 'hip' has the lower position limit 2 above the upper one 1"]),
+        ["joint 'hip': the lower limit 2 is above the upper limit 1"]),
     "millimetres": ('<origin xyz="0 0 -0.2"/>', '<origin xyz="0 0 -200"/>',
         ["joint 'knee' is 200 m from the joint before it", "metres"]),
     "an inertial far away": ('<origin xyz="0 0 0.1"/><mass', '<origin xyz="1e20 0 0.1"/><mass',

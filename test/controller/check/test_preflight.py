@@ -88,7 +88,7 @@ def test_feet_on_different_heights(robot_of, changed):
     sentence = refusal(changed(settings, {"robot": {"posture": posture}}))
     assert "robot.posture: with the base upright these contacts are above the floor" in sentence
     assert "front_left_foot" in sentence
-    assert "(allowed 10 mm)" in sentence
+    assert "(allowed 6 mm)" in sentence
 
 
 def arm(name, settings, changed, scale):

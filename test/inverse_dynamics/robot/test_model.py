@@ -99,7 +99,7 @@ def test_a_joint_without_limits_is_named(urdf):
     whole = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5)}
     assert build_model(bare, LEG, POSTURE, joint_limits=whole).effort_limits[LEG.index("FL_thigh_joint")] == 11.0
     crossed = {"FL_thigh_joint": JointLimits(lower=9.0)}
-    with pytest.raises(ConfigurationError, match="'FL_thigh_joint' has the lower position limit 9 above the upper"):
+    with pytest.raises(ConfigurationError, match="'FL_thigh_joint': the lower limit 9 is above the upper"):
         build_model(urdf, LEG, POSTURE, joint_limits=crossed)
 
 

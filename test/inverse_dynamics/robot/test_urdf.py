@@ -129,12 +129,15 @@ def test_20_000_chained_links_end_no_process():
 
 def test_links_in_a_circle_or_with_two_parents_are_refused():
     links = [link(name) for name in "abcd"]
-    for joints in (
-        [joint("1", "a", "b"), joint("2", "b", "c"), joint("3", "c", "b")],
-        [joint("1", "a", "b"), joint("2", "a", "c"), joint("3", "b", "d"), joint("4", "c", "d")],
-        [joint("1", "a", "b"), joint("2", "b", "a")],
+    for joints, message in (
+        ([joint("1", "a", "b"), joint("2", "b", "c"), joint("3", "c", "b")], "link 'b' is the child of two joints"),
+        (
+            [joint("1", "a", "b"), joint("2", "a", "c"), joint("3", "b", "d"), joint("4", "c", "d")],
+            "link 'd' is the child of two joints",
+        ),
+        ([joint("1", "a", "b"), joint("2", "b", "a"), joint("3", "c", "d")], "'a', 'b' are below each other in a circ"),
     ):
-        with pytest.raises(ConfigurationError, match="not a usable URDF"):
+        with pytest.raises(ConfigurationError, match=message):
             build_model(robot(*links, *joints), ["1"], [0.0])
 
 

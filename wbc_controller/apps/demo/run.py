@@ -24,6 +24,7 @@ from wbc_controller.apps.demo.director import DemoFailed, Director, Log
 from wbc_controller.apps.demo.measure import distances_to_targets, judge, passed, reference_of
 from wbc_controller.apps.demo.scenario import SCENARIOS, Scenario
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.check.preflight import check
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
@@ -87,9 +88,10 @@ def run_demo(
         Whether every target was met.
 
     Raises:
-        ConfigurationError: if there is no such robot, or there is no demo for it.
+        ConfigurationError: if there is no such robot, the check refuses it, or there is no demo for it.
     """
     config = load(robot)
+    check(config)
     if sensors is not None:
         config = config.replace({"estimation.base_state": "imu", "mock.sensors": sensors})
     folder.mkdir(parents=True, exist_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -18,6 +19,11 @@ class Move:
     def duration(self) -> float:
         """Length of the move, s."""
         return self.points[-1][0]
+
+    @property
+    def largest(self) -> float:
+        """Largest distance from the standing position, m."""
+        return max(math.dist(offset, (0.0, 0.0, 0.0)) for _, offset in self.points)
 
 
 @dataclass(frozen=True, slots=True)

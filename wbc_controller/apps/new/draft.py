@@ -106,7 +106,8 @@ def _shapes(model: RobotModel, source: Source, draft: Draft) -> Elements:
     """
     tree, folder, lost = copy.deepcopy(source.tree), source.path.parent, []
     for link in tree.iterfind("link"):
-        for element in (*link.findall("collision"), *link.findall("visual")):
+        # Visuals count only if there are no collision shapes.
+        for element in link.findall("collision") or link.findall("visual"):
             mesh = element.find("geometry/mesh")
             if mesh is not None and not _is_there(str(mesh.get("filename")), folder):
                 link.remove(element)
@@ -134,6 +135,9 @@ def _put_base(source: Source, base: Base | None, feet: Sequence[Foot], draft: Dr
     if base is not None:
         draft.put("robot.base", base, f"As --base {base} says.")
         return base
+    if source.floats:
+        draft.put("robot.base", "floating", "The URDF's joints between root link and base stand for a floating base.")
+        return "floating"
     if source.root == _WORLD:
         draft.put("robot.base", "fixed", f"The URDF's root link is called {_WORLD!r}.")
         return "fixed"
@@ -151,7 +155,7 @@ def _put_arm(draft: Draft, source: Source, body: Body, postures: dict[str, dict[
     model = _model(draft, source, floating=False)
     put_fixed(model, postures, draft)
     tuning.put_limits(model, draft)
-    tuning.put_arm_tasks(body.model, body.limbs, draft)
+    tuning.put_arm_tasks(body.model, body.arms, draft)
 
 
 def _put_legged(
@@ -163,6 +167,7 @@ def _put_legged(
     posture = put_standing(model, feet, postures, draft) if feet else put_fixed(model, postures, draft)
     height = body.height
     if feet:
+        feet = Body(model, body.elements, posture).measured_again(feet)
         stand = Legs(model, feet, posture, known=True).stand(posture)
         height = float(stand.com[2] - stand.bottoms.mean())
         if len(feet) == 2 and all(foot.kind != "surface" for foot in feet):
@@ -173,7 +178,7 @@ def _put_legged(
     _put_imu(model, draft)
     if feet:
         tuning.put_contacts(model, feet, draft)
-    tuning.put_standing_tasks(model, body.limbs, feet, height, draft)
+    tuning.put_standing_tasks(model, body.arms, feet, height, draft)
 
 
 def _put_imu(model: RobotModel, draft: Draft) -> None:

@@ -18,6 +18,8 @@ from wbc_controller.records import Array
 _LEVEL, _ABOVE = 0.15, 0.02
 #: Largest relative difference in the masses of two legs.
 _ALIKE = 0.2
+#: Joints that a leg has at least, if it does not begin at the base: fingers have fewer.
+_LEG = 3
 
 #: Shapes by the number of the link's frame.
 Elements = Mapping[int, Sequence[pin.GeometryObject]]
@@ -38,7 +40,7 @@ class Body:
 
     def __init__(self, model: RobotModel, elements: Elements, posture: Array) -> None:
         """Place the robot, with its shapes, in a posture, (nj,) in rad."""
-        self.model, self._elements = model, elements
+        self.model, self.elements = model, elements
         self.data = model.pinocchio.createData()  # its kinematics in the posture
         q = model.configuration(posture)
         pin.framesForwardKinematics(model.pinocchio, self.data, q)
@@ -48,6 +50,7 @@ class Body:
         self.height = float(np.ptp(everything[:, 2]))  # of the whole robot, m
         self._low = {joint: float(some[:, 2].min(initial=np.inf)) for joint, some in points.items()}
         self.limbs = [self._limb(end) for end in range(2, model.pinocchio.njoints) if not self._children(end)]
+        self.arms = self._arms()  # the limbs, with a chain that branches into fingers in place of the fingers
 
     def _children(self, joint: int) -> list[int]:
         return list(self.model.pinocchio.children[joint])
@@ -56,7 +59,7 @@ class Body:
         """Return points of the shapes that a joint moves, or the origins of its links, (n, 3) in the world."""
         place, frames = self.data.oMi[joint], self.model.pinocchio.frames
         shapes = [
-            outline(element) for frame, own in self._elements.items() if frames[frame].parentJoint == joint
+            outline(element) for frame, own in self.elements.items() if frames[frame].parentJoint == joint
             for element in own
         ]  # fmt: skip
         shapes = shapes or [
@@ -71,6 +74,17 @@ class Body:
             chain.insert(0, int(model.parents[chain[0]]))
         return Limb(end, tuple(chain), sum(model.inertias[joint].mass for joint in chain), self._low[end])
 
+    def _arms(self) -> list[Limb]:
+        supports = self.model.pinocchio.supports
+        palms: list[Limb] = []
+        for joint in range(2, self.model.pinocchio.njoints):
+            if len(self._children(joint)) > 1 and not any(palm.end in supports[joint] for palm in palms):
+                chain, own = self._limb(joint), len(supports[joint])
+                longest = max(len(supports[limb.end]) - own for limb in self.limbs if joint in supports[limb.end])
+                palms += [chain] if len(chain.joints) > longest else []
+        fingers = [limb for limb in self.limbs if any(palm.end in supports[limb.end] for palm in palms)]
+        return [*(limb for limb in self.limbs if limb not in fingers), *palms]
+
     def axis(self, joint: int) -> Array:
         """Return the axis of a joint in its own frame, (3,)."""
         column = self.model.pinocchio.joints[joint].idx_v
@@ -83,7 +97,17 @@ class Body:
 
     def feet(self) -> list[Foot]:
         """Return the feet, the front left one first; none if the robot does not stand on limbs."""
-        own = [limb for limb in self.limbs if self.model.pinocchio.parents[limb.joints[0]] == 1]
+        lowest = min(self.limbs, key=lambda limb: limb.low, default=None)
+        if lowest is None:
+            return []
+        base, pelvis = 1, int(self.model.pinocchio.parents[lowest.joints[0]])
+        # A pelvis below a waist is lower than the base; a chest with arms is higher.
+        below = len(lowest.joints) >= _LEG and self.data.oMi[pelvis].translation[2] <= 0.0
+        return self._feet_at(base) or (self._feet_at(pelvis) if below else [])
+
+    def _feet_at(self, trunk: int) -> list[Foot]:
+        """Return the feet of the limbs that begin at what a joint moves."""
+        own = [limb for limb in self.limbs if self.model.pinocchio.parents[limb.joints[0]] == trunk]
         lowest = min(own, key=lambda limb: limb.low, default=None)
         if lowest is None:
             return []
@@ -115,8 +139,13 @@ class Body:
                 )
         return self._measured(list(dict.fromkeys(moved[link] for link in links)))
 
+    def measured_again(self, feet: Sequence[Foot]) -> list[Foot]:
+        """Return the feet as they are in this posture: a ball touches the ground with another side."""
+        again = {foot.joint: foot for foot in self._measured([foot.joint for foot in feet])}
+        return [again[foot.joint] if again[foot.joint].kind == foot.kind == "point" else foot for foot in feet]
+
     def _measured(self, ends: Sequence[int]) -> list[Foot]:
-        feet = [measure(self.model, self._elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]
+        feet = [measure(self.model, self.elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]
         at = {foot.joint: self.data.oMi[foot.joint].act(foot.placement.translation) for foot in feet}
         # Rounded, so that feet beside each other count as equally far in front.
         return sorted(feet, key=lambda foot: (-round(at[foot.joint][0] / self.height, 1), -at[foot.joint][1]))

@@ -28,6 +28,8 @@ _LAYERS, _MOST = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
 _RECTANGLE = 0.97
 #: Most corners of a sole; a contact may have 12.
 _MOST_CORNERS = 8
+#: Least share of the length of points in a plane that is their width.
+_LINE = 1.0e-3
 #: Least share of a wheel's radius at which its rim is everywhere, and sectors in which it is looked at.
 _ROUND, _SECTORS = 0.97, 24
 #: Range of a joint that turns without end, rad.
@@ -85,13 +87,12 @@ def measure(
         if sole is not None:
             return sole
     geometry, placement = own[lowest][1].geometry, own[lowest][1].placement
-    if isinstance(geometry, coal.Sphere):
+    if isinstance(geometry, coal.Sphere) and geometry.radius > 0.0:
         centre, radius, known = placement.translation, float(geometry.radius), "the sphere in the URDF"
     else:
         ball = _ball(shapes[lowest], down)
         tip = points[np.argmax(points @ down)]
-        radius = ball if ball is not None else UNKNOWN_RADIUS
-        centre = tip - radius * down
+        centre, radius = ball if ball is not None else (tip - UNKNOWN_RADIUS * down, UNKNOWN_RADIUS)
         known = "a sphere fitted to the foot's underside" if ball is not None else ""
     return Foot(joint, link, "point", pin.SE3(np.eye(3), centre), np.zeros((0, 2)), radius=radius, known=known)
 
@@ -131,8 +132,8 @@ def _face(points: Array, down: Array) -> Array | None:
     """Return the outward normal of the largest flat face below, (3,); None without one of a sole's size."""
     try:
         hull = ConvexHull(points)
-    except QhullError:  # all in one plane
-        return None
+    except QhullError:
+        return _flat_face(points, down)
     corners = points[hull.simplices]  # (k, 3, 3)
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     normals = hull.equations[:, :3]
@@ -150,6 +151,16 @@ def _face(points: Array, down: Array) -> Array | None:
     flat = sole & (cosines[int(np.argmax(np.where(sole, (cosines > _FLAT) @ areas, 0.0)))] > _FLAT)
     mean = areas[flat] @ normals[flat]
     return np.asarray(mean / np.linalg.norm(mean))
+
+
+def _flat_face(points: Array, down: Array) -> Array | None:
+    """Return the downward normal of points in one plane, (3,); None if they are on a line, or the plane is steep."""
+    around = points - points.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(around, full_matrices=False)
+    if len(points) < 3 or not (sizes[1] > _LINE * sizes[0]):
+        return None
+    normal = axes[2] * np.sign(axes[2] @ down)
+    return np.asarray(normal) if normal @ down > _DOWN else None
 
 
 def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
@@ -190,8 +201,8 @@ def _area(polygon: Array) -> float:
     return float(0.5 * abs((polygon[:, 0] * after[:, 1] - polygon[:, 1] * after[:, 0]).sum()))
 
 
-def _ball(points: Array, down: Array) -> float | None:
-    """Return the radius of a sphere through the lower side of a shape, m; None if it is no sphere."""
+def _ball(points: Array, down: Array) -> tuple[Array, float] | None:
+    """Return centre, (3,) in m, and radius of a sphere through the lower side of a shape; None if it is no sphere."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -204,4 +215,4 @@ def _ball(points: Array, down: Array) -> float | None:
         return None
     centre, radius = ball
     away = np.linalg.norm(points[chosen] - centre, axis=1) - radius
-    return radius if np.abs(away).max() <= _BALL * radius else None
+    return (centre, radius) if np.abs(away).max() <= _BALL * radius else None

@@ -10,9 +10,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.apps.new.missing_limits import reach_of, replaced_limits
+from wbc_controller.apps.new.missing_limits import fill_limits, reach_of, replaced_limits
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.from_urdf import read_mechanism
 from wbc_controller.inverse_dynamics.robot.mimic import read_mimics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.urdf import (
@@ -23,6 +24,7 @@ from wbc_controller.inverse_dynamics.robot.urdf import (
     read_robot,
     split_planar_joints,
 )
+from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
 
@@ -40,8 +42,13 @@ class Source:
 
     address: str  # value of ``robot.urdf``: a ``package://`` address if possible, otherwise an absolute path
     path: Path
-    text: str  # its text, without planar joints: three of one coordinate stand for each
+    text: str  # its text; planar joints are split into three of one coordinate, missing limits are 0
     tree: ElementTree.Element  # the same, as XML
+
+    @property
+    def floats(self) -> bool:
+        """True if joints of the URDF stand for a floating base."""
+        return bool(virtual_joints(self.tree))
 
     @property
     def root(self) -> str:
@@ -59,8 +66,9 @@ def read_source(urdf: str) -> Source:
     path = locate(urdf, "ROBOT.urdf")
     text = read_text(path, f"ROBOT.urdf = {urdf!r}", LARGEST_URDF)
     tree = parse_urdf(text)
-    if split_planar_joints(tree):
-        text = ElementTree.tostring(tree, encoding="unicode")
+    split_planar_joints(tree)
+    fill_limits(tree)
+    text = ElementTree.tostring(tree, encoding="unicode")
     return Source(urdf if urdf.startswith(PACKAGE_SCHEME) else _address(path.resolve()), path, text, tree)
 
 
@@ -97,18 +105,15 @@ def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) ->
     Raises:
         ConfigurationError: if the URDF cannot be used, or none of its joints can.
     """
-    try:
-        model = pin.buildModelFromXML(source.text, pin.JointModelFreeFlyer())
-    except (ValueError, RuntimeError) as error:
-        raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
+    model = read_mechanism(source.tree, floating_base=True)
     mimics, mass = read_mimics(source.tree), pin.computeTotalMass(model)
     elements = [joint for joint in source.tree.iterfind("joint") if joint.get("type") != "fixed"]
     limits = replaced_limits(elements, mass, reach_of(model))
     ranges = ranges_of(source, limits.values)
-    joints, light, stiff, other = [], [], [], []
+    joints, light, stiff, other, virtual = [], [], [], [], virtual_joints(source.tree)
     for name in (str(element.get("name")) for element in elements):
         joint = model.joints[model.getJointId(name)]
-        if name in mimics:
+        if name in mimics or name in virtual:
             continue
         if joint.nv != 1:
             other.append(name)
@@ -131,6 +136,7 @@ def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) ->
         (light, f"what each of them moves is less than {100.0 * _FINGER:g} % of the robot's mass, as fingers are"),
         (stiff, "their range in the URDF is empty"),
         (other, "they have several degrees of freedom"),
+        (virtual, "they stand for a floating base"),
     ):
         if names:
             draft.note("robot.joints", f"Locked, and not listed here, are {', '.join(names)}: {why}.", "guess")
@@ -142,7 +148,9 @@ def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) ->
 
 
 def _carries(model: pin.Model, joint: int, links: Sequence[str]) -> bool:
-    return any(joint in list(model.supports[model.frames[model.getFrameId(link)].parentJoint]) for link in links)
+    return any(
+        joint in list(model.supports[model.frames[model.getFrameId(link, pin.BODY)].parentJoint]) for link in links
+    )
 
 
 def _below(model: pin.Model, joint: int) -> float:

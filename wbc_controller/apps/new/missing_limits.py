@@ -11,6 +11,8 @@ import pinocchio as pin
 
 from wbc_controller.apps.new.notes import Draft
 
+#: Types of joints with limits.
+_LIMITED = ("revolute", "continuous", "prismatic")
 #: Gravity, m/s².
 _GRAVITY = 9.81
 #: Effort above which a limit cannot be a motor's, in weights of the robot at the end of its longest limb, and its
@@ -28,6 +30,7 @@ class Placeholders:
 
     values: dict[str, dict[str, float]]  # by joint, as in ``robot.joint_limits``
     why: dict[str, dict[str, str]]  # by joint, the kinds of limit with what the URDF has instead
+    idle: list[str]  # joints without an effort
 
     def put(self, draft: Draft, joints: Sequence[str]) -> None:
         """Write ``robot.joint_limits``, with a sentence for each kind of limit of joints that move."""
@@ -46,6 +49,20 @@ class Placeholders:
             for reason, names in reasons.items():
                 text = f"the {unit}, of {', '.join(names)}, from the data sheet: {reason}."
                 draft.note("robot.joint_limits", text, "missing")
+        idle = [name for name in joints if name in self.idle]
+        if idle and len(idle) < len(joints):
+            text = f"{', '.join(idle)} have no effort in the URDF, and other joints have: joints with a spring, or "
+            draft.note("robot.joint_limits", f"{text}without a motor, belong in `passive_joints`.", "missing")
+
+
+def fill_limits(tree: ElementTree.Element) -> None:
+    """Write 0 for the missing efforts and speeds of a URDF's joints, in place."""
+    for joint in tree.findall("joint"):
+        if joint.get("type") in _LIMITED:
+            limit = joint.find("limit")
+            limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
+            for key in ("effort", "velocity"):
+                limit.set(key, limit.get(key, "0"))
 
 
 def reach_of(model: pin.Model) -> float:
@@ -63,9 +80,9 @@ def replaced_limits(joints: Sequence[ElementTree.Element], mass: float, reach: f
     The robot has the mass `mass`, kg, and its longest chain of joints the length `reach`, m.
     """
     weight = mass * _GRAVITY * max(reach, 0.05)
-    found = Placeholders({}, {})
+    found = Placeholders({}, {}, [])
     for joint in joints:
-        if joint.get("type") not in ("revolute", "continuous", "prismatic"):
+        if joint.get("type") not in _LIMITED:
             continue
         limit = joint.find("limit")
         given = {key: None if limit is None else limit.get(key) for key in ("effort", "velocity", "lower", "upper")}
@@ -73,6 +90,8 @@ def replaced_limits(joints: Sequence[ElementTree.Element], mass: float, reach: f
         values: dict[str, float] = {}
         why: dict[str, str] = {}
         effort, velocity = number.get("effort", 0.0), number.get("velocity", 0.0)
+        if effort == 0.0:
+            found.idle.append(str(joint.get("name")))
         if joint.get("type") != "prismatic" and not (0.0 < effort <= _MOST_EFFORT * weight):
             values["effort"] = float(f"{_EFFORT * weight:.2g}")
             why["effort"] = f"{values['effort']:g} stands here, as the URDF has " + (

@@ -14,6 +14,8 @@ from wbc_controller.settings.files import parse_settings, yaml_line
 #: Where a value is from: the robot's own files, a guess, or a person, who has yet to fill it in.
 Origin = Literal["found", "guess", "missing"]
 _PREFIX: dict[Origin, str] = {"found": "", "guess": "Guess: ", "missing": "Fill in: "}
+#: Names of tasks that a draft has in any case.
+_TASKS = ("com", "base", "torso", "posture")
 #: Names are not broken at the end of a line.
 _UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
 #: Length of a line, in characters, and the sections whose entries stand on a line each.
@@ -51,6 +53,13 @@ class Draft:
         if text:
             self.note(key, text, origin)
 
+    def free_name(self, section: str, link: str) -> str:
+        """Return a name for a task or contact of a link that is not taken."""
+        name, taken = identifier(link), {*self.values.get(section, {}), *_TASKS}
+        while name in taken:
+            name += "_"
+        return name
+
     def note(self, key: str, text: str, origin: Origin) -> None:
         """Add a note on a dotted key, or on its section."""
         self.notes.append(Note(key, text, origin))
@@ -87,7 +96,7 @@ class Draft:
             if whole:
                 lines += _entry(name, value, indent)
             else:
-                lines.append(f"{indent}{name}:")
+                lines.append(f"{indent}{yaml_line(name)}:")
                 self._write(value, f"{key}.", indent + "  ", lines)
 
 
@@ -103,10 +112,11 @@ def _comment(text: str, indent: str) -> list[str]:
 
 def _entry(name: str, value: Any, indent: str) -> list[str]:
     """A key and its value, lists and mappings in brackets, on as few lines as they need."""
+    name = yaml_line(name)
     if not isinstance(value, list | Mapping):
         return [f"{indent}{name}: {yaml_line(value)}"]
     if isinstance(value, Mapping):
-        first, last, parts = "{", "}", [f"{key}: {yaml_line(one)}" for key, one in value.items()]
+        first, last, parts = "{", "}", [f"{yaml_line(key)}: {yaml_line(one)}" for key, one in value.items()]
     else:
         first, last, parts = "[", "]", [yaml_line(one) for one in value]
     within = indent + " " * (len(name) + 3)

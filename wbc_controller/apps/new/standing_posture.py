@@ -133,6 +133,11 @@ class Legs:
                 wanted[i, 0] = places[hip][0]
         return wanted
 
+    def _hip_height(self) -> float:
+        """Return the height of the hips above the base, m; 0 below it: a base may be at the feet."""
+        places = self._at_zero()[1]
+        return max(0.0, float(np.mean([places[leg.joints[0]][2] for leg in self._legs if leg.joints] or [0.0])))
+
     def stand(self, posture: Array) -> Stand:
         """Return the placement of the feet in a posture, (nj,) in rad."""
         model, data = self.model.pinocchio, self._data
@@ -166,7 +171,8 @@ class Legs:
             if not heights:
                 return None
             flat = all(foot.kind == "surface" for foot in self.feet)
-            height = (_BENT if flat else _BENT_POINT) * max(heights)
+            hips = self._hip_height()
+            height = (_BENT if flat else _BENT_POINT) * (max(heights) + hips) - hips
         found = [posture for start in starts if (posture := self._search(start, height)) is not None]
         return min(found, key=lambda posture: self._cost(posture[self._columns]), default=None)
 

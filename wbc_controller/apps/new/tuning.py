@@ -10,9 +10,12 @@ import pinocchio as pin
 
 from wbc_controller.apps.new.feet import Limb
 from wbc_controller.apps.new.foot_shape import Foot
-from wbc_controller.apps.new.notes import Draft, identifier
+from wbc_controller.apps.new.notes import Draft
+from wbc_controller.controller.build.footprint import fewer_corners
+from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
+from wbc_controller.settings import LimitSettings
 
 #: Stiffness of the centre of mass in squared frequencies g/h of a pendulum as high as it, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
@@ -22,10 +25,14 @@ _LOAD = 3.0
 _FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}
 #: Damping of joints in emergencies, as a share of m g h, N·m·s/rad, and at most: that of G1.
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
+#: Distance from the position limits, as a share of the smallest range.
+_MARGIN = 0.1
 #: Fastest joint speed of which all is used, rad/s.
 _FAST = 8.0
-#: Joints that an arm has at least, for a task of its hand.
-_ARM = 4
+#: Joints that an arm has at least, for a task of its hand: on legs, where heads have fewer, and on a fixed base.
+_ARM, _FIXED_ARM = 4, 3
+#: Joints that keep a position and an orientation.
+_POSE = 6
 #: Angles in rad below which an orientation is taken for none: what is left of a mesh's rounding.
 _UPRIGHT = 0.005
 
@@ -37,7 +44,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
     for number, foot in enumerate(feet):
         frame = frames[model.frame_id(foot.link, "contacts")]
         placement = frame.placement.actInv(foot.placement)
-        name = identifier(foot.link)
+        name = draft.free_name("contacts", foot.link)
         contact: dict[str, Any] = {"type": foot.kind, "frame": foot.link}
         translation = _rounded(placement.translation)
         if any(translation):
@@ -51,7 +58,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
                 half = np.abs(foot.corners).max(axis=0)
                 contact |= {"half_length": _down(half[0]), "half_width": _down(half[1])}
             else:
-                contact["vertices"] = [_rounded(corner) for corner in foot.corners]
+                contact["vertices"] = [_rounded(corner) for corner in _rounded_polygon(foot.corners)]
         else:
             contact["radius"] = round(foot.radius, 4)
             if foot.kind == "rolling":
@@ -70,7 +77,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
 
 
 def put_standing_tasks(
-    model: RobotModel, limbs: Sequence[Limb], feet: Sequence[Foot], height: float, draft: Draft
+    model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot], height: float, draft: Draft
 ) -> None:
     """Write the tasks of a robot that stands, with its centre of mass at a height above its feet, m."""
     stiffness = float(np.clip(float(f"{_COM * model.gravity / height:.2g}"), *_COM_RANGE))
@@ -80,33 +87,40 @@ def put_standing_tasks(
     draft.put("tasks.com", {"type": "com", "weight": 50.0, "stiffness": stiffness})
     turn = {"type": "frame_orientation", "frame": model.base_link, "weight": 2.0 if flat else 5.0}
     draft.put("tasks.base", turn | {"stiffness": 1.0 * stiffness if flat else 1.5 * stiffness})
-    trunk = _trunk(model, limbs, feet)
+    trunk = _trunk(model, arms, feet)
     if trunk:
         draft.put("tasks.torso", {"type": "frame_orientation", "frame": trunk, "weight": 1.0, "stiffness": stiffness})
-    _put_hands(model, limbs, {foot.joint for foot in feet}, stiffness, draft)
+    _put_hands(model, arms, {foot.joint for foot in feet}, stiffness, _ARM, draft)
     heavy = 0.01 if model.mass > 60.0 else 0.002
     draft.put("tasks.posture", {"type": "posture", "weight": heavy, "stiffness": 0.5 * stiffness})
 
 
-def put_arm_tasks(model: RobotModel, limbs: Sequence[Limb], draft: Draft) -> None:
+def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], draft: Draft) -> None:
     """Write the tasks of a robot that is bolted to the ground."""
     draft.note("tasks", "Weights and stiffnesses of the arm in examples/fixed_arm.py.", "guess")
-    _put_hands(model, limbs, set(), 100.0, draft)
+    _put_hands(model, arms, set(), 100.0, _FIXED_ARM, draft)
     draft.put("tasks.posture", {"type": "posture", "weight": 0.1, "stiffness": 50.0})
 
 
-def _put_hands(model: RobotModel, limbs: Sequence[Limb], feet: set[int], stiffness: float, draft: Draft) -> None:
-    for limb in limbs:
-        if limb.end not in feet and len(limb.joints) >= _ARM:
-            link = link_of(model, limb.end)
-            draft.put(f"tasks.{identifier(link)}", {
-                "type": "frame_pose", "frame": link, "weight": 5.0, "stiffness": stiffness, "enabled": False,
-            }, "The end of an arm: enable it to reach.")  # fmt: skip
+def _put_hands(
+    model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, least: int, draft: Draft
+) -> None:
+    own = set(model.v_index.tolist())
+    for arm in arms:
+        joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without followers
+        if arm.end not in feet and len(joints) >= least:
+            link = link_of(model, arm.end)
+            task = {"type": "frame_pose", "frame": link, "weight": 5.0, "stiffness": stiffness, "enabled": False}
+            text = "The end of an arm: enable it to reach."
+            if len(joints) < _POSE:
+                task["mask"] = [True, True, True, False, False, False]
+                text += f" {len(joints)} joints keep its position, not its orientation as well."
+            draft.put(f"tasks.{draft.free_name('tasks', link)}", task, text)
 
 
-def _trunk(model: RobotModel, limbs: Sequence[Limb], feet: Sequence[Foot]) -> str:
+def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str:
     """Return the link that carries the limbs other than legs; empty if it is the base."""
-    ends = [limb.end for limb in limbs if limb.end not in {foot.joint for foot in feet}]
+    ends = [arm.end for arm in arms if arm.end not in {foot.joint for foot in feet}]
     if len(ends) < 2:
         return ""
     shared = set.intersection(*(set(model.pinocchio.supports[end]) for end in ends))
@@ -120,7 +134,13 @@ def link_of(model: RobotModel, joint: int) -> str:
 
 
 def put_limits(model: RobotModel, draft: Draft) -> None:
-    """Write which share of the joints' speeds is used."""
+    """Write the share of the joints' speeds that is used, and the distance from the position limits."""
+    ranges = model.position_upper - model.position_lower
+    smallest = int(np.argmin(ranges))
+    margin = float(f"{_MARGIN * ranges[smallest]:.1g}")
+    if margin < LimitSettings().position_margin:
+        draft.put("limits.position_margin", margin, f"In proportion to the range of {model.joints[smallest]}, the "
+                  f"smallest: {ranges[smallest]:.3g} {model.units[smallest]}.", "guess")  # fmt: skip
     fastest = float(model.velocity_limits.max())
     if fastest > _FAST:
         share = float(np.clip(round(_FAST / fastest, 2), 0.15, 1.0))
@@ -135,6 +155,14 @@ def put_damping(model: RobotModel, height: float, draft: Draft) -> None:
         draft.put("safety.damping", damping, "In proportion to mass and size: G1 has 2 N·m·s/rad.", "guess")
         draft.put("guard.damping", damping)
         draft.put("mock.damping", damping)
+
+
+def _rounded_polygon(corners: Array) -> Array:
+    """Round the corners of a polygon, (n, 2) in m, and leave out those that are then on an edge."""
+    corners = np.round(corners, 4)
+    while len(corners) > 3 and not all(are_corners(corners)):
+        corners = fewer_corners(corners, len(corners) - 1)
+    return corners
 
 
 def _rounded(values: Array) -> list[float]:

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.robot.bare_mechanism import shapes_only
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
@@ -32,9 +33,12 @@ def read_collision_elements(
     packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
     folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
     try:
-        read = pin.buildGeomFromUrdfString(model.pinocchio, urdf, pin.COLLISION, None, folders, _MESHES)
+        read = pin.buildGeomFromUrdfString(
+            model.pinocchio, shapes_only(urdf, "collision"), pin.COLLISION, None, folders, _MESHES
+        )
     except (ValueError, RuntimeError) as error:
-        raise ConfigurationError(f"{key}: a collision element cannot be read: {error}") from error
+        reason = " ".join(str(error).rpartition("message:")[2].split())  # a sentence after the place in the library
+        raise ConfigurationError(f"{key}: a collision element cannot be read: {reason}") from error
     elements: dict[int, list[pin.GeometryObject]] = {}
     for element in read.geometryObjects:
         elements.setdefault(element.parentFrame, []).append(element)

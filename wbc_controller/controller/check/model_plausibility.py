@@ -176,6 +176,21 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
     return findings
 
 
+def without_effort(settings: Settings, urdf: str) -> list[Finding]:
+    """Report joints with motors that have no effort in the URDF's text, as springs have, if other joints have one."""
+    robot = settings.robot
+    efforts = {}
+    for joint in ElementTree.fromstring(urdf).findall("joint"):  # noqa: S314 - checked when the model was made
+        limit = joint.find("limit")
+        efforts[str(joint.get("name"))] = 0.0 if limit is None else float(limit.get("effort", "0"))
+    driven = [name for name in robot.joints if name not in robot.passive_joints]
+    idle = [name for name in driven if efforts.get(name) == 0.0]
+    if not idle or (len(idle) == len(driven) and not robot.passive_joints):
+        return []
+    text = "their effort in the URDF is 0, and robot.joint_limits gives one; joints with a spring, or without a motor, "
+    return [Finding("no motor?", f"{_some(idle)}: {text}belong in robot.passive_joints")]
+
+
 def _some(names: list[str]) -> str:
     """Names for a line: the first few, and how many more there are."""
     shown = ", ".join(names[:4])

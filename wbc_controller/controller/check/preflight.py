@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_sentence
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.model_plausibility import (
@@ -22,6 +23,7 @@ from wbc_controller.controller.check.model_plausibility import (
     locked_joints,
     require_bodies,
     require_friction,
+    without_effort,
 )
 from wbc_controller.controller.check.reserves import reserves
 from wbc_controller.errors import ConfigurationError
@@ -40,8 +42,9 @@ from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 
-#: Largest height difference of contacts on one floor, with the base upright, m.
-_LEVEL = 0.01
+#: Largest height difference of contacts on one floor, with the base upright, m, and as a share of the height of the
+#: centre of mass: a wheel further above the floor spins.
+_LEVEL, _LEVEL_SHARE = 0.01, 0.02
 #: Cosine of the largest angle between the floor's normal and that of a contact on the floor, 60°.
 _FLOOR = 0.5
 #: Largest position error of a loop in the nominal posture, m or rad.
@@ -52,6 +55,8 @@ _BALANCE = 1.0e-3
 _NEAR = 10.0
 #: Tilt of a sole from which on its robot is said to turn on release, rad: 1°.
 _TILTED = 0.0175
+#: Largest tilt of a sole, rad: 5°.
+_STEEP = 0.0873
 #: Smallest component of a contact in a redundant direction.
 _PART = 0.1
 #: Smallest share of a joint in a motion that tasks and contacts leave free.
@@ -113,8 +118,12 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings += _posture(settings, qp, active, normal)
         findings += [*locked_joints(model), *_unheld(settings, qp, active), *_redundant(qp, active)]
         findings += limits(settings, model, _placements(qp))
+        findings += without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
-            findings += reserves(qp, active, q, _hanging(qp, active), level=_is_kept_level(settings, qp))
+            margin = settings.limits.position_margin if settings.limits.position else 0.0
+            findings += reserves(
+                qp, active, q, hanging_joints(qp, active), level=_is_kept_level(settings, qp), margin=margin
+            )
         return findings
     except ConfigurationError as error:
         raise ConfigurationError(config.named(str(error))) from error
@@ -149,7 +158,7 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
         findings.append(_support(qp, standing, normal))
     board.reset(qp.dynamics, 0.0)
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
-    findings += _balance(qp, _hanging(qp, active))
+    findings += _balance(qp, hanging_joints(qp, active))
     findings += _static(qp, state, board.sample(0.0), active, normal)
     return findings
 
@@ -174,6 +183,12 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
         for name in standing
         if isinstance(contact := qp.contacts[name], SurfaceContact)
     }
+    steep = [f"{name} {degrees(tilt):.0f}°" for name, tilt in tilts.items() if not (tilt <= _STEEP)]
+    if steep:
+        raise ConfigurationError(
+            f"robot.posture: with the base upright these soles are tilted against the floor: {', '.join(steep)} "
+            f"(allowed {degrees(_STEEP):.0f}°)"
+        )
     if tilts:
         text = ", ".join(f"{name} {degrees(tilt):.1f}°" for name, tilt in tilts.items())
         turns = max(tilts.values()) > _TILTED
@@ -264,11 +279,12 @@ def _loops(qp: WholeBodyQP) -> list[Finding]:
 
 def _support(qp: WholeBodyQP, points: Mapping[str, Array], normal: Array) -> Finding:
     heights = {name: float((corners @ normal).max()) for name, corners in points.items()}
-    high = [f"{name} {1e3 * height:.0f} mm" for name, height in heights.items() if not (height <= _LEVEL)]
+    level = min(_LEVEL, _LEVEL_SHARE * float(qp.dynamics.com @ normal))
+    high = [f"{name} {1e3 * height:.0f} mm" for name, height in heights.items() if not (height <= level)]
     if high:
         raise ConfigurationError(
             f"robot.posture: with the base upright these contacts are above the floor on which the lowest one stands: "
-            f"{', '.join(high)} (allowed {1e3 * _LEVEL:.0f} mm)"
+            f"{', '.join(high)} (allowed {1e3 * level:.0f} mm)"
         )
     margin = support_margin(np.vstack(list(points.values()))[:, :2], qp.dynamics.com[:2])
     side = "inside" if margin >= 0.0 else "outside"
@@ -297,7 +313,7 @@ def _static(
     model = qp.model
     layout = qp.formulation.build(state, references).snapshot()  # a copy, as it is changed below
     problem = layout.problem
-    still = np.delete(np.arange(model.nv), model.v_index[_hanging(qp, active)])
+    still = np.delete(np.arange(model.nv), model.v_index[hanging_joints(qp, active)])
     problem.x_lower[still] = problem.x_upper[still] = 0.0
     problem.b[: layout.mechanism.start] = 0.0  # ignore the small position errors of loops
     solver = make_solver("daqp", problem)
@@ -349,7 +365,7 @@ def _why_not(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
     )
 
 
-def _hanging(qp: WholeBodyQP, active: list[str]) -> list[int]:
+def hanging_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:
     """Indices of passive joints without support by a contact or loop: only their springs determine where they rest."""
     bearing = [contact for name, contact in qp.contacts.items() if name in active or isinstance(contact, LoopClosure)]
     borne = np.zeros(qp.model.nv, dtype=bool)

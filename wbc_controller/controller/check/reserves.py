@@ -19,8 +19,8 @@ from wbc_controller.records import Array
 _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
 #: Share by which the multiple has to grow, per share of an effort limit, for the limit to count as what bounds it.
 _MATTERS = 1.0e-3
-#: Step of a squat, m, and the largest share of the height of the centre of mass that is tried.
-_STEP, _DEEPEST = 0.01, 0.6
+#: Step of a squat, m, the smallest one, and the largest share of the height of the centre of mass that is tried.
+_STEP, _LEAST_STEP, _DEEPEST = 0.01, 1.0e-6, 0.6
 #: Iterations of Newton's method in each step, the largest error that is left, m and rad, and that of contacts: one that
 #: the controller allows redundant contacts (`formulation.redundancy`).
 _ITERATIONS, _REACHED, _HELD = 6, 1.0e-3, 5.0e-4
@@ -40,7 +40,17 @@ class _Balance:
     cause: str | None
 
 
-def reserves(qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], *, level: bool) -> list[Finding]:
+@dataclass(frozen=True, slots=True)
+class ComReach:
+    """The distance that the centre of mass can move, m, and the reason for its end."""
+
+    distance: float
+    why: str
+
+
+def reserves(
+    qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], *, level: bool, margin: float = 0.0
+) -> list[Finding]:
     """Find the reserves of a robot with a floating base that stands in a configuration q, where its dynamics are left.
 
     A push is a steady horizontal force on the base, in line with the centre of mass. Swaying moves the weight
@@ -50,6 +60,7 @@ def reserves(qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence
     Args:
         hanging: indices of joints without a motor that nothing supports.
         level: whether a task holds the orientation of the base, so that it stays level while the robot sways.
+        margin: distance from the position limits, rad.
     """
     model, dynamics = qp.model, qp.dynamics
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
@@ -63,13 +74,14 @@ def reserves(qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence
         pushes[name] = _most(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
         shifts[name] = _most(qp, bearing, hanging, np.concatenate([np.zeros(3), np.cross(way, weight)]))
         if all_anchored and np.isfinite(shifts[name].most):
-            shifts[name] = _moved(qp, anchored, hanging, q, way, level, shifts[name])
+            shifts[name] = _moved(_HeldContacts(qp, anchored, margin), hanging, q, way, level, shifts[name])
     found = [
         Finding("push", "steady, at the centre of mass: " + _listed(pushes, 1.0, "N")),
         Finding("sway", "of the centre of mass: " + _listed(shifts, 1e3, "mm")),
     ]
-    if all_anchored:
-        found.append(Finding("squat", _squat(qp, anchored, hanging, q)))
+    squat = com_reach(qp, active, q, hanging, -np.eye(3)[2], _DEEPEST * float(dynamics.com[2]), margin)
+    if squat is not None:
+        found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down ({squat.why})"))
     return found
 
 
@@ -121,8 +133,11 @@ def _most(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], w
 class _HeldContacts:
     """Motion of a robot whose contacts stay where they are in the present configuration."""
 
-    def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact]) -> None:
-        self._qp = qp
+    def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], margin: float) -> None:
+        self.qp, self.bearing = qp, bearing
+        model = qp.model
+        self._lower = np.minimum(model.position_lower + margin, model.posture)
+        self._upper = np.maximum(model.position_upper - margin, model.posture)
         dynamics = qp.dynamics
         self._base = qp.model.frame_id(qp.model.base_link, "base")
         self.com = dynamics.com.copy()
@@ -138,7 +153,7 @@ class _HeldContacts:
         Returns:
             The configuration, in which the dynamics are left, and the reason if the goal is not reached, else "".
         """
-        qp, at = self._qp, start
+        qp, at = self.qp, start
         model, dynamics = qp.model, qp.dynamics
         C, least = model.actuation.C, _LEAST_MOTION * np.eye(model.nv)
         for last in [False] * _ITERATIONS + [True]:
@@ -155,18 +170,17 @@ class _HeldContacts:
             step = np.linalg.lstsq(rows, error, rcond=None)[0]
             at = np.asarray(pin.integrate(model.pinocchio, at, step))
         joints = at[model.q_index]
-        beyond = np.flatnonzero((joints < model.position_lower) | (joints > model.position_upper))
+        beyond = np.flatnonzero((joints < self._lower) | (joints > self._upper))
         if np.abs(off[weights == 1.0]).max() > _REACHED or np.abs(gap).max(initial=0.0) > _HELD:
             return at, "reach"
         return at, f"position of {model.joints[beyond[0]]}" if beyond.size else ""
 
 
 def _moved(
-    qp: WholeBodyQP, bearing: Sequence[AnchoredContact], hanging: Sequence[int], q: Array, way: Array, level: bool,
-    static: _Balance,
-) -> _Balance:  # fmt: skip
+    motion: _HeldContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: _Balance
+) -> _Balance:
     """Find how far the centre of mass can move along a horizontal unit vector, at most as far as statics allow."""
-    motion = _HeldContacts(qp, bearing)
+    qp, bearing = motion.qp, motion.bearing
     done, far, at, cause = 0.0, np.inf, np.array(q), static.cause
     weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])
     tried = static.most / _STEPS
@@ -185,21 +199,43 @@ def _moved(
     return _Balance(done, cause)
 
 
-def _squat(qp: WholeBodyQP, bearing: Sequence[AnchoredContact], hanging: Sequence[int], q: Array) -> str:
-    """How far the centre of mass can go straight down, with the base level and the contacts where they are."""
-    motion = _HeldContacts(qp, bearing)
-    depth, why, at = 0.0, "", np.array(q)
+def com_reach(
+    qp: WholeBodyQP,
+    active: Sequence[str],
+    q: Array,
+    hanging: Sequence[int],
+    direction: Array,
+    most: float,
+    margin: float = 0.0,
+) -> ComReach | None:
+    """Find how far the centre of mass can move straight at rest, with the base level and the contacts held.
+
+    Args:
+        q: configuration at the start, in which the dynamics are left.
+        hanging: as in `reserves`, and `margin`.
+        direction: unit vector in the world, (3,).
+        most: largest distance that is tried, m.
+
+    Returns:
+        The distance; None if a loop is closed, as its opening along the way is not known.
+    """
+    bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
+    anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
+    if len(anchored) < len(bearing):
+        return None
+    motion = _HeldContacts(qp, anchored, margin)
+    distance, why, at = 0.0, "", np.array(q)
     while not why:
-        goal = motion.com - np.array([0.0, 0.0, depth + _STEP])
-        if depth + _STEP > _DEEPEST * motion.com[2]:
+        step = min(_STEP, most - distance)
+        if not (step > _LEAST_STEP):
             why = "no more was tried"
             break
-        at, why = motion.reach(goal, at, np.ones(6))
-        if not why and not _stands(qp, bearing, hanging):
+        at, why = motion.reach(motion.com + (distance + step) * direction, at, np.ones(6))
+        if not why and not _stands(qp, anchored, hanging):
             why = "torques or contacts"
-        depth += 0.0 if why else _STEP
+        distance += 0.0 if why else step
     qp.dynamics.update(q, np.zeros(qp.model.nv))
-    return f"{1e3 * depth:.0f} mm straight down ({why})"
+    return ComReach(distance, why)
 
 
 def _stands(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:

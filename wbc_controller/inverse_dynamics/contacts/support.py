@@ -127,9 +127,8 @@ class Polygon:
             hull = ConvexHull(points)
         except QhullError as error:
             raise ConfigurationError(f"{key} = {points.tolist()}: the vertices are on one line") from error
-        size = float(np.abs(points - points.mean(axis=0)).max())
-        for index, point in enumerate(points):
-            if not _stands_out(np.delete(points, index, axis=0), point, _CORNER * size):
+        for index, (point, is_corner) in enumerate(zip(points, are_corners(points), strict=True)):
+            if not is_corner:
                 raise ConfigurationError(
                     f"{key}[{index}] = {point.tolist()}: no corner; it is on an edge of the polygon of the other "
                     "vertices, or inside it, and the polygon has to be convex"
@@ -139,6 +138,12 @@ class Polygon:
     def cone(self, friction: float) -> Array:
         """The rows of `polygon_wrench_cone`."""
         return polygon_wrench_cone(friction, self.vertices)
+
+
+def are_corners(points: Array) -> list[bool]:
+    """Return which points, (n, 2) in m, are outside the convex hull of the others by a share of the polygon's size."""
+    least = _CORNER * float(np.abs(points - points.mean(axis=0)).max())
+    return [_stands_out(np.delete(points, index, axis=0), point, least) for index, point in enumerate(points)]
 
 
 def support_polygon(points: Array) -> Array:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.actuation import Actuation
+from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
 from wbc_controller.inverse_dynamics.robot.mimic import Followers, Mimic, read_mimics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveForces, PassiveJoint
 from wbc_controller.inverse_dynamics.robot.transmission import Transmission, make_drive
 from wbc_controller.inverse_dynamics.robot.urdf import JointLimits, read_robot
+from wbc_controller.inverse_dynamics.robot.virtual_base import drop_virtual_joints, virtual_joints
 from wbc_controller.records import Array, frozen
 
 #: Smallest mass of a robot, kg: what is divided by a much smaller one is not finite.
@@ -41,7 +44,8 @@ def build_model(
     """Build the model of a robot from its URDF.
 
     Joints with a ``<mimic>`` element follow their leader if it is in `joints`. All joints that neither move nor follow
-    are locked. A continuous joint is a revolute one without position limits.
+    are locked. A continuous joint is a revolute one without position limits. Virtual joints in place of a floating
+    base, and the links above them, are left out.
 
     Args:
         joints: joints with one degree of freedom that move and are measured.
@@ -63,10 +67,10 @@ def build_model(
         ConfigurationError: where the URDF or a joint cannot be used.
     """
     tree, urdf = read_robot(urdf, joint_limits or {})
-    try:
-        full = pin.buildModelFromXML(urdf, *([pin.JointModelFreeFlyer(), _FREE_FLYER] if floating_base else []))
-    except (ValueError, RuntimeError) as error:
-        raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
+    _refuse_virtual_motors(tree, joints)
+    if floating_base and drop_virtual_joints(tree):
+        urdf = ElementTree.tostring(tree, encoding="unicode")
+    full = read_mechanism(tree, floating_base=floating_base)
     mimics, passive_joints = read_mimics(tree), passive_joints or {}
     _check_names(full, joints, passive_joints, locked_joints or {}, mimics)
     following = {name: mimic for name, mimic in mimics.items() if mimic.leader in joints}
@@ -77,7 +81,7 @@ def build_model(
         if name not in following and full.joints[full.getJointId(name)].nq == 1:
             locked[name] = mimic.ratio * locked.get(mimic.leader, 0.0) + mimic.offset
     locked = {name: position for name, position in locked.items() if position != 0.0}
-    model = _lock(full, [name for name in _joints_of(full) if name not in joints and name not in following], locked)
+    model = read_mechanism(tree, {*joints, *following}, locked, floating_base=floating_base)
     mass = pin.computeTotalMass(model)
     if not (mass >= _LEAST_MASS):
         raise ConfigurationError(
@@ -108,8 +112,13 @@ def build_model(
     velocity_limits = np.array(model.upperVelocityLimit)[v_index]
     _require_velocity_limits(joints, velocity_limits)
     for name, mimic in following.items():
-        _tighten(joints.index(mimic.leader), mimic, model, q_of[name], v_of[name], lower, upper, velocity_limits)
-    _require_position_limits(joints, lower, upper)
+        leader = joints.index(mimic.leader)
+        _tighten(leader, mimic, model, q_of[name], v_of[name], lower, upper, velocity_limits)
+        if not (lower[leader] <= upper[leader]):
+            raise ConfigurationError(
+                f"robot.urdf: joint {mimic.leader!r} has no position within its limits and those of {name!r}, which "
+                "mimics it; correct the limits or the <mimic>"
+            )
     result = RobotModel(
         pinocchio=model,
         urdf=urdf,
@@ -139,6 +148,15 @@ def build_model(
 
 def _joints_of(full: pin.Model) -> list[str]:
     return [str(name) for name in full.names[1:] if name != _FREE_FLYER]
+
+
+def _refuse_virtual_motors(tree: ElementTree.Element, joints: Sequence[str]) -> None:
+    listed = [name for name in virtual_joints(tree) if name in joints]
+    if listed:
+        raise ConfigurationError(
+            f"robot.joints: {', '.join(listed)} stand for a floating base in the URDF, and have no motors: leave them "
+            "out, with robot.base: floating"
+        )
 
 
 def _check_names(
@@ -186,12 +204,29 @@ def _require_one_coordinate(full: pin.Model, name: str, subject: str) -> None:
         )
 
 
-def _lock(full: pin.Model, names: Sequence[str], positions: Mapping[str, float]) -> pin.Model:
-    """Lock joints at the given positions, rad; at zero where none is given."""
-    q = pin.neutral(full)
-    for name, position in positions.items():
-        q[full.joints[full.getJointId(name)].idx_q] = position
-    return pin.buildReducedModel(full, [full.getJointId(name) for name in names], q) if names else full
+def read_mechanism(
+    tree: ElementTree.Element,
+    moving: Collection[str] | None = None,
+    locked: Mapping[str, float] = MappingProxyType({}),
+    *,
+    floating_base: bool,
+) -> pin.Model:
+    """Read the mechanism of a URDF with Pinocchio.
+
+    Args:
+        moving: joints that move; None for all.
+        locked: positions of other joints, rad or m; 0 by default.
+        floating_base: whether the root link moves freely.
+
+    Raises:
+        ConfigurationError: if Pinocchio refuses it.
+    """
+    moving = [str(joint.get("name")) for joint in tree.findall("joint")] if moving is None else moving
+    mechanism = ElementTree.tostring(bare_mechanism(tree, moving, locked), encoding="unicode")
+    try:
+        return pin.buildModelFromXML(mechanism, *([pin.JointModelFreeFlyer(), _FREE_FLYER] if floating_base else []))
+    except (ValueError, RuntimeError) as error:
+        raise ConfigurationError(f"robot.urdf: not a usable URDF: {error}") from error
 
 
 def _tighten(
@@ -212,13 +247,4 @@ def _require_velocity_limits(joints: Sequence[str], limits: np.ndarray) -> None:
             raise ConfigurationError(
                 f"robot.urdf: joint {name!r} has the velocity limit {limit}; it must be positive, in the URDF or by "
                 f"robot.joint_limits.{name}.velocity"
-            )
-
-
-def _require_position_limits(joints: Sequence[str], lower: Array, upper: Array) -> None:
-    for name, low, high in zip(joints, lower, upper, strict=True):
-        if not (low <= high):
-            raise ConfigurationError(
-                f"robot.urdf: joint {name!r} has the lower position limit {low:g} above the upper one {high:g}; "
-                f"correct the URDF, or give robot.joint_limits.{name} a lower and an upper"
             )

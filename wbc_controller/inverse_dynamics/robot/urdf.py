@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.inverse_dynamics.robot.urdf_structure import check_structure, shape_problem
 from wbc_controller.records import Array
 
 #: Position limits of a continuous joint, rad: far beyond what a joint turns, and exact to 1e-10 rad in between.
@@ -83,8 +84,9 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
     """Read a URDF, and refuse what other readers of it accept in silence or do not survive.
 
     Raises:
-        ConfigurationError: where it is no XML, a number is none or too large, an axis has no direction, an
-            ``<inertial>`` lacks a value, a mass or a principal moment of inertia is negative, or links are too many.
+        ConfigurationError: if it is no XML, a number is none or too large, an axis has no direction, an
+            ``<inertial>`` lacks a value, a mass or a principal moment of inertia is negative, links are too many, or
+            the structure is wrong (`check_structure`).
     """
     tree = parse_xml(urdf, "robot.urdf", "URDF")
     for body in (*tree.findall("link"), *tree.findall("joint")):
@@ -98,6 +100,7 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
             raise ConfigurationError(f"{subject}: <axis xyz={axis.get('xyz')!r}> has no direction, such as '0 0 1'")
         _check_inertial(body, subject)
     _check_chains(tree)
+    check_structure(tree)
     return tree
 
 
@@ -112,10 +115,12 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
         The tree and its text, so that all readers see the same joints; the given text if nothing changes.
 
     Raises:
-        ConfigurationError: as `parse_urdf`; if the URDF does not have a joint, or a joint lacks a limit.
+        ConfigurationError: as `parse_urdf`; if the URDF does not have a joint, or a joint has no limits or a lower
+            one above the upper one.
     """
     tree = parse_urdf(urdf)
-    changed = split_planar_joints(tree)
+    changed = _drop_unusable_visuals(tree)
+    changed |= split_planar_joints(tree)
     joints = {str(joint.get("name")): joint for joint in tree.findall("joint")}
     for name, given in limits.items():
         if name not in joints:
@@ -168,7 +173,10 @@ def _split(tree: ElementTree.Element, planar: ElementTree.Element) -> None:
         if origin is not None and i == 0:
             joint.append(origin)
         ElementTree.SubElement(joint, "axis", xyz=" ".join(map(repr, direction.tolist())))
-        ElementTree.SubElement(joint, "limit", {} if limit is None else limit.attrib)
+        # A planar joint needs no limits: 0 counts as missing.
+        ElementTree.SubElement(
+            joint, "limit", {"effort": "0", "velocity": "0"} | ({} if limit is None else limit.attrib)
+        )
         _write_limits(joint, {"lower": -UNLIMITED, "upper": UNLIMITED})
         tree.insert(place + i, joint)
         before = after
@@ -185,12 +193,42 @@ def _write_limits(joint: ElementTree.Element, values: Mapping[str, float]) -> No
 
 
 def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
-    """Refuse a joint without limits, which other readers of the URDF refuse without its name."""
-    for key in ("effort", "velocity"):
-        if limit is None or limit.get(key) is None:
-            raise ConfigurationError(
-                f"robot.urdf: joint {name!r}: it has no <limit {key}=…>; add it, or robot.joint_limits.{name}.{key}"
-            )
+    """Refuse a joint without limits, or with exchanged ones: other readers of the URDF do not name it."""
+    if limit is None or limit.get("effort") is None or limit.get("velocity") is None:
+        key = "effort" if limit is None or limit.get("effort") is None else "velocity"
+        raise ConfigurationError(
+            f"robot.urdf: joint {name!r}: it has no <limit {key}=…>; add it, or robot.joint_limits.{name}.{key}"
+        )
+    lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
+    if not (lower <= upper):
+        raise ConfigurationError(
+            f"robot.urdf: joint {name!r}: the lower limit {lower:g} is above the upper limit {upper:g}; correct the "
+            f"URDF, or give robot.joint_limits.{name} a lower and an upper"
+        )
+
+
+def _drop_unusable_visuals(tree: ElementTree.Element) -> bool:
+    """Remove visuals and materials that cannot be drawn, in place; True if there are any.
+
+    Readers of a URDF drop the whole link, or the whole robot, for them.
+    """
+    changed, known = False, set()
+    for material in tree.findall("material"):
+        name = material.get("name")
+        if not name or name in known:
+            tree.remove(material)
+            changed = True
+        known.add(name)
+    for link in tree.findall("link"):
+        for visual in link.findall("visual"):
+            if shape_problem(visual) is not None:
+                link.remove(visual)
+                changed = True
+            for material in visual.findall("material"):
+                if not material.get("name"):
+                    visual.remove(material)
+                    changed = True
+    return changed
 
 
 def inertia_tensor(inertia: ElementTree.Element) -> Array:

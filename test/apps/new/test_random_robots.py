@@ -1,0 +1,82 @@
+"""`wbc new`, `wbc check`, the mock robot and the demo agree on random robots.
+
+``RANDOM_ROBOTS=1000 pytest test/apps/new/test_random_robots.py`` tries more of them.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from random_robots import RandomRobot
+
+import wbc_controller as wbc
+from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.run import run_demo
+from wbc_controller.apps.new.draft import TITLE, new_configuration
+from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+from wbc_controller.settings.config import load
+
+ROBOTS = int(os.environ.get("RANDOM_ROBOTS", "12"))
+#: The whole demo runs for one robot of so many.
+_DEMOS = 25
+#: Time for which a robot stands, s; largest distance of its centre of mass from the start, as a share of its height,
+#: of a small one in m, and of the joints of an arm, rad or m.
+_STAND, _NEAR, _NEAR_SMALL, _NEAR_JOINT = 1.0, 0.02, 0.005, 0.02
+
+
+def outcome(seed: int, folder: Path) -> tuple[str, str]:
+    """Return the kind of a robot, and "stands" or the message that refuses it; all readers agree on it."""
+    robot = RandomRobot(seed, folder)
+    urdf, path = folder / "robot.urdf", folder / "robot.yaml"
+    urdf.write_text(robot.text, encoding="utf-8")
+    try:
+        draft = new_configuration(str(urdf))
+    except ConfigurationError as error:
+        return robot.kind, f"refused: {_sentence(error)}"
+    path.write_text(draft.to_yaml(TITLE), encoding="utf-8")
+    settings = load(path).settings
+    assert settings == draft.settings
+    try:
+        wbc.check(settings)
+    except ConfigurationError as error:
+        message = _sentence(error)
+        with pytest.raises(WbcError) as other:
+            run_demo(str(path), folder, lockstep=True)
+        assert _sentence(other.value).removeprefix(f"{path}: ") == message
+        return robot.kind, f"not standing: {message}"
+    simulation = wbc.Simulation(settings)
+    model, before = simulation.controller.model, simulation.plant.state()[0]
+    simulation.run(_STAND)
+    assert not simulation.plant.fallen
+    if model.floating_base:
+        start, end = (_com(model, q) for q in (before, simulation.plant.state()[0]))
+        assert np.linalg.norm(end - start) <= max(_NEAR * start[2], _NEAR_SMALL), f"{np.linalg.norm(end - start)} m"
+    else:
+        assert np.abs(simulation.plant.state()[0] - before).max() <= _NEAR_JOINT
+    derived_scenario(settings, model)
+    if seed % _DEMOS == 0:
+        assert run_demo(str(path), folder, lockstep=True)
+    return robot.kind, f"stands, {settings.robot.base}"
+
+
+def _com(model: RobotModel, q: Array) -> Array:
+    return np.array(pin.centerOfMass(model.pinocchio, model.pinocchio.createData(), np.array(q)))
+
+
+def _sentence(error: WbcError) -> str:
+    message = str(error).removeprefix("a dictionary: ").removeprefix("the draft: ")
+    assert "\n" not in message, message
+    assert 10 < len(message) < 900
+    return message
+
+
+@pytest.mark.parametrize("seed", range(ROBOTS))
+def test_new_check_mock_robot_and_demo_agree(seed, tmp_path):
+    kind, found = outcome(seed, tmp_path)
+    print(kind, found)

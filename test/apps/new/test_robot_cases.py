@@ -1,0 +1,177 @@
+"""Robots that other readers misread: `wbc new`, `wbc check`, the mock robot and the demo agree on them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from robot_cases import EDGED_SOLE, REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped
+
+import wbc_controller as wbc
+from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.run import run_demo
+from wbc_controller.apps.new.draft import TITLE, new_configuration
+from wbc_controller.controller.build.collision_elements import read_collision_elements
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.nodes.audit import make_audit
+from wbc_controller.records import RobotState, frozen
+from wbc_controller.settings.config import load
+
+
+@pytest.fixture
+def drafted(tmp_path):
+    """Drafts the configuration of a URDF's text."""
+
+    def make(text, **options):
+        (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
+        (tmp_path / "sole.obj").write_text(EDGED_SOLE, encoding="utf-8")
+        return new_configuration(str(tmp_path / "robot.urdf"), **options)
+
+    return make
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_urdf_that_is_wrong_is_refused_in_one_sentence(drafted, case):
+    urdf, message = REFUSED[case]
+    with pytest.raises(ConfigurationError) as error:
+        drafted(urdf)
+    assert str(error.value).startswith("robot.urdf: ")
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("case", STANDING)
+def test_a_robot_that_is_read_stands(drafted, case):
+    settings = drafted(STANDING[case]).settings
+    wbc.check(settings)
+    simulation = wbc.Simulation(settings)
+    simulation.run(1.0)
+    assert not simulation.plant.fallen
+
+
+@pytest.mark.parametrize("case", ["a world link with a floating joint", "six virtual joints"])
+def test_joints_in_place_of_a_floating_base_are_no_motors(drafted, case):
+    settings = drafted(STANDING[case]).settings
+    model = make_model(settings)
+    assert (model.floating_base, model.base_link, model.nj, model.nv) == (True, "trunk", 10, 16)
+    assert set(settings.contacts) == {"left_foot", "right_foot"}
+
+
+def test_joints_in_place_of_a_floating_base_are_refused_as_motors(drafted):
+    draft = drafted(STANDING["six virtual joints"])
+    draft.values["robot"]["joints"].append("pitch")
+    draft.values["robot"]["posture"].append(0.0)
+    for base in ("floating", "fixed"):
+        draft.values["robot"]["base"] = base
+        with pytest.raises(ConfigurationError, match=r"robot.joints: pitch stand for a floating base in the URDF"):
+            make_model(draft.settings)
+
+
+def test_both_feet_below_a_waist_are_found(drafted):
+    contacts = drafted(STANDING["legs below a waist"]).settings.contacts
+    assert {name: contact.type for name, contact in contacts.items()} == {
+        "left_foot": "surface", "right_foot": "surface",
+    }  # fmt: skip
+
+
+def test_visuals_change_nothing(drafted):
+    """Neither the draft nor the mechanism: only the shapes of links without collision shapes are looked at."""
+    plain = drafted(biped())
+    for visual in (UNNAMED, "<visual/>", "<visual><geometry><mesh filename='none.dae'/></geometry></visual>"):
+        draft = drafted(biped(sole=visual + SOLE + visual))
+        assert draft.values == plain.values
+        assert len(read_collision_elements(make_model(draft.settings), make_model(draft.settings).urdf, "")) == 3
+
+
+def test_the_margin_fits_the_smallest_range(drafted):
+    draft = drafted(STANDING["fingers that slide"])
+    assert draft.values["limits"] == {"position_margin": 0.004}
+    assert "limits" not in drafted(arm()).values
+
+
+def test_a_corner_on_an_edge_is_left_out(drafted):
+    draft = drafted(STANDING["a sole with a corner on an edge"])
+    corners = np.array(draft.values["contacts"]["left_foot"]["vertices"])
+    assert sorted(corners.tolist()) == [[-0.1, -0.045], [-0.1, 0.045], [0.068, 0.045], [0.1, -0.045]]
+
+
+def test_joints_without_effort_beside_motors_are_reported(drafted):
+    """A spring in the shank, with an effort of 0 as in the URDFs of robots with series springs."""
+    effort = 'effort="100" velocity="10"'
+    start = biped().index('name="left_ankle_pitch"')
+    spring = biped()[:start] + biped()[start:].replace(effort, effort.replace("100", "0"), 1)
+    draft = drafted(spring)
+    assert any("left_ankle_pitch have no effort in the URDF, and other" in line for line in draft.doubts)
+    found = {finding.subject: finding.text for finding in wbc.check(draft.settings)}
+    assert found["no motor?"].startswith("left_ankle_pitch: their effort in the URDF is 0")
+    all_idle = drafted(biped().replace(effort, effort.replace("100", "0")))
+    assert not any("belong in `passive_joints`" in line for line in all_idle.doubts)
+    assert "no motor?" not in {finding.subject for finding in wbc.check(all_idle.settings)}
+
+
+def test_keys_of_a_draft_are_names_whatever_is_in_them(drafted, tmp_path):
+    """A name with a dot, which nests parameters, and one that means something else in YAML."""
+    urdf = arm(SLIDING).replace('"j2"', '"left.j2"').replace('"j3"', '"no: {}#"').replace('effort="50"', "")
+    draft = drafted(urdf)
+    assert {"left.j2", "no: {}#"} < set(draft.values["robot"]["joint_limits"])
+    (tmp_path / "robot.yaml").write_text(draft.to_yaml(TITLE), encoding="utf-8")
+    assert load(tmp_path / "robot.yaml").settings == draft.settings
+
+
+def test_two_links_with_alike_names_have_a_contact_each(drafted):
+    urdf = biped().replace('"left_foot"', '"a-b"').replace('"right_foot"', '"a_b"')
+    assert set(drafted(urdf).values["contacts"]) == {"a_b", "a_b_"}
+
+
+def test_the_demo_makes_motions_that_the_check_allows(drafted):
+    settings = drafted(STANDING["ankles with a small range"]).settings
+    found = {finding.subject: finding.text for finding in wbc.check(settings)}
+    moves = {move.name: move.largest for move in derived_scenario(settings, make_model(settings)).moves}
+    assert 0.0 < 1e3 * moves["squat"] < float(found["squat"].split(" mm")[0])
+    assert moves["sway"] == pytest.approx(0.03, abs=0.01)
+
+
+def test_a_hand_whose_fingers_branch_reaches(drafted):
+    settings = drafted(STANDING["fingers that turn"]).settings
+    (reach,) = derived_scenario(settings, make_model(settings)).reaches
+    assert (reach.task, settings.tasks["l3"].frame) == ("l3", "l3")
+    assert np.linalg.norm(reach.offset) > 0.01
+
+
+@pytest.mark.parametrize("case", ["ankles with a small range", "fingers that turn", "six virtual joints"])
+def test_the_demo_of_a_draft_meets_its_targets(drafted, tmp_path, case):
+    path = tmp_path / "robot.yaml"
+    path.write_text(drafted(STANDING[case]).to_yaml(TITLE), encoding="utf-8")
+    assert run_demo(str(path), tmp_path, lockstep=True)
+
+
+def test_the_audit_is_silent_on_wheels_that_lean(drafted):
+    """The edges of a tread would carry a leaning wheel 25 mm beside its contact."""
+    settings = drafted(STANDING["legs on wheels"]).settings
+    assert {contact.type for contact in settings.contacts.values()} == {"rolling"}
+    simulation = wbc.Simulation(settings)
+    controller, plant = simulation.controller, simulation.plant
+    audit, reports = make_audit(settings, controller.model), []
+
+    def look(simulation):
+        state = RobotState(round(1.0e9 * simulation.time), *map(frozen, plant.state()))
+        result = simulation.result
+        reports.append(audit.look(state, controller.dynamics, result.solution, result.command))
+
+    controller.set("com", np.array(controller.dynamics.com) + [0.0, 0.03, 0.0], duration=0.5)
+    simulation.run(1.2, look)
+    reports = [report for report in reports if report is not None]
+    assert len(reports) > 500
+    assert not [warning for report in reports for warning in report.warnings]
+    weight = controller.model.mass * controller.model.gravity
+    assert max(np.linalg.norm(report.force) for report in reports) < 1.0e-3 * weight
+
+
+def test_the_demo_refuses_a_robot_as_the_check_does(drafted, tmp_path):
+    path = tmp_path / "robot.yaml"
+    path.write_text(drafted(biped(sole="")).to_yaml(TITLE), encoding="utf-8")
+    with pytest.raises(ConfigurationError) as checked:
+        wbc.check(path)
+    with pytest.raises(ConfigurationError) as played:
+        run_demo(str(path), tmp_path, lockstep=True)
+    assert str(played.value) == str(checked.value)

@@ -1,0 +1,75 @@
+"""The mechanism of a URDF alone, as Pinocchio and MuJoCo read it: links with their inertias, and joints."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Collection, Mapping
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+#: Elements of links and joints that are no part of the mechanism: shapes do not change its physics, and the
+#: controller's equations have no friction in joints. Followers are coupled by `Followers`.
+_OTHER = {"link": ("visual", "collision"), "joint": ("dynamics", "mimic", "safety_controller", "calibration")}
+
+
+def bare_mechanism(
+    tree: ElementTree.Element, moving: Collection[str], locked: Mapping[str, float]
+) -> ElementTree.Element:
+    """Copy a URDF without shapes and extensions; joints that are not `moving` are fixed at their locked position.
+
+    The locked positions, in rad or m, are 0 by default.
+    """
+    bare = ElementTree.Element(tree.tag, tree.attrib)
+    for element in tree:
+        if element.tag not in _OTHER:
+            continue
+        part = copy.deepcopy(element)
+        for tag in _OTHER[element.tag]:
+            for other in part.findall(tag):
+                part.remove(other)
+        name = str(part.get("name"))
+        if part.tag == "joint" and name not in moving:
+            _lock(part, locked.get(name, 0.0))
+        bare.append(part)
+    return bare
+
+
+def shapes_only(urdf: str, kind: str) -> str:
+    """Return a URDF's text with the shapes of one kind alone, ``collision`` or ``visual``, and all joints fixed.
+
+    ``<collision_checking>`` names cylinders that Pinocchio reads as capsules.
+    """
+    tree = ElementTree.fromstring(urdf)  # noqa: S314 - read by `parse_urdf` before
+    for link in tree.findall("link"):
+        for element in [element for element in link if element.tag not in (kind, f"{kind}_checking")]:
+            link.remove(element)
+    for joint in tree.findall("joint"):
+        _lock(joint, 0.0)
+    for element in [element for element in tree if element.tag not in (*_OTHER, "material")]:
+        tree.remove(element)
+    return ElementTree.tostring(tree, encoding="unicode")
+
+
+def _lock(joint: ElementTree.Element, position: float) -> None:
+    """Fix a joint at a position, rad or m, in place."""
+    if position != 0.0:
+        origin = joint.find("origin")
+        if origin is None:
+            origin = ElementTree.SubElement(joint, "origin")
+        xyz, rpy = (np.array([float(value) for value in origin.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
+        found = joint.find("axis")
+        axis = np.array(
+            [float(value) for value in (found.get("xyz", "1 0 0") if found is not None else "1 0 0").split()]
+        )
+        along = position * axis / np.linalg.norm(axis)
+        motion = (
+            pin.SE3(np.eye(3), along) if joint.get("type") == "prismatic" else pin.SE3(pin.exp3(along), np.zeros(3))
+        )
+        placement = pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz) * motion
+        origin.set("xyz", " ".join(map(repr, placement.translation.tolist())))
+        origin.set("rpy", " ".join(map(repr, pin.rpy.matrixToRpy(placement.rotation).tolist())))
+    for element in [element for element in joint if element.tag not in ("parent", "child", "origin")]:
+        joint.remove(element)
+    joint.set("type", "fixed")
