@@ -38,6 +38,11 @@ class ReferenceForm:
         return self.vector + (4 if self.oriented else 0)
 
     @property
+    def rate_size(self) -> int:
+        """Number of values in a velocity or acceleration."""
+        return self.vector + (3 if self.oriented else 0)
+
+    @property
     def twist(self) -> slice:
         """Components of a twist (linear, angular) that form the reference's velocity."""
         return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)

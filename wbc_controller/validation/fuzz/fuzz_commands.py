@@ -143,6 +143,13 @@ def urdf(**options: Any) -> None:
 
 
 @fuzz.command()
+@_of_files
+def recordings(**options: Any) -> None:
+    """Read hostile recordings with valid checksums: each works, or is refused in a sentence with its path."""
+    _files("recordings", **options)
+
+
+@fuzz.command()
 @click.argument("robot", default="go2")
 @click.option("--trials", default=100, show_default=True, help="Emergency stops under each flood.")
 @click.option("--kinds", help="Floods; all of them where none is named.")
