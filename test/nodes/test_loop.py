@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 import threading
 
 import numpy as np
@@ -304,14 +305,37 @@ def test_an_exception_while_starting_becomes_a_fault_too(bench, monkeypatch, cap
     assert "Traceback" in caplog.text
 
 
-@pytest.mark.filterwarnings("ignore:overflow")
-def test_a_setpoint_beyond_all_reason_does_no_harm(bench, make):
-    controller = bench().activated(600)
-    controller.send("setpoint", make.point([1e300, -1e300, 1e300]), "com")
-    controller.cycle(300)
-    efforts = controller.efforts()
-    assert np.isfinite(efforts).all()
-    assert (np.abs(efforts) <= controller.model.effort_limits).all()
+ABSURD = {
+    "setpoint": ("setpoint", "com", lambda make: make.point([0.0, 1e308, 0.3])),
+    "setpoint in its own frame": ("setpoint", "com", lambda make: make.point([0.0, 50.0, 0.0], "com/reference")),
+    "setpoint in a frame of the robot": ("setpoint", "com", lambda make: make.point([0.0, 50.0, 0.0], "FL_foot")),
+    "update": ("update", "", lambda make: make.string("{tasks: {com: {setpoint: [1e308, 0, 0.3]}}}")),
+    "trajectory": (
+        "trajectory", "com", lambda make: make.frame_trajectory([(0.5, [[1e200, 0, 0.3, 0, 0, 0, 1]])]),
+    ),
+    "velocity": (
+        "trajectory", "com",
+        lambda make: make.frame_trajectory(
+            [(0.5, [[0, 0, 0.3, 0, 0, 0, 1]], [[1e9, 0, 0, 0, 0, 0]]), (0.6, [[0, 0, 0.3, 0, 0, 0, 1]])]
+        ),
+    ),
+    "wrench": ("external_wrench", "base", lambda make: make.wrench([0, 0, -1e308, 0, 0, 0])),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ABSURD)
+def test_an_absurd_request_is_refused_with_its_range_and_the_robot_stands_on(bench, make, name):
+    controller = bench().activated(20)
+    board = controller.loop.controller.board
+    before = board._trajectories["com"]
+    key, subject, content = ABSURD[name]
+    controller.send(key, content(make), subject)
+    refused = [sentence for _ in range(10) for sentence in controller.cycle().refused]
+    assert len(refused) == 1
+    assert re.search(r" is .*; for this robot it is from -?[\d.]+ to [\d.]+", refused[0])
+    assert controller.reports[-1].mode is Mode.ACTIVE
+    assert board._trajectories["com"] is before
+    assert not board._wrenches
 
 
 def test_commands_to_an_inactive_controller_are_refused_in_words(bench, make):

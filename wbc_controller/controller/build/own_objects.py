@@ -36,11 +36,24 @@ def make_own(
     """Make the user's own objects, and check that each has the right class and a name that is not taken.
 
     Raises:
-        ConfigurationError: if an object has another class, or its name is already used; begins with the key.
+        ConfigurationError: if an object cannot be made, has another class, or its name is already used; begins with
+            the key.
     """
     made: list[_Made] = []
-    for make in makers:
-        one = make(model)
+    expected = f"{key} = {makers!r}: it must be a list of classes or functions, which are called with the robot's model"
+    try:
+        all_makers = tuple(makers)
+    except Exception as error:
+        raise ConfigurationError(expected) from error
+    if not all(map(callable, all_makers)):
+        raise ConfigurationError(expected)
+    for make in all_makers:
+        try:
+            one = make(model)
+        except ConfigurationError:
+            raise
+        except Exception as error:  # of the user
+            raise ConfigurationError(f"{key}: {make!r} raised {type(error).__name__}: {error}") from error
         if not isinstance(one, kind):
             raise ConfigurationError(
                 f"{key}: {make!r} made a {type(one).__name__}; it must make a {kind.__name__} when it is called with "
