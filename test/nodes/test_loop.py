@@ -309,7 +309,7 @@ ABSURD = {
     "setpoint": ("setpoint", "com", lambda make: make.point([0.0, 1e308, 0.3])),
     "setpoint in its own frame": ("setpoint", "com", lambda make: make.point([0.0, 50.0, 0.0], "com/reference")),
     "setpoint in a frame of the robot": ("setpoint", "com", lambda make: make.point([0.0, 50.0, 0.0], "FL_foot")),
-    "update": ("update", "", lambda make: make.string("{tasks: {com: {setpoint: [1e308, 0, 0.3]}}}")),
+    "update": ("update", "", lambda make: make.string("{tasks: {com: {setpoint: [1.0e+308, 0, 0.3]}}}")),
     "trajectory": (
         "trajectory", "com", lambda make: make.frame_trajectory([(0.5, [[1e200, 0, 0.3, 0, 0, 0, 1]])]),
     ),

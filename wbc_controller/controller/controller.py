@@ -25,7 +25,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetTrajectory,
     SetWeight,
 )
-from wbc_controller.inverse_dynamics.references.ranges import LONGEST, check_references
+from wbc_controller.inverse_dynamics.references.ranges import LONGEST, check_change, check_rates
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
@@ -156,7 +156,7 @@ class Controller(ControlCycle):
             for what, given in (("velocity", velocity), ("acceleration", acceleration))
         ]
         reference = Reference(frozen(values), *map(frozen, rates))
-        check_references(self.qp.tasks[task], [reference], self.qp.dynamics)
+        check_rates(self.qp.tasks[task], reference, self.model)
         self._command(SetSetpoint(task, values, 0.0))
         self._streamed[task] = reference
 
@@ -300,6 +300,7 @@ class Controller(ControlCycle):
 
     def _command(self, change: Change) -> None:
         """Have a change applied in the next cycle, as one that comes by topic."""
+        check_change(change, self.qp.tasks, self.model)
         self.board.check(change, self.qp.dynamics, self._now())
         self._commands.append(change)
         if isinstance(change, SetSetpoint | SetTrajectory):

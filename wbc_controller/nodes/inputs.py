@@ -23,6 +23,7 @@ from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
 from wbc_controller.estimation.contact_detection import ContactSensing
 from wbc_controller.estimation.joint_velocity import VelocityFilter
+from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import decoding
 from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
@@ -33,7 +34,7 @@ from wbc_controller.middleware.transports.transport import Stream, Transport
 from wbc_controller.nodes.clock import Clock
 from wbc_controller.nodes.contact_sensors import KEYS, ContactSensors
 from wbc_controller.nodes.requests import Requests, refusal
-from wbc_controller.records import Array, Fault, RobotState
+from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
 from wbc_controller.safety.checks import stale_inputs
 
 #: Largest message of a state, in bytes, by row of the topic table.
@@ -78,7 +79,7 @@ class Inputs:
 
     Args:
         clock: dates the messages at their arrival.
-        prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
+        prepare: validates a change before a cycle takes it; raises `ConfigurationError` or `InputRefused`.
         clock_tolerance: largest time by which a timestamp may be ahead of the clock, s; None if the clocks are not
             synchronized.
         estimator: estimates a floating base; None if its odometry is measured elsewhere.
@@ -93,7 +94,7 @@ class Inputs:
         endpoints: Iterable[Endpoint],
         transport: Transport,
         clock: Clock,
-        prepare: Callable[[Mapping[str, Any]], None] = lambda change: None,
+        prepare: Callable[[Change | ChangeSettings], None] = lambda change: None,
         *,
         clock_tolerance: float | None = None,
         estimator: BaseEstimator | None = None,

@@ -14,12 +14,11 @@ from wbc_controller.inverse_dynamics.references.changes import (
     Change,
     EnableContact,
     EnableTask,
-    SetExternalWrench,
     SetSetpoint,
     SetTrajectory,
     SetWeight,
 )
-from wbc_controller.inverse_dynamics.references.ranges import check_references, check_trajectory, check_wrench
+from wbc_controller.inverse_dynamics.references.ranges import PositionRange
 from wbc_controller.inverse_dynamics.references.relative import in_world
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory
 from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
@@ -110,6 +109,7 @@ class ReferenceBoard:
         # Goals of tasks that are off, to be followed when they are switched on.
         self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
         self._wrenches: dict[str, Array] = {}
+        self._ranges: dict[str, PositionRange] = {}  # by task, computed when they are first used
         self._changed()
 
     def _changed(self) -> None:
@@ -176,18 +176,18 @@ class ReferenceBoard:
         """Check a change; arguments as for `apply`.
 
         Raises:
-            InputRefused: if a trajectory is over, or a value is outside its range (`references.ranges`).
+            InputRefused: if a trajectory is over, or a setpoint or first point is outside its range.
         """
-        if isinstance(change, SetExternalWrench):
-            check_wrench(change.wrench, dynamics.model, f"the external wrench at {change.frame!r}")
-        elif isinstance(change, SetSetpoint):
-            task = self.plans[change.task].task
-            still = np.zeros(task.form.rate_size)
-            position = self._placed(change, dynamics, time).position
-            check_references(task, [Reference(position, still, still)], dynamics)
+        if isinstance(change, SetSetpoint):
+            self._range_of(change.task, dynamics).check(self._placed(change, dynamics, time).position, dynamics)
         elif isinstance(change, SetTrajectory):
             self._check_end(change, time)
-            check_trajectory(self.plans[change.task].task, change.points, dynamics)
+            self._range_of(change.task, dynamics).check(change.points[0].position, dynamics)
+
+    def _range_of(self, task: str, dynamics: Dynamics) -> PositionRange:
+        if task not in self._ranges:
+            self._ranges[task] = PositionRange.of(self.plans[task].task, dynamics.model)
+        return self._ranges[task]
 
     def _check_end(self, change: SetTrajectory, time: float) -> None:
         end = (time if change.start is None else change.start) + change.points[-1].time

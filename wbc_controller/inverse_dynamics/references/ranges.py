@@ -7,12 +7,14 @@ comes as near as its constraints permit.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from wbc_controller.arguments import shortened
 from wbc_controller.errors import InputRefused
+from wbc_controller.inverse_dynamics.references.changes import Change, SetExternalWrench, SetTrajectory
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -21,7 +23,8 @@ from wbc_controller.records import Array, Reference
 
 #: Longest duration of a setpoint or trajectory, s, and shortest time between two points.
 LONGEST, SHORTEST = 86_400.0, 1.0e-4
-#: Largest distance from the centre of mass, in robot sizes; of the target of a gaze.
+#: Largest distance from the centre of mass in robot sizes, also of the target of a gaze. A later point of a trajectory
+#: may be as far from the first one per second.
 _FAR, _FAR_GAZE = 10.0, 1.0e4
 #: Largest distance beyond a joint limit, and from 0 without limits, rad or m.
 _BEYOND, _TURNS = 2.0 * math.pi, 1.0e3
@@ -36,35 +39,63 @@ _UNKNOWN = 1.0e6
 _STANDARD_GRAVITY = 9.81
 
 
-def check_wrench(wrench: Array, model: RobotModel, what: str) -> None:
-    """Check an external wrench, (6,) in N and N·m.
+@dataclass(frozen=True, slots=True)
+class PositionRange:
+    """Range of the position vector of a task's references, with n components.
+
+    Attributes:
+        task: the task.
+        reach: largest distance of each component from the middle, (n,).
+        middle: middle of the range, (n,); None for the robot's centre of mass.
+    """
+
+    task: Task
+    reach: Array
+    middle: Array | None
+
+    @classmethod
+    def of(cls, task: Task, model: RobotModel) -> PositionRange:
+        """Return the range of a task's references."""
+        middle, reach = _middle_and_reach(task, model)
+        n = task.form.vector
+        return cls(task, np.broadcast_to(reach, n), None if middle is None else np.broadcast_to(middle, n))
+
+    def check(self, position: Array, dynamics: Dynamics) -> None:
+        """Check a position at the present state of the robot.
+
+        Raises:
+            InputRefused: if a value is outside the range.
+        """
+        n = len(self.reach)
+        middle = dynamics.com[:n] if self.middle is None else self.middle
+        _require_within(position[:n], middle, self.reach, f"{self.task.full_name}: a reference", self.task.unit)
+
+
+def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -> None:
+    """Check external wrenches and the points of trajectories, independently of the robot's state.
 
     Raises:
         InputRefused: if a value is outside its range.
     """
-    _require_within(wrench, 0.0, _largest_wrench(model), what, "N, N·m")
+    if isinstance(change, SetExternalWrench):
+        what = f"the external wrench at {change.frame!r}"
+        _require_within(change.wrench, np.zeros(6), _largest_wrench(model), what, "N, N·m")
+    elif isinstance(change, SetTrajectory):
+        _check_points(tasks[change.task], change.points, model)
 
 
-def check_references(task: Task, references: Sequence[Reference | Knot], dynamics: Dynamics) -> None:
-    """Check references of a task at the present state of the robot.
+def check_rates(task: Task, reference: Reference, model: RobotModel) -> None:
+    """Check velocity and acceleration of a reference.
 
     Raises:
         InputRefused: if a value is outside its range.
     """
+    _require_rates(task, model, reference.velocity, reference.acceleration)
+
+
+def _check_points(task: Task, points: Sequence[Knot], model: RobotModel) -> None:
+    """Check the points of a trajectory: times, positions from the first one, rates, and mean velocities between."""
     what, n = f"{task.full_name}: a reference", task.form.vector
-    middle, reach = _range_of(task, dynamics)
-    _require_within(np.array([each.position[:n] for each in references]), middle, reach, what, task.unit)
-    _require_rates(task, np.array([each.velocity for each in references]), reach, 1)
-    _require_rates(task, np.array([each.acceleration for each in references]), reach, 2)
-
-
-def check_trajectory(task: Task, points: Sequence[Knot], dynamics: Dynamics) -> None:
-    """Check the points of a trajectory, as `check_references`, and the mean velocities between them.
-
-    Raises:
-        InputRefused: if a value or a time is outside its range.
-    """
-    check_references(task, points, dynamics)
     times = np.array([point.time for point in points])
     gaps = np.diff(times)
     if not (times[0] >= 0.0 and times[-1] <= LONGEST and (gaps >= SHORTEST).all()):
@@ -72,24 +103,29 @@ def check_trajectory(task: Task, points: Sequence[Knot], dynamics: Dynamics) -> 
             f"{task.full_name}: the times of the trajectory are {shortened(times)} s; they rise from 0 by {SHORTEST:g} "
             f"s or more, to {LONGEST:g} s at most"
         )
-    vectors = np.array([point.position[: task.form.vector] for point in points])
-    _require_rates(task, np.diff(vectors, axis=0) / gaps[:, None], _range_of(task, dynamics)[1], 1)
+    vectors = np.array([point.position[:n] for point in points])
+    middle, reach = _middle_and_reach(task, model)
+    if middle is None:  # a robot that walks may go far in time
+        middle, reach = vectors[0], reach * (1.0 + times - times[0])[:, None]
+    _require_within(vectors, middle, reach, what, task.unit)
+    _require_rates(
+        task, model, np.array([point.velocity for point in points]), np.array([point.acceleration for point in points])
+    )
+    _require_rates(task, model, np.diff(vectors, axis=0) / gaps[:, None])
 
 
-def _require_rates(task: Task, rates: Array, reach: Array | float, order: int) -> None:
-    """Raise `InputRefused` if a velocity (order 1) or acceleration (order 2), (n, k), is outside its range."""
-    n = task.form.vector
+def _require_rates(task: Task, model: RobotModel, *rates: Array) -> None:
+    """Raise `InputRefused` if a velocity or acceleration, (n, k) or (k,) each, is outside its range."""
     largest = np.full(task.form.rate_size, _SPIN)
     if not (isinstance(task, PostureTask) or task.form.direction):
-        largest[:n] = reach / _QUICK
-    kind = ("velocity", "acceleration")[order - 1]
-    largest = largest[: rates.shape[1]] / _QUICK ** (order - 1)
-    _require_within(rates, 0.0, largest, f"{task.full_name}: a reference's {kind}", f"per s{'²' * (order - 1)}")
+        largest[: task.form.vector] = _middle_and_reach(task, model)[1] / _QUICK
+    for order, (name, values) in enumerate(zip(("velocity", "acceleration"), rates, strict=False)):
+        what, bound = f"{task.full_name}: a reference's {name}", largest[: values.shape[-1]] / _QUICK**order
+        _require_within(values, np.zeros(len(bound)), bound, what, f"per s{'²' * order}")
 
 
-def _range_of(task: Task, dynamics: Dynamics) -> tuple[Array | float, Array | float]:
-    """Return the middle of the range of a task's position vector, and the largest distance from it, (n,) or ()."""
-    model, n = dynamics.model, task.form.vector
+def _middle_and_reach(task: Task, model: RobotModel) -> tuple[Array | float | None, Array | float]:
+    """Return the middle of the range of a task's position vector, None for the centre of mass, and the reach."""
     far = _FAR * model.size
     if isinstance(task, PostureTask):
         indices = [model.joints.index(joint) for joint in task.joints]
@@ -100,7 +136,7 @@ def _range_of(task: Task, dynamics: Dynamics) -> tuple[Array | float, Array | fl
     if isinstance(task, TorqueTask):
         return 0.0, _STRONG * float(np.max(model.effort_limits, initial=1.0))
     if task.unit == "N, N·m":
-        return 0.0, _largest_wrench(model)[:n]
+        return 0.0, _largest_wrench(model)
     if task.unit == "kg·m/s":
         return 0.0, model.mass * far / _QUICK
     if task.unit == "N·m·s":
@@ -109,7 +145,7 @@ def _range_of(task: Task, dynamics: Dynamics) -> tuple[Array | float, Array | fl
         return 0.0, _UNKNOWN
     if isinstance(task, RelativePoseTask):
         return 0.0, far
-    return dynamics.com[:n], _FAR_GAZE * model.size if isinstance(task, GazeTask) else far
+    return None, _FAR_GAZE * model.size if isinstance(task, GazeTask) else far
 
 
 def _largest_wrench(model: RobotModel) -> Array:
@@ -122,9 +158,8 @@ def _require_within(values: Array, middle: Array | float, reach: Array | float, 
     good = np.abs(values - middle) <= reach
     if good.all():
         return
-    lower, upper = (np.broadcast_to(middle + sign * np.asarray(reach), good.shape) for sign in (-1.0, 1.0))
     place = tuple(np.argwhere(~good)[0])
+    value, centre, distance = (np.broadcast_to(each, good.shape)[place] for each in (values, middle, reach))
     raise InputRefused(
-        f"{what} is {np.broadcast_to(values, good.shape)[place]:.4g} {unit}; for this robot it is from "
-        f"{lower[place]:.4g} to {upper[place]:.4g}"
+        f"{what} is {value:.4g} {unit}; for this robot it is from {centre - distance:.4g} to {centre + distance:.4g}"
     )
