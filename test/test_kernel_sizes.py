@@ -15,6 +15,7 @@ from wbc_controller.estimation import invariant_filter_kernels as invariant_filt
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.records import Reference, RobotState
+from wbc_controller.safety import model_audit_kernels as audit
 
 N = 3
 
@@ -40,6 +41,11 @@ def corrected(points, places, *, squares=1):
     )
 
 
+def audit_memory(nv=4, na=2):
+    vectors = {"v": nv, "v_dot": nv, "tau": na, "momentum": 3, "force": 3, "velocity": nv, "impulse": 3, "totals": 3}
+    return audit.AuditMemory(S=of(na, nv), mass=1.0, **{name: of(size) for name, size in vectors.items()})
+
+
 #: A call with sizes that agree, and calls with others.
 CALLS = {
     "propagate": (
@@ -49,6 +55,18 @@ CALLS = {
         lambda point, places, squares: corrected([point], of(places, 3), squares=squares),
         (0, 1, 1),
         [(1, 1, 1), (-1, 1, 1), (0, 0, 1), (0, 1, 0)],
+    ),
+    "add_step": (
+        lambda step, v, com, force: audit.add_step(audit_memory(), of(step), of(v), of(com), of(force), 0.002, True),
+        (4, 4, 3, 4),
+        [(3, 4, 3, 4), (4, 3, 3, 4), (4, 4, 2, 4), (4, 4, 3, 5)],
+    ),
+    "keep_state": (
+        lambda v, com, nv, solved, sent: audit.keep_state(
+            audit_memory(), of(v), of(com), of(com, nv), of(com), of(v), of(solved), of(sent)
+        ),
+        (4, 3, 4, 2, 2),
+        [(3, 3, 4, 2, 2), (4, 2, 4, 2, 2), (4, 3, 5, 2, 2), (4, 3, 4, 1, 2), (4, 3, 4, 2, 3)],
     ),
 }  # fmt: skip
 

@@ -81,7 +81,7 @@ _PACKAGE = Path(__file__).resolve().parent
 _SCALARS = {float: types.float64, int: types.int64, bool: types.boolean}
 
 #: A function that kernels call. It is compiled as a part of them.
-part: Callable[[_Function], _Function] = numba.njit(error_model="numpy")
+part: Callable[[_Function], _Function] = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def compiled(function: _Function) -> _Function:
@@ -195,7 +195,9 @@ def _compile(function: Any, signature: list[Any]) -> Any:
     started, former, folder = time.monotonic(), numba.config.CACHE_DIR, _cache_folder()
     numba.config.CACHE_DIR = str(folder or "")
     try:
-        dispatcher = numba.njit(tuple(signature), cache=folder is not None, error_model="numpy")(function)
+        dispatcher = numba.njit(tuple(signature), cache=folder is not None, error_model="numpy", no_cfunc_wrapper=True)(
+            function
+        )
     finally:
         numba.config.CACHE_DIR = former
     if folder is None or sum(dispatcher.stats.cache_misses.values()):

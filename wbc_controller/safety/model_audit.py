@@ -11,13 +11,14 @@ the filter: a mean of residuals, for which energy and M are needed only there.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, AuditReport, JointCommand, RobotState, Solution, freeze, frozen
+from wbc_controller.safety.model_audit_kernels import AuditMemory, add_step, keep_state
 
 #: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
 _LARGEST_GAP = 3.5
@@ -38,27 +39,13 @@ class AuditLimits:
     period: float  # control period, s
 
 
-@dataclass(slots=True)
-class _Sums:
-    """Sums over a span of states."""
-
-    velocity: Array  # unexplained change of the velocity, Δv - v̇ Δt, (nv,)
-    impulse: Array = field(default_factory=lambda: np.zeros(3))  # unexplained impulse, Δ(m ċ) - m c̈ Δt, (3,) in N·s
-    predicted: float = 0.0  # time for which the motion was predicted, s
-    work: float = 0.0  # work of the torques and of known other forces, J
-    throughput: float = 0.0  # sum of its magnitudes, J
-
-
 @dataclass(frozen=True, slots=True)
 class _Previous:
-    """The state before, and what follows from it."""
+    """The state before; its motion and the torques are in the memory of the sums."""
 
     state: RobotState
-    command: JointCommand
     springs: Array | None  # generalized force of passive joints in it, (nv,); None without passive joints
-    momentum: Array  # m ċ in it, (3,) in N·s
     solution: Solution | None  # its solution; None if the torques sent are other ones: it predicts nothing
-    force: Array  # m c̈ of the solution, (3,) in N
     powers: list[float]  # powers of known external wrenches of the solution, W
 
 
@@ -69,24 +56,42 @@ class ModelAudit:
         """Make an audit."""
         self._model = model
         self._limits = limits
-        self._mass = model.mass
         self._gravity = model.mass * np.array(model.pinocchio.gravity.linear)  # N
         self._weight = model.mass * model.gravity
         self._span = _SPAN * limits.time_constant - 0.5 * limits.period  # the nearest number of periods
         self._largest_gap = _LARGEST_GAP * limits.period
         #: Joint components of a generalized force, (nj, nv).
         self._to_joints = np.column_stack([model.joint_forces(component) for component in np.eye(model.nv)])
+        nv, na = model.nv, model.na
+        self._memory = AuditMemory(
+            S=np.ascontiguousarray(model.actuation.S),
+            mass=model.mass,
+            v=np.zeros(nv),
+            v_dot=np.zeros(nv),
+            tau=np.zeros(na),
+            momentum=np.zeros(3),
+            force=np.zeros(3),
+            velocity=np.zeros(nv),
+            impulse=np.zeros(3),
+            totals=np.zeros(3),
+        )
+        self._no_force = np.zeros(nv)
         self._forget()
 
     def _forget(self) -> None:
         """Begin anew, with nothing to compare with."""
         self._before: _Previous | None = None
-        self._sums = _Sums(np.zeros(self._model.nv))
+        self._clear()
         self._lasted = self._stored = 0.0  # time of the span so far, s, and the energy at its start, J
         self._energy = self._throughput = 0.0
         self._force, self._torques = np.zeros(3), np.zeros(self._model.nv)  # filtered
         self._since: dict[str, float] = {}
         self._report: AuditReport | None = None
+
+    def _clear(self) -> None:
+        """Set the sums to zero."""
+        for sums in (self._memory.velocity, self._memory.impulse, self._memory.totals):
+            sums.fill(0.0)
 
     def look(
         self, state: RobotState, dynamics: Dynamics, solution: Solution | None, command: JointCommand | None
@@ -114,7 +119,7 @@ class ModelAudit:
             if gap > self._largest_gap:
                 self._forget()
                 gap, before = 0.0, None
-        self._before = self._follow(before, state, dynamics, solution, command, gap)
+        self._before = self._add(before, state, dynamics, solution, command, gap)
         if before is None:
             self._stored = self._mechanical_energy(dynamics)
             return None
@@ -127,7 +132,7 @@ class ModelAudit:
         """Return the energy T + V = ½ vᵀM v - m gᵀc, J."""
         return float(0.5 * dynamics.v @ dynamics.M @ dynamics.v - self._gravity @ dynamics.com)
 
-    def _follow(
+    def _add(
         self,
         before: _Previous | None,
         state: RobotState,
@@ -136,57 +141,53 @@ class ModelAudit:
         command: JointCommand,
         gap: float,
     ) -> _Previous:
-        """Add what happened since the state before, Δt = gap s ago, and return this state for the next one."""
-        predicts = np.array_equal(command.tau, solution.tau)
-        present = _Previous(
-            state=state,
-            command=command,
-            springs=None if self._model.passive is None else self._model.passive_force(state.q, state.v),
-            momentum=self._mass * dynamics.com_velocity,
-            solution=solution if predicts else None,
-            force=self._mass * (dynamics.com_jacobian @ solution.v_dot + dynamics.com_drift),
-            powers=_powers(solution, dynamics) if predicts and solution.external_wrenches else [],
-        )
-        if before is None:
-            return present
-        sums, predicted = self._sums, before.solution
-        self._add_work(before, present)
-        if predicted is not None:
-            # The work of constant torques is exact, that of constant wrenches to second order in the time.
-            last = _powers(predicted, dynamics) if before.powers else []
-            for work in (0.5 * gap * (start + end) for start, end in zip(before.powers, last, strict=True)):
-                sums.work += work
-                sums.throughput += abs(work)
-            sums.predicted += gap
-            sums.impulse += present.momentum - before.momentum - gap * before.force
-            sums.velocity += state.v - before.state.v - gap * predicted.v_dot
-        return present
+        """Add the step from the state before, Δt = gap s ago, and return this state for the next step."""
+        memory = self._memory
+        springs = None if self._model.passive is None else self._model.passive_force(state.q, state.v)
+        if before is not None:
+            step = self._model.difference(before.state.q, state.q)
+            other = self._other_force(before, springs)
+            add_step(memory, step, state.v, dynamics.com_velocity, other, gap, before.solution is not None)
+            if before.solution is not None and before.powers:
+                self._add_wrenches(before.powers, _powers(before.solution, dynamics), gap)
+        predicts = keep_state(
+            memory, state.v, dynamics.com_velocity, dynamics.com_jacobian, dynamics.com_drift,
+            solution.v_dot, solution.tau, command.tau,
+        )  # fmt: skip
+        powers = _powers(solution, dynamics) if predicts and solution.external_wrenches else []
+        return _Previous(state, springs, solution if predicts else None, powers)
 
-    def _add_work(self, before: _Previous, present: _Previous) -> None:
-        """Add the work (Sᵀτ + p)ᵀ Δq of the torques and of other known forces p; contact forces do no work."""
-        force = before.command.tau @ self._model.actuation.S
+    def _other_force(self, before: _Previous, springs: Array | None) -> Array:
+        """Return the known generalized force besides the torques in a step, (nv,): disturbance and springs."""
+        force = self._no_force
         if before.solution is not None and before.solution.disturbance is not None:
-            force = force + before.solution.disturbance.forces
-        if before.springs is not None and present.springs is not None:
-            force = force + 0.5 * (before.springs + present.springs)  # the mean of a spring's force is exact
-        work = force * self._model.difference(before.state.q, present.state.q)
-        self._sums.work += float(work.sum())
-        self._sums.throughput += float(np.abs(work).sum())
+            force = before.solution.disturbance.forces
+        if before.springs is not None and springs is not None:
+            force = force + 0.5 * (before.springs + springs)  # the mean of a spring's force is exact
+        return force
+
+    def _add_wrenches(self, before: list[float], after: list[float], gap: float) -> None:
+        """Add the work of known external wrenches from their powers in W: exact to second order in the time."""
+        for start, end in zip(before, after, strict=True):
+            work = 0.5 * gap * (start + end)
+            self._memory.totals[1] += work
+            self._memory.totals[2] += abs(work)
 
     def _look_back(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
         """Put a span through the filter, and begin the next one."""
         lasted, self._lasted = self._lasted, 0.0
-        sums, self._sums, limits = self._sums, _Sums(np.zeros(self._model.nv)), self._limits
+        sums, limits = self._memory, self._limits
+        duration, work, throughput = sums.totals.tolist()
         stored, self._stored = self._stored, self._mechanical_energy(dynamics)
         share = lasted / (limits.time_constant + lasted)
-        self._energy += share * ((self._stored - stored - sums.work) / lasted - self._energy)
-        self._throughput += share * (sums.throughput / lasted - self._throughput)
-        duration = sums.predicted
+        self._energy += share * ((self._stored - stored - work) / lasted - self._energy)
+        self._throughput += share * (throughput / lasted - self._throughput)
         if duration > 0.0:
             share = duration / (limits.time_constant + duration)
             if self._model.floating_base:  # the ground holds a fixed base
                 self._force += share * (sums.impulse / duration - self._force)
             self._torques += share * (dynamics.M @ sums.velocity / duration - self._torques)
+        self._clear()
         force, torques = frozen(self._force), freeze(self._to_joints @ self._torques)
         size, over = float(np.linalg.norm(force)), np.abs(torques) / limits.torques
         worst = int(over.argmax())

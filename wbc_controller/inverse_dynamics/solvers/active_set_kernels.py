@@ -118,7 +118,11 @@ def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> 
         first_soft: index of the first row of the cost.
         weights: w, (k,).
     """
-    K: Array = np.dot(B * inverse, B.T)
+    scaled = np.empty(B.shape)
+    for i in range(len(B)):
+        for j in range(B.shape[1]):
+            scaled[i, j] = B[i, j] * inverse[j]
+    K: Array = np.dot(scaled, B.T)
     for i in range(len(weights)):
         K[first_soft + i, first_soft + i] += 1.0 / weights[i]
     return K
@@ -189,8 +193,9 @@ def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> A
         first_soft: index of the first row of the cost.
         weights: w, (k,).
     """
-    out: Array = -np.dot(B, z)
-    out[first_soft:] -= p[first_soft:] / weights
+    out: Array = np.dot(B, z)
+    for i in range(len(out)):
+        out[i] = -out[i] if i < first_soft else -out[i] - p[i] / weights[i - first_soft]
     return out
 
 
@@ -290,7 +295,8 @@ def solve_condensed(
     for i in range(len(active)):
         reduce_bound(active[i], sides[0, active[i]], constraints, end, base_map, B[top + i])
     reduce_rows(cost.rows[:soft], base_map, B[hard:])
-    inverse, z = np.zeros(width), np.full(width, -1.0)
+    inverse, z = np.zeros(width), np.empty(width)
+    z[last] = -1.0
     for j in range(last):
         inverse[j], z[j] = 1.0 / cost.diagonal[base + j], cost.target[base + j]
     # Factorize.
@@ -301,21 +307,24 @@ def solve_condensed(
         return NOTHING_FREE, 0.0, 0.0, 0.0
     # Solve, with up to two steps of iterative refinement: D⁻¹ magnifies the rounding of z, so z is moved on.
     p = np.zeros(len(B))
-    beta: Array = -np.dot(B, z)
-    left = beta
+    left = beta = residual(B, z, p, hard, weights)
     for _ in range(3):
         correction = left.copy()
         solve_factorized(K, pivots, correction)
-        p += correction
+        for i in range(len(p)):
+            p[i] += correction[i]
         if not dot(p, p) <= LARGEST * LARGEST:
             return NOT_FOUND, 0.0, 0.0, 0.0
-        z += inverse * np.dot(correction, B)
+        step = np.dot(correction, B)
+        for j in range(last):  # not the last one, -1
+            z[j] += inverse[j] * step[j]
         left = residual(B, z, p, hard, weights)
         if largest_of(left) <= PRECISE:
             break
     # Check.
     lost = largest_of(left[own:top])  # of the rows that higher levels keep
-    value[:base] = -np.dot(base_map, z)
+    for i in range(base):
+        value[i] = -dot(base_map[i], z)
     for j in range(last):
         value[base + j] = z[j]
     least, largest = residuals(constraints, value, room, equalities, outputs)
