@@ -305,6 +305,52 @@ def test_an_exception_while_starting_becomes_a_fault_too(bench, monkeypatch, cap
     assert "Traceback" in caplog.text
 
 
+def zeros_on_joint_states(controller):
+    nothing = np.zeros(controller.model.nj)
+    controller.joints(position=nothing, velocity=nothing)
+
+
+def odometry_that_spins(controller):
+    controller.base(twist=[0.0, 0.0, 0.0, 627.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("sample", "key"), [(zeros_on_joint_states, "joint_states"), (odometry_that_spins, "odom")])
+def test_single_implausible_samples_are_rejected_and_counted_and_a_sequence_damps(bench, sample, key):
+    controller = bench().activated(600)
+    torques = controller.reports[-1].command.tau
+    for _ in range(3):
+        for _ in range(2):
+            controller.give_state(joints=key != "joint_states", base=key != "odom")
+            sample(controller)
+            report = controller.loop.cycle()
+            (sentence,) = report.refused
+            assert sentence.startswith(f"/{key}: ")
+            assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+            np.testing.assert_allclose(report.command.tau, torques, atol=0.5)
+        controller.cycle(20)
+    controller.cycle(300)
+    assert {each.key: each.value for each in last_status(controller).values}[f"rejected/{key}"] == "6"
+    for _ in range(3):
+        controller.give_state(joints=key != "joint_states", base=key != "odom")
+        sample(controller)
+        report = controller.loop.cycle()
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "IMPLAUSIBLE_STATE")
+    assert report.fault.sentence.startswith(f"/{key}: 3 messages in a row are out of reach: ")
+
+
+def test_the_reason_names_several_publishers_of_the_topic(bench):
+    controller = bench().activated(20)
+    second = MemoryTransport(controller.bus, "gui")
+    for topic in controller.topics:
+        if topic.key == "joint_states":
+            second.advertise(counterpart(topic))
+    controller.cycle(200)  # the graph is read four times a second
+    controller.give_state(joints=False)
+    zeros_on_joint_states(controller)
+    (sentence,) = controller.loop.cycle().refused
+    assert re.search(r"jumps by .*; /joint_states has several publishers: .*/gui", sentence)
+
+
 ABSURD = {
     "setpoint": ("setpoint", "com", lambda make: make.point([0.0, 1e308, 0.3])),
     "setpoint in its own frame": ("setpoint", "com", lambda make: make.point([0.0, 50.0, 0.0], "com/reference")),

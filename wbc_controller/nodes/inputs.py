@@ -36,6 +36,8 @@ from wbc_controller.nodes.contact_sensors import KEYS, ContactSensors
 from wbc_controller.nodes.requests import Requests, refusal
 from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
 from wbc_controller.safety.checks import stale_inputs
+from wbc_controller.safety.plausibility import PlausibilityLimits
+from wbc_controller.safety.sample_plausibility import SampleCheck
 
 #: Largest message of a state, in bytes, by row of the topic table.
 _LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, **dict.fromkeys(KEYS, 1 << 14)}
@@ -71,6 +73,7 @@ class _Source:
 
     reader: StateReader
     stamps: StampTracker
+    check: SampleCheck | None = None  # rejects samples that the robot cannot reach
     newest: Any = None
 
 
@@ -85,6 +88,10 @@ class Inputs:
         estimator: estimates a floating base; None if its odometry is measured elsewhere.
         sensing: the sensors at the contacts that the estimate uses; None to read none.
         velocity_filter: computes joint velocities from positions; None if they are measured.
+        plausibility: limits of plausible joint states and odometry; None to accept any.
+
+    Attributes:
+        shared: node names of the publishers of an input with several, by the topic's name, for sentences.
     """
 
     def __init__(
@@ -100,6 +107,7 @@ class Inputs:
         estimator: BaseEstimator | None = None,
         sensing: ContactSensing | None = None,
         velocity_filter: VelocityFilter | None = None,
+        plausibility: PlausibilityLimits | None = None,
     ) -> None:
         self._model = model
         self._clock = clock
@@ -116,11 +124,16 @@ class Inputs:
         self.holding: Collection[str] = ()
         self._refusals: dict[str, str] = {}  # newest reason of each topic whose newest message was refused
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
-        self._sources = {"joint_states": _Source(JointStateReader(model.joints, *columns), self._tracker())}
+        joints = _Source(JointStateReader(model.joints, *columns), self._tracker())
+        self._sources = {"joint_states": joints}
+        self.shared: Callable[[], Mapping[str, str]] = dict
+        if plausibility is not None:
+            joints.check = SampleCheck.of_joints(model, plausibility, measured=velocity_filter is None)
         if estimator is not None:
             self._sources["imu"] = _Source(ImuReader(estimator.imu_frame), self._tracker())
         elif model.floating_base:
-            self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker())
+            base_check = SampleCheck.of_base(plausibility) if plausibility is not None else None
+            self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker(), base_check)
         self._parts = dict(self._sources)  # without one of them there is no state
         if estimator is not None and estimator.takes_poses:
             self._sources["pose"] = _Source(PoseReader(), self._tracker())
@@ -183,6 +196,8 @@ class Inputs:
         """Accept the next timestamps as those of a new time: the clock has started again."""
         for source in self._sources.values():
             source.stamps = self._tracker()
+            if source.check is not None:
+                source.check.restart()
         if self._velocity_filter is not None:
             self._velocity_filter.restart()
         self.restart_estimate()
@@ -245,11 +260,15 @@ class Inputs:
                 return
             source = self._sources[key]
             newest = source.reader.read(payload)
-            reason = source.stamps.judge(newest.stamp, arrival)
-            if reason is not None:
+            check = source.check
+            reason = check.look(*_sample(newest)) if check is not None else ""
+            reason = reason or source.stamps.judge(newest.stamp, arrival) or ""
+            if reason:
                 raise InputRefused(reason)
+            if check is not None:
+                check.accept(*_sample(newest))
         except Exception as error:
-            self._refusals[key] = refusal(endpoint, error)
+            self._refusals[key] = refusal(endpoint, error) + self._publishers_note(endpoint.name)
             refused.append(f"{endpoint.name}: {self._refusals[key]}")
             return
         self._refusals.pop(key, None)
@@ -260,6 +279,11 @@ class Inputs:
             self._imu.append(ImuSample(1.0e-9 * newest.stamp, newest.angular_velocity, newest.specific_force))
         elif key == "pose":
             self._poses.append(PoseSample(1.0e-9 * newest.stamp, newest.pose, newest.covariance))
+
+    def _publishers_note(self, topic: str) -> str:
+        """Return a note if a topic has several publishers; otherwise an empty text."""
+        names = self.shared().get(topic)
+        return f"; {topic} has several publishers: {names}" if names else ""
 
     def _newest_base(self) -> tuple[()] | tuple[Array, Array] | None:
         """Return pose, (7,), and twist, (6,), of a floating base, nothing for a fixed base; None if not known yet."""
@@ -314,6 +338,12 @@ class Inputs:
             ages: age of each part of the state, s.
             timeout: largest allowed age, s.
         """
+        for queue in self._queues.values():
+            source = self._sources.get(queue.endpoint.key)
+            if source is not None and source.check is not None and source.check.in_row:
+                found = source.check.fault(queue.endpoint.name)
+                if found is not None:
+                    return Fault(found.code, found.sentence + self._publishers_note(queue.endpoint.name))
         stale = stale_inputs(ages, timeout, self.notes)
         if stale is None or self.estimator is None or not self.estimator.lost:
             return stale
@@ -326,12 +356,17 @@ class Inputs:
         return 0 if newest is None else int(newest.stamp)
 
     def status(self) -> dict[str, str]:
-        """Return diagnostics of the computed joint velocities, by key; empty if they are measured."""
+        """Return diagnostics: the number of rejected samples by topic, and the delay of computed joint velocities."""
+        values = {
+            f"rejected/{key}": str(source.check.rejected)
+            for key, source in self._sources.items()
+            if source.check is not None and source.check.rejected
+        }
         made = self._velocity_filter
-        if made is None:
-            return {}
-        late = f"{made.delay:.4f} s late" if math.isfinite(made.delay) else "not known yet"
-        return {"joint_velocity": f"differentiated, {late}"}
+        if made is not None:
+            late = f"{made.delay:.4f} s late" if math.isfinite(made.delay) else "not known yet"
+            values["joint_velocity"] = f"differentiated, {late}"
+        return values
 
     def notes(self) -> dict[str, str]:
         """Return explanations of the ages, by part of the state: a refusal, or the time of a message on its way."""
@@ -359,6 +394,13 @@ class Inputs:
         if "pose" in self._refusals:
             notes["pose/last refusal"] = self._refusals["pose"]
         return notes | (self.estimator.poses.values if self.estimator.poses is not None else {})
+
+
+def _sample(message: Any) -> tuple[int, Array, Array]:
+    """Return timestamp, position and velocity of joint states or odometry."""
+    if isinstance(message, JointStates):
+        return message.stamp, message.position, message.velocity
+    return message.stamp, message.pose, message.twist
 
 
 def _open(endpoint: Endpoint, transport: Transport) -> _Queue:

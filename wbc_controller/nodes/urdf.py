@@ -69,5 +69,18 @@ def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[
     while not arrived.wait(5.0 if not stop.is_set() else 0.0):
         if stop.is_set():
             return ""
-        _log.warning("robot.urdf is empty: still waiting for the URDF on %s", endpoint.name)
+        _log.warning(
+            "robot.urdf is empty: still waiting for the URDF on %s; %s", endpoint.name, _cause(transport, endpoint)
+        )
     return found
+
+
+def _cause(transport: Transport, endpoint: Endpoint) -> str:
+    """Return the probable reason why no message of a latched topic has arrived."""
+    names = transport.publishers(endpoint)
+    if not names:
+        return "it has no publisher"
+    return (
+        f"{', '.join(names)} publishes it, but nothing arrives: the publisher has to be latched (durability transient "
+        "local), not volatile"
+    )

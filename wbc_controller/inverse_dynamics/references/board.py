@@ -127,6 +127,7 @@ class ReferenceBoard:
             weight = plan.weight if plan.enabled else 0.0
             self._weight_ramps[name] = SoftRamp(time, 0.0, weight, weight)
             self._trajectories[name] = _stay(rest_of(plan.task, dynamics), time)
+            self._range_of(name, dynamics)
         for name, contact in self.contact_plans.items():
             self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
             self._anchor(name, dynamics)
