@@ -261,12 +261,12 @@ class Inputs:
             source = self._sources[key]
             newest = source.reader.read(payload)
             check = source.check
-            reason = check.look(*_sample(newest)) if check is not None else ""
+            reason = check.look(*newest[:3]) if check is not None else ""
             reason = reason or source.stamps.judge(newest.stamp, arrival) or ""
             if reason:
                 raise InputRefused(reason)
             if check is not None:
-                check.accept(*_sample(newest))
+                check.accept()
         except Exception as error:
             self._refusals[key] = refusal(endpoint, error) + self._publishers_note(endpoint.name)
             refused.append(f"{endpoint.name}: {self._refusals[key]}")
@@ -394,13 +394,6 @@ class Inputs:
         if "pose" in self._refusals:
             notes["pose/last refusal"] = self._refusals["pose"]
         return notes | (self.estimator.poses.values if self.estimator.poses is not None else {})
-
-
-def _sample(message: Any) -> tuple[int, Array, Array]:
-    """Return timestamp, position and velocity of joint states or odometry."""
-    if isinstance(message, JointStates):
-        return message.stamp, message.position, message.velocity
-    return message.stamp, message.pose, message.twist
 
 
 def _open(endpoint: Endpoint, transport: Transport) -> _Queue:

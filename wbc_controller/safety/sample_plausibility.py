@@ -44,6 +44,7 @@ class SampleCheck:
         self.reason = ""
         self._names, self._keys, self._memory = names, keys, memory
         self._stamp = 0
+        self._looked = 0, memory.position, memory.velocity  # the newest sample
 
     @classmethod
     def of_joints(cls, model: RobotModel, limits: PlausibilityLimits, *, measured: bool) -> SampleCheck:
@@ -69,6 +70,7 @@ class SampleCheck:
             position: joint positions, (nj,), or the base's pose, (7,).
             velocity: joint velocities, (nj,), empty if they are not measured, or the base's twist, (6,).
         """
+        self._looked = stamp, position, velocity
         elapsed = 1.0e-9 * (stamp - self._stamp) if self._stamp else math.nan
         found = compare_sample(self._memory, position, velocity, elapsed)
         if found < 0:
@@ -78,9 +80,10 @@ class SampleCheck:
         self.reason = self._sentence(*divmod(found, 1000), position, velocity, elapsed)
         return self.reason
 
-    def accept(self, stamp: int, position: Array, velocity: Array) -> None:
-        """Compare the next samples with this one."""
-        self._stamp, self.in_row = stamp, 0
+    def accept(self) -> None:
+        """Compare the next samples with the newest one."""
+        self._stamp, position, velocity = self._looked
+        self.in_row = 0
         self._memory.position[:] = position
         if self._memory.measured:
             self._memory.velocity[:] = velocity
