@@ -338,6 +338,18 @@ def test_single_implausible_samples_are_rejected_and_counted_and_a_sequence_damp
     assert report.fault.sentence.startswith(f"/{key}: 3 messages in a row are out of reach: ")
 
 
+@pytest.mark.parametrize("velocity", [1e160, 1e200])
+def test_velocities_whose_squares_overflow_reach_no_method_of_a_task(bench, caplog, velocity):
+    spin = {"type": "angular_momentum", "weight": 1e-3, "damping": 10.0}
+    controller = bench("g1", {"tasks": {"spin": spin}}).activated(20)
+    for _ in range(3):
+        controller.give_state(base=False)
+        controller.base(twist=[0.0, 0.0, 0.0, velocity, 0.0, 0.0])
+        report = controller.loop.cycle()
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "IMPLAUSIBLE_STATE")
+    assert "the controller failed" not in caplog.text
+
+
 def test_the_reason_names_several_publishers_of_the_topic(bench):
     controller = bench().activated(20)
     second = MemoryTransport(controller.bus, "gui")
