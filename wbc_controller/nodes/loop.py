@@ -71,6 +71,7 @@ class ControlLoop:
         self._outputs = outputs
         self._audit, self._bring_up = audit, bring_up
         self._ownership = ownership
+        inputs.shared = lambda: ownership.shared
         self._clock = clock
         self._timer = timer
         self._cycle = 0
