@@ -22,6 +22,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetSetpoint,
     SetTrajectory,
     SetWeight,
+    Walk,
 )
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.tasks import Task
@@ -73,6 +74,8 @@ class Controller(ControlCycle):
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, self._time)
         self.model_error.restart()
+        if self.walker is not None:
+            self.walker.reset()
         self.supervisor.request("activate", self._time, None)
 
     def stance(self) -> Array:
@@ -234,6 +237,23 @@ class Controller(ControlCycle):
         except ConfigurationError as error:
             raise InputRefused(str(error)) from error
         self._command(SetExternalWrench(frame, frozen(_finite(wrench, 6, f"the wrench at {frame!r}"))))
+
+    def walk(self, forward: float = 0.0, sideways: float = 0.0, turning: float = 0.0) -> None:
+        """Walk at a velocity until `stand`: in the robot's heading, m/s, and about the vertical, rad/s; 0 is in place.
+
+        The velocity is limited to the speeds of the section ``walking``, and reached at a limited acceleration.
+
+        Raises:
+            InputRefused: if a value is not finite, or the configuration has no section ``walking``.
+        """
+        velocity = finite([forward, sideways, turning], "the walking velocity")
+        if self.walker is None:
+            raise InputRefused(f"{self.model.name} does not walk: its configuration has no section 'walking'")
+        self._command(Walk(frozen(velocity)))
+
+    def stand(self) -> None:
+        """Stop walking: step until the feet are side by side, then stand."""
+        self._command(Walk(None))
 
     def update(self, changes: Mapping[str, Any]) -> None:
         """Change live settings (docs/configuration.md) by dotted key, such as ``{"tasks.com.stiffness": 200.0}``.
