@@ -40,7 +40,7 @@ TESTS = {
     "joint velocities that damping uses":
         "safety/test_plausibility.py::test_a_velocity_that_no_joint_has_is_not_damped_and_the_others_are",
     "damping in discrete time":
-        "safety/test_plausibility.py::test_damping_changes_no_velocity_s_sign_whatever_is_configured",
+        "safety/test_damping.py::test_damping_is_stable_in_all_postures_with_one_more_period_of_delay",
     "other nodes that publish torques":
         "nodes/test_loop.py::test_while_another_node_publishes_torques_activation_is_refused",
 }  # fmt: skip

@@ -15,7 +15,7 @@ EFFORT = np.array([100.0, 20.0, 5.0])
 PERIOD = 0.002
 PATIENCE = 0.01
 LIMITS = GuardLimits(
-    patience=PATIENCE, period=PERIOD, triggered=True, state_timeout=0.05, damping=2.0, damping_time=0.5,
+    patience=PATIENCE, period=PERIOD, triggered=True, state_timeout=0.05, damping=2.0 * np.eye(3), damping_time=0.5,
     damping_torque=0.2 * EFFORT, torque_rate=0.2 * EFFORT / PERIOD, effort=EFFORT,
 )  # fmt: skip
 HOLDING = np.array([60.0, -10.0, 2.0])

@@ -1,6 +1,8 @@
 """State that a controller keeps between cycles: saved in recordings, and restored for replay.
 
-A class lists the attributes that outlive a cycle in ``STATE_FIELDS``; values with such a list are saved likewise.
+A class lists the attributes that outlive a cycle in ``STATE_FIELDS``; values with such a list are saved likewise. An
+array is either read-only in all cycles, and replaced, or writable in all cycles, and then no other attribute refers to
+it: compiled code may be bound to it, and it is restored in place.
 """
 
 from __future__ import annotations

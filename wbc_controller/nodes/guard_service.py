@@ -1,7 +1,8 @@
 """The guard as a node: `safety.guard.Guard` on the topics of `middleware.topics.GUARD_TOPICS`, over any transport.
 
 It runs in a process of its own, so that it survives the death of the controller. It imports neither Pinocchio nor a
-solver: it starts in half the time, takes a third of the memory, and has less that can go wrong.
+solver: it takes a third of the memory, and has less that can go wrong. Another process, which ends before the guard
+begins, computes its damping from the robot's model.
 """
 
 from __future__ import annotations
@@ -9,9 +10,11 @@ from __future__ import annotations
 import gc
 import logging
 import math
+import multiprocessing
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -57,12 +60,14 @@ class GuardService:
         self,
         settings: Settings,
         robot: Description,
+        damping: Array,
         topics: Sequence[Endpoint],
         transport: Transport,
         clock: Clock,
         namespace: str = "/",
     ) -> None:
-        self.guard = Guard(guard_limits(settings, robot.effort_limits))
+        """Subscribe to the topics; the damping is `make_guard_damping`'s, (na, nj)."""
+        self.guard = Guard(guard_limits(settings, robot.effort_limits, damping))
         self._clock = clock
         self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
         joints = settings.robot.joints
@@ -155,7 +160,7 @@ class GuardService:
             except InputRefused as refusal:
                 self._refuse("joint_states", refusal)
             else:
-                self._velocity_at, self._velocity = newest[0], self._drive.from_joints(velocity)
+                self._velocity_at, self._velocity = newest[0], velocity
                 with self._lock:
                     self._refused.pop("joint_states", None)
         velocity_or_none = self._velocity if len(self._velocity) else None
@@ -236,20 +241,28 @@ class GuardService:
                 self._publish["effort"](encode(torques(np.zeros(self._drive.command_size))))
 
 
-def guard_limits(settings: Settings, effort: Array) -> GuardLimits:
-    """Derive the guard's limits from the settings and the effort limit of each actuator, (na,) in N·m."""
+def guard_limits(settings: Settings, effort: Array, damping: Array) -> GuardLimits:
+    """Derive the guard's limits from the settings, the effort limits, (na,) in N·m, and the damping, (na, nj)."""
     guard, period = settings.guard, 1.0 / settings.control.rate
     return GuardLimits(
         patience=guard.patience,
         period=period,
         triggered=settings.control.trigger == "joint_states",
         state_timeout=settings.safety.state_timeout,
-        damping=guard.damping,
+        damping=damping,
         damping_time=guard.damping_time,
         damping_torque=guard.torque * effort,
         torque_rate=settings.limits.torque_rate * effort,
         effort=effort,
     )
+
+
+def _damping(settings: Settings, urdf: str) -> Array:
+    """Compute the damping, in a process that loads Pinocchio for it."""
+    from wbc_controller.controller.build.guard import make_guard_damping
+    from wbc_controller.controller.build.robot import make_model
+
+    return make_guard_damping(settings, make_model(settings, urdf))
 
 
 def run_guard(
@@ -271,4 +284,6 @@ def run_guard(
     if stop.is_set():
         return
     description = describe(urdf, settings.robot)
-    GuardService(settings, description, topics, transport, MonotonicClock(), namespace).run(stop)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as other_process:
+        damping = other_process.submit(_damping, settings, urdf).result()
+    GuardService(settings, description, damping, topics, transport, MonotonicClock(), namespace).run(stop)

@@ -1,54 +1,140 @@
-"""How much a joint can be damped by a controller in discrete time."""
+"""The largest joint damping that a sampled controller can apply in every posture of the robot."""
+
+import math
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import null_space
+from scipy.linalg import eigh, null_space
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.robot.transmission import Drive
 from wbc_controller.records import Array
 
-_HALVINGS = 30
+#: Largest T λ. A sampled loop is stable below 2, and with one more period of delay below 1.
+_LARGEST_RATE = 0.9
+#: Share by which a search may exceed it without a reduction: searches end near a maximum, and not at it.
+_TOLERANCE = 0.02
+#: Searches in a row without a reduction, and their number if no rate comes near the largest one.
+_SEARCHES, _FEW_SEARCHES = 6, 2
+#: Steps of a search, and the number of eigenvectors that its direction is made of.
+_STEPS, _MOTIONS = 20, 6
+#: Exponent p of the norm (Σ λᵢᵖ)^(1/p), the smooth maximum of a search: all limbs move at once.
+_EXPONENT = 8
+
+
+class _Search:
+    """Rates T λ at which damping changes the joint velocities, as a function of the posture.
+
+    With torques -D v, held for one period T, the joint velocities go to (I - T W D) v, where W is the block of the
+    joints in the inverse of M with a free base: contacts only add inertia. T λ are the eigenvalues of T D^½ W D^½. If
+    actuators drive several joints, P W P replaces W, where P projects on the motions that actuators can damp.
+    """
+
+    def __init__(self, model: RobotModel, period: float) -> None:
+        self._model, self._period = model, period
+        self._data = model.pinocchio.createData()
+        coupling = model.actuation.C
+        self._free = null_space(coupling) if len(coupling) else np.eye(model.nv)  # motions of joints and followers
+        self._seen = damped_motions(model.actuation)
+        lower = np.minimum(np.maximum(model.position_lower, -math.pi), model.posture)
+        upper = np.maximum(np.minimum(model.position_upper, math.pi), model.posture)
+        self.range = lower, upper
+
+    def rates(self, D: Array, posture: Array) -> tuple[Array, Array]:
+        """Rising rates T λ at a posture, (nj,), and the motions D^½ v, (nj, nj) by columns."""
+        return self._eigen(D, self._mobility(posture)[1])
+
+    def fastest(self, D: Array, start: Array) -> Array:
+        """Posture within the limits at which the rates are largest, found from another one.
+
+        Each joint has its own step, which depends on the sign of the gradient alone (Riedmiller, Braun, "A direct
+        adaptive method for faster backpropagation learning: the RPROP algorithm", ICNN 1993).
+        """
+        lower, upper = self.range
+        posture, found, largest = start, start, -math.inf
+        step, before = 0.1 * (upper - lower), np.zeros(len(start))
+        for _ in range(_STEPS):
+            norm, gradient = self._norm(D, posture)
+            if norm > largest:
+                largest, found = norm, posture
+            step = step * np.where(gradient * before < 0.0, 0.5, 1.2)
+            posture, before = np.clip(posture + np.sign(gradient) * step, lower, upper), gradient
+        return found
+
+    def _norm(self, D: Array, posture: Array) -> tuple[float, Array]:
+        """(Σ λᵢᵖ)^(1/p), with its gradient, (nj,): dλ = -xᵀ dM x with x = M⁻¹ D^½ u, and ∂(xᵀMx)/∂q = 2 Cᵀ(q, x) x."""
+        model = self._model
+        q, inverse = self._mobility(posture)
+        rates, motions = self._eigen(D, inverse)
+        norm = float(np.sum(np.maximum(rates, 0.0) ** _EXPONENT) ** (1.0 / _EXPONENT))
+        gradient = np.zeros(model.nv)
+        if norm > 0.0:
+            velocities = inverse[:, model.v_index] @ self._seen @ (np.sqrt(self._period * D)[:, None] * motions)
+            for rate, x in zip(rates[-_MOTIONS:], velocities.T[-_MOTIONS:], strict=True):
+                C = pin.computeCoriolisMatrix(model.pinocchio, self._data, q, np.ascontiguousarray(x))
+                gradient -= 2.0 * (max(rate, 0.0) / norm) ** (_EXPONENT - 1) * (C.T @ x)
+        return norm, model.joint_forces(gradient)
+
+    def _eigen(self, D: Array, inverse: Array) -> tuple[Array, Array]:
+        root = np.sqrt(self._period * D)
+        joints = self._model.v_index
+        W = self._seen @ inverse[np.ix_(joints, joints)] @ self._seen
+        # This routine, unlike NumPy's, does not start threads for small matrices.
+        rates, motions = eigh(root[:, None] * W * root, driver="evr")
+        return rates, motions
+
+    def _mobility(self, posture: Array) -> tuple[Array, Array]:
+        """Configuration and inverse of M, (nv, nv), in which followers follow."""
+        model = self._model
+        q = model.configuration(posture)
+        M = np.triu(pin.crba(model.pinocchio, self._data, q))
+        M += np.triu(M, 1).T
+        if model.actuation.rotors is not None:
+            M += model.actuation.rotors
+        G = self._free
+        return q, np.asarray(G @ np.linalg.solve(G.T @ M @ G, G.T))
 
 
 def stable_damping(model: RobotModel, damping: float, period: float) -> Array:
-    """Damping of each joint, (nj,) in N·m·s/rad: the wanted one, or the most with which no motion changes its sign.
+    """Compute the damping D of each joint, (nj,): the wanted one, or less if a posture makes it unstable.
 
-    With torques -D v that act for one period T the joint velocities go to (I - T W D) v, where W is the block of the
-    joints in the inverse of M. No motion changes its sign where the eigenvalues of T D^½ W D^½ are at most 1; beyond 2
-    damping drives the robot. Joints with little inertia are reduced first: Dᵢ = min(damping, β / (T Wᵢᵢ)) with the
-    largest β that holds this. M is that of the nominal posture with the base free: contacts only add inertia, and the
-    factor of 2 is left for other postures.
+    Postures within the joint limits are searched for the largest rate T λ (see `_Search`), beginning with the nominal
+    posture and with random ones. A posture with a larger rate than 0.9 reduces D, until none is found any more. D
+    stays stable if the base is free, in contact, or heavier than the model.
 
     Args:
-        period: T, s.
+        damping: wanted damping, N·m·s/rad.
+        period: T, s: time between two commands, plus the known delay of the velocities.
     """
-    W = _mobility(model)
-    most = 1.0 / (period * np.diag(W))
-
-    def shaped(share: float) -> Array:
-        return np.asarray(np.minimum(damping, share * most))
-
-    def steady(D: Array) -> bool:
-        root = np.sqrt(D)
-        return bool(period * np.linalg.eigvalsh(root[:, None] * W * root)[-1] <= 1.0)
-
-    low, high = 0.0, 1.0  # at 1 a joint by itself would come to rest within a period
-    if steady(shaped(high)):
-        return shaped(high)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if steady(shaped(middle)) else (low, middle)
-    return shaped(low)
+    search = _Search(model, period)
+    lower, upper = search.range
+    random = np.random.default_rng(0)
+    D = _reduced(search, np.full(model.nj, damping), model.posture)
+    calm, largest = 0, 0.0
+    while calm < (_SEARCHES if largest > 0.5 * _LARGEST_RATE else _FEW_SEARCHES):
+        posture = search.fastest(D, random.uniform(lower, upper))
+        rate = float(search.rates(D, posture)[0][-1])
+        largest, calm = max(largest, rate), calm + 1
+        if rate > (1.0 + _TOLERANCE) * _LARGEST_RATE:
+            D, calm = _reduced(search, D, posture), 0
+    return D
 
 
-def _mobility(model: RobotModel) -> Array:
-    """Block of the joints in the inverse of M at the nominal posture, (nj, nj); joints that follow others do so."""
-    M = np.array(pin.crba(model.pinocchio, model.pinocchio.createData(), model.configuration(model.posture)))
-    M = np.triu(M) + np.triu(M, 1).T
-    if model.actuation.rotors is not None:
-        M = M + model.actuation.rotors
-    coupling = model.actuation.C
-    G = null_space(coupling) if len(coupling) else np.eye(model.nv)
-    inverse = G @ np.linalg.solve(G.T @ M @ G, G.T)
-    block = inverse[np.ix_(model.v_index, model.v_index)]
-    return np.asarray(0.5 * (block + block.T))
+def _reduced(search: _Search, D: Array, posture: Array) -> Array:
+    """Reduce D until no rate at a posture exceeds the largest, each joint by its share in the fastest motion."""
+    while True:
+        rates, motions = search.rates(D, posture)
+        if rates[-1] <= _LARGEST_RATE:
+            return D
+        share = motions[:, -1] ** 2
+        D = D * (0.98 * _LARGEST_RATE / rates[-1]) ** (share / share.max())
+
+
+def damped_motions(drive: Drive) -> Array:
+    """Projection P of joint velocities on those that actuators can damp, (nj, nj): the identity if each has a motor."""
+    return np.asarray(drive.ratios.T @ drive.from_joints(np.eye(drive.ratios.shape[1])))
+
+
+def damping_matrix(drive: Drive, D: Array) -> Array:
+    """Matrix K, (na, nj), of the torques -K v that damp joint velocities v: their power -vᵀPDPv is never positive."""
+    return drive.from_joints(D[:, None] * damped_motions(drive))

@@ -44,7 +44,7 @@ class GuardLimits:
     # largest age of joint velocities used for damping, s; also the time after which a triggered controller sends a
     # command without a new joint state
     state_timeout: float
-    damping: float  # joint damping, N·m·s/rad
+    damping: Array  # K of the damping torques -K v, (na, nj): v are the joint velocities
     damping_time: float  # time of damping before the torques are zero, s
     damping_torque: Array  # largest damping torque, (na,) in N·m
     torque_rate: Array  # largest change of a torque, (na,) in N·m/s; by one period's worth at most per message
@@ -59,9 +59,7 @@ class Heard:
     torques: Array  # torques of the newest command, (na,) in N·m
     unanswered_at: float  # arrival of the first joint state after the newest command, s; inf where none has arrived
     mode: Mode | None  # last mode that the controller has reported; None where it has reported none
-    # newest joint velocities, mapped to the actuators by `Drive.from_joints`, (na,) in rad/s; None where none have
-    # arrived
-    velocity: Array | None
+    velocity: Array | None  # newest joint velocities, (nj,) in rad/s; None where none have arrived
     velocity_at: float  # arrival of the newest joint velocities, s
 
 
@@ -147,7 +145,7 @@ class Guard:
         limits = self.limits
         wanted = np.zeros(len(limits.effort))
         if self.mode is GuardMode.DAMPING and heard.velocity is not None and not self.blind(now, heard):
-            wanted = np.clip(-limits.damping * heard.velocity, -limits.damping_torque, limits.damping_torque)
+            wanted = np.clip(-(limits.damping @ heard.velocity), -limits.damping_torque, limits.damping_torque)
         step = limits.torque_rate * max(0.0, min(now - self._tau_at, limits.period))
         self._tau, self._tau_at = np.clip(wanted, self._tau - step, self._tau + step), now
         return frozen(self._tau)

@@ -31,7 +31,7 @@ from wbc_controller.safety.checks import (
     relaxed_for_too_long,
     unusable_torques,
 )
-from wbc_controller.safety.damping import stable_damping
+from wbc_controller.safety.damping import damping_matrix, stable_damping
 from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, PlausibilityLimits, StateWatch
 from wbc_controller.safety.supervisor_kernels import CommandLimits, follow
 
@@ -92,8 +92,9 @@ class Supervisor:
         self._relaxed: dict[str, None] = {}  # what was relaxed within the window
         self._was_relaxed = False  # whether the last solution was
         self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # share of the solution's torques that is sent: ramps in and out
-        self._tau = np.zeros(model.na)  # last torques sent
-        self._held = self._tau  # the torques at the start of holding
+        self._no_torque = frozen(np.zeros(model.na))
+        self._tau = self._no_torque  # last torques sent
+        self._held = self._no_torque  # the torques at the start of holding
         self._taken_over = False  # whether the torques have reached the solution's since activation
         self._no_state = RobotState(0, frozen(np.full(model.nq, np.nan)), frozen(np.full(model.nv, np.nan)))
         na, nj = model.na, model.nj
@@ -114,7 +115,8 @@ class Supervisor:
         self._curve = limits.torque_speed
         # What takes time, or remembers, is made anew only where its own limits are other ones.
         if old is None or (old.damping, old.period) != (limits.damping, limits.period):  # a delay is for good
-            self._joint_damping = stable_damping(self._model, limits.damping, limits.period + limits.velocity_delay)
+            D = stable_damping(self._model, limits.damping, limits.period + limits.velocity_delay)
+            self._damping_matrix = damping_matrix(self._model.actuation, D)  # (na, nj)
         if old is None or old.plausibility != limits.plausibility:
             self._watch = StateWatch(self._model, limits.plausibility) if limits.plausibility is not None else None
         if old is None or old.fall != limits.fall:
@@ -156,7 +158,7 @@ class Supervisor:
             raise InputRefused(f"command {word!r} is unknown; {valid_choices(word, REQUESTS)}")
         if word == "estop":
             self._enter(Mode.FAULT, now, Fault("ESTOP", "emergency stop by command"))
-            self._tau = np.zeros(self._model.na)  # at once, without a rate
+            self._tau = self._no_torque  # at once, without a rate
         elif word == "reset":
             self._reset(now)
         elif word == "activate":
@@ -181,7 +183,7 @@ class Supervisor:
         if self.mode is Mode.INACTIVE and not self._tau.any():
             return None
         self._enter(Mode.STOPPED, now, self.fault)
-        self._tau = np.zeros(self._model.na)  # at once: there is no next cycle
+        self._tau = self._no_torque  # at once: there is no next cycle
         return self._command(self._tau, None, None)
 
     def _reset(self, now: float) -> None:
@@ -343,7 +345,7 @@ class Supervisor:
         elif self.mode is Mode.DAMPING:
             tau = self._damping(joint_velocity)
         else:
-            tau = np.zeros(len(self._tau))
+            tau = self._no_torque
         return self._command(tau, state, joint_velocity)
 
     def _trusted(self, joint_velocity: Array) -> Array | None:
@@ -366,8 +368,8 @@ class Supervisor:
     def _damping(self, joint_velocity: Array | None) -> Array:
         """Torques that damp every joint, as far as the actuators can; zero where the velocities are not known."""
         if joint_velocity is None:
-            return np.zeros(self._model.na)
-        return -self._model.actuation.from_joints(self._joint_damping * joint_velocity)
+            return self._no_torque
+        return -(self._damping_matrix @ joint_velocity)
 
     def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
         """Lower and upper bounds of the torques, both (na,) in N·m: the effort limits where no speed lowers them."""

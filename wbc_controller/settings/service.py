@@ -133,8 +133,8 @@ class SafetySettings(Section):
     damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
     damping: Damping = Field(
         2.0,
-        description="Joint damping while holding and damping, N·m·s/rad; less at joints whose inertia is so small that "
-        "it would change the sign of their velocity within a period.",
+        description="Joint damping while holding and damping, N·m·s/rad; less at light joints if a posture within the "
+        "limits makes it unstable at this rate.",
     )
     max_tilt: Annotated[Positive, Field(le=3.2)] = Field(
         1.0,
@@ -214,7 +214,7 @@ class GuardSettings(Section):
     patience: Annotated[Positive, Field(le=1.0)] = Field(
         0.012, description="Lateness of a command, in wall time, at which the guard takes over, s."
     )
-    damping: Damping = Field(2.0, description="Joint damping, N·m·s/rad.")
+    damping: Damping = Field(2.0, description="Joint damping, N·m·s/rad; less at light joints, as `safety.damping`.")
     damping_time: NonNegative = Field(5.0, le=60.0, description="Time of damping before the torques are zero, s.")
     torque: Annotated[Positive, Field(le=1.0)] = Field(
         0.2,

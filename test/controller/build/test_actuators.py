@@ -9,6 +9,7 @@ import pytest
 from chains import MENAGERIE, TENDON, menagerie
 from peer import Peer
 
+from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.limits import make_torque_speed
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
@@ -115,7 +116,7 @@ def test_the_guard_takes_over_by_actuator(make, command):
     assert robot.drive.names == model.actuators
     bus, clock = MemoryBus(), ManualClock(100.0)
     table = list(endpoints(GUARD_TOPICS, NODE_NAME))
-    service = GuardService(settings, robot, table, MemoryTransport(bus), clock)
+    service = GuardService(settings, robot, make_guard_damping(settings, model), table, MemoryTransport(bus), clock)
     user = MemoryTransport(bus)
     topics = SimpleNamespace(**{topic.key: topic for topic in table})
     sent: list[bytes] = []

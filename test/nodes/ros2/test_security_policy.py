@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from wbc_controller.cli import main
+from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.controller.controller import Controller
@@ -85,7 +86,8 @@ def opened(settings, model, namespace="/", remappings=None):
     for lockstep in (False, True):
         MockRobot(model, settings, mock, lockstep=lockstep, **places)
     robot = describe(model.urdf, settings.robot)
-    GuardService(settings, robot, list(endpoints(GUARD_TOPICS, GUARD, **places)), guard, ManualClock())
+    damping = make_guard_damping(settings, model)
+    GuardService(settings, robot, damping, list(endpoints(GUARD_TOPICS, GUARD, **places)), guard, ManualClock())
     topics = list(endpoints(ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, **places))
     EstimatorService(settings, model, topics, estimator, ManualClock())
     return {CONTROLLER: controller, MOCK: mock, GUARD: guard, ESTIMATOR_NODE: estimator}

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.controller.build.guard import make_guard_damping
 from wbc_controller.controller.build.robot_description import describe
 from wbc_controller.errors import WbcError
 from wbc_controller.middleware.codec import decode, message
@@ -56,7 +57,9 @@ class GuardTarget(Target):
         self._limits = description.effort_limits
         topics = list(endpoints(GUARD_TOPICS, GUARD_NODE))
         super().__init__(topics, ("effort", "diagnostics"))
-        self._guard = GuardService(settings, description, topics, self.transport(), self.clock)
+        self._guard = GuardService(
+            settings, description, make_guard_damping(settings, self._model), topics, self.transport(), self.clock
+        )
         self._period = 1.0 / settings.control.rate
         self._step = settings.limits.torque_rate * self._period * self._limits
         self._count = 0
