@@ -43,7 +43,9 @@ def test_moving_centre_of_pressure():
     assert found == pytest.approx(integrated(dcm, lambda t: start + (end - start) * t / 0.2, 0.15), abs=1e-9)
 
 
-@given(POINTS, st.floats(-0.4, 0.4), st.floats(0.2, 1.0), st.just(0.0) | st.floats(0.01, 0.3), st.sampled_from([1.0, -1.0]))
+@given(
+    POINTS, st.floats(-0.4, 0.4), st.floats(0.2, 1.0), st.just(0.0) | st.floats(0.01, 0.3), st.sampled_from([1.0, -1.0])
+)
 def test_a_periodic_gait_repeats_its_offset(progress, width, single, double, side):
     step, following = progress + side * width * 1j, progress - side * width * 1j
     offset = periodic_offset(progress, side * width * 1j, OMEGA, single, double)

@@ -1,5 +1,6 @@
 """Nominal steps, their adaptation to the measured state, and the motion of the swing foot."""
 
+import itertools
 import math
 
 import pytest
@@ -102,7 +103,8 @@ def test_steps_stay_within_reach_and_time(push):
         swing = stance().place + 0.2j
         reached = abs(target.place - swing) <= FOOT_SPEED * target.time
         inside = abs(local.real) <= GAIT.length + 1e-9 and -1e-9 <= local.imag <= GAIT.greatest_width + 1e-9
-        assert reached and inside
+        assert reached
+        assert inside
 
 
 def swung(duration, cycles, change=0j):
@@ -131,7 +133,7 @@ def test_a_foot_lands_at_its_target_at_rest(change):
 
 def test_a_swing_is_continuous_when_its_target_changes():
     feet, _ = swung(0.5, 250, 0.05)
-    for before, after in zip(feet, feet[1:], strict=False):
+    for before, after in itertools.pairwise(feet):
         for a, b in ((before.x, after.x), (before.y, after.y), (before.z, after.z)):
             assert b.position - a.position == pytest.approx(0.5 * DT * (a.velocity + b.velocity), abs=1e-5)
 

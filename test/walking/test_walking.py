@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 import wbc_controller as wbc
-from wbc_controller.errors import ConfigurationError, InputRefused
+from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
+from wbc_controller.inverse_dynamics.references.changes import Walk
+from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.json_records import from_json, to_json
+from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase
 
 #: Command forward, sideways and turning, m/s and rad/s.
@@ -22,7 +25,7 @@ def heading(q):
     return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-@pytest.mark.parametrize("robot, command", COMMANDS)
+@pytest.mark.parametrize(("robot", "command"), COMMANDS)
 def test_a_robot_walks_as_commanded_and_stops(robot, command):
     simulation = wbc.Simulation(robot)
     controller = simulation.controller
@@ -63,6 +66,62 @@ def test_a_walk_continues_exactly_from_a_saved_state():
         assert np.array_equal(other.step(state.q, state.v, time).tau, result.tau)
 
 
+def test_a_streamed_command_ends_after_its_timeout():
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    simulation.run(0.1)
+    for _ in range(4):
+        controller._command(Walk(np.array([0.2, 0.0, 0.0]), streamed=True))
+        simulation.run(0.4)
+    assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
+    simulation.run(4.0)
+    assert controller.walker.phase is Phase.STAND
+    assert controller.mode is wbc.Mode.ACTIVE
+
+
+@pytest.mark.parametrize("key", ["cmd_vel", "cmd_vel_stamped"])
+def test_a_velocity_by_topic_starts_the_walk(bench, make, key):
+    controller = bench("g1").activated(600)
+    controller.send(key, make.velocity(key, [0.2, 0.0, 0.0, 0.0, 0.0, 0.1]))
+    report = controller.cycle(2)
+    walker = controller.loop.controller.walker
+    assert not report.refused
+    assert walker.phase is Phase.SHIFT
+    assert walker.command == Velocity(0.2, 0.1)
+
+
+def test_only_robots_that_walk_have_the_topic_of_the_velocity(robot_of):
+    for robot, keys in (("g1", {"cmd_vel", "cmd_vel_stamped"}), ("go2", set())):
+        names = {endpoint.key for endpoint in controller_endpoints(*robot_of(robot))}
+        assert names & {"cmd_vel", "cmd_vel_stamped"} == keys
+
+
+def test_a_walking_robot_stops_before_it_is_deactivated():
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    controller.walk(0.3)
+    simulation.run(2.0)
+    controller.request("deactivate")
+    phases = []
+    with pytest.raises(NoSolution, match="inactive"):  # the simulation ends with the active mode
+        simulation.run(8.0, lambda now: phases.append((controller.walker.phase, now.result.mode)))
+    assert {mode for _, mode in phases} == {wbc.Mode.ACTIVE}
+    assert phases[-1][0] is Phase.STOP
+    assert controller.walker.phase is Phase.STAND
+    assert not simulation.plant.fallen
+
+
+def test_a_command_to_walk_is_refused_while_the_robot_stops_for_a_deactivation():
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    controller.walk(0.3)
+    simulation.run(2.0)
+    controller.request("deactivate")
+    controller.walk(0.2)
+    results = simulation.run(0.01)
+    assert any("refused" in sentence for result in results for sentence in result.refused)
+
+
 def test_a_robot_without_the_section_does_not_walk():
     controller = wbc.Controller("go2")
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
@@ -79,7 +138,7 @@ def test_a_velocity_that_is_not_finite_is_refused(value):
 
 
 @pytest.mark.parametrize(
-    "changes, message",
+    ("changes", "message"),
     [
         ({"walking.left": "hand"}, "walking.left = 'hand' is not a surface contact; valid: left_foot, right_foot"),
         ({"walking.left": "left_foot"}, "two surface contacts"),

@@ -274,7 +274,7 @@ class Controller(ControlCycle):
         """
         if word == "activate":
             raise InputRefused("command 'activate' needs a state: call reset(q, v, t)")
-        self.supervisor.request(word, self._now(), None)
+        self._request(word, self._now(), None)
 
     def __repr__(self) -> str:
         model = self.model

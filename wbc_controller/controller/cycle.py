@@ -102,6 +102,7 @@ class ControlCycle:
         self.board = ReferenceBoard(self._parts.board)
         self.supervisor = Supervisor(model, self._parts.supervisor)
         self.walker = make_walker(settings, self.qp)
+        self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
         self.holding = self._at_activation()
         self._timer = timer
         self._commands: list[Change] = []  # by call, for the next cycle
@@ -311,12 +312,19 @@ class ControlCycle:
                 refused.append(f"command {word!r} is refused in the cycle of an emergency stop; send it again")
                 continue
             try:
-                starts = self.supervisor.request(word, now, problem) or starts
+                starts = self._request(word, now, problem) or starts
             except InputRefused as refusal:
                 refused.append(str(refusal))
                 continue
             _log.info("command %r: now %s", word, self.mode.value)
         return starts
+
+    def _request(self, word: str, now: float, problem: Fault | None) -> bool:
+        """Hand a request to the supervisor, as `Supervisor.request`; a robot that walks stops before it deactivates."""
+        if word == "deactivate" and self.walker is not None and self.walker.moves and self.supervisor.solving:
+            self.walker.leave()
+            return False
+        return self.supervisor.request(word, now, problem)
 
     def _take_changes(
         self, changes: Iterable[Sequence[Change | ChangeSettings]], state: RobotState | None, refused: list[str]
@@ -384,7 +392,7 @@ class ControlCycle:
                     self._apply(each, seconds(state))
                 except InputRefused as refusal:
                     refused.append(str(refusal))
-            steps = self._walk(seconds(state)) if self.walker is not None and self.walker.moves else {}
+            steps = self._walk(now, seconds(state)) if self.walker is not None and self.walker.moves else {}
             references = self.board.sample(seconds(state))
             if steps:
                 references = replace(references, tasks={**references.tasks, **steps})
@@ -411,12 +419,14 @@ class ControlCycle:
         self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
         for walk in walks:
             if self.walker is not None:
-                self.walker.command = None if walk.velocity is None else Velocity.of(walk.velocity)
+                until = time + self._command_timeout if walk.streamed else np.inf
+                self.walker.ask(None if walk.velocity is None else Velocity.of(walk.velocity), until)
 
-    def _walk(self, time: float) -> Mapping[str, Reference]:
+    def _walk(self, now: float, time: float) -> Mapping[str, Reference]:
         """Let the walker decide at the present state; return the references of its tasks.
 
         Args:
+            now: time on the clock of the loop, s.
             time: of the state, s.
         """
         walker, board, dynamics = self.walker, self.board, self.qp.dynamics
@@ -425,6 +435,9 @@ class ControlCycle:
         orientations = {name: board.present(name, time).position for name in walker.orientations}
         decision = walker.update(time, dynamics, orientations, {})
         board.apply(decision.changes, dynamics, time)
+        if walker.leaving and not walker.moves:
+            walker.leaving = False
+            self.supervisor.request("deactivate", now, None)
         return decision.references
 
     def _add_disturbance(self, state: RobotState, references: References, refused: list[str]) -> References:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, EnableContact, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
@@ -99,13 +100,14 @@ class Walker:
         gait: parameters of the gait.
         phase: phase of the gait.
         command: velocity that is asked for; None to stand.
+        leaving: whether the controller is deactivated as soon as the robot stands; no command is taken until then.
         velocity: velocity on the way to it.
         steps: number of steps since the start.
     """
 
     STATE_FIELDS = (
-        "phase", "command", "velocity", "steps", "_since", "_last", "_stance", "_clearance", "_height", "_heading",
-        "_orientations", "_step", "_blend", "_dcm_wanted", "_touchdown", "_references",
+        "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance", "_clearance",
+        "_height", "_heading", "_orientations", "_step", "_blend", "_dcm_wanted", "_touchdown", "_references",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: WalkingTasks, gravity: float) -> None:
@@ -121,6 +123,8 @@ class Walker:
         """Stand, without a command."""
         self.phase = Phase.STAND
         self.command: Velocity | None = None
+        self.leaving = False
+        self._until = math.inf  # time at which the command ends, s
         self.velocity = Velocity()
         self.steps = 0
         self._since = self._last = 0.0  # begin of the phase, and last cycle, s
@@ -133,6 +137,21 @@ class Walker:
         self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
+
+    def ask(self, command: Velocity | None, until: float = math.inf) -> None:
+        """Walk at a velocity until a time in s; None to stand.
+
+        Raises:
+            InputRefused: if the robot stops because the controller is deactivated.
+        """
+        if self.leaving and command is not None:
+            raise InputRefused("the command to walk is refused: the robot stops walking before it is deactivated")
+        self.command, self._until = command, until
+
+    def leave(self) -> None:
+        """Stop walking, for the controller to be deactivated when the robot stands."""
+        self.ask(None)
+        self.leaving = True
 
     @property
     def moves(self) -> bool:
@@ -158,6 +177,8 @@ class Walker:
         """
         decision, dt = Decision(), time - self._last
         self._last = time
+        if time > self._until:
+            self.command = None
         soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
         if self.phase is Phase.STAND:
             if self.command is None:

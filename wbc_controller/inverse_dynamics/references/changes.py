@@ -80,9 +80,11 @@ class Walk:
 
     Attributes:
         velocity: forward and sideways in the robot's heading, m/s, and turning rate, rad/s, (3,); None to stop.
+        streamed: whether the robot stops if no other command follows within ``walking.command_timeout``.
     """
 
     velocity: Array | None
+    streamed: bool = False
 
 
 Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench | Walk
