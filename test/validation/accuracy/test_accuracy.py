@@ -254,7 +254,8 @@ def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
 def test_a_robot_turns_on_its_estimate_and_stops():
     found = walk("g1", "turn", "good", 0, 6.0)
     assert found.ended == ""
-    np.testing.assert_allclose(found.speed, [0.0, 0.0, 0.5], atol=0.06)
+    np.testing.assert_allclose(found.speed[:2], 0.0, atol=0.1)  # the base sways in a few steps
+    assert found.speed[2] == pytest.approx(0.5, abs=0.06)
     assert found.drift < 0.02
     assert found.relaxed == 0
 
