@@ -47,12 +47,14 @@ ROOMS = {
     "estimation": Room(f"{_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
     # The supervisor knows the robot's limits and ramps, but not the program whose solutions it checks.
     "safety": Room(f"estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
+    # Steps and their references, without topics, settings or clocks.
+    "walking": Room(f"{_QP}robot {_QP}references", "numpy pinocchio"),
     "controller": Room(
-        "settings inverse_dynamics estimation safety", "numpy scipy pinocchio coal pydantic plotly rich"
+        "settings inverse_dynamics estimation safety walking", "numpy scipy pinocchio coal pydantic plotly rich"
     ),
     "middleware": Room(f"settings {_QP}arrays {_QP}tasks {_QP}references", "numpy yaml rosbags cyclonedds rclpy"),
     "recording": Room(
-        "settings inverse_dynamics controller middleware",
+        "settings inverse_dynamics walking controller middleware",
         "numpy scipy pinocchio yaml click mcap zstandard",
     ),
     "simulation": Room(

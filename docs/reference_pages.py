@@ -41,7 +41,8 @@ def configuration_page() -> str:
             kind = get_args(field.annotation)[1]
             parts.append(f"\n## `{name}`\n\nBy name. {kind.__doc__}\n\n{_field_table(kind)}")
         else:
-            parts.append(_section(name, field.annotation, "##"))
+            section = next((each for each in get_args(field.annotation) if _is_section(each)), field.annotation)
+            parts.append(_section(name, section, "##"))
     return "".join(parts)
 
 

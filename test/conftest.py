@@ -58,6 +58,12 @@ def _twist(twist: Any) -> Any:
     return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
 
 
+def _velocity(key: str, values: Any) -> Any:
+    """Make a message of the topic ``cmd_vel`` or ``cmd_vel_stamped``."""
+    twist = _twist(values)
+    return message("geometry_msgs/msg/TwistStamped", header=header(0), twist=twist) if key != "cmd_vel" else twist
+
+
 def _transform(pose: Any) -> Any:
     place, turn = np.split(np.asarray(pose, dtype=float), [3])
     return message("geometry_msgs/msg/Transform", translation=vector(place), rotation=quaternion(turn))
@@ -123,6 +129,7 @@ MAKE = SimpleNamespace(
     pose=lambda position, quaternion=(0.0, 0.0, 0.0, 1.0), frame="world": _setpoint(
         "PoseStamped", [*position, *quaternion], frame
     ),
+    velocity=_velocity,
     wrench=lambda values, frame="world": _setpoint("WrenchStamped", values, frame),
 )
 

@@ -271,7 +271,9 @@ def test_settings_that_are_fixed_or_wrong_are_refused(controller):
 
 
 def test_the_configuration_is_checked_as_by_the_command():
-    config = wbc.load("g1").replace({"contacts.right_foot.max_normal_force": 10.0, "contacts.left_foot": None})
+    config = wbc.load("g1").replace(
+        {"contacts.right_foot.max_normal_force": 10.0, "contacts.left_foot": None, "walking": None}
+    )
     with pytest.raises(wbc.ConfigurationError, match=r"g1\.yaml: the robot cannot stand still in robot\.posture"):
         wbc.Controller(config)
     assert wbc.Controller(config, preflight=False).mode is Mode.INACTIVE

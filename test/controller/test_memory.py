@@ -18,6 +18,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetExternalWrench,
     SetSetpoint,
     SetWeight,
+    Walk,
 )
 from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.records import ChangeSettings, Fault, Mode, RobotState, frozen
@@ -92,6 +93,7 @@ class RandomRun:
             EnableTask(task, self.chance(0.7)),
             EnableContact(contact, self.chance(0.8)),
             SetExternalWrench(controller.model.base_link, frozen([0.0, 0.0, -force, 0.0, 0.0, 0.0])),
+            Walk(frozen([0.2, 0.0, 0.1]) if self.chance(0.7) else None),
             ChangeSettings({"tasks": {"com": {"stiffness": gain}}}),
         ]
         return kinds[int(rng.integers(len(kinds)))]
@@ -121,7 +123,7 @@ def classes_with_state() -> set[type]:
     """All classes of the package with `STATE_FIELDS`."""
     found: set[type] = set()
     for module in pkgutil.walk_packages(wbc_controller.__path__, "wbc_controller."):
-        if module.name.split(".")[1] in ("safety", "estimation", "inverse_dynamics", "controller"):
+        if module.name.split(".")[1] in ("safety", "estimation", "inverse_dynamics", "walking", "controller"):
             content = vars(importlib.import_module(module.name)).values()
             found |= {each for each in content if isinstance(each, type) and hasattr(each, "STATE_FIELDS")}
     return found
@@ -136,7 +138,8 @@ def objects_with_state(owner: object) -> list[object]:
 
 
 def parts_with_state(controller: ControlCycle) -> list[object]:
-    owners = (controller.board, controller.supervisor, controller.model_error)
+    walkers = [] if controller.walker is None else [controller.walker]
+    owners = (controller.board, controller.supervisor, controller.model_error, *walkers)
     return [part for owner in owners for part in objects_with_state(owner)]
 
 

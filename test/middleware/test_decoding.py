@@ -17,6 +17,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetSetpoint,
     SetTrajectory,
     SetWeight,
+    Walk,
 )
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.middleware.decoding import READERS, Vocabulary
@@ -211,6 +212,25 @@ class TestSwitchesAndWeights:
     def test_a_wrench_that_is_not_finite(self, make):
         with refused("the wrench holds a value that is not finite: [0, 0, 0, 0, nan, 0]"):
             read("external_wrench", "pelvis", make.wrench([0, 0, 0, 0, NAN, 0]))
+
+
+class TestVelocities:
+    @pytest.mark.parametrize("key", ["cmd_vel", "cmd_vel_stamped"])
+    def test_a_velocity_to_walk_at(self, make, key):
+        (change,) = read(key, "", make.velocity(key, [0.3, -0.1, 0.0, 0.0, 0.0, 0.5]))
+        assert change.streamed
+        np.testing.assert_array_equal(change.velocity, [0.3, -0.1, 0.5])
+
+    def test_zero_stops(self, make):
+        assert read("cmd_vel", "", make.velocity("cmd_vel", [0.0] * 6)) == (Walk(None, streamed=True),)
+
+    def test_components_that_do_not_count_are_refused(self, make):
+        with refused("linear.z, angular.x and angular.y are [0.2, 0.0, 0.0]; a walking robot takes linear.x, linear.y"):
+            read("cmd_vel", "", make.velocity("cmd_vel", [0.3, 0.0, 0.2, 0.0, 0.0, 0.0]))
+
+    def test_a_velocity_that_is_not_finite_is_refused(self, make):
+        with refused("the velocity holds a value that is not finite"):
+            read("cmd_vel", "", make.velocity("cmd_vel", [NAN, 0.0, 0.0, 0.0, 0.0, 0.0]))
 
 
 AT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]

@@ -24,6 +24,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetSetpoint,
     SetTrajectory,
     SetWeight,
+    Walk,
 )
 from wbc_controller.inverse_dynamics.references.ranges import LONGEST, check_change, check_rates
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
@@ -81,6 +82,8 @@ class Controller(ControlCycle):
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, self._time)
         self.model_error.restart()
+        if self.walker is not None:
+            self.walker.reset()
         self.supervisor.request("activate", self._time, None)
 
     def stance(self) -> Array:
@@ -245,6 +248,23 @@ class Controller(ControlCycle):
             raise InputRefused(str(error)) from error
         self._command(SetExternalWrench(frame, frozen(finite(sized(wrench, 6, "the wrench"), "the wrench"))))
 
+    def walk(self, forward: float = 0.0, sideways: float = 0.0, turning: float = 0.0) -> None:
+        """Walk at a velocity until `stand`: in the robot's heading, m/s, and about the vertical, rad/s; 0 is in place.
+
+        The velocity is limited to the speeds of the section ``walking``, and reached at a limited acceleration.
+
+        Raises:
+            InputRefused: if a value is not finite, or the configuration has no section ``walking``.
+        """
+        velocity = finite([forward, sideways, turning], "the walking velocity")
+        if self.walker is None:
+            raise InputRefused(f"{self.model.name} does not walk: its configuration has no section 'walking'")
+        self._command(Walk(frozen(velocity)))
+
+    def stand(self) -> None:
+        """Stop walking: step until the feet are side by side, then stand."""
+        self._command(Walk(None))
+
     def update(self, changes: Mapping[str, Any]) -> None:
         """Change live settings (docs/configuration.md) by dotted key, such as ``{"tasks.com.stiffness": 200.0}``.
 
@@ -266,7 +286,7 @@ class Controller(ControlCycle):
             raise InputRefused(f"command {reprlib.repr(word)} is not a text; {valid_choices('', REQUESTS)}")
         if word == "activate":
             raise InputRefused("command 'activate' needs a state: call reset(q, v, t)")
-        self.supervisor.request(word, self._now(), None)
+        self._request(word, self._now(), None)
 
     def __repr__(self) -> str:
         model = self.model

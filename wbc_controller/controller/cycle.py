@@ -16,6 +16,7 @@ import numpy as np
 from wbc_controller.controller.build.estimation import make_model_error
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.walking import make_walker
 from wbc_controller.controller.check.preflight import check_qp
 from wbc_controller.controller.live_settings import LiveSettings, live_part
 from wbc_controller.controller.memory import CycleRecord, restore_state, save_state
@@ -25,7 +26,7 @@ from wbc_controller.errors import ConfigurationError, InputRefused, MethodError,
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.limits import RowLimit
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
-from wbc_controller.inverse_dynamics.references.changes import Change
+from wbc_controller.inverse_dynamics.references.changes import Change, Walk
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
@@ -33,6 +34,7 @@ from wbc_controller.records import ChangeSettings, Fault, Mode, Reference, Refer
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
+from wbc_controller.walking.footsteps import Velocity
 
 _log = logging.getLogger(__name__)
 
@@ -50,6 +52,7 @@ class ControlCycle:
         qp: the quadratic program.
         board: the references that the commands have set.
         supervisor: makes the commands, and holds the modes.
+        walker: decides on steps; None if the configuration has no section ``walking``.
         model_error: compensation of friction and disturbances.
         live: the settings with all changes since.
         tape: records of the cycles, for a recorder that empties the list; None without a recorder.
@@ -98,6 +101,8 @@ class ControlCycle:
         self._parts = self.live.newest
         self.board = ReferenceBoard(self._parts.board)
         self.supervisor = Supervisor(model, self._parts.supervisor)
+        self.walker = make_walker(settings, self.qp)
+        self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
         self.holding = self._at_activation()
         self._timer = timer
         self._commands: list[Change] = []  # by call, for the next cycle
@@ -234,6 +239,7 @@ class ControlCycle:
         ``qp`` is None if the solver hides its warm start: a cycle from here then does not repeat the same bits.
         """
         return {
+            "walker": None if self.walker is None else save_state(self.walker),
             "qp": self.qp.memory(),
             "board": save_state(self.board),
             "supervisor": save_state(self.supervisor),
@@ -254,6 +260,8 @@ class ControlCycle:
         restore_state(self.supervisor, memory["supervisor"])
         self.model_error.observer.limits = self._parts.disturbance
         restore_state(self.model_error, memory["model_error"])
+        if self.walker is not None:
+            restore_state(self.walker, memory["walker"])
         if memory["qp"] is not None:
             self.qp.recall(memory["qp"])
 
@@ -304,12 +312,19 @@ class ControlCycle:
                 refused.append(f"command {word!r} is refused in the cycle of an emergency stop; send it again")
                 continue
             try:
-                starts = self.supervisor.request(word, now, problem) or starts
+                starts = self._request(word, now, problem) or starts
             except InputRefused as refusal:
                 refused.append(str(refusal))
                 continue
             _log.info("command %r accepted", word)
         return starts
+
+    def _request(self, word: str, now: float, problem: Fault | None) -> bool:
+        """Hand a request to the supervisor, as `Supervisor.request`; a robot that walks stops before it deactivates."""
+        if word == "deactivate" and self.walker is not None and self.walker.moves and self.supervisor.solving:
+            self.walker.leave()
+            return False
+        return self.supervisor.request(word, now, problem)
 
     def _take_changes(
         self, changes: Iterable[Sequence[Change | ChangeSettings]], state: RobotState | None, refused: list[str]
@@ -368,12 +383,19 @@ class ControlCycle:
                 self.qp.dynamics.update(state.q, state.v)
                 self.board.reset(self.qp.dynamics, seconds(state))
                 self.model_error.restart()
+                if self.walker is not None:
+                    self.walker.reset()
+            elif changes or (self.walker is not None and self.walker.moves):
+                self.qp.formulation.prepare(state)  # anchors and steps begin at the present state
             for each in changes:
                 try:
-                    self.board.apply(each, self.qp.dynamics, seconds(state))
+                    self._apply(each, seconds(state))
                 except InputRefused as refusal:
                     refused.append(str(refusal))
+            steps = self._walk(now, seconds(state)) if self.walker is not None and self.walker.moves else {}
             references = self.board.sample(seconds(state))
+            if steps:
+                references = replace(references, tasks={**references.tasks, **steps})
             if self._streamed:
                 references = replace(references, tasks={**references.tasks, **self._streamed})
                 self._streamed = {}
@@ -384,6 +406,39 @@ class ControlCycle:
             return failure, references
         except Exception as error:
             return _defect(error), references
+
+    def _apply(self, changes: Sequence[Change], time: float) -> None:
+        """Apply a set of changes of references at a time in s.
+
+        Raises:
+            InputRefused: if one of them cannot be applied; then none of the set is.
+        """
+        walks = [change for change in changes if isinstance(change, Walk)]
+        if walks and self.walker is None:
+            raise InputRefused("this robot does not walk: its configuration has no section 'walking'")
+        self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
+        for walk in walks:
+            if self.walker is not None:
+                until = time + self._command_timeout if walk.streamed else np.inf
+                self.walker.ask(None if walk.velocity is None else Velocity.of(walk.velocity), until)
+
+    def _walk(self, now: float, time: float) -> Mapping[str, Reference]:
+        """Let the walker decide at the present state; return the references of its tasks.
+
+        Args:
+            now: time on the clock of the loop, s.
+            time: of the state, s.
+        """
+        walker, board, dynamics = self.walker, self.board, self.qp.dynamics
+        if walker is None:
+            return {}
+        orientations = {name: board.present(name, time).position for name in walker.orientations}
+        decision = walker.update(time, dynamics, orientations, {})
+        board.apply(decision.changes, dynamics, time)
+        if walker.leaving and not walker.moves:
+            walker.leaving = False
+            self.supervisor.request("deactivate", now, None)
+        return decision.references
 
     def _add_disturbance(self, state: RobotState, references: References, refused: list[str]) -> References:
         """Add the disturbance to the references; report each contact that becomes unloaded."""

@@ -23,6 +23,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetSetpoint,
     SetTrajectory,
     SetWeight,
+    Walk,
 )
 from wbc_controller.inverse_dynamics.references.relative import own_frames
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
@@ -274,6 +275,18 @@ def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> t
     return (SetExternalWrench(frame, _wrench(content)),)
 
 
+def _read_velocity(twist: Any) -> tuple[Change, ...]:
+    """Return the command to walk at a velocity; a velocity of zero is the command to stop."""
+    unused = twist.linear.z, twist.angular.x, twist.angular.y
+    velocity = finite([twist.linear.x, twist.linear.y, twist.angular.z], "the velocity")
+    if any(unused):
+        raise InputRefused(
+            f"linear.z, angular.x and angular.y are {list(unused)}; a walking robot takes linear.x, linear.y and "
+            "angular.z: set the others to 0"
+        )
+    return (Walk(velocity if velocity.any() else None, streamed=True),)
+
+
 def _wrench(content: Any) -> Array:
     return finite([*_xyz(content.wrench.force), *_xyz(content.wrench.torque)], "the wrench")
 
@@ -384,5 +397,7 @@ READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change | ChangeSett
     "task_enable": lambda vocabulary, task, content: (EnableTask(task, bool(content.data)),),
     "contact_enable": lambda vocabulary, contact, content: (EnableContact(contact, bool(content.data)),),
     "external_wrench": _read_external_wrench,
+    "cmd_vel": lambda vocabulary, subject, content: _read_velocity(content),
+    "cmd_vel_stamped": lambda vocabulary, subject, content: _read_velocity(content.twist),
     "update": _read_update,
 }

@@ -120,6 +120,12 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "Activates or deactivates a contact, along a ramp of its largest normal force."),
     Topic("external_wrench", "~/external_wrenches/{frame}", "geometry_msgs/msg/WrenchStamped", _IN, REQUEST,
           "A known external wrench at a frame's origin, world axes; it holds until it is replaced (S4)."),
+    Topic("cmd_vel", "cmd_vel", "geometry_msgs/msg/Twist", _IN, REQUEST,
+          "Velocity to walk at, in the robot's heading: `linear.x` forward and `linear.y` to the left, m/s, "
+          "`angular.z`, rad/s. Zero, or no message for `walking.command_timeout`, lets the robot stop and stand. Only "
+          "robots with the section `walking` have this topic."),
+    Topic("cmd_vel_stamped", "cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", _IN, REQUEST,
+          "The same with a header, which is not used."),
     Topic("update", "~/update", "std_msgs/msg/String", _IN, REQUEST,
           "YAML with several weights, enables, setpoints, contacts and live settings, applied in one cycle, all or "
           "nothing."),
@@ -150,6 +156,9 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "For RViz and Foxglove, in the world frame: contact forces, friction cones, support polygon, centre of mass, "
           "capture point, task errors. Made while somebody reads it, or all of the run is recorded."),
 )
+
+#: Rows of the controller that only a robot that walks has.
+WALKING_KEYS = ("cmd_vel", "cmd_vel_stamped")
 
 #: Name of the mock robot's node.
 MOCK_NODE = "mock_robot"

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from wbc_controller import settings as schema
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.decoding import Vocabulary
-from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
+from wbc_controller.middleware.topics import CONTROLLER_TOPICS, WALKING_KEYS, Endpoint, endpoints
 from wbc_controller.settings import NODE_NAME, Settings
 
 
@@ -56,9 +56,10 @@ def controller_endpoints(
     remappings: Mapping[str, str] | None = None,
 ) -> list[Endpoint]:
     """Expand the controller's topic table for one robot."""
+    walks = settings.walking is not None
     return list(
         endpoints(
-            CONTROLLER_TOPICS,
+            [topic for topic in CONTROLLER_TOPICS if walks or topic.key not in WALKING_KEYS],
             node,
             task_kinds={name: task.type for name, task in settings.tasks.items()},
             contacts=settings.contacts,

@@ -22,17 +22,24 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetSetpoint,
     SetTrajectory,
     SetWeight,
+    Walk,
 )
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, SoftRamp, Trajectory
 from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
 from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, Prediction, Reference, RobotState, Tuning
+from wbc_controller.walking.adaptation import StepTarget
+from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
+from wbc_controller.walking.gait import Phase
+from wbc_controller.walking.swing import Axis, SwingFoot
+from wbc_controller.walking.walker import Step
 
 #: All records that a recording may contain.
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        ChangeSettings, EnableContact, EnableTask, Fault, Infeasibility, Knot, Prediction, Ramp, Reference, RobotState,
-        SetExternalWrench, SetSetpoint, SetTrajectory, SetWeight, SoftRamp, Tuning, TuningRamp,
+        Axis, ChangeSettings, EnableContact, EnableTask, Fault, Infeasibility, Knot, NominalStep, Prediction,
+        Ramp, Reference, RobotState, SetExternalWrench, SetSetpoint, SetTrajectory, SetWeight, SoftRamp,
+        Stance, Step, StepTarget, SwingFoot, Tuning, TuningRamp, Velocity, Walk,
     )
 }  # fmt: skip
 
@@ -118,6 +125,10 @@ def _plain(value: Any) -> Any:
         return {"$array": data, "type": value.dtype.str, "shape": list(value.shape), "order": order}
     if isinstance(value, Mode):
         return {"$mode": value.value}
+    if isinstance(value, Phase):
+        return {"$phase": value.value}
+    if isinstance(value, complex):
+        return {"$complex": [value.real, value.imag]}
     if isinstance(value, Trajectory):
         return {"$trajectory": [_plain(knot) for knot in value.knots]}
     if isinstance(value, Mapping):
@@ -149,6 +160,10 @@ def _value(plain: Any) -> Any:
         return array
     if "$mode" in plain:
         return Mode(plain["$mode"])
+    if "$phase" in plain:
+        return Phase(plain["$phase"])
+    if "$complex" in plain:
+        return complex(*plain["$complex"])
     if "$trajectory" in plain:
         knots = [_value(knot) for knot in plain["$trajectory"]]
         if not knots or not _has_type(knots, list[Knot]):

@@ -48,6 +48,7 @@ from wbc_controller.settings.tasks import (
     TorqueTask,
 )
 from wbc_controller.settings.values import Name, Section
+from wbc_controller.settings.walking import WalkingSettings
 
 NODE_NAME = "wbc_controller"
 
@@ -67,6 +68,7 @@ class Settings(Section):
     tasks: dict[Name, TaskSettings] = Field(min_length=1)
     contacts: dict[Name, ContactSettings] = Field(default_factory=dict)
     loops: dict[Name, LoopSettings] = Field(default_factory=dict)
+    walking: WalkingSettings | None = None
     mock: MockSettings = MockSettings()
 
     @model_validator(mode="after")
@@ -105,4 +107,5 @@ __all__ = [
     "TaskSettings",
     "TorqueSpeedSettings",
     "TorqueTask",
+    "WalkingSettings",
 ]

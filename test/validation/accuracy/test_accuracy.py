@@ -16,6 +16,7 @@ from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.flaws import FLAWS, Cost, chatter, cost_of
 from wbc_controller.validation.accuracy.mishaps import Outcome, come_of, longest
 from wbc_controller.validation.accuracy.standing import Stand, consistency, error_of, sensor_settings, stand
+from wbc_controller.validation.accuracy.walking import mean_velocity, walk
 
 SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
 
@@ -248,3 +249,20 @@ def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
     assert Outcome(np.nan, np.nan, ()).silently_wrong
     assert Outcome(0.0, 0.0, (), fell=True).silently_wrong
     assert [longest(np.array(values, dtype=bool)) for values in ([], [0, 1, 1, 0, 1], [1, 1, 1])] == [0, 2, 3]
+
+
+def test_a_robot_turns_on_its_estimate_and_stops():
+    found = walk("g1", "turn", "good", 0, 6.0)
+    assert found.ended == ""
+    np.testing.assert_allclose(found.speed[:2], 0.0, atol=0.1)  # the base sways in a few steps
+    assert found.speed[2] == pytest.approx(0.5, abs=0.06)
+    assert found.drift < 0.02
+    assert found.relaxed == 0
+
+
+def test_mean_velocities_are_those_in_the_heading():
+    times = np.linspace(0.0, 6.0, 601)
+    heading = 0.5 * times
+    way = np.cumsum(0.01 * (0.3 + 0.1j) * np.exp(1j * heading))
+    table = np.column_stack([times, way.real, way.imag, heading])
+    np.testing.assert_allclose(mean_velocity(table, 1.0, 5.0), [0.3, 0.1, 0.5], atol=1e-3)

@@ -10,6 +10,7 @@ from wbc_controller.controller.build.limits import make_self_collision, make_tor
 from wbc_controller.controller.build.own_objects import check_attributes, evaluate_methods, make_own
 from wbc_controller.controller.build.references import make_tuning
 from wbc_controller.controller.build.tasks import make_task
+from wbc_controller.controller.build.walking import make_walking_tasks
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
@@ -41,7 +42,8 @@ def make_qp(
     own = settings.limits
     configured = {name: make_contact(name, contact, model) for name, contact in settings.contacts.items()}
     all_tasks = [make_task(name, task, model, configured) for name, task in settings.tasks.items()]
-    own_tasks = make_own(tasks, model, Task, "tasks", list(settings.tasks))
+    all_tasks += make_walking_tasks(settings, model)
+    own_tasks = make_own(tasks, model, Task, "tasks", [task.name for task in all_tasks])
     all_tasks += own_tasks
     loops = [make_loop_closure(name, loop, model) for name, loop in settings.loops.items()]
     all_contacts = [*configured.values(), *loops]

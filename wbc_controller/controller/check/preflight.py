@@ -212,7 +212,7 @@ def _unheld(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[
     tasks = [
         task.jacobian(dynamics)[task.rows]
         for name, task in qp.tasks.items()
-        if isinstance(task, AccelerationTask) and settings.tasks[name].enabled
+        if isinstance(task, AccelerationTask) and settings.tasks.get(name, task).enabled
     ]
     held = [contact.jacobian(dynamics) for name, contact in qp.contacts.items() if name in active or contact.permanent]
     rows = np.vstack([np.zeros((1, model.nv)), *tasks, *held, model.actuation.C])

@@ -78,6 +78,7 @@ class Formulation:
         self._layouts: dict[tuple[str, ...], Layout] = {}
         self._costs: dict[tuple[tuple[str, ...], tuple[str, ...]], list[LevelCost]] = {}
         self._tuning: Tuning | None = None
+        self._prepared: RobotState | None = None  # the state that the dynamics are at already
         self._q_index, self._v_index = (index.astype(np.int64) for index in (model.q_index, model.v_index))
 
     @cached_property
@@ -99,6 +100,11 @@ class Formulation:
             self._layouts[names] = Layout(self.dynamics, contacts, self.row_limits, rows)
         return self._layouts[names]
 
+    def prepare(self, state: RobotState) -> None:
+        """Compute the dynamics before the references are known; the next `build` for this state uses them."""
+        self.dynamics.update(state.q, state.v)
+        self._prepared = state
+
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
         """Compute the dynamics and fill the problem.
 
@@ -111,7 +117,9 @@ class Formulation:
         if references.tuning is not None and references.tuning is not self._tuning:
             self._tune(references.tuning)
         dynamics, q, v = self.dynamics, state.q, state.v
-        dynamics.compute(q, v)
+        if self._prepared is not state:
+            dynamics.compute(q, v)
+        self._prepared = None
         structure = self._current_structure(references)
         layout, costs, program = structure.layout, structure.costs, structure.program
         if self.torque_limit.curve is not None:

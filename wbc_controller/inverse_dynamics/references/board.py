@@ -14,6 +14,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     Change,
     EnableContact,
     EnableTask,
+    SetExternalWrench,
     SetSetpoint,
     SetTrajectory,
     SetWeight,
@@ -214,9 +215,9 @@ class ReferenceBoard:
             ramp = self._contact_ramps[change.contact]
             if change.enabled and ramp.sample(time) <= 0.0:
                 self._anchor(change.contact, dynamics)
-            duration = self.contact_plans[change.contact].ramp
+            duration = self.contact_plans[change.contact].ramp if change.ramp is None else change.ramp
             self._contact_ramps[change.contact] = ramp.towards(float(change.enabled), time, duration)
-        else:
+        elif isinstance(change, SetExternalWrench):
             self._wrenches[change.frame] = change.wrench
 
     def _anchor(self, name: str, dynamics: Dynamics) -> None:

@@ -53,10 +53,17 @@ class EnableTask:
 
 @dataclass(frozen=True, slots=True)
 class EnableContact:
-    """Activate or deactivate a contact."""
+    """Activate or deactivate a contact.
+
+    Attributes:
+        contact: name of the contact.
+        enabled: whether it is active afterwards.
+        ramp: time in which it is loaded or unloaded, s; None for the contact's own ``ramp``.
+    """
 
     contact: str
     enabled: bool
+    ramp: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,4 +74,17 @@ class SetExternalWrench:
     wrench: Array
 
 
-Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """Walk at a velocity, or stop; taken by the walker and not by the board.
+
+    Attributes:
+        velocity: forward and sideways in the robot's heading, m/s, and turning rate, rad/s, (3,); None to stop.
+        streamed: whether the robot stops if no other command follows within ``walking.command_timeout``.
+    """
+
+    velocity: Array | None
+    streamed: bool = False
+
+
+Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench | Walk

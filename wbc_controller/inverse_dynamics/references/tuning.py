@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from wbc_controller.inverse_dynamics.references.trajectories import Ramp
 from wbc_controller.records import Tuning
 
@@ -44,7 +46,7 @@ class TuningRamp:
 
 def _between(a: Tuning, b: Tuning, share: float) -> Tuning:
     gains = {
-        task: {key: values[key] + share * (b.gains[task][key] - values[key]) for key in values}
+        task: {key: np.asarray(values[key] + share * (b.gains[task][key] - values[key])) for key in values}
         for task, values in a.gains.items()
     }
     return replace(

@@ -315,7 +315,9 @@ class MotionTask(AccelerationTask):
         super().__init__(name, mask)
         self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
         self.damping = (
-            2.0 * np.sqrt(self.stiffness) if damping is None else gains(damping, len(mask), f"tasks.{name}.damping")
+            np.asarray(2.0 * np.sqrt(self.stiffness))
+            if damping is None
+            else gains(damping, len(mask), f"tasks.{name}.damping")
         )
 
     def _stiffness_of_rows(self) -> Array:

@@ -17,6 +17,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetSetpoint,
     SetTrajectory,
     SetWeight,
+    Walk,
 )
 from wbc_controller.recording.cycle_layout import AGES, MODES
 from wbc_controller.recording.recorder import software
@@ -152,4 +153,7 @@ def change_in_words(change: object) -> str:
         return f"contact {change.contact} {'on' if change.enabled else 'off'}"
     if isinstance(change, SetExternalWrench):
         return f"external wrench at {change.frame}: {np.array2string(change.wrench, precision=3)}"
+    if isinstance(change, Walk):
+        v = change.velocity
+        return "walking stops" if v is None else f"walk at {v[0]:g}, {v[1]:g} m/s and {v[2]:g} rad/s"
     return f"settings: {dict(change.settings)}" if isinstance(change, ChangeSettings) else str(change)

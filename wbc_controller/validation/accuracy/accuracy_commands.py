@@ -164,3 +164,48 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
             f"{', '.join(each.left_out) or '–'} |"
         )
     sys.exit(0 if all(each.good for each in found) else 1)
+
+
+@accuracy.command()
+@_common
+@click.option("--seeds", default=25, show_default=True, type=click.IntRange(1), help="Walks of each kind.")
+@click.option("--seconds", default=30.0, show_default=True, type=click.FloatRange(6.0), help="Time of each walk.")
+@click.option("--scale", default=1.0, show_default=True, type=click.FloatRange(0.0), help="Factor of the velocities.")
+@click.option("--command", "names", multiple=True, help="One of the commands of the table; all by default.")
+def walking(
+    robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, seconds: float, scale: float, names: tuple[str, ...]
+) -> None:
+    """Let robots walk without odometry by `cmd_vel`, stop and stand: g1 and talos by default.
+
+    Prints the commanded velocity, the mean velocity, the largest drift of the estimate as a share of the way, the
+    number of cycles with relaxed limits, and the falls. The status is 1 if a robot fell.
+    """
+    from wbc_controller.validation.accuracy.walking import COMMANDS, RANDOM, walk
+
+    kinds = robots or tuple(COMMANDS)
+    for kind in kinds:
+        if kind not in COMMANDS:
+            raise ConfigurationError(f"robot {kind!r} has no commands to walk; {valid_choices(kind, COMMANDS)}")
+    rows = [(kind, name) for kind in kinds for name in (*COMMANDS[kind], RANDOM) if not names or name in names]
+    if not rows:
+        known = sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)})
+        raise ConfigurationError(f"command {names[0]!r} is unknown; {valid_choices(names[0], known)}")
+    click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
+    click.echo("| Robot | Command | m/s, m/s, rad/s | reached | drift, share of the way | relaxed cycles | fell |")
+    click.echo("|---|---|---|---|---|---|---|")
+    fallen = 0
+    for kind, name in rows:
+        found = _each(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
+        fell = [each for each in found if each.ended]
+        fallen += len(fell)
+        wanted = "" if name == RANDOM else ", ".join(f"{scale * each:g}" for each in COMMANDS[kind][name])
+        whole = [each for each in found if not each.ended]
+        reached = "" if name == RANDOM or not whole else ", ".join(
+            f"{each:.2f}" for each in np.mean([walk.speed for walk in whole], axis=0)
+        )  # fmt: skip
+        drift = max((each.drift / max(each.distance, 1.0) for each in whole), default=math.nan)
+        relaxed = sum(each.relaxed for each in found)
+        click.echo(f"| {kind} | {name} | {wanted} | {reached} | {100.0 * drift:.1f} % | {relaxed} | {len(fell)} |")
+        for each in fell:
+            click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
+    sys.exit(1 if fallen else 0)

@@ -1,0 +1,59 @@
+"""The closed forms of the DCM agree with numerical integration, and the periodic gait repeats itself."""
+
+import cmath
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wbc_controller.walking.pendulum import later, natural_frequency, periodic_offset, transferred
+
+OMEGA = 3.7
+POINTS = st.complex_numbers(max_magnitude=1.0, allow_nan=False)
+
+
+def integrated(dcm, pressure, duration, steps=4000):
+    """Integrate ξ̇ = ω (ξ - p(t)) by Runge-Kutta."""
+    h = duration / steps
+    for i in range(steps):
+        t = i * h
+        a = OMEGA * (dcm - pressure(t))
+        b = OMEGA * (dcm + 0.5 * h * a - pressure(t + 0.5 * h))
+        c = OMEGA * (dcm + 0.5 * h * b - pressure(t + 0.5 * h))
+        d = OMEGA * (dcm + h * c - pressure(t + h))
+        dcm += h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+    return dcm
+
+
+def test_natural_frequency():
+    assert natural_frequency(9.81, 9.81) == 1.0
+    assert natural_frequency(0.5, 9.81) == pytest.approx(4.4294469)
+
+
+def test_constant_centre_of_pressure():
+    dcm, pressure = 0.1 + 0.05j, 0.02 - 0.03j
+    assert later(dcm, pressure, OMEGA, 0.4) == pytest.approx(integrated(dcm, lambda t: pressure, 0.4), abs=1e-9)
+    assert later(later(dcm, pressure, OMEGA, 0.4), pressure, OMEGA, -0.4) == pytest.approx(dcm, abs=1e-12)
+
+
+def test_moving_centre_of_pressure():
+    dcm, start, end = 0.1 + 0.05j, -0.02j, 0.3 + 0.2j
+    found = transferred(dcm, start, end, 0.2, OMEGA, 0.15)
+    assert found == pytest.approx(integrated(dcm, lambda t: start + (end - start) * t / 0.2, 0.15), abs=1e-9)
+
+
+@given(
+    POINTS, st.floats(-0.4, 0.4), st.floats(0.2, 1.0), st.just(0.0) | st.floats(0.01, 0.3), st.sampled_from([1.0, -1.0])
+)
+def test_a_periodic_gait_repeats_its_offset(progress, width, single, double, side):
+    step, following = progress + side * width * 1j, progress - side * width * 1j
+    offset = periodic_offset(progress, side * width * 1j, OMEGA, single, double)
+    dcm = step + offset  # the stance foot is the origin
+    if double > 0.0:
+        dcm = transferred(dcm, 0j, step, double, OMEGA, double)
+    dcm = later(dcm, step, OMEGA, single)
+    expected = periodic_offset(progress, -side * width * 1j, OMEGA, single, double)
+    scale = math.exp(OMEGA * (single + double))
+    assert dcm - step - following == pytest.approx(expected, abs=1e-11 * scale)
+    assert cmath.isfinite(offset)

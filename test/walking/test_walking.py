@@ -1,0 +1,151 @@
+"""Robots walk in simulation by a velocity command, stop and stand; a saved state continues exactly."""
+
+import numpy as np
+import pytest
+
+import wbc_controller as wbc
+from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
+from wbc_controller.inverse_dynamics.references.changes import Walk
+from wbc_controller.nodes.wiring import controller_endpoints
+from wbc_controller.recording.json_records import from_json, to_json
+from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.gait import Phase
+
+#: Command forward, sideways and turning, m/s and rad/s.
+COMMANDS = [
+    ("g1", (0.4, 0.0, 0.0)),
+    ("g1", (-0.2, 0.1, 0.0)),
+    ("g1", (0.0, 0.0, 0.5)),
+    ("talos", (0.3, 0.0, 0.0)),
+]
+
+
+def heading(q):
+    x, y, z, w = q[3:7]
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+@pytest.mark.parametrize(("robot", "command"), COMMANDS)
+def test_a_robot_walks_as_commanded_and_stops(robot, command):
+    simulation = wbc.Simulation(robot)
+    controller = simulation.controller
+    controller.walk(*command)
+    results = simulation.run(3.5)
+    assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
+    (start, _), begun = simulation.plant.state(), simulation.time
+    results += simulation.run(3.0)
+    (end, _), ended = simulation.plant.state(), simulation.time
+    middle = 0.5 * (heading(start) + heading(end))
+    along = complex(*(end - start)[:2]) * np.exp(-1j * middle) / (ended - begun)
+    turned = (heading(end) - heading(start)) / (ended - begun)
+    assert along.real == pytest.approx(command[0], abs=0.05)
+    assert along.imag == pytest.approx(command[1], abs=0.05)
+    assert turned == pytest.approx(command[2], abs=0.05)
+    controller.stand()
+    results += simulation.run(3.5)
+    assert controller.walker.phase is Phase.STAND
+    assert not any(result.relaxed for result in results)
+    assert np.abs(simulation.plant.state()[1]).max() < 0.02
+    assert set(results[-1].forces) == {"left_foot", "right_foot"}
+
+
+def test_a_walk_continues_exactly_from_a_saved_state():
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    controller.walk(0.3, 0.0, 0.2)
+    simulation.run(1.7)
+    assert controller.walker.phase is Phase.SINGLE
+    saved = from_json(to_json(controller.memory()))
+    states = []
+    results = simulation.run(0.8, lambda now: states.append((now.result.state, now.result.time)))
+    assert controller.walker.steps >= 1
+    other = wbc.Controller(controller.config)
+    other.reset(states[0][0].q, states[0][0].v, states[0][1])
+    other.recall(saved, controller.config.settings)
+    for result, (state, time) in zip(results, states, strict=True):
+        assert np.array_equal(other.step(state.q, state.v, time).tau, result.tau)
+
+
+def test_a_streamed_command_ends_after_its_timeout():
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    simulation.run(0.1)
+    for _ in range(4):
+        controller._command(Walk(np.array([0.2, 0.0, 0.0]), streamed=True))
+        simulation.run(0.4)
+    assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
+    simulation.run(4.0)
+    assert controller.walker.phase is Phase.STAND
+    assert controller.mode is wbc.Mode.ACTIVE
+
+
+@pytest.mark.parametrize("key", ["cmd_vel", "cmd_vel_stamped"])
+def test_a_velocity_by_topic_starts_the_walk(bench, make, key):
+    controller = bench("g1").activated(600)
+    controller.send(key, make.velocity(key, [0.2, 0.0, 0.0, 0.0, 0.0, 0.1]))
+    report = controller.cycle(2)
+    walker = controller.loop.controller.walker
+    assert not report.refused
+    assert walker.phase is Phase.SHIFT
+    assert walker.command == Velocity(0.2, 0.1)
+
+
+def test_only_robots_that_walk_have_the_topic_of_the_velocity(robot_of):
+    for robot, keys in (("g1", {"cmd_vel", "cmd_vel_stamped"}), ("go2", set())):
+        names = {endpoint.key for endpoint in controller_endpoints(*robot_of(robot))}
+        assert names & {"cmd_vel", "cmd_vel_stamped"} == keys
+
+
+def test_a_walking_robot_stops_before_it_is_deactivated():
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    controller.walk(0.3)
+    simulation.run(2.0)
+    controller.request("deactivate")
+    phases = []
+    with pytest.raises(NoSolution, match="inactive"):  # the simulation ends with the active mode
+        simulation.run(8.0, lambda now: phases.append((controller.walker.phase, now.result.mode)))
+    assert {mode for _, mode in phases} == {wbc.Mode.ACTIVE}
+    assert phases[-1][0] is Phase.STOP
+    assert controller.walker.phase is Phase.STAND
+    assert not simulation.plant.fallen
+
+
+def test_a_command_to_walk_is_refused_while_the_robot_stops_for_a_deactivation():
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    controller.walk(0.3)
+    simulation.run(2.0)
+    controller.request("deactivate")
+    controller.walk(0.2)
+    results = simulation.run(0.01)
+    assert any("refused" in sentence for result in results for sentence in result.refused)
+
+
+def test_a_robot_without_the_section_does_not_walk():
+    controller = wbc.Controller("go2")
+    controller.reset(controller.stance(), np.zeros(controller.model.nv))
+    with pytest.raises(InputRefused, match="no section 'walking'"):
+        controller.walk(0.1)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_velocity_that_is_not_finite_is_refused(value):
+    controller = wbc.Controller("g1")
+    controller.reset(controller.stance(), np.zeros(controller.model.nv))
+    with pytest.raises(InputRefused, match="walking velocity"):
+        controller.walk(value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"walking.left": "hand"}, "walking.left = 'hand' is not a surface contact; valid: left_foot, right_foot"),
+        ({"walking.left": "left_foot"}, "two surface contacts"),
+        ({"walking.left": "left_foot", "walking.right": "left_foot"}, "two surface contacts"),
+        ({"tasks.walking_dcm": {"type": "capture_point"}}, "tasks.walking_dcm: the walker has a task of this name"),
+    ],
+)
+def test_invalid_settings_are_refused(changes, message):
+    with pytest.raises(ConfigurationError, match=message):
+        wbc.Controller(wbc.load("g1").replace(changes))

@@ -1,0 +1,45 @@
+"""Settings of walking."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from wbc_controller.settings.values import Positive, Section
+
+_Time = Annotated[Positive, Field(le=5.0)]
+_Length = Annotated[Positive, Field(le=5.0)]
+
+
+class WalkingSettings(Section):
+    """Gait of a biped. Every key has a default that follows from the robot: z is the height of its centre of mass."""
+
+    left: str | None = Field(None, description="Contact of the left foot; default: the surface contact to the left.")
+    right: str | None = Field(None, description="Contact of the right foot; default: the surface contact to the right.")
+    single_support: _Time | None = Field(
+        None, description="Nominal duration of the single support, s; default 1.9·√(z/g)."
+    )
+    double_support: _Time = Field(0.1, description="Duration of the double support, s.")
+    clearance: _Length | None = Field(None, description="Height of the swing foot above the ground, m; default 0.07·z.")
+    lowering: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
+        None,
+        description="Distance by which the centre of mass is lowered while walking, m: long steps need bent knees; "
+        "default 0.03·z.",
+    )
+    width: _Length | None = Field(
+        None, description="Distance between the feet, m; default 0.85 of that in the nominal posture."
+    )
+    least_width: _Length | None = Field(
+        None,
+        description="Smallest distance between the feet, m; default 0.6 of that in the nominal posture, and at least "
+        "the width of a sole and 0.03 m.",
+    )
+    max_step_length: _Length | None = Field(None, description="Longest step, m; default 0.65·z.")
+    max_step_width: _Length | None = Field(None, description="Largest distance between the feet, m; default 0.8·z.")
+    command_timeout: _Time = Field(
+        0.5, description="Time without a message on `cmd_vel` after which the robot stops, s."
+    )
+    max_speed: Positive | None = Field(None, description="Largest speed forward and backward, m/s; default 0.2·√(g·z).")
+    max_side_speed: Positive | None = Field(None, description="Largest speed sideways, m/s; default 0.08·√(g·z).")
+    max_turn_rate: Positive = Field(0.5, description="Largest turning rate, rad/s.")

@@ -1,0 +1,103 @@
+"""Adaptation of place and time of a step to the measured state.
+
+At the end of the single support after the time T, the DCM is at ξ_T = p + (ξ - p) e^{ω (T - t)}. The new foot is placed
+at u, and b = ξ_T - u is the offset from which the next step starts. Like Khadiv et al., the walker minimizes
+
+    w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
+
+with the nominal u*, b* and T*, and u within the reach of the leg. For a given T, u follows in closed form. The cost is
+convex in e^{ωT}, so one step of T towards lower cost per cycle, no larger than a rate limit, finds the minimum; then T
+changes continuously.
+
+Source: Khadiv, Herzog, Moosavian and Righetti, Walking control based on step timing adaptation, IEEE T-RO 36, 2020.
+"""
+
+import cmath
+import math
+from dataclasses import dataclass
+
+from wbc_controller.walking.footsteps import NominalStep, Stance
+from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.pendulum import later
+
+#: Weights of place, in 1/m², offset, in 1/m², and time.
+W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
+#: Shortest and longest single support, as shares of the nominal one.
+SHORTEST, LONGEST = 0.4, 1.6
+#: Largest rate of change of the step time.
+TIME_RATE = 1.0
+#: Shortest remaining time that an adaptation plans with, s.
+_AHEAD = 0.04
+#: Largest mean speed of the swing foot, m/s.
+FOOT_SPEED = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class StepTarget:
+    """Where and when a foot lands.
+
+    Attributes:
+        place: u, x + i y in m in the world.
+        offset: b, m.
+        time: T, duration of the single support, s.
+    """
+
+    place: complex
+    offset: complex
+    time: float
+
+
+def adapted(
+    before: StepTarget, nominal: NominalStep, stance: Stance, gait: Gait, dcm: complex, swing: complex, elapsed: float,
+    dt: float,
+) -> StepTarget:  # fmt: skip
+    """Return the target of the step for the measured DCM.
+
+    Args:
+        before: target of the last cycle.
+        nominal: u* and b*.
+        stance: the stance.
+        gait: T* and limits of the step.
+        dcm: ξ, measured.
+        swing: present place of the swing foot.
+        elapsed: time since the single support began t, s.
+        dt: time since the last cycle, s.
+    """
+    earliest = max(SHORTEST * gait.single, elapsed + _AHEAD)
+    latest = max(LONGEST * gait.single, earliest)
+    change = TIME_RATE * dt
+    tried = [
+        _placed(max(earliest, min(latest, before.time + step)), nominal, stance, gait, dcm, swing, elapsed)
+        for step in (0.0, -change, change)
+    ]
+    return min(tried, key=lambda each: each[0])[1]
+
+
+def _placed(
+    time: float, nominal: NominalStep, stance: Stance, gait: Gait, dcm: complex, swing: complex, elapsed: float
+) -> tuple[float, StepTarget]:
+    """Return the cost and the target of the best step with a given duration of the single support."""
+    left = time - elapsed
+    end = later(dcm, stance.place, stance.omega, left)  # ξ_T
+    error = end - nominal.offset - nominal.place
+    place = nominal.place + W_OFFSET / (W_PLACE + W_OFFSET) * error
+    place = _within_reach(place, stance, gait)
+    far = abs(place - swing)
+    reachable = FOOT_SPEED * max(left, 0.0)
+    if far > reachable:
+        place = swing + (place - swing) * (reachable / far)
+    offset = end - place
+    late = math.exp(stance.omega * (time - gait.single)) - 1.0
+    cost = (
+        W_PLACE * abs(place - nominal.place) ** 2 + W_OFFSET * abs(offset - nominal.offset) ** 2 + W_TIME * late * late
+    )
+    return cost, StepTarget(place, offset, time)
+
+
+def _within_reach(place: complex, stance: Stance, gait: Gait) -> complex:
+    """Return the nearest place within the longest step and between the smallest and largest width."""
+    axes = cmath.rect(1.0, stance.heading)
+    local = (place - stance.place) / axes
+    x = max(-gait.length, min(gait.length, local.real))
+    y = max(gait.least_width, min(gait.greatest_width, stance.side * local.imag))
+    return stance.place + complex(x, stance.side * y) * axes

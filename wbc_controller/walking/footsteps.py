@@ -1,0 +1,92 @@
+"""From a velocity command to the nominal step."""
+
+import cmath
+from dataclasses import dataclass
+
+from wbc_controller.records import Array
+from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.pendulum import periodic_offset
+
+#: Margin of the nominal width over the smallest one, m.
+_MARGIN = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """A velocity command: a velocity on the ground in the robot's heading in m/s, and a turning rate in rad/s."""
+
+    linear: complex = 0j
+    turning: float = 0.0
+
+    @classmethod
+    def of(cls, values: Array) -> "Velocity":
+        """Return the command with the values forward, sideways and turning, (3,)."""
+        forward, sideways, turning = values.tolist()
+        return cls(complex(forward, sideways), turning)
+
+    def clipped(self, gait: Gait) -> "Velocity":
+        """Return the command within the largest speeds of a gait."""
+        forward, sideways, turning = gait.speed
+        return Velocity(
+            complex(_clip(self.linear.real, forward), _clip(self.linear.imag, sideways)), _clip(self.turning, turning)
+        )
+
+    def towards(self, wanted: "Velocity", gait: Gait, time: float) -> "Velocity":
+        """Return the command after a time in s on the way to another one, at the largest acceleration of a gait."""
+        forward, sideways, turning = (time * each for each in gait.acceleration)
+        change = wanted.linear - self.linear
+        return Velocity(
+            self.linear + complex(_clip(change.real, forward), _clip(change.imag, sideways)),
+            self.turning + _clip(wanted.turning - self.turning, turning),
+        )
+
+
+def _clip(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))
+
+
+@dataclass(frozen=True, slots=True)
+class Stance:
+    """The stance during one single support.
+
+    Attributes:
+        place: p, of the stance foot, x + i y in m in the world.
+        heading: of the stance foot, rad.
+        side: 1 if the swing foot is the left one, -1 for the right one.
+        omega: natural frequency of the pendulum ω, 1/s.
+    """
+
+    place: complex
+    heading: float
+    side: int
+    omega: float
+
+
+@dataclass(frozen=True, slots=True)
+class NominalStep:
+    """The step that follows a velocity command in a periodic gait.
+
+    Attributes:
+        place: of the new foot, x + i y in m in the world.
+        heading: of the new foot, rad.
+        offset: of the DCM from the new foot at touchdown, x + i y in m in world axes.
+    """
+
+    place: complex
+    heading: float
+    offset: complex
+
+
+def nominal_step(velocity: Velocity, stance: Stance, gait: Gait) -> NominalStep:
+    """Return the next step.
+
+    The middle between the feet moves by velocity times step time in the mean heading. Sideways steps widen the stance,
+    so that the inward step keeps the smallest distance between the feet.
+    """
+    progress, turn = velocity.linear * gait.step_time, velocity.turning * gait.step_time
+    width = max(gait.width, gait.least_width + _MARGIN + abs(progress.imag)) * stance.side * 1j
+    before, after = cmath.rect(1.0, stance.heading), cmath.rect(1.0, stance.heading + turn)
+    middle = cmath.rect(1.0, stance.heading + 0.5 * turn)
+    place = stance.place + 0.5 * width * before + progress * middle + 0.5 * width * after
+    offset = periodic_offset(progress, width, stance.omega, gait.single, gait.double) * after
+    return NominalStep(place, stance.heading + turn, offset)

@@ -1,0 +1,61 @@
+"""Closed forms of the divergent component of motion (DCM) of the linear inverted pendulum.
+
+The DCM ξ = c + ċ / ω of a centre of mass c at a constant height z above the ground, with ω = √(g / z), moves away from
+the centre of pressure p: ξ̇ = ω (ξ - p). c follows ξ by itself. All points are complex numbers, x + i y in m.
+
+Source: Englsberger, Ott and Albu-Schäffer, Three-dimensional bipedal walking control based on divergent component of
+motion, IEEE T-RO 31, 2015.
+"""
+
+import math
+
+
+def natural_frequency(height: float, gravity: float) -> float:
+    """Return ω = √(g / z) in 1/s for a height z in m and gravity g in m/s²."""
+    return math.sqrt(gravity / height)
+
+
+def later(dcm: complex, pressure: complex, omega: float, time: float) -> complex:
+    """Return the DCM after a time in s with a constant centre of pressure: p + (ξ - p) e^{ωt}.
+
+    A negative time gives the DCM before.
+    """
+    return pressure + (dcm - pressure) * math.exp(omega * time)
+
+
+def transferred(dcm: complex, start: complex, end: complex, duration: float, omega: float, time: float) -> complex:
+    """Return the DCM after a time t in s while the centre of pressure moves from p₀ to p₁ at a constant velocity.
+
+    With ṗ = (p₁ - p₀) / T: ξ(t) = p₀ + ṗ t + ṗ / ω + (ξ₀ - p₀ - ṗ / ω) e^{ωt}.
+
+    Args:
+        dcm: ξ₀.
+        start: p₀.
+        end: p₁.
+        duration: T, s.
+        omega: ω, 1/s.
+        time: t, s.
+    """
+    speed = (end - start) / duration
+    return start + speed * (time + 1.0 / omega) + (dcm - start - speed / omega) * math.exp(omega * time)
+
+
+def periodic_offset(progress: complex, width: complex, omega: float, single: float, double: float) -> complex:
+    """Return the DCM at touchdown, relative to the new foot, of the gait that repeats a step: b.
+
+    The step of the foot is s = progress + width; the next one is progress - width. With E = e^{ωT_d}, G = e^{ωT_s} and
+    κ = E - (E - 1) / (ωT_d), one step maps the offset to b' = (b E + κ s) G - s'. Periodic are
+
+        b = s (1 - κ G) / (E G - 1)     of the part of s that repeats,
+        b = -s (1 + κ G) / (E G + 1)    of the part that alternates.
+
+    Args:
+        progress: part of the step that repeats, m.
+        width: part that alternates, from the stance foot to the new one, m.
+        omega: ω, 1/s.
+        single: T_s, duration of the single support, s.
+        double: T_d, duration of the double support, in which the centre of pressure moves linearly, s; may be 0.
+    """
+    E, G = math.exp(omega * double), math.exp(omega * single)
+    kappa = E - (E - 1.0) / (omega * double) if double > 0.0 else 0.0
+    return progress * (1.0 - kappa * G) / (E * G - 1.0) - width * (1.0 + kappa * G) / (E * G + 1.0)

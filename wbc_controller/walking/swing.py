@@ -1,0 +1,98 @@
+"""Motion of the swing foot: replanned in every cycle from its present reference."""
+
+from dataclasses import dataclass
+
+#: Share of the step at which the foot is highest.
+APEX = 0.45
+#: Speed at touchdown, m/s.
+TOUCHDOWN_SPEED = 0.1
+#: Remaining time below which an axis is no longer replanned, s.
+_SHORTEST = 0.0005
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One coordinate of a reference, with its rates."""
+
+    position: float
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+    def moved(self, goal: float, speed: float, left: float, dt: float) -> "Axis":
+        """Return the coordinate after a time on the quintic to a goal, with zero acceleration there.
+
+        Args:
+            goal: position at the end.
+            speed: velocity at the end.
+            left: time until the end, s.
+            dt: time to move, s.
+        """
+        if left <= _SHORTEST:
+            return Axis(self.position)
+        T, t = left, min(dt, left)
+        x, v, a = self.position, self.velocity, self.acceleration
+        d = goal - x - v * T - 0.5 * a * T * T
+        e = (speed - v - a * T) * T
+        f = -a * T * T
+        c3 = (10.0 * d - 4.0 * e + 0.5 * f) / T**3
+        c4 = (-15.0 * d + 7.0 * e - f) / T**4
+        c5 = (6.0 * d - 3.0 * e + 0.5 * f) / T**5
+        return Axis(
+            x + t * (v + t * (0.5 * a + t * (c3 + t * (c4 + t * c5)))),
+            v + t * (a + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
+            a + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SwingFoot:
+    """Reference of the sole in the air: x, y, z in m in the world, and its heading in rad."""
+
+    x: Axis
+    y: Axis
+    z: Axis
+    heading: Axis
+
+    @property
+    def place(self) -> complex:
+        """Place above the ground, x + i y in m."""
+        return complex(self.x.position, self.y.position)
+
+    def moved(self, landing: "Landing", clearance: float, elapsed: float, duration: float, dt: float) -> "SwingFoot":
+        """Return the reference after one cycle; a foot that is late moves further down.
+
+        Args:
+            landing: place, height and heading at touchdown.
+            clearance: height of the foot above the ground at the highest point, m.
+            elapsed: time since it has lifted off, s.
+            duration: of its swing, s.
+            dt: time of a cycle, s.
+        """
+        left, top = duration - elapsed, APEX * duration
+        if elapsed + dt < top:
+            z = self.z.moved(landing.height + clearance, 0.0, top - elapsed, dt)
+        elif left > _SHORTEST:
+            z = self.z.moved(landing.height, -TOUCHDOWN_SPEED, left, dt)
+        else:
+            z = Axis(self.z.position - TOUCHDOWN_SPEED * dt, -TOUCHDOWN_SPEED)
+        return SwingFoot(
+            self.x.moved(landing.place.real, 0.0, left, dt),
+            self.y.moved(landing.place.imag, 0.0, left, dt),
+            z,
+            self.heading.moved(landing.heading, 0.0, left, dt),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Landing:
+    """Where the swing foot touches the ground.
+
+    Attributes:
+        place: x + i y in m in the world.
+        height: of the ground there, m.
+        heading: of the foot, rad; less than half a turn away from the present one.
+    """
+
+    place: complex
+    height: float
+    heading: float
