@@ -10,7 +10,7 @@ from wbc_controller.records import Array
 
 #: Norm of a row below which x does not affect it.
 _NO_ROW = 1.0e-12
-#: Smallest -rₙ₊₁ = 1 / (1 + ‖y‖²) of a feasible problem, with y in its unit; 0 if the constraints contradict each other.
+#: Smallest -rₙ₊₁ = 1 / (1 + ‖y‖²) of a feasible problem, with y in its unit; 0 if constraints contradict each other.
 _FEASIBLE = 1.0e-9
 
 
