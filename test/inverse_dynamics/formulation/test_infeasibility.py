@@ -9,6 +9,7 @@ from scipy.optimize import linprog
 
 from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics import whole_body_qp
+from wbc_controller.inverse_dynamics.contacts.support import friction_pyramid
 from wbc_controller.inverse_dynamics.formulation import infeasibility
 from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.infeasibility import MAX_PROGRAMS, explain, named_constraints
@@ -122,8 +123,11 @@ def wrong_torque_before(joint):
 def slippery(robot, name):
     """Pushed sideways on ice: the friction does not bear it."""
     for contact in robot.controller.contacts.values():
-        contact.cone = np.array(contact.cone)
         contact.friction = 0.05
+        if contact.size == 3:
+            contact.cone = friction_pyramid(0.05)
+            continue
+        contact.cone = np.array(contact.cone)
         normal = contact.cone[:, 2]
         slides = (np.abs(contact.cone[:, :2]).max(axis=1) == 1.0) & (contact.cone[:, 2] < 0.0)
         normal[slides] = -0.05 / 2.0**0.5

@@ -131,9 +131,13 @@ def test_a_lower_level_that_no_solver_solves_keeps_the_solution_above_and_the_ne
             monkeypatch.setattr(made[1], "solve", lambda _: Answer(None, "taken for infeasible", 9))
         return made[-1]
 
-    solving = Hierarchy(second_fails, lambda: 0.0)
-    answer = solving.solve(problem, levels)
-    assert answer.relaxed == ("level with band: taken for infeasible",)
+    answer = Hierarchy(second_fails, lambda: 0.0).solve(problem, levels)
+    assert answer.relaxed == ()  # by least distance
+    np.testing.assert_allclose(answer.x, expected.x, atol=1e-6)
+    made.clear()
+    monkeypatch.setattr(module, "solve_by_least_distance", lambda _: Answer(None, "infeasible", 0))
+    answer = Hierarchy(second_fails, lambda: 0.0).solve(problem, levels)
+    assert answer.relaxed == ("level with band: taken for infeasible; infeasible",)
     np.testing.assert_allclose(answer.x, [1.0, 0.0, 3.0, 0.0], atol=1e-3)
     assert [report.tasks for report in answer.levels] == [("first",), ("band",), ("last",)]
     assert answer.levels[1].cost == pytest.approx(0.5 * 1.5**2, rel=1e-3)  # the band begins 1.5 away

@@ -135,7 +135,8 @@ def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record
 
 
 def test_a_solver_with_a_memory_of_its_own_is_exact_from_the_start_alone(record, tmp_path):
-    run = record(tmp_path / "a.mcap", {"solver": {"name": "proxqp"}})
+    # Not ProxQP: its last bits differ between two objects with the same problems.
+    run = record(tmp_path / "a.mcap", {"solver": {"name": "osqp"}})
     run.stand(130)
     recorded = run.finish(tmp_path / "a.mcap")
     assert all(each.same and each.exact for each in Replay(recorded).run(0, 60))

@@ -12,6 +12,7 @@ from wbc_controller.inverse_dynamics.formulation.problem_kernels import LeastSqu
 from wbc_controller.inverse_dynamics.solvers import Solver
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelMemory
+from wbc_controller.inverse_dynamics.solvers.least_distance import solve_by_least_distance
 from wbc_controller.records import Array, LevelReport
 
 #: Rows count as linearly dependent below this share of the largest.
@@ -166,8 +167,12 @@ class Hierarchy:
                 self._solvers[size] = self._make_solver(reduced)
             answer = self._solvers[size].solve(reduced)
             iterations += answer.iterations
+            tolerance = self._solvers[size].tolerance
+            if reports and (answer.x is None or not (reduced.violation(answer.x) <= tolerance)):
+                status, answer = answer.status, solve_by_least_distance(reduced)
+                answer.status = f"{status}; {answer.status}"
             found = answer.x
-            if found is None or not (reduced.violation(found) <= self._solvers[size].tolerance):
+            if found is None or not (reduced.violation(found) <= tolerance):
                 if not reports:
                     return Answer(None, answer.status, iterations)
                 unsolved += (f"level with {', '.join(level.tasks)}: {answer.status}",)
