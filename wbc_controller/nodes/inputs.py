@@ -150,6 +150,10 @@ class Inputs:
                 self._queues[endpoint.name] = _open(endpoint, transport)
             elif endpoint.key not in _LARGEST:
                 transport.subscribe(endpoint, partial(self.requests.put, endpoint))
+        checked = [(queue.endpoint.name, self._sources.get(queue.endpoint.key)) for queue in self._queues.values()]
+        self._checks = [
+            (topic, source.check) for topic, source in checked if source is not None and source.check is not None
+        ]
         self._trigger = next(queue for queue in self._queues.values() if queue.endpoint.key == "joint_states")
 
     def wait(self, seconds: float) -> bool:
@@ -279,8 +283,6 @@ class Inputs:
             reason = reason or source.stamps.judge(newest.stamp, arrival) or ""
             if reason:
                 raise InputRefused(reason)
-            if check is not None:
-                check.accept()
         except Exception as error:
             self._refusals[key] = refusal(endpoint, error) + self._publishers_note(endpoint.name)
             refused.append(f"{endpoint.name}: {self._refusals[key]}")
@@ -352,12 +354,10 @@ class Inputs:
             ages: age of each part of the state, s.
             timeout: largest allowed age, s.
         """
-        for queue in self._queues.values():
-            source = self._sources.get(queue.endpoint.key)
-            if source is not None and source.check is not None and source.check.in_row:
-                found = source.check.fault(queue.endpoint.name)
-                if found is not None:
-                    return Fault(found.code, found.sentence + self._publishers_note(queue.endpoint.name))
+        for topic, check in self._checks:
+            found = check.fault(topic) if check.in_row else None
+            if found is not None:
+                return Fault(found.code, found.sentence + self._publishers_note(topic))
         stale = stale_inputs(ages, timeout, self.notes)
         if stale is None and self._agreement is not None and self._agreement.contradiction is not None:
             return Fault("IMPLAUSIBLE_STATE", self._agreement.contradiction)

@@ -357,6 +357,7 @@ class Recorder:
     def close(self) -> None:
         """Write everything, and end."""
         if self._thread.is_alive():
+            self._send()  # gives the thread the events of the last cycles
             self._jobs.put(None)
             self._thread.join()
             self._send()

@@ -256,9 +256,18 @@ class SampleMemory(Struct):
     change: OutVector
 
 
+@part
+def _keep_sample(memory: SampleMemory, position: Array, velocity: Array) -> None:
+    """Compare the next sample with this one."""
+    for i in range(len(position)):
+        memory.position[i] = position[i]
+    for i in range(len(velocity)):
+        memory.velocity[i] = velocity[i]
+
+
 @compiled
 def compare_sample(memory: SampleMemory, position: StridedVector, velocity: StridedVector, dt: float) -> int:
-    """Compare a sample with its limits and with the last accepted one.
+    """Compare a sample with its limits and with the last accepted one, which it replaces if it is plausible.
 
     The change of the position is Δt (v₁ + v₂) / 2 up to a tolerance; without measured velocities it is within
     Δt times the largest velocity. A velocity changes by `VELOCITY_STEP` + Δt `VELOCITY_RATE` of the largest one.
@@ -280,6 +289,7 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
             if not abs(velocity[i]) <= memory.fastest[i]:
                 return 1000 * SAMPLE_FAST + i
     if not (0.0 < dt <= SAMPLE_GAP):
+        _keep_sample(memory, position, velocity)
         return -1
     if memory.floating:
         _base_change(memory.position, position, memory.change)
@@ -299,4 +309,5 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
             step = memory.fastest[i] * (VELOCITY_STEP + VELOCITY_RATE * dt)
             if not abs(velocity[i] - memory.velocity[i]) <= step:
                 return 1000 * SAMPLE_KICK + i
+    _keep_sample(memory, position, velocity)
     return -1

@@ -44,7 +44,6 @@ class SampleCheck:
         self.reason = ""
         self._names, self._keys, self._memory = names, keys, memory
         self._stamp = 0
-        self._looked = 0, memory.position, memory.velocity  # the newest sample
 
     @classmethod
     def of_joints(cls, model: RobotModel, limits: PlausibilityLimits, *, measured: bool) -> SampleCheck:
@@ -63,30 +62,22 @@ class SampleCheck:
         return cls(AXES, ("max_base_speed",) * 3 + ("max_base_turn",) * 3, memory)
 
     def look(self, stamp: int, position: Array, velocity: Array) -> str:
-        """Return why a sample is out of reach of the last accepted one, and count it; empty if it is within reach.
+        """Return why a sample is out of reach of the last accepted one; empty if it is within reach, and accepted.
 
         Args:
             stamp: its timestamp, ns.
             position: joint positions, (nj,), or the base's pose, (7,).
             velocity: joint velocities, (nj,), empty if they are not measured, or the base's twist, (6,).
         """
-        self._looked = stamp, position, velocity
         elapsed = 1.0e-9 * (stamp - self._stamp) if self._stamp else math.nan
         found = compare_sample(self._memory, position, velocity, elapsed)
         if found < 0:
+            self._stamp, self.in_row = stamp, 0
             return ""
         self.rejected += 1
         self.in_row += 1
         self.reason = self._sentence(*divmod(found, 1000), position, velocity, elapsed)
         return self.reason
-
-    def accept(self) -> None:
-        """Compare the next samples with the newest one."""
-        self._stamp, position, velocity = self._looked
-        self.in_row = 0
-        self._memory.position[:] = position
-        if self._memory.measured:
-            self._memory.velocity[:] = velocity
 
     def restart(self) -> None:
         """Accept the next sample whatever the last one was: the time starts anew."""
