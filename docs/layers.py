@@ -18,7 +18,7 @@ class Room(NamedTuple):
 
 
 #: Files at the top of the package that every room may import.
-BASICS = ("errors", "records", "compilation")
+BASICS = ("errors", "records", "arguments", "compilation")
 #: Other files at the top of the package: entry points, and the public names.
 ENTRY_POINTS = ("cli", "node", "__main__", "__init__")
 
@@ -27,6 +27,7 @@ _QP = "inverse_dynamics/"
 ROOMS = {
     "errors": Room(),
     "records": Room("", "numpy"),
+    "arguments": Room("errors records", "numpy"),
     "compilation": Room("", "numpy numba typing_extensions"),
     "settings": Room("", "pydantic yaml"),
     "mechanics": Room("", "numpy scipy pinocchio"),

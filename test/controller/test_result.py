@@ -103,7 +103,7 @@ def test_the_plot_of_a_run_has_every_cycle(results):
     marks = {trace.y[0]: len(trace.x) for trace in figure.data if trace.mode == "markers"}
     bound = [name for each in results for name in each.binding]
     assert marks == {name: bound.count(name) for name in set(bound)}
-    with pytest.raises(ValueError, match="no results"):
+    with pytest.raises(wbc.InputRefused, match="no results"):
         wbc.plot([])
 
 

@@ -378,6 +378,10 @@ def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(be
     assert set(solution.forces) == {"left_foot", "right_foot"}
     assert "contact_motion" not in solution.relaxed
     assert max(solution.residuals.values()) < 1e-5
+    formulation = talos.controller.formulation
+    assert formulation.structure.layout.key == calls[0]  # tasks on forces take the columns of this solution from it
+    lifted = {name: float(name in calls[1]) for name in calls[0]}
+    assert formulation.build(state, replace(talos.references(), contacts=lifted)).key == calls[1]
 
 
 @pytest.mark.usefixtures("keep_contacts")

@@ -214,6 +214,24 @@ class TestJointStates:
         with refused("3 of 3 joints are missing: hip, knee, ankle"):
             self.read(make.joint_state([], []))
 
+    def test_joints_that_are_split_over_several_messages_are_found(self, make):
+        reader = JointStateReader(JOINTS)
+        with refused("2 of 3 joints are missing: knee, ankle; unknown joints: finger"):
+            self.read(make.joint_state(["hip", "finger"], [0] * 2, [0] * 2), reader)
+        sentence = (
+            "1 of 3 joints are missing: hip; all joints arrive, but split over several messages: publish them in one, "
+            "for example with the source_list of joint_state_publisher"
+        )
+        with refused(sentence):
+            self.read(make.joint_state(["knee", "ankle"], [0] * 2, [0] * 2), reader)
+
+    def test_velocities_that_are_all_not_a_number_lead_to_the_setting(self, make):
+        setting = "for a robot that measures no velocities, estimation.joint_velocity has to be differentiated"
+        with refused(f"velocity of 'hip' is nan rad/s; every value must be finite; {setting}"):
+            self.read(make.joint_state(JOINTS, [0] * 3, [NAN] * 3))
+        with refused(f"velocity has 0 values for 3 names; {setting}"):
+            self.read(make.joint_state(JOINTS, [0] * 3, []))
+
     def test_a_duplicate_joint_is_named(self, make):
         with refused("duplicate joint 'knee'"):
             self.read(make.joint_state(["hip", "knee", "ankle", "knee"], [0] * 4, [0] * 4))

@@ -112,8 +112,28 @@ def test_its_own_torques_are_no_sign_of_life(stage):
     assert on.all("state")[-1].data.startswith("damping")
 
 
-@pytest.mark.parametrize("torques", [np.nan, np.inf])
-def test_a_command_that_is_not_finite_is_no_command(stage, torques):
+def test_a_second_publisher_of_the_controllers_topics_is_reported(stage, caplog):
+    on = stage()
+    topics = {topic.key: counterpart(topic) for topic in TABLE}
+    MemoryTransport(on.bus, "wbc_controller").advertise(topics["controller_state"])
+    second = MemoryTransport(on.bus, "stray")
+    for key in ("joint_commands", "controller_state"):
+        second.advertise(topics[key])
+    on.service.watch.look()
+    on.run(0.1, commands=True)
+    (status,) = on.all("diagnostics")[-1].status
+    values = {each.key: each.value for each in status.values}
+    named = values["publishers/joint_commands"].split(", ")
+    assert "/stray" in named
+    assert len(named) == 2  # the user of this test publishes commands, too
+    assert status.level == 1
+    (commands, _) = sorted(caplog.messages)
+    assert commands.startswith("/wbc_controller/joint_commands has several publishers, ")
+    assert commands.endswith("the guard cannot tell when the controller stops; end all but one")
+
+
+@pytest.mark.parametrize("torques", [np.nan, np.inf, 1e308, -1e4])
+def test_a_command_that_is_not_finite_or_above_the_limits_is_no_command(stage, torques):
     on = stage()
     on.run(0.1, commands=True)
     for _ in range(50):
@@ -122,7 +142,7 @@ def test_a_command_that_is_not_finite_is_no_command(stage, torques):
     assert on.all("state")[-1].data.startswith("damping")
     (status,) = on.all("diagnostics")[-1].status
     values = {value.key: value.value for value in status.values}
-    assert "effort of 'FL_hip_joint' is" in values["refused/joint_commands"]
+    assert " of 'FL_hip_joint' is " in values["refused/joint_commands"]
     assert np.isfinite(on.efforts()).all()
 
 

@@ -266,8 +266,8 @@ def test_changes_of_the_settings_are_prepared_where_they_are_read(go2, make):
     prepared = []
 
     def prepare(change):
-        prepared.append(change)
-        if "safety" in change:
+        prepared.append(change.settings)
+        if "safety" in change.settings:
             raise ConfigurationError("not while it runs")
 
     go2.inputs.requests._prepare = prepare

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 import threading
 
 import numpy as np
@@ -304,14 +305,95 @@ def test_an_exception_while_starting_becomes_a_fault_too(bench, monkeypatch, cap
     assert "Traceback" in caplog.text
 
 
-@pytest.mark.filterwarnings("ignore:overflow")
-def test_a_setpoint_beyond_all_reason_does_no_harm(bench, make):
+def zeros_on_joint_states(controller):
+    nothing = np.zeros(controller.model.nj)
+    controller.joints(position=nothing, velocity=nothing)
+
+
+def odometry_that_spins(controller):
+    controller.base(twist=[0.0, 0.0, 0.0, 627.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("sample", "key"), [(zeros_on_joint_states, "joint_states"), (odometry_that_spins, "odom")])
+def test_single_implausible_samples_are_rejected_and_counted_and_a_sequence_damps(bench, sample, key):
     controller = bench().activated(600)
-    controller.send("setpoint", make.point([1e300, -1e300, 1e300]), "com")
+    torques = controller.reports[-1].command.tau
+    for _ in range(3):
+        for _ in range(2):
+            controller.give_state(joints=key != "joint_states", base=key != "odom")
+            sample(controller)
+            report = controller.loop.cycle()
+            (sentence,) = report.refused
+            assert sentence.startswith(f"/{key}: ")
+            assert (report.mode, report.fault) == (Mode.ACTIVE, None)
+            np.testing.assert_allclose(report.command.tau, torques, atol=0.5)
+        controller.cycle(20)
     controller.cycle(300)
-    efforts = controller.efforts()
-    assert np.isfinite(efforts).all()
-    assert (np.abs(efforts) <= controller.model.effort_limits).all()
+    assert {each.key: each.value for each in last_status(controller).values}[f"rejected/{key}"] == "6"
+    for _ in range(3):
+        controller.give_state(joints=key != "joint_states", base=key != "odom")
+        sample(controller)
+        report = controller.loop.cycle()
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "IMPLAUSIBLE_STATE")
+    assert report.fault.sentence.startswith(f"/{key}: 3 messages in a row are out of reach: ")
+
+
+@pytest.mark.parametrize("velocity", [1e160, 1e200])
+def test_velocities_whose_squares_overflow_reach_no_method_of_a_task(bench, caplog, velocity):
+    spin = {"type": "angular_momentum", "weight": 1e-3, "damping": 10.0}
+    controller = bench("g1", {"tasks": {"spin": spin}}).activated(20)
+    for _ in range(3):
+        controller.give_state(base=False)
+        controller.base(twist=[0.0, 0.0, 0.0, velocity, 0.0, 0.0])
+        report = controller.loop.cycle()
+    assert (report.mode, report.fault.code) == (Mode.DAMPING, "IMPLAUSIBLE_STATE")
+    assert "the controller failed" not in caplog.text
+
+
+def test_the_reason_names_several_publishers_of_the_topic(bench):
+    controller = bench().activated(20)
+    second = MemoryTransport(controller.bus, "gui")
+    for topic in controller.topics:
+        if topic.key == "joint_states":
+            second.advertise(counterpart(topic))
+    controller.cycle(200)  # the graph is read four times a second
+    controller.give_state(joints=False)
+    zeros_on_joint_states(controller)
+    (sentence,) = controller.loop.cycle().refused
+    assert re.search(r"jumps by .*; /joint_states has several publishers: .*/gui", sentence)
+
+
+ABSURD = {
+    "setpoint": ("setpoint", "com", lambda make: make.point([0.0, 1e308, 0.3])),
+    "setpoint in its own frame": ("setpoint", "com", lambda make: make.point([0.0, 50.0, 0.0], "com/reference")),
+    "setpoint in a frame of the robot": ("setpoint", "com", lambda make: make.point([0.0, 50.0, 0.0], "FL_foot")),
+    "update": ("update", "", lambda make: make.string("{tasks: {com: {setpoint: [1.0e+308, 0, 0.3]}}}")),
+    "trajectory": (
+        "trajectory", "com", lambda make: make.frame_trajectory([(0.5, [[1e200, 0, 0.3, 0, 0, 0, 1]])]),
+    ),
+    "velocity": (
+        "trajectory", "com",
+        lambda make: make.frame_trajectory(
+            [(0.5, [[0, 0, 0.3, 0, 0, 0, 1]], [[1e9, 0, 0, 0, 0, 0]]), (0.6, [[0, 0, 0.3, 0, 0, 0, 1]])]
+        ),
+    ),
+    "wrench": ("external_wrench", "base", lambda make: make.wrench([0, 0, -1e308, 0, 0, 0])),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ABSURD)
+def test_an_absurd_request_is_refused_with_its_range_and_the_robot_stands_on(bench, make, name):
+    controller = bench().activated(20)
+    board = controller.loop.controller.board
+    before = board._trajectories["com"]
+    key, subject, content = ABSURD[name]
+    controller.send(key, content(make), subject)
+    refused = [sentence for _ in range(10) for sentence in controller.cycle().refused]
+    assert len(refused) == 1
+    assert re.search(r" is .*; for this robot it is from -?[\d.]+ to [\d.]+", refused[0])
+    assert controller.reports[-1].mode is Mode.ACTIVE
+    assert board._trajectories["com"] is before
+    assert not board._wrenches
 
 
 def test_commands_to_an_inactive_controller_are_refused_in_words(bench, make):

@@ -86,6 +86,29 @@ def test_what_is_too_long_or_no_string_is_refused_once_in_words_and_the_wait_goe
     assert caplog.messages[0].endswith(f"bytes are too long for a URDF; it may have {LARGEST_URDF}")
 
 
+@pytest.mark.parametrize(
+    ("publisher", "cause"),
+    [
+        (None, "it has no publisher"),
+        ("description", "/description publishes it, but nothing arrives: the publisher has to be latched (durability "
+         "transient local), not volatile"),
+    ],
+)  # fmt: skip
+def test_the_warning_names_the_probable_cause(caplog, monkeypatch, publisher, cause):
+    monkeypatch.setattr("wbc_controller.nodes.urdf._PATIENCE", 0.01)
+    bus, stop = MemoryBus(), threading.Event()
+    if publisher is not None:
+        MemoryTransport(bus, publisher).advertise(counterpart(ENDPOINT))
+    waiting = threading.Thread(target=wait_for_urdf, args=(MemoryTransport(bus), stop, [ENDPOINT]))
+    with caplog.at_level(logging.WARNING):
+        waiting.start()
+        while not caplog.messages:
+            time.sleep(0.005)
+        stop.set()
+        waiting.join(10.0)
+    assert caplog.messages[0] == f"robot.urdf is empty: still waiting for the URDF on /robot_description; {cause}"
+
+
 @pytest.mark.live
 @pytest.mark.parametrize("command", ["run", "guard"])
 def test_a_urdf_from_the_network_that_pinocchio_would_not_survive_ends_in_a_sentence(command, tmp_path):

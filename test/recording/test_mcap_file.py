@@ -5,11 +5,16 @@ from __future__ import annotations
 import errno
 import resource
 import signal
+import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import Chunk
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessages, PackedChunk, Topic
@@ -160,6 +165,78 @@ def test_damage_is_named(tmp_path):
         path.write_bytes(text)
         with pytest.raises(ValueError, match="does not begin as an MCAP file"):
             read(path)
+
+
+def bomb(compression: str, data: bytes, declared: int) -> PackedChunk:
+    """A chunk record whose data and declared size differ, with a checksum of 0, which is not checked."""
+    record, builder = Chunk(compression, data, 1, 0, 0, declared), RecordBuilder()
+    record.write(builder)
+    return replace(chunk(0), data=builder.end())
+
+
+@pytest.mark.parametrize(
+    ("compression", "declared", "damage"),
+    [
+        ("zstd", 10, "a chunk declares 10 bytes and contains 1073741824"),
+        ("zstd", 1 << 30, f"a chunk expands to {1 << 30} bytes"),
+        ("lz4", 1 << 30, "a chunk has the compression 'lz4'; valid: 'zstd', ''"),
+    ],
+)
+def test_a_chunk_expands_only_to_its_declared_size_and_a_limit(tmp_path, compression, declared, damage):
+    path = tmp_path / "a.mcap"
+    file = begun(path)
+    zeros = zstandard.ZstdCompressor().compressobj(size=1 << 30)
+    data = b"".join(zeros.compress(bytes(1 << 24)) for _ in range(64)) + zeros.flush()
+    file.write(bomb(compression, data, declared))
+    file.close()
+    tracemalloc.start()
+    found, messages = read(path)
+    _, largest = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(found) == 5
+    assert damage in messages.damage
+    assert largest < 16 << 20
+
+
+def test_a_chunk_of_unknown_content_size_expands_up_to_its_declared_size(tmp_path):
+    path = tmp_path / "a.mcap"
+    file = begun(path)
+    unknown = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(100))
+    file.write(bomb("zstd", unknown, 10))
+    file.close()
+    assert "a record is damaged" in read(path)[1].damage
+
+
+def test_small_chunks_expand_in_all_to_a_multiple_of_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr("wbc_controller.recording.mcap_file._LARGEST_CHUNK", 1000)
+    monkeypatch.setattr("wbc_controller.recording.mcap_file._LARGEST_RATIO", 1)
+    path = tmp_path / "a.mcap"
+    file = McapFile(path, TOPICS)
+    for i in range(100):
+        builder = ChunkBuilder()
+        builder.add(1, i, bytes(900))
+        file.write(builder.take())
+    file.close()
+    found, messages = read(path)
+    assert 0 < len(found) < 100
+    assert "in all 1 × file" in messages.damage
+
+
+def test_a_dangling_symbolic_link_is_not_followed(tmp_path):
+    link, target, said = tmp_path / "a.mcap", tmp_path / "elsewhere", []
+    link.symlink_to(target)
+    with pytest.raises(OSError, match=f"it is a symbolic link to '{target}', which does not exist"):
+        McapFile(link, TOPICS)
+    sink = Sink(link, said.append)
+    sink.probe()
+    sink.write(chunk(1), TOPICS, lambda at: None)
+    assert len(said) == 1
+    assert "cannot be written: it is a symbolic link to" in said[0]
+    assert link.is_symlink()
+    assert not target.exists()
+    target.touch()
+    begun(link).close()
+    assert len(read(target)[0]) == 5
 
 
 def test_log_times_never_decrease_and_times_of_arrival_are_kept(tmp_path):

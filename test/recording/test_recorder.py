@@ -119,6 +119,16 @@ def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
     assert found.last >= fault.cycle
 
 
+@pytest.mark.parametrize("after", range(9))
+def test_events_of_the_last_cycles_are_recorded(record, tmp_path, after):
+    run = record(tmp_path / "a.mcap")
+    run.stand(20)
+    run.bench.command("estop")
+    run.go(1 + after)
+    (fault,) = run.finish(tmp_path / "a.mcap").faults
+    assert fault.fault.code == "ESTOP"
+
+
 @pytest.mark.parametrize("what", ["request", "fault"])
 def test_what_is_asked_for_while_the_recorder_does_not_keep_up_is_written_later(record, tmp_path, what):
     run = record(changes={"recorder": {"folder": str(tmp_path / "faults"), "seconds": 5.0}})

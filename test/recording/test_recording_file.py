@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.middleware.codec import encode, message
+from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.odometry import odometry
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.recording.added_topics import add_topics
-from wbc_controller.recording.cycle_layout import FORMAT
+from wbc_controller.recording.cycle_layout import FORMAT, HEAD
+from wbc_controller.recording.mcap_file import McapMessages
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.report.run_from_recording import PHASES, run_of, truth_topics
+from wbc_controller.validation.fuzz.hostile_recordings import read_recording, write_messages
 
 
 @pytest.mark.parametrize("other", [3, FORMAT + 1])
@@ -34,6 +41,71 @@ def finished(record, tmp_path):
     run = record(tmp_path / "a.mcap")
     run.stand(60)
     return run.finish(tmp_path / "a.mcap")
+
+
+def modified(path: Path, topic: str, change: Callable[[dict[str, Any]], None]) -> Path:
+    """The recording with the first message of a topic changed, with valid checksums."""
+    file = McapMessages(path)
+    messages, done = [], False
+    for place, time, payload in file:
+        if place.name.endswith(f"/recording/{topic}") and not done:
+            content, done = json.loads(decode(payload, place.type).data), True
+            change(content)
+            payload = encode(message(place.type, data=json.dumps(content, separators=(",", ":"))))
+        messages.append((place, time, payload))
+    other = path.with_name("modified.mcap")
+    write_messages(other, file.topics, messages)
+    return other
+
+
+@pytest.mark.parametrize(
+    ("topic", "change", "reason"),
+    [
+        ("start", lambda start: start.pop("format"), "its start has no 'format'"),
+        ("start", lambda start: start.pop("node"), "its start has no 'node'"),
+        ("start", lambda start: start.update(config=1), "its start: 'config' is 1, not str"),
+        ("start", lambda start: start.update(config="a: 1"), "has no key 'wbc_controller'"),
+        ("start", lambda start: start.update(config="[" * 5000), "not valid YAML"),
+        ("start", lambda start: start.update(software=[]), r"'software' is \[\], not .*Mapping"),
+        ("start", lambda start: start["layout"].pop(0), "its layout does not begin with number, now"),
+        ("start", lambda start: start["layout"].pop(), "no numbers of references/contact/"),
+        ("start", lambda start: start["layout"][20].pop(), "its layout has the slot"),
+        ("start", lambda start: start["layout"][40].__setitem__(2, -1), "its layout has the slot"),
+        ("events", lambda event: event.pop("cycle"), "an event has no 'cycle'"),
+        ("events", lambda event: event.update(fault="x"), "an event: 'fault' is 'x', not"),
+        ("events", lambda event: event.update(requests={}), r"an event: 'requests' is {}, not list\[str\]"),
+        ("events", lambda event: event.update(changes=[[{"$record": "Fault", "code": 1, "sentence": "",
+                                                         "infeasibility": None}]]), "Fault: 'code' is 1, not str"),
+        ("memory", lambda memory: memory.update(cycle="x"), "a memory begins with"),
+        ("memory", lambda memory: memory["memory"].pop("board"), "the memory before cycle 0: KeyError: 'board'"),
+        ("memory", lambda memory: memory["memory"]["board"].update(_tuning=0), "_tuning is 0, not a TuningRamp"),
+        ("memory", lambda memory: memory["memory"]["board"]["_weight_ramps"].update(com=1),
+         r"_weight_ramps\['com'\] is 1, not a SoftRamp"),
+        ("memory", lambda memory: memory["memory"]["supervisor"]["_tau"].update(shape=[1]), "cannot reshape array"),
+        ("memory", lambda memory: memory["memory"]["supervisor"]["_tau"].update(type="O"), "an array has the type"),
+        ("memory", lambda memory: memory["memory"]["board"]["_trajectories"].update(com={"$trajectory": []}),
+         "a trajectory has no points"),
+    ],
+)  # fmt: skip
+def test_modified_json_with_a_valid_checksum_is_refused_with_the_value(finished, topic, change, reason):
+    path = modified(finished.path, topic, change)
+    with pytest.raises(ConfigurationError, match=reason) as caught:
+        read_recording(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "value"), [("mode", 99.0), ("mode", np.nan), ("number", np.inf), ("number", -1.0)])
+def test_a_cycle_with_numbers_out_of_their_ranges_is_refused(finished, name, value):
+    file = McapMessages(finished.path)
+    messages = list(file)
+    at = next(i for i, (topic, _, _) in enumerate(messages) if topic.name.endswith("/recording/cycle"))
+    topic, time, payload = messages[at]
+    place = len(payload) - 8 * sum(slot.size for slot in finished.slots if slot.group == "cycle") + 8 * HEAD.index(name)
+    messages[at] = topic, time, payload[:place] + np.float64(value).tobytes() + payload[place + 8 :]
+    path = finished.path.with_name("modified.mcap")
+    write_messages(path, file.topics, messages)
+    with pytest.raises(ConfigurationError, match=rf"modified\.mcap: a cycle has {name} = .*; valid: 0 to"):
+        Recording(path)
 
 
 def wrench(stamp: int, force: float) -> bytes:

@@ -428,7 +428,7 @@ def test_unusable_torques_are_refused_and_change_nothing(plant, tau):
         ("base", [0.0] * 3, 0.1, r"expected \(6,\)"),
         ("base", [math.nan] + [0.0] * 5, 0.1, "finite"),
         ("base", [1e9] + [0.0] * 5, 0.1, "at most"),
-        ("base", [0.0] * 6, math.nan, "positive"),
+        ("base", [0.0] * 6, math.nan, "must be from 0 to 86400"),
         ("base", [0.0] * 6, 0.0, "positive"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from wbc_controller.arguments import finite, name_of, number, shortened, sized, str_of
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.cycle import ControlCycle, seconds
 from wbc_controller.controller.report import CycleInputs
@@ -24,12 +26,16 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetWeight,
     Walk,
 )
+from wbc_controller.inverse_dynamics.references.ranges import LONGEST, check_change, check_rates
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
 from wbc_controller.inverse_dynamics.tasks import Task
-from wbc_controller.inverse_dynamics.tasks.form import finite, shortened
-from wbc_controller.records import Array, Fault, Reference, RobotState, frozen
+from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
+from wbc_controller.records import REQUESTS, Array, Fault, Reference, RobotState, frozen
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings.nesting import nested
+
+#: Latest time on the user's clock, s, and largest value of a state, m, rad or per s: larger ones overflow.
+_LATEST, _LARGEST = 1.0e10, 1.0e9
 
 
 class Controller(ControlCycle):
@@ -65,7 +71,9 @@ class Controller(ControlCycle):
             InputRefused: if the state has another shape than q (nq,), v (nv,), or a value is not finite.
         """
         state = self._state(q, v, t)
-        finite(state.q, "q"), finite(state.v, "v")
+        problem = self._invalid(state)
+        if problem is not None:
+            raise InputRefused(problem)
         self._time = seconds(state)
         self.qp.forget()
         self._commands, self._streamed = [], {}
@@ -87,18 +95,17 @@ class Controller(ControlCycle):
         """Run one control cycle; the time t, s, on your clock is not before that of the last step.
 
         Returns:
-            The torques, and all that led to them. A state that is not finite leads to damping, with a fault.
+            The torques, and all that led to them. A state that is not finite, or has no unit quaternion, leads to
+            damping, with a fault.
 
         Raises:
             InputRefused: if the state has another shape, the time goes back, or there was no `reset`.
         """
-        if not (t >= self._now()):
-            raise InputRefused(f"t = {t!r} s is before the last step, which was at {self._now():.9g} s")
         state = self._state(q, v, t)
-        problem = None
-        for name, values in (("q", state.q), ("v", state.v)):
-            if not np.isfinite(values).all():
-                problem = Fault("BAD_STATE", f"{name} holds a value that is not finite: {shortened(values)}")
+        if seconds(state) < self._now():
+            raise InputRefused(f"t = {t!r} s is before the last step, which was at {self._now():.9g} s")
+        invalid = self._invalid(state)
+        problem = None if invalid is None else Fault("BAD_STATE", invalid)
         self._time = seconds(state)
         commands, self._commands = self._commands, []
         result = self.cycle(
@@ -139,9 +146,10 @@ class Controller(ControlCycle):
         """
         values = self._position(task, position, f"the position of task {task!r}")
         streamed = velocity is not None or acceleration is not None
-        if duration is not None and (streamed or not (0.0 <= duration < np.inf)):
-            why = "a streamed reference has none" if streamed else "it must be finite and not negative"
-            raise InputRefused(f"duration = {duration!r} s of task {task!r}: {why}")
+        if duration is not None:
+            duration = number(duration, f"the duration of task {task!r}", 0.0, LONGEST)
+            if streamed:
+                raise InputRefused(f"duration = {duration!r} s of task {task!r}: a streamed reference has none")
         if not streamed:
             self._command(SetSetpoint(task, values, duration))
             return
@@ -150,8 +158,10 @@ class Controller(ControlCycle):
             _finite(given, size, f"the {what} of task {task!r}")
             for what, given in (("velocity", velocity), ("acceleration", acceleration))
         ]
+        reference = Reference(frozen(values), *map(frozen, rates))
+        check_rates(self.qp.tasks[task], reference, self.model)
         self._command(SetSetpoint(task, values, 0.0))
-        self._streamed[task] = Reference(frozen(values), *map(frozen, rates))
+        self._streamed[task] = reference
 
     def follow(
         self,
@@ -172,7 +182,7 @@ class Controller(ControlCycle):
             InputRefused: if there is no such task, or a value cannot be used.
         """
         self._task(task)
-        seconds = finite(times, "times")
+        seconds = finite(times, f"times of task {task!r}")
         if seconds.ndim != 1 or not len(seconds) or not (seconds[0] >= 0.0) or not (np.diff(seconds) > 0.0).all():
             raise InputRefused(f"times of task {task!r} must rise from 0 or more, not {np.asarray(times)!r}")
         points = [self._position(task, each, f"a position of task {task!r}") for each in _rows(positions, seconds)]
@@ -196,7 +206,9 @@ class Controller(ControlCycle):
         Raises:
             InputRefused: if nothing has the name.
         """
-        section, _, inner = name.rpartition(".")
+        if not isinstance(enabled, bool | np.bool_):
+            raise InputRefused(f"enabled = {reprlib.repr(enabled)}: it must be True or False")
+        section, _, inner = str_of(name).rpartition(".")
         kinds: dict[str, tuple[Mapping[str, Any], type[EnableTask | EnableContact]]] = {
             "tasks": (self.board.plans, EnableTask),
             "contacts": (self.board.contact_plans, EnableContact),
@@ -204,10 +216,10 @@ class Controller(ControlCycle):
         found = [kind for key, (known, kind) in kinds.items() if inner in known and section in ("", key)]
         if not found:
             names = [*self.board.plans, *self.board.contact_plans]
-            raise InputRefused(f"{name!r} is no task and no contact; {valid_choices(name, names)}")
+            raise InputRefused(f"unknown task or contact {reprlib.repr(name)}; {valid_choices(str_of(name), names)}")
         if len(found) > 1:
             raise InputRefused(f"{name!r} is a task and a contact: say tasks.{name} or contacts.{name}")
-        self._command(found[0](inner, enabled))
+        self._command(found[0](inner, bool(enabled)))
 
     def disable(self, name: str) -> None:
         """Switch a task or contact off, along a ramp; as `enable`."""
@@ -220,9 +232,7 @@ class Controller(ControlCycle):
             InputRefused: where there is no such task, or the weight is negative or above 1e6.
         """
         self._task(task)
-        if not (0.0 <= weight <= 1.0e6):
-            raise InputRefused(f"the weight of task {task!r} must be from 0 to 1e6, not {weight!r}")
-        self._command(SetWeight(task, float(weight)))
+        self._command(SetWeight(task, number(weight, f"the weight of task {task!r}", 0.0, 1.0e6)))
 
     def set_external_wrench(self, frame: str, wrench: npt.ArrayLike) -> None:
         """State a known external wrench; it stays until it is replaced.
@@ -233,10 +243,10 @@ class Controller(ControlCycle):
             InputRefused: if there is no such frame, or a value cannot be used.
         """
         try:
-            self.model.frame_id(frame, "frame")
+            self.model.frame_id(str_of(frame), "frame")
         except ConfigurationError as error:
             raise InputRefused(str(error)) from error
-        self._command(SetExternalWrench(frame, frozen(_finite(wrench, 6, f"the wrench at {frame!r}"))))
+        self._command(SetExternalWrench(frame, frozen(finite(sized(wrench, 6, "the wrench"), "the wrench"))))
 
     def walk(self, forward: float = 0.0, sideways: float = 0.0, turning: float = 0.0) -> None:
         """Walk at a velocity until `stand`: in the robot's heading, m/s, and about the vertical, rad/s; 0 is in place.
@@ -272,6 +282,8 @@ class Controller(ControlCycle):
         Raises:
             InputRefused: where the word is unknown, or not possible in the present mode.
         """
+        if not isinstance(word, str):
+            raise InputRefused(f"command {reprlib.repr(word)} is not a text; {valid_choices('', REQUESTS)}")
         if word == "activate":
             raise InputRefused("command 'activate' needs a state: call reset(q, v, t)")
         self._request(word, self._now(), None)
@@ -285,11 +297,21 @@ class Controller(ControlCycle):
 
     def _state(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> RobotState:
         """Copy a state, and see that it is one."""
-        if not np.isfinite(t):
-            raise InputRefused(f"t = {t!r} s is not finite")
-        return RobotState(
-            round(t * 1.0e9), frozen(_sized(q, self.model.nq, "q")), frozen(_sized(v, self.model.nv, "v"))
-        )
+        stamp = round(1.0e9 * number(t, "t", -_LATEST, _LATEST))
+        return RobotState(stamp, frozen(sized(q, self.model.nq, "q")), frozen(sized(v, self.model.nv, "v")))
+
+    def _invalid(self, state: RobotState) -> str | None:
+        """Return a sentence if a value of a state is not finite, or absurd, or it has no unit quaternion."""
+        for name, values in (("q", state.q), ("v", state.v)):
+            if not (np.abs(values) <= _LARGEST).all():
+                kind = "not finite" if not np.isfinite(values).all() else f"above {_LARGEST:g}"
+                return f"{name} holds a value that is {kind}: {shortened(values)}"
+        try:
+            if self.model.floating_base:
+                unit_quaternion(state.q[3:7], "the quaternion of q ")
+        except InputRefused as refusal:
+            return str(refusal)
+        return None
 
     def _now(self) -> float:
         if self._time is None:
@@ -298,7 +320,8 @@ class Controller(ControlCycle):
 
     def _command(self, change: Change) -> None:
         """Have a change applied in the next cycle, as one that comes by topic."""
-        self._now()
+        check_change(change, self.qp.tasks, self.model)
+        self.board.check(change, self.qp.dynamics, self._now())
         self._commands.append(change)
         if isinstance(change, SetSetpoint | SetTrajectory):
             self._streamed.pop(change.task, None)
@@ -313,9 +336,7 @@ class Controller(ControlCycle):
         return form.position(position, what)
 
     def _task(self, name: str) -> Task:
-        if name not in self.qp.tasks:
-            raise InputRefused(f"there is no task {name!r}; {valid_choices(name, self.qp.tasks)}")
-        return self.qp.tasks[name]
+        return self.qp.tasks[name_of(name, self.qp.tasks, "task")]
 
     def _joint_positions(self, task: str, given: Mapping[str, float]) -> Array:
         """The present reference of a task on joints, with some of them elsewhere."""
@@ -324,33 +345,27 @@ class Controller(ControlCycle):
             raise InputRefused(f"task {task!r} is not about joints; its position is an array")
         for name in given:
             if name not in joints:
-                raise InputRefused(f"{name!r} is not a joint of task {task!r}; {valid_choices(name, joints)}")
+                raise InputRefused(
+                    f"{reprlib.repr(name)} is not a joint of task {task!r}; {valid_choices(str_of(name), joints)}"
+                )
         present = self.board.present(task, self._now()).position
         for change in self._commands:
             if isinstance(change, SetSetpoint) and change.task == task:
                 present = change.position
-        return np.array([given.get(name, value) for name, value in zip(joints, present.tolist(), strict=True)])
-
-
-def _sized(values: npt.ArrayLike, size: int, what: str) -> Array:
-    """Read an array of numbers of a size."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputRefused(f"{what} is not an array of numbers: {error}") from error
-    if array.shape != (size,):
-        raise InputRefused(f"{what} has the shape {array.shape}; it takes ({size},)")
-    return array
+        values = zip(joints, present.tolist(), strict=True)
+        return np.array([number(given.get(name, value), f"the position of {name!r}") for name, value in values])
 
 
 def _finite(values: npt.ArrayLike | None, size: int, what: str) -> Array:
     """See that an array has its size, and only finite values; zeros where there is none."""
-    return finite(_sized(np.zeros(size) if values is None else values, size, what), what)
+    return finite(sized(np.zeros(size) if values is None else values, size, what), what)
 
 
 def _rows(values: Any, times: Array) -> Sequence[Any]:
-    """One entry for each time."""
-    rows = list(values)
+    """Return one entry for each time."""
+    if isinstance(values, np.ma.MaskedArray) or not isinstance(values, Sequence | np.ndarray):
+        raise InputRefused(f"points = {reprlib.repr(values)}: it must be a list with one entry for each time")
+    rows = [] if isinstance(values, np.ndarray) and values.ndim == 0 else list(values)
     if len(rows) != len(times):
         raise InputRefused(f"there are {len(rows)} points for {len(times)} times")
     return rows

@@ -7,9 +7,10 @@ it: compiled code may be bound to it, and it is restored in place.
 
 from __future__ import annotations
 
+import reprlib
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -43,9 +44,14 @@ def save_state(owner: Any) -> dict[str, Any]:
 
 
 def restore_state(owner: Any, memory: Mapping[str, Any]) -> None:
-    """Restore the state of an object from `save_state`."""
+    """Restore the state of an object from `save_state`.
+
+    Raises:
+        TypeError: if a record of the state is to become a value of another type.
+    """
     for name in owner.STATE_FIELDS:
         present, value = getattr(owner, name), memory[name]
+        _require_record(name, present, value)
         if hasattr(type(present), "STATE_FIELDS"):
             if value is not None:
                 restore_state(present, value)
@@ -53,6 +59,15 @@ def restore_state(owner: Any, memory: Mapping[str, Any]) -> None:
             present[...] = value  # in place: compiled code may be bound to it
         else:
             setattr(owner, name, type(present)(value) if isinstance(present, deque | dict | tuple) else value)
+
+
+def _require_record(name: str, present: Any, value: Any) -> None:
+    """Raise `TypeError` if a record, or one in a mapping by the same key, is to become a value of another type."""
+    if isinstance(present, Mapping) and isinstance(value, Mapping):
+        for key in present.keys() & value.keys():
+            _require_record(f"{name}[{key!r}]", present[key], value[key])
+    elif is_dataclass(present) and value is not None and type(value) is not type(present):
+        raise TypeError(f"{name} is {reprlib.repr(value)}, not a {type(present).__name__}")
 
 
 def _copied(value: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -12,6 +13,7 @@ import numpy as np
 
 from wbc_controller.controller.visualization.scene import Shape, draw, friction_used
 from wbc_controller.controller.visualization.tables import Table, as_html, as_text
+from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
@@ -103,10 +105,10 @@ class CycleResult:
         """What can be drawn of the cycle: contacts, forces, friction cones, support, centre of mass, references.
 
         Raises:
-            ValueError: where no state has arrived.
+            InputRefused: if no state has arrived.
         """
         if self.state is None:
-            raise ValueError("there is nothing to draw: no state has arrived")
+            raise InputRefused("there is nothing to draw: no state has arrived")
         dynamics = Dynamics(self.qp.model)  # that of the program has gone on
         dynamics.update(self.state.q, self.state.v)
         return list(draw(dynamics, self.qp.tasks, self.qp.contacts, self.references, self.forces))
@@ -119,7 +121,7 @@ class CycleResult:
 
         Raises:
             ConfigurationError: where plotly is not installed.
-            ValueError: where no state has arrived.
+            InputRefused: if no state has arrived.
         """
         from wbc_controller.controller.visualization.plots import plot_cycle
 
@@ -192,12 +194,14 @@ def plot(results: Sequence[CycleResult]) -> Any:
 
     Raises:
         ConfigurationError: where plotly is not installed.
-        ValueError: where there is no result.
+        InputRefused: if there is no result.
     """
     from wbc_controller.controller.visualization.plots import Line, Panel, line_panels
 
+    if not isinstance(results, Sequence) or not all(isinstance(each, CycleResult) for each in results):
+        raise InputRefused(f"results is {reprlib.repr(results)}; it must be a list of results of cycles")
     if not results:
-        raise ValueError("there is nothing to plot: no results")
+        raise InputRefused("there is nothing to plot: no results")
     contacts = results[0].qp.contacts
     normals = [
         {

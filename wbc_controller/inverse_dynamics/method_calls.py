@@ -150,7 +150,7 @@ def checked(owner: Named, method: str, value: Any, shape: Shape) -> Array:
         array = np.asarray(value)
     except ValueError:  # lists of different lengths
         array = np.empty(0, dtype=np.object_)
-    if array.dtype.kind not in "iuf":
+    if array.dtype.kind not in "iuf" or isinstance(value, np.ma.MaskedArray):
         raise MethodError(
             f"{_title(owner, method)} returned {_short(value)}, expected an array of numbers of shape {shape}"
         )

@@ -194,6 +194,7 @@ class WholeBodyQP:
         if not given_up:
             return layout, references, found
         without = replace(references, contacts={**references.contacts, **dict.fromkeys(given_up, 0.0)})
+        built = self.formulation.structure, self.formulation.task_errors
         lifted = self.formulation.build(state, without, tau_before)
         other = self._attempt(lifted, without)
         helps = other.residuals is not None and (
@@ -202,6 +203,8 @@ class WholeBodyQP:
             < _WORTH * stops_missed(self.formulation, layout, value)
         )
         if not helps:
+            self.formulation.structure, self.formulation.task_errors = built
+            self.formulation.parameters = None  # those of the other structure
             return layout, references, found
         other.iterations += found.iterations
         other.relaxed = ("contact_motion", *other.relaxed)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from wbc_controller.arguments import finite, shortened
 from wbc_controller.errors import ConfigurationError, InputRefused, valid_choices
 from wbc_controller.inverse_dynamics.references.changes import (
     Change,
@@ -33,7 +34,7 @@ from wbc_controller.inverse_dynamics.tasks import (
     GazeTask,
     RelativePoseTask,
 )
-from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm, finite, shortened, unit_quaternion, unit_vector
+from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm, unit_quaternion, unit_vector
 from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.joint_states import require_unique
 from wbc_controller.middleware.setpoints import JOINT_FIELDS

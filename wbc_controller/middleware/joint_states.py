@@ -18,6 +18,11 @@ from wbc_controller.records import Array
 
 _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
 _NONE = np.zeros(0)
+_SPLIT = (
+    "; all joints arrive, but split over several messages: publish them in one, for example with the source_list of "
+    "joint_state_publisher"
+)
+_UNMEASURED = "for a robot that measures no velocities, estimation.joint_velocity has to be differentiated"
 
 
 class JointStates(NamedTuple):
@@ -94,6 +99,7 @@ class JointStateReader(StateReader):
     def __init__(self, joints: Sequence[str], *columns: str) -> None:
         super().__init__()
         self._joints, self.paths = tuple(joints), columns or ("position", "velocity")
+        self._partial: set[str] = set()  # joints of messages in which others are missing
 
     def read(self, payload: bytes) -> JointStates:
         """Decode and check a serialized message; see `StateReader.read`."""
@@ -102,7 +108,10 @@ class JointStateReader(StateReader):
         if not all_finite(values):
             k, i = np.argwhere(~np.isfinite(columns))[0]
             column, joint = self.paths[k], self._joints[i]
-            raise InputRefused(f"{column} of {joint!r} is {columns[k, i]} {_UNITS[column]}; every value must be finite")
+            hint = f"; {_UNMEASURED}" if column == "velocity" and np.isnan(columns[k]).all() else ""
+            raise InputRefused(
+                f"{column} of {joint!r} is {columns[k, i]} {_UNITS[column]}; every value must be finite{hint}"
+            )
         return JointStates(stamp, **dict(zip(self.paths, columns, strict=True)))
 
     def _check_text(self, content: Any) -> None:
@@ -110,10 +119,7 @@ class JointStateReader(StateReader):
         for column in self.paths:
             size = len(getattr(content, column))
             if column == "velocity" and size == 0:
-                raise InputRefused(
-                    f"velocity has 0 values for {len(content.name)} names; for a robot that measures none, "
-                    "estimation.joint_velocity has to be differentiated"
-                )
+                raise InputRefused(f"velocity has 0 values for {len(content.name)} names; {_UNMEASURED}")
             if size != len(content.name):
                 raise InputRefused(f"{column} has {size} values for {len(content.name)} names")
 
@@ -127,9 +133,11 @@ class JointStateReader(StateReader):
         missing = [name for name in self._joints if name not in names]
         if missing:
             unknown = ", ".join(name for name in names if name not in self._joints)
+            self._partial.update(set(names).intersection(self._joints))
             raise InputRefused(
                 f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}"
                 + (f"; unknown joints: {unknown}" if unknown else "")
+                + (_SPLIT if self._partial.issuperset(self._joints) else "")
             )
         places = {name: i for i, name in enumerate(names)}
         return np.array([places[name] for name in self._joints], dtype=np.intp)

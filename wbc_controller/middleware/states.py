@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from wbc_controller.arguments import finite
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.arrays import all_finite
-from wbc_controller.inverse_dynamics.tasks.form import finite, unit_quaternion
+from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
 from wbc_controller.middleware.joint_states import StateReader
 from wbc_controller.records import Array
 

@@ -16,9 +16,12 @@ from wbc_controller.controller.build.estimation import (
     make_sensing,
     make_velocity_filter,
 )
+from wbc_controller.controller.build.safety import make_plausibility
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.errors import InputRefused
+from wbc_controller.inverse_dynamics.references.changes import Change
+from wbc_controller.inverse_dynamics.references.ranges import check_change
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, Endpoint, endpoints
 from wbc_controller.middleware.transports.transport import Transport
@@ -36,6 +39,7 @@ from wbc_controller.nodes.simulated_clock import SimulatedClock, clock_of
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
+from wbc_controller.records import ChangeSettings
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config
 
@@ -132,11 +136,12 @@ def make_loop(
         topics,
         transport,
         clock,
-        partial(controller.live.prepare, source="update"),
+        partial(_prepare, controller),
         clock_tolerance=settings.safety.clock_tolerance if settings.safety.synchronized_clocks else None,
         estimator=make_estimator(settings, model, published) if estimated else None,
         sensing=make_sensing(settings, model, published) if estimated else None,
         velocity_filter=make_velocity_filter(settings),
+        plausibility=make_plausibility(settings),
     )
     recorded = recorder.status if recorder is not None else lambda: {"recorder": NOT_RECORDED}
     loop = ControlLoop(
@@ -165,6 +170,14 @@ def make_loop(
     if recorder is not None:
         recorder.attach(controller, node if node.startswith("/") else f"/{node}", model.name)
     return loop
+
+
+def _prepare(controller: Controller, change: Change | ChangeSettings) -> None:
+    """Validate a change on the thread that reads requests, which uses nothing that a cycle writes."""
+    if isinstance(change, ChangeSettings):
+        controller.live.prepare(change.settings, "update")
+    else:
+        check_change(change, controller.tasks, controller.model)
 
 
 def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:

@@ -26,6 +26,7 @@ from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message, torques
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
+from wbc_controller.middleware.transports.graph_watch import GraphWatch, Others
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
 from wbc_controller.nodes.urdf import find_urdf
@@ -41,6 +42,11 @@ _LONGEST_REASON = 300
 #: Time before a takeover in which a command can still arrive that this computer was too busy to receive, s.
 _SECOND_LOOK = 0.001
 
+#: Topics that only the controller publishes, by key.
+_OF_CONTROLLER = ("joint_commands", "controller_state")
+#: Largest torque of a command, as a multiple of the effort limit: the controller's are within it, up to rounding.
+_LARGEST_TORQUE = 1.0 + 1.0e-6
+
 _OK, _WARN, _ERROR = 0, 1, 2
 _log = logging.getLogger(__name__)
 
@@ -50,7 +56,12 @@ class GuardService:
 
     The transport's callbacks decode commands and modes, and store joint states undecoded; everything else runs on the
     thread that calls `cycle`. Before a takeover this thread reads the newest command and mode itself, in case the
-    computer is so busy that the callbacks did not run.
+    computer is so busy that the callbacks did not run. Messages do not name their sender, so commands of any publisher
+    count; a second one is reported.
+
+    Attributes:
+        guard: the decisions.
+        watch: looks at the publishers of commands and modes; `run` starts its thread.
 
     Raises:
         TransportError: if a topic cannot be opened.
@@ -103,8 +114,12 @@ class GuardService:
         for topic in topics:
             if topic.key in readers:
                 transport.subscribe(topic, readers[topic.key])
-            if topic.key in ("joint_commands", "controller_state"):
+            if topic.key in _OF_CONTROLLER:
                 self._unread[topic.key] = transport.stream(topic, 1)
+        watched = {topic.key: topic for topic in topics if topic.key in _OF_CONTROLLER}
+        self._names = {key: topic.name for key, topic in watched.items()}
+        self._shared: dict[str, str] = {}  # publishers of a topic with several, by its key
+        self.watch = GraphWatch(transport, watched.values(), self._judge)
 
     def _read_newest(self) -> None:
         """Read the newest command and mode on this thread, unless a callback has read them."""
@@ -118,14 +133,30 @@ class GuardService:
     def _take_command(self, reader: JointStateReader, payload: bytes) -> None:
         now, self._read["joint_commands"] = self._clock.now(), payload
         try:
-            tau = reader.read(payload).effort
-        except InputRefused as refusal:  # the guard does not count a malformed message as a command
+            tau = self._torques_of(reader.read(payload).effort)
+        except InputRefused as refusal:  # the guard does not count such a message as a command
             self._refuse("joint_commands", refusal)
             return
         with self._lock:
             self._command_at, self._unanswered_at = now, math.inf
-            self._torques = self._drive.from_joints(tau)
+            self._torques = tau
             self._refused.pop("joint_commands", None)
+
+    def _torques_of(self, effort: Array) -> Array:
+        """Return the torques of the actuators, (na,) in N·m, of a command at the joints, (nj,).
+
+        Raises:
+            InputRefused: if a torque is above its limit: it is not the controller's.
+        """
+        tau, limits = self._drive.from_joints(effort), self.guard.limits.effort
+        within = np.abs(tau) <= _LARGEST_TORQUE * limits
+        if not within.all():
+            i = int((~within).argmax())
+            raise InputRefused(
+                f"the torque of {self._drive.names[i]!r} is {tau[i]:.4g} N·m, above the limit of {limits[i]:.4g} N·m; "
+                "it is not a command of the controller"
+            )
+        return tau
 
     def _take_mode(self, payload: bytes) -> None:
         self._read["controller_state"] = payload
@@ -150,6 +181,17 @@ class GuardService:
             self._refused[topic] = str(reason)[:_LONGEST_REASON]
         if known is None:
             _log.warning("%s refused: %s", topic, reason)
+
+    def _judge(self, others: Others) -> None:
+        """Report topics of the controller with several publishers; on the thread of the watch."""
+        shared = {key: ", ".join(names) for key, names in others.items() if len(names) > 1}
+        for key, names in shared.items():
+            _log.warning(
+                "%s has several publishers, %s: the guard cannot tell when the controller stops; end all but one",
+                self._names[key],
+                names,
+            )
+        self._shared = shared
 
     def _heard(self) -> Heard:
         with self._lock:
@@ -226,17 +268,20 @@ class GuardService:
         }
         refused = dict(self._refused)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
-        level = _ERROR if self.guard.reason else _WARN if refused else _OK
+        values |= {f"publishers/{topic}": names for topic, names in self._shared.items()}
+        level = _ERROR if self.guard.reason else _WARN if refused or self._shared else _OK
         return diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
 
     def run(self, stop: threading.Event) -> None:
         """Run until stopped; the last message sent is never a damping torque."""
         gc.collect()
         gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
+        self.watch.start()
         try:
             while not stop.is_set():
                 stop.wait(max(0.0, self.cycle() - self._clock.now()))
         finally:
+            self.watch.stop()
             if self.guard.sending:
                 self._publish["effort"](encode(torques(np.zeros(self._drive.command_size))))
 

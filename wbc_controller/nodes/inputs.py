@@ -23,6 +23,7 @@ from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
 from wbc_controller.estimation.contact_detection import ContactSensing
 from wbc_controller.estimation.joint_velocity import VelocityFilter
+from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware import decoding
 from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
@@ -33,8 +34,10 @@ from wbc_controller.middleware.transports.transport import Stream, Transport
 from wbc_controller.nodes.clock import Clock
 from wbc_controller.nodes.contact_sensors import KEYS, ContactSensors
 from wbc_controller.nodes.requests import Requests, refusal
-from wbc_controller.records import Array, Fault, RobotState
+from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
 from wbc_controller.safety.checks import stale_inputs
+from wbc_controller.safety.plausibility import PlausibilityLimits
+from wbc_controller.safety.sample_plausibility import SampleCheck
 
 #: Largest message of a state, in bytes, by row of the topic table.
 _LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, **dict.fromkeys(KEYS, 1 << 14)}
@@ -70,6 +73,7 @@ class _Source:
 
     reader: StateReader
     stamps: StampTracker
+    check: SampleCheck | None = None  # rejects samples that the robot cannot reach
     newest: Any = None
 
 
@@ -78,12 +82,16 @@ class Inputs:
 
     Args:
         clock: dates the messages at their arrival.
-        prepare: validates a change of the settings, before a cycle takes it; raises `ConfigurationError`.
+        prepare: validates a change before a cycle takes it; raises `ConfigurationError` or `InputRefused`.
         clock_tolerance: largest time by which a timestamp may be ahead of the clock, s; None if the clocks are not
             synchronized.
         estimator: estimates a floating base; None if its odometry is measured elsewhere.
         sensing: the sensors at the contacts that the estimate uses; None to read none.
         velocity_filter: computes joint velocities from positions; None if they are measured.
+        plausibility: limits of plausible joint states and odometry; None to accept any.
+
+    Attributes:
+        shared: node names of the publishers of an input with several, by the topic's name, for sentences.
     """
 
     def __init__(
@@ -93,12 +101,13 @@ class Inputs:
         endpoints: Iterable[Endpoint],
         transport: Transport,
         clock: Clock,
-        prepare: Callable[[Mapping[str, Any]], None] = lambda change: None,
+        prepare: Callable[[Change | ChangeSettings], None] = lambda change: None,
         *,
         clock_tolerance: float | None = None,
         estimator: BaseEstimator | None = None,
         sensing: ContactSensing | None = None,
         velocity_filter: VelocityFilter | None = None,
+        plausibility: PlausibilityLimits | None = None,
     ) -> None:
         self._model = model
         self._clock = clock
@@ -115,11 +124,16 @@ class Inputs:
         self.holding: Collection[str] = ()
         self._refusals: dict[str, str] = {}  # newest reason of each topic whose newest message was refused
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
-        self._sources = {"joint_states": _Source(JointStateReader(model.joints, *columns), self._tracker())}
+        joints = _Source(JointStateReader(model.joints, *columns), self._tracker())
+        self._sources = {"joint_states": joints}
+        self.shared: Callable[[], Mapping[str, str]] = dict
+        if plausibility is not None:
+            joints.check = SampleCheck.of_joints(model, plausibility, measured=velocity_filter is None)
         if estimator is not None:
             self._sources["imu"] = _Source(ImuReader(estimator.imu_frame), self._tracker())
         elif model.floating_base:
-            self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker())
+            base_check = SampleCheck.of_base(plausibility) if plausibility is not None else None
+            self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker(), base_check)
         self._parts = dict(self._sources)  # without one of them there is no state
         if estimator is not None and estimator.takes_poses:
             self._sources["pose"] = _Source(PoseReader(), self._tracker())
@@ -132,6 +146,10 @@ class Inputs:
                 self._queues[endpoint.name] = _open(endpoint, transport)
             elif endpoint.key not in _LARGEST:
                 transport.subscribe(endpoint, partial(self.requests.put, endpoint))
+        checked = [(queue.endpoint.name, self._sources.get(queue.endpoint.key)) for queue in self._queues.values()]
+        self._checks = [
+            (topic, source.check) for topic, source in checked if source is not None and source.check is not None
+        ]
         self._trigger = next(queue for queue in self._queues.values() if queue.endpoint.key == "joint_states")
 
     def wait(self, seconds: float) -> bool:
@@ -182,6 +200,8 @@ class Inputs:
         """Accept the next timestamps as those of a new time: the clock has started again."""
         for source in self._sources.values():
             source.stamps = self._tracker()
+            if source.check is not None:
+                source.check.restart()
         if self._velocity_filter is not None:
             self._velocity_filter.restart()
         self.restart_estimate()
@@ -244,11 +264,13 @@ class Inputs:
                 return
             source = self._sources[key]
             newest = source.reader.read(payload)
-            reason = source.stamps.judge(newest.stamp, arrival)
-            if reason is not None:
+            check = source.check
+            reason = check.look(*newest[:3]) if check is not None else ""
+            reason = reason or source.stamps.judge(newest.stamp, arrival) or ""
+            if reason:
                 raise InputRefused(reason)
         except Exception as error:
-            self._refusals[key] = refusal(endpoint, error)
+            self._refusals[key] = refusal(endpoint, error) + self._publishers_note(endpoint.name)
             refused.append(f"{endpoint.name}: {self._refusals[key]}")
             return
         self._refusals.pop(key, None)
@@ -259,6 +281,11 @@ class Inputs:
             self._imu.append(ImuSample(1.0e-9 * newest.stamp, newest.angular_velocity, newest.specific_force))
         elif key == "pose":
             self._poses.append(PoseSample(1.0e-9 * newest.stamp, newest.pose, newest.covariance))
+
+    def _publishers_note(self, topic: str) -> str:
+        """Return a note if a topic has several publishers; otherwise an empty text."""
+        names = self.shared().get(topic)
+        return f"; {topic} has several publishers: {names}" if names else ""
 
     def _newest_base(self) -> tuple[()] | tuple[Array, Array] | None:
         """Return pose, (7,), and twist, (6,), of a floating base, nothing for a fixed base; None if not known yet."""
@@ -313,6 +340,10 @@ class Inputs:
             ages: age of each part of the state, s.
             timeout: largest allowed age, s.
         """
+        for topic, check in self._checks:
+            found = check.fault(topic) if check.in_row else None
+            if found is not None:
+                return Fault(found.code, found.sentence + self._publishers_note(topic))
         stale = stale_inputs(ages, timeout, self.notes)
         if stale is None or self.estimator is None or not self.estimator.lost:
             return stale
@@ -325,12 +356,17 @@ class Inputs:
         return 0 if newest is None else int(newest.stamp)
 
     def status(self) -> dict[str, str]:
-        """Return diagnostics of the computed joint velocities, by key; empty if they are measured."""
+        """Return diagnostics: the number of rejected samples by topic, and the delay of computed joint velocities."""
+        values = {
+            f"rejected/{key}": str(source.check.rejected)
+            for key, source in self._sources.items()
+            if source.check is not None and source.check.rejected
+        }
         made = self._velocity_filter
-        if made is None:
-            return {}
-        late = f"{made.delay:.4f} s late" if math.isfinite(made.delay) else "not known yet"
-        return {"joint_velocity": f"differentiated, {late}"}
+        if made is not None:
+            late = f"{made.delay:.4f} s late" if math.isfinite(made.delay) else "not known yet"
+            values["joint_velocity"] = f"differentiated, {late}"
+        return values
 
     def notes(self) -> dict[str, str]:
         """Return explanations of the ages, by part of the state: a refusal, or the time of a message on its way."""

@@ -67,6 +67,7 @@ class ControlLoop:
         self._outputs = outputs
         self._audit = audit
         self._ownership = ownership
+        inputs.shared = lambda: ownership.shared
         self._clock = clock
         self._timer = timer
         self._cycle = 0

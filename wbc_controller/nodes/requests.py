@@ -11,9 +11,8 @@ import logging
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 from wbc_controller.controller.report import TakenRequests
 from wbc_controller.errors import ConfigurationError, InputRefused
@@ -54,12 +53,15 @@ class Requests:
     """Requests on their way from the transport to the cycles.
 
     Args:
-        prepare: validates a change of the settings before a cycle takes it; raises `ConfigurationError`.
+        prepare: validates a change before a cycle takes it; raises `ConfigurationError` or `InputRefused`.
         stop: called at an emergency stop, on the thread that receives it.
     """
 
     def __init__(
-        self, vocabulary: decoding.Vocabulary, prepare: Callable[[Mapping[str, Any]], None], stop: Callable[[], None]
+        self,
+        vocabulary: decoding.Vocabulary,
+        prepare: Callable[[Change | ChangeSettings], None],
+        stop: Callable[[], None],
     ) -> None:
         self._vocabulary, self._prepare, self._stop = vocabulary, prepare, stop
         self._estop = threading.Event()
@@ -172,8 +174,7 @@ class Requests:
         reader: Callable[..., tuple[Change | ChangeSettings, ...]] = decoding.READERS[endpoint.key]
         changes = reader(self._vocabulary, endpoint.subject, content)
         for change in changes:
-            if isinstance(change, ChangeSettings):
-                self._prepare(change.settings)
+            self._prepare(change)
         read.changes.append(changes)
 
 

@@ -19,6 +19,9 @@ _log = logging.getLogger(__name__)
 #: Longest message, in bytes: a URDF, its length, the end of the string and the padding.
 _LARGEST = LARGEST_URDF + 16
 
+#: Time between two warnings, s.
+_PATIENCE = 5.0
+
 
 def urdf_of(payload: bytes, endpoint: Endpoint) -> str:
     """Read the URDF of a serialized message on a topic.
@@ -66,8 +69,21 @@ def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[
 
     (endpoint,) = (topic for topic in topics if topic.key == "robot_description")
     transport.subscribe(endpoint, receive)
-    while not arrived.wait(5.0 if not stop.is_set() else 0.0):
+    while not arrived.wait(_PATIENCE if not stop.is_set() else 0.0):
         if stop.is_set():
             return ""
-        _log.warning("robot.urdf is empty: still waiting for the URDF on %s", endpoint.name)
+        _log.warning(
+            "robot.urdf is empty: still waiting for the URDF on %s; %s", endpoint.name, _cause(transport, endpoint)
+        )
     return found
+
+
+def _cause(transport: Transport, endpoint: Endpoint) -> str:
+    """Return the probable reason why no message of a latched topic has arrived."""
+    names = transport.publishers(endpoint)
+    if not names:
+        return "it has no publisher"
+    return (
+        f"{', '.join(names)} publishes it, but nothing arrives: the publisher has to be latched (durability transient "
+        "local), not volatile"
+    )

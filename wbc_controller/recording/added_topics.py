@@ -38,6 +38,7 @@ def add_topics(path: Path, added: AddedTopics) -> None:
         messages.append([(round(float(np.interp(stamp, stamps, times))), number, data) for stamp, data in content])
     recorded = ((time, topic.number, data) for topic, time, data in McapMessages(path))
     draft = path.with_suffix(".part")
+    draft.unlink(missing_ok=True)  # a link would write elsewhere
     file, builder = McapFile(draft, topics), ChunkBuilder()
     for time, channel, data in heapq.merge(recorded, *messages, key=lambda message: message[0]):
         builder.add(channel, time, data)

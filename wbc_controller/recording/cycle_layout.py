@@ -11,7 +11,9 @@ import numpy as np
 
 from wbc_controller.controller.memory import CycleRecord
 from wbc_controller.controller.report import CycleReport
-from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.inverse_dynamics.contacts import Contact
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, Mode, Reference, References
 
 #: Version of the format of recordings; other versions are rejected.
@@ -22,7 +24,8 @@ AGES = ("joint_states", "odom", "imu", "base estimate")
 STAGES = (
     "read", "compute", "compute/build", "compute/solve", "compute/unpack", "supervise", "write", "total", "audit",
 )  # fmt: skip
-_HEAD = (
+#: Numbers at the start of every cycle, all finite.
+HEAD = (
     "number", "now", "stamp_seconds", "stamp_nanoseconds", "mode", "has_state", "has_joint_velocity", "has_command",
     "has_solution", "has_references", "same_state", "has_event", "fault", "iterations", "relaxed", "deadlines_missed",
 )  # fmt: skip
@@ -37,10 +40,9 @@ class Slot:
     size: int
 
 
-def cycle_slots(qp: WholeBodyQP) -> tuple[Slot, ...]:
+def cycle_slots(model: RobotModel, contacts: Mapping[str, Contact]) -> tuple[Slot, ...]:
     """Return the slots of every cycle of a controller."""
-    model = qp.model
-    slots = [Slot("cycle", name, 1) for name in _HEAD]
+    slots = [Slot("cycle", name, 1) for name in HEAD]
     slots += [Slot("cycle", f"age/{name}", 1) for name in AGES]
     slots += [Slot("cycle", f"seconds/{name}", 1) for name in STAGES]
     slots += [Slot("cycle", f"audit/{name}", 1) for name in ("energy", "throughput", "warnings")]
@@ -49,23 +51,19 @@ def cycle_slots(qp: WholeBodyQP) -> tuple[Slot, ...]:
     slots += [Slot("torques", "tau", model.na)]
     slots += [Slot("solution", "v_dot", model.nv), Slot("solution", "tau_wanted", model.na)]
     slots.append(Slot("solution", "disturbance", model.nv))
-    slots += [Slot("solution", f"force/{name}", contact.size) for name, contact in qp.contacts.items()]
+    slots += [Slot("solution", f"force/{name}", contact.size) for name, contact in contacts.items()]
     return tuple(slots)
 
 
-def reference_slots(qp: WholeBodyQP, references: Mapping[str, Reference]) -> tuple[Slot, ...]:
-    """Return the slots of the references, which are recorded when they change.
-
-    Args:
-        references: references of any cycle, for their sizes.
-    """
+def reference_slots(tasks: Mapping[str, Task], contacts: Mapping[str, Contact]) -> tuple[Slot, ...]:
+    """Return the slots of the references, which are recorded when they change."""
     slots = [Slot("references", "number", 1)]
-    for name, reference in references.items():
-        slots.append(Slot("references", f"position/{name}", len(reference.position)))
-        slots.append(Slot("references", f"velocity/{name}", len(reference.velocity)))
-        slots.append(Slot("references", f"acceleration/{name}", len(reference.acceleration)))
-    slots += [Slot("references", f"weight/{name}", 1) for name in qp.tasks]
-    slots += [Slot("references", f"contact/{name}", 1) for name in qp.contacts]
+    for name, task in tasks.items():
+        slots.append(Slot("references", f"position/{name}", task.form.size))
+        slots.append(Slot("references", f"velocity/{name}", task.form.rate_size))
+        slots.append(Slot("references", f"acceleration/{name}", task.form.rate_size))
+    slots += [Slot("references", f"weight/{name}", 1) for name in tasks]
+    slots += [Slot("references", f"contact/{name}", 1) for name in contacts]
     return tuple(slots)
 
 

@@ -7,8 +7,11 @@ import dataclasses
 import enum
 import json
 import math
-from collections.abc import Callable, Mapping
-from typing import Any, Literal
+import reprlib
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -54,12 +57,60 @@ def from_json(text: str) -> Any:
     """Read the result of `to_json`; sequences become lists.
 
     Raises:
-        ValueError: if the text is not a result of `to_json`.
+        ValueError: if the text is not a result of `to_json`, or a field of a record has another type.
     """
     try:
         return _value(json.loads(text))
-    except (KeyError, TypeError, AttributeError) as error:
+    except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError) as error:
         raise ValueError(f"not a value of a recording: {type(error).__name__}: {error}") from error
+
+
+def require_types(values: Any, types: Mapping[str, Any], what: str, optional: Mapping[str, Any] | None = None) -> None:
+    """Check the types of named values.
+
+    Args:
+        values: a mapping, as read from JSON.
+        types: annotation of each required value, by name.
+        what: name of the mapping, for the error.
+        optional: annotations of values that may be absent.
+
+    Raises:
+        ValueError: if a value is missing or has another type.
+    """
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{what} is {reprlib.repr(values)}, not a mapping")
+    missing = [name for name in types if name not in values]
+    if missing:
+        raise ValueError(f"{what} has no {missing[0]!r}")
+    for name, kind in {**types, **(optional or {})}.items():
+        if name in values and not _has_type(values[name], kind):
+            valid = kind.__name__ if isinstance(kind, type) and not get_origin(kind) else kind
+            raise ValueError(f"{what}: {name!r} is {reprlib.repr(values[name])}, not {valid}")
+
+
+def _has_type(value: Any, kind: Any) -> bool:
+    """Return True if a value has the type of an annotation."""
+    outer, inner = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return True
+    if kind in (float, int):
+        return isinstance(value, kind | int) and not isinstance(value, bool)
+    if outer in (Union, UnionType):
+        return any(_has_type(value, each) for each in inner)
+    if outer is np.ndarray:
+        return isinstance(value, np.ndarray | float)  # arrays without axes are written as numbers
+    if outer in (tuple, list, Sequence):
+        return isinstance(value, list | tuple) and all(_has_type(each, inner[0]) for each in value)
+    if outer is Mapping:
+        pairs = value.items() if isinstance(value, Mapping) else [(None, None)]
+        return all(_has_type(key, inner[0]) and _has_type(each, inner[1]) for key, each in pairs)
+    return isinstance(value, NoneType if kind is None else kind)
+
+
+@cache
+def _types_of(record: Callable[..., Any]) -> Mapping[str, Any]:
+    """Return the annotations of a record's fields."""
+    return get_type_hints(record)
 
 
 def _plain(value: Any) -> Any:
@@ -101,6 +152,8 @@ def _value(plain: Any) -> Any:
         return float(plain["$float"])
     if "$array" in plain:
         kind = np.dtype(plain["type"])
+        if kind.kind not in "bif" or not kind.itemsize:
+            raise ValueError(f"an array has the type {plain['type']!r}; valid: numbers")
         values = np.frombuffer(base64.b64decode(plain["$array"]), dtype=kind)
         array = values.reshape(plain["shape"], order=plain.get("order", "C")).copy("K")
         array.setflags(write=False)
@@ -112,11 +165,16 @@ def _value(plain: Any) -> Any:
     if "$complex" in plain:
         return complex(*plain["$complex"])
     if "$trajectory" in plain:
-        return Trajectory([_value(knot) for knot in plain["$trajectory"]])
+        knots = [_value(knot) for knot in plain["$trajectory"]]
+        if not knots or not _has_type(knots, list[Knot]):
+            raise ValueError("a trajectory has no points, or other values than points")
+        return Trajectory(knots)
     if "$map" in plain:
         return {_value(key): _value(each) for key, each in plain["$map"]}
     fields = {key: _value(each) for key, each in plain.items() if key != "$record"}
     if "$record" not in plain:
         return fields
     lists = {key: tuple(each) for key, each in fields.items() if isinstance(each, list)}
-    return _RECORDS[plain["$record"]](**{**fields, **lists})
+    record, fields = _RECORDS[plain["$record"]], {**fields, **lists}
+    require_types(fields, _types_of(record), str(plain["$record"]))
+    return record(**fields)

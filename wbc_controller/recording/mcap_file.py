@@ -11,6 +11,7 @@ The process that writes recordings imports this module, so it imports little.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import struct
 import zlib
@@ -36,10 +37,13 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, breakup_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
 _COMPRESSION_LEVEL = 1
+#: Largest chunk that is expanded, bytes: chunks of `writer.CHUNK_BYTES` end with a message of any size. Largest ratio
+#: of the sizes of all chunks, expanded, and of the file, for files above the former.
+_LARGEST_CHUNK, _LARGEST_RATIO = 64 << 20, 1000
 #: Errors of the parser and of the decompressors on damaged data.
 _DAMAGE = (McapError, struct.error, zstandard.ZstdError, ValueError, KeyError, OverflowError, MemoryError, RuntimeError)
 
@@ -61,6 +65,17 @@ class PackedChunk:
     data: bytes  # the chunk record, followed by one message index per channel
     index: ChunkIndex  # entry of the file's index, with offsets from the beginning of `data`
     counts: dict[int, int]  # number of messages per channel
+
+
+def exists(path: Path) -> bool:
+    """Return True if a file exists.
+
+    Raises:
+        OSError: if it is a symbolic link to a missing file: writing there would create a file elsewhere.
+    """
+    if path.is_symlink() and not path.exists():
+        raise OSError(errno.ENOENT, f"it is a symbolic link to {str(path.readlink())!r}, which does not exist")
+    return path.exists()
 
 
 class ChunkBuilder:
@@ -126,7 +141,7 @@ class McapFile:
         """Create the file, or replace an existing one.
 
         Raises:
-            OSError: if the file cannot be written.
+            OSError: if the file cannot be written, or is a symbolic link to a missing file.
         """
         self.path = path
         self.end = 0  # size of the file without its end records, bytes
@@ -149,7 +164,7 @@ class McapFile:
         self._definitions: tuple[McapRecord, ...] = (*schemas.values(), *channels)
         self._indexes: list[ChunkIndex] = []
         self._counts: Counter[int] = Counter()  # messages by topic
-        self._file: BinaryIO = path.open("wb", buffering=0)
+        self._file: BinaryIO = path.open("wb" if exists(path) else "xb", buffering=0)
         self._append(MAGIC + _serialized(Header("ros2", "wbc_controller"), *self._definitions))
 
     def write(self, chunk: PackedChunk) -> None:
@@ -225,6 +240,33 @@ def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
     return data_end + _serialized(*summary, footer) + MAGIC
 
 
+def _records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
+    """Read the records of a file of some bytes, also those in chunks, up to the size that chunks declare.
+
+    Raises:
+        ValueError: if a chunk contains more than it declares, or is too large.
+    """
+    expanded = 0
+    reader = StreamReader(file, skip_magic=True, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+    for record in reader.records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        if record.compression not in ("", "zstd"):
+            raise ValueError(f"a chunk has the compression {record.compression!r}; valid: 'zstd', ''")
+        declared, contained = record.uncompressed_size, len(record.data)
+        if record.compression == "zstd":
+            contained = zstandard.frame_content_size(record.data)  # -1 if unknown; then `declared` limits it
+        if contained not in (-1, declared):
+            raise ValueError(f"a chunk declares {declared} bytes and contains {contained}")
+        expanded += declared
+        if declared > _LARGEST_CHUNK or expanded > max(_LARGEST_RATIO * size, _LARGEST_CHUNK):
+            raise ValueError(
+                f"a chunk expands to {declared} bytes (limit {_LARGEST_CHUNK}, in all {_LARGEST_RATIO} × file)"
+            )
+        yield from breakup_chunk(record, validate_crc=True)
+
+
 class McapMessages:
     """The messages of a file, up to its first damage."""
 
@@ -245,7 +287,7 @@ class McapMessages:
             if file.read(len(MAGIC)) != MAGIC:
                 raise ValueError("it does not begin as an MCAP file")
             size = os.fstat(file.fileno()).st_size
-            records = StreamReader(file, skip_magic=True, validate_crcs=True, record_size_limit=size).records
+            records = _records(file, size)
             while True:
                 try:
                     record = next(records)

@@ -150,8 +150,8 @@ class Recorder:
         """Begin to record a controller, after all topics were opened."""
         self._controller = controller
         config = controller.config
-        rests = {name: task.rest(controller.dynamics) for name, task in controller.tasks.items()}
-        slots, references = cycle_slots(controller.qp), reference_slots(controller.qp, rests)
+        slots = cycle_slots(controller.model, controller.contacts)
+        references = reference_slots(controller.tasks, controller.contacts)
         self._row = CycleRow(slots)
         self._every = max(1, round(_SNAPSHOT / controller.period))
         self._references = ReferencesRow(self._every)
@@ -357,6 +357,7 @@ class Recorder:
     def close(self) -> None:
         """Write everything, and end."""
         if self._thread.is_alive():
+            self._send()  # gives the thread the events of the last cycles
             self._jobs.put(None)
             self._thread.join()
             self._send()

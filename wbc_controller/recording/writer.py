@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, PackedChunk, Topic
+from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, PackedChunk, Topic, exists
 
 #: Start of a frame: length of its content, code or number of the topic, and time in ns.
 FRAME = struct.Struct("<IHq")
@@ -79,8 +79,8 @@ class Sink:
     def probe(self) -> None:
         """Warn at the start if the file cannot be written; leave no empty file."""
         try:
-            new = not self.path.exists()
-            self.path.open("ab").close()
+            new = not exists(self.path)
+            self.path.open("xb" if new else "ab").close()
             if new:
                 self.path.unlink()
         except OSError as error:
@@ -190,7 +190,7 @@ class Writer:
         word = re.sub(r"[^A-Za-z0-9_-]+", "-", reason)[:40]
         stem = f"{self._plan['name']}-{time.strftime('%Y%m%d-%H%M%S', time.gmtime())}-{word}"
         path, number = folder / f"{stem}.mcap", 1
-        while path.exists():
+        while os.path.lexists(path):
             number += 1
             path = folder / f"{stem}-{number}.mcap"
         self._jobs.put(lambda: self._make_room(folder))

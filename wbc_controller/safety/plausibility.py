@@ -34,8 +34,10 @@ SLOWEST, UNLIMITED = 1.0, 1.0e3
 HEIGHT_PERIOD = 0.01
 #: Least height of the base at the activation for which there is a smallest height, m.
 LEAST_HEIGHT = 0.1
+#: Difference from a turn up to which a jump is that of an encoder that wraps, rad.
+_NEARLY_A_TURN = 0.3
 
-_AXES = tuple(f"base {kind} {axis}" for kind in ("motion along", "rotation about") for axis in "xyz")
+AXES = tuple(f"base {kind} {axis}" for kind in ("motion along", "rotation about") for axis in "xyz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +190,8 @@ class StateWatch:
         i = int((~(np.abs(values) <= limits)).argmax())
         key = "frozen_motion" if what is _STUCK else self._names.mismatch_key(i)
         sentence = what.format(name=self._names.of(i), value=values[i], unit="m" if key == "base_mismatch" else "rad")
-        return _fault(f"{sentence} (limit {limits[i]:.3g}, safety.{key})")
+        hint = wrap_hint(float(values[i])) if what is _JUMP and i in self._names.joints else ""
+        return _fault(f"{sentence}{hint} (limit {limits[i]:.3g}, safety.{key})")
 
 
 class _Group:
@@ -242,8 +245,15 @@ def _names(model: RobotModel) -> _Names:
     places = model.v_index.tolist()
     names = {place: f"joint {name!r}" for place, name in zip(places, model.joints, strict=True)}
     if model.floating_base:
-        names |= dict(enumerate(_AXES))
+        names |= dict(enumerate(AXES))
     return _Names(names, frozenset(places))
+
+
+def wrap_hint(change: float) -> str:
+    """Return the probable reason of a joint's jump by a turn, rad; otherwise an empty text."""
+    if abs(abs(change) - 2.0 * math.pi) > _NEARLY_A_TURN:
+        return ""
+    return ": a jump by a turn; a driver whose encoder wraps at ±π has to unwrap it"
 
 
 def joint_speed_limits(model: RobotModel, multiple: float) -> Array:

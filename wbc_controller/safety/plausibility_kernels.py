@@ -222,3 +222,92 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float, 
     for i in range(len(v)):
         memory.v_before[i] = v[i]
     return found
+
+
+#: Time between two samples above which they are not compared, s.
+SAMPLE_GAP = 0.1
+#: Share of the largest velocities by which a velocity may change from one sample to the next, and more per s.
+VELOCITY_STEP, VELOCITY_RATE = 0.25, 20.0
+#: Findings of `compare_sample`, each with the index of a value.
+SAMPLE_LARGE, SAMPLE_FAST, SAMPLE_JUMP, SAMPLE_KICK = 0, 1, 2, 3
+
+
+class SampleMemory(Struct):
+    """Limits of the samples of one message type, and the last accepted sample.
+
+    Attributes:
+        floating: True if the position is the base's pose, (7,), False if it contains joint positions.
+        measured: True if velocities are measured.
+        magnitude: largest |position|.
+        fastest: largest |velocity|, (n,).
+        tolerance: largest difference between a change of the position and the velocities, integrated, (n,).
+        position: in place: position of the last accepted sample, (n,) or (7,).
+        velocity: in place: its velocity, (n,).
+        change: in place: change of the position from the last accepted sample, (n,).
+    """
+
+    floating: bool
+    measured: bool
+    magnitude: float
+    fastest: Vector
+    tolerance: Vector
+    position: OutVector
+    velocity: OutVector
+    change: OutVector
+
+
+@part
+def _keep_sample(memory: SampleMemory, position: Array, velocity: Array) -> None:
+    """Compare the next sample with this one."""
+    for i in range(len(position)):
+        memory.position[i] = position[i]
+    for i in range(len(velocity)):
+        memory.velocity[i] = velocity[i]
+
+
+@compiled
+def compare_sample(memory: SampleMemory, position: StridedVector, velocity: StridedVector, dt: float) -> int:
+    """Compare a sample with its limits and with the last accepted one, which it replaces if it is plausible.
+
+    The change of the position is Δt (v₁ + v₂) / 2 up to a tolerance; without measured velocities it is within
+    Δt times the largest velocity. A velocity changes by `VELOCITY_STEP` + Δt `VELOCITY_RATE` of the largest one.
+
+    Args:
+        dt: Δt, s; the samples are compared if it is positive and up to `SAMPLE_GAP`.
+
+    Returns:
+        -1 if the sample is plausible; otherwise the kind of the finding times 1000, plus the index of the value.
+    """
+    n = len(memory.fastest)
+    if not (len(position) == len(memory.position) and (len(velocity) == n or not memory.measured)):
+        raise ValueError("compare_sample: the sample has another size than the memory")
+    for i in range(len(position)):
+        if not abs(position[i]) <= memory.magnitude:
+            return 1000 * SAMPLE_LARGE + i
+    if memory.measured:
+        for i in range(n):
+            if not abs(velocity[i]) <= memory.fastest[i]:
+                return 1000 * SAMPLE_FAST + i
+    if not (0.0 < dt <= SAMPLE_GAP):
+        _keep_sample(memory, position, velocity)
+        return -1
+    if memory.floating:
+        _base_change(memory.position, position, memory.change)
+    else:
+        for i in range(n):
+            memory.change[i] = position[i] - memory.position[i]
+    for i in range(n):
+        told, reach = 0.0, memory.tolerance[i]
+        if memory.measured:
+            told = 0.5 * dt * (memory.velocity[i] + velocity[i])
+        else:
+            reach += dt * memory.fastest[i]
+        if not abs(memory.change[i] - told) <= reach:
+            return 1000 * SAMPLE_JUMP + i
+    if memory.measured:
+        for i in range(n):
+            step = memory.fastest[i] * (VELOCITY_STEP + VELOCITY_RATE * dt)
+            if not abs(velocity[i] - memory.velocity[i]) <= step:
+                return 1000 * SAMPLE_KICK + i
+    _keep_sample(memory, position, velocity)
+    return -1

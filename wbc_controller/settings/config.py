@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +17,12 @@ from wbc_controller.settings.nesting import merged, nested
 
 #: Sections whose entries have names, and can be removed one by one.
 _NAMED = ("tasks", "contacts", "loops")
+
+
+class UnknownKey(ConfigurationError, KeyError):
+    """A configuration has no such key."""
+
+    __str__ = Exception.__str__
 
 
 @dataclass(frozen=True)
@@ -44,9 +51,11 @@ class Config:
         Raises:
             ConfigurationError: with one line per problem: the key, its value and the valid ones.
         """
+        _require_text(urdf)
         values = self.settings.model_dump(exclude_unset=True)
         tree = nested(changes)
-        posture = tree.get("robot", {}).get("posture")
+        robot = tree.get("robot")
+        posture = robot.get("posture") if isinstance(robot, Mapping) else None
         if isinstance(posture, Mapping):
             tree["robot"]["posture"] = _posed(self.settings, posture)
         for section in _NAMED:
@@ -79,13 +88,19 @@ class Config:
         return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120))
 
     def __getitem__(self, key: str) -> Any:
-        """The value of a dotted key, such as ``config["tasks.com.weight"]``; a section is given as a dictionary."""
+        """The value of a dotted key, such as ``config["tasks.com.weight"]``; a section is given as a dictionary.
+
+        Raises:
+            UnknownKey: if there is no such key; it is a `KeyError`, too.
+        """
         value: Any = self.settings.model_dump()
+        if not isinstance(key, str):
+            raise UnknownKey(f"{reprlib.repr(key)}: a key is a text with dots, such as 'tasks.com.weight'")
         for depth, part in enumerate(key.split("."), 1):
             if not isinstance(value, Mapping) or part not in value:
                 where = ".".join(key.split(".")[: depth - 1])
                 choices = value if isinstance(value, Mapping) else ()
-                raise KeyError(
+                raise UnknownKey(
                     f"{key!r}: {where or 'the configuration'} has no {part!r}; {valid_choices(part, choices)}"
                 )
             value = value[part]
@@ -108,6 +123,7 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
         ConfigurationError: where there is no such file, or a value is not valid: one line per problem with the file,
             the key, the value and the valid ones.
     """
+    _require_text(urdf)
     if isinstance(source, Config):
         return source if urdf is None else replace(source, urdf=urdf)
     if isinstance(source, Settings):
@@ -118,8 +134,18 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
         if isinstance(robot, dict) and isinstance(robot.get("posture"), Mapping):
             robot["posture"] = _whole_posture(robot.get("joints"), robot["posture"])
         return Config(parse_settings(tree, "a dictionary"), urdf=urdf)
+    if not isinstance(source, str | Path):
+        raise ConfigurationError(
+            f"{reprlib.repr(source)} is not a configuration; valid: a robot's name, the path of a .yaml file, or a "
+            "dictionary"
+        )
     path = find_configuration(str(source))
     return Config(load_settings(path), str(path), urdf)
+
+
+def _require_text(urdf: Any) -> None:
+    if urdf is not None and not isinstance(urdf, str):
+        raise ConfigurationError(f"urdf = {reprlib.repr(urdf)}: it must be the text of a URDF")
 
 
 def _whole_posture(joints: Any, posture: Mapping[str, Any]) -> list[Any]:

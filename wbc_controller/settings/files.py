@@ -62,8 +62,8 @@ def load_settings(path: Path) -> Settings:
     Raises:
         ConfigurationError: with one line per mistake: file, key, value, and the valid choices.
     """
-    content = read_yaml(read_text(path, str(path), _LARGEST_FILE), str(path))
-    return parse_settings(beside(path, _parameters_of(content, path)), str(path))
+    parameters = read_parameters(read_text(path, str(path), _LARGEST_FILE), str(path))
+    return parse_settings(beside(path, parameters), str(path))
 
 
 def beside(path: Path, parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -178,16 +178,22 @@ def _dotted(keys: tuple[str, ...]) -> str:
     return ".".join(keys[2:] if keys[1:2] == ("ros__parameters",) else keys) or "the text"
 
 
-def _parameters_of(content: Any, path: Path) -> Mapping[str, Any]:
+def read_parameters(text: str, source: str) -> Mapping[str, Any]:
+    """Read the ``ros__parameters`` of a ROS 2 parameter file; `source` is its origin, for messages.
+
+    Raises:
+        ConfigurationError: if the text is not valid YAML, or not a parameter file.
+    """
+    content = read_yaml(text, source)
     form = f"a ROS 2 parameter file starts with\n  {NODE_NAME}:\n    ros__parameters:"
     if not isinstance(content, dict):
-        raise ConfigurationError(f"{path}: holds {type(content).__name__}, not a mapping; {form}")
+        raise ConfigurationError(f"{source}: holds {type(content).__name__}, not a mapping; {form}")
     node = content.get(NODE_NAME, content.get("/**"))
     if not isinstance(node, dict):
-        raise ConfigurationError(f"{path}: has no key {NODE_NAME!r} (found: {', '.join(map(repr, content))}); {form}")
+        raise ConfigurationError(f"{source}: has no key {NODE_NAME!r} (found: {', '.join(map(repr, content))}); {form}")
     parameters = node.get("ros__parameters")
     if not isinstance(parameters, dict):
-        raise ConfigurationError(f"{path}: {NODE_NAME} has no mapping 'ros__parameters'; {form}")
+        raise ConfigurationError(f"{source}: {NODE_NAME} has no mapping 'ros__parameters'; {form}")
     return parameters
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,8 +15,14 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
     A value may be a dictionary with dotted keys itself.
 
     Raises:
-        ConfigurationError: if one key has both a value and keys below it.
+        ConfigurationError: if a key is not a text, a value is a masked array, or one key has both a value and keys
+            below it.
     """
+    if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
+        raise ConfigurationError(
+            f"{reprlib.repr(values)}: values are given as a dictionary by dotted key, such as "
+            "{'tasks.com.weight': 20.0}"
+        )
     tree: dict[str, Any] = {}
     for name, value in values.items():
         plain, *sections = _plain(value), *reversed(name.split("."))
@@ -41,6 +48,8 @@ def _graft(tree: dict[str, Any], branch: Mapping[str, Any], name: str, above: st
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return nested(value)
+    if hasattr(value, "mask") and hasattr(value, "tolist"):
+        raise ConfigurationError(f"{reprlib.repr(value)}: a masked array; fill it first, with numpy.ma.filled")
     if hasattr(value, "tolist"):  # arrays and numbers of NumPy, array.array
         return value.tolist()
     return list(value) if isinstance(value, Sequence) and not isinstance(value, (str, bytes)) else value

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from wbc_controller.arguments import array_of_numbers, number, str_of
 from wbc_controller.errors import ConfigurationError, InputRefused, WbcError, valid_choices
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -36,6 +37,8 @@ _log = logging.getLogger(__name__)
 
 #: Largest force or torque of a push, N or N·m: a larger value is a mistaken unit, and would break the simulation.
 PUSH_LIMIT = 1.0e5
+#: Longest push, s.
+_LONGEST_PUSH = 86_400.0
 #: Largest share of a joint's velocity that damping may remove within one step.
 DAMPING_SHARE = 0.25
 #: A robot has fallen if its base is tilted by more, rad, or is below this share of its initial height.
@@ -350,18 +353,22 @@ class Plant:
         Raises:
             InputRefused: if the frame is unknown or does not move, or a value is not usable.
         """
-        values = np.array(wrench, dtype=np.float64)
+        values = np.array(array_of_numbers(wrench, "a push"))
+        duration = number(duration, "the duration of a push", 0.0, _LONGEST_PUSH)
         if values.shape != (6,):
             raise InputRefused(f"a push has the shape {values.shape}; expected (6,), force and torque")
         if not (np.abs(values) <= PUSH_LIMIT).all():
             raise InputRefused(f"a push of {values.tolist()} N, N·m; every value must be finite, at most {PUSH_LIMIT}")
-        if not (0.0 < duration < math.inf):
-            raise InputRefused(f"a push of {duration} s; its duration must be positive and finite")
+        if not duration > 0.0:
+            raise InputRefused("the duration of a push must be positive, not 0")
         pinocchio = self._robot.pinocchio
         moving = [f.name for f in pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0]
-        known = pinocchio.existFrame(frame) and pinocchio.frames[self._robot.frame_id(frame, "push")].parentJoint > 0
+        known = isinstance(frame, str) and frame.isprintable() and pinocchio.existFrame(frame)
+        known = known and pinocchio.frames[self._robot.frame_id(frame, "push")].parentJoint > 0
         if not known:
-            raise InputRefused(f"a push on {frame!r}: no moving link has this name; {valid_choices(frame, moving)}")
+            raise InputRefused(
+                f"a push on {frame!r}: no moving link has this name; {valid_choices(str_of(frame), moving)}"
+            )
         steps = max(1, round(duration / self.step_seconds))
         at = self._body_of(frame_on_joint(self._robot, frame))
         self._pushes.append(_Push(at, values, self._count + steps))

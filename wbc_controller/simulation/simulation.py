@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from wbc_controller.arguments import number
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.errors import NoSolution
@@ -17,6 +18,9 @@ from wbc_controller.records import Mode
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.plant import Plant
+
+#: Longest simulation by one call, s.
+_LONGEST_RUN = 86_400.0
 
 
 class Simulation:
@@ -67,11 +71,12 @@ class Simulation:
         """Simulate for a time, s, and return the results of the cycles; `each` is called after every cycle.
 
         Raises:
+            InputRefused: if the time is negative, or longer than a day.
             NoSolution: if a cycle has no solution, or the controller has left its active mode.
             WbcError: if the physics has diverged.
         """
         results = []
-        for _ in range(round(seconds / self.controller.period)):
+        for _ in range(round(number(seconds, "seconds", 0.0, _LONGEST_RUN) / self.controller.period)):
             results.append(self._cycle())
             self.plant.apply(self.result.tau)
             each(self)

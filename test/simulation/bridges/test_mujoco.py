@@ -85,3 +85,17 @@ def test_a_joint_or_a_free_joint_that_is_missing_is_named(scene):
     bolted = mujoco.MjSpec.from_string(scene.model.urdf).compile()
     with pytest.raises(wbc.ConfigurationError, match=r"has no free joint; give it one, or set robot\.base: fixed"):
         wbc.MujocoInterface(scene.model, bolted)
+
+
+def test_values_of_other_types_are_refused(scene):
+    with pytest.raises(wbc.ConfigurationError, match="not RobotModel and NoneType"):
+        wbc.MujocoInterface(scene.model, None)
+    interface = wbc.MujocoInterface(scene.model, scene.mujoco)
+    for call in (
+        lambda: interface.apply(scene.data, [1j] * scene.model.na),
+        lambda: interface.apply(scene.data, np.full(scene.model.na, np.nan)),
+        lambda: interface.place(scene.data, np.zeros(3)),
+        lambda: interface.place(scene.data, np.zeros(scene.model.nq), np.ma.masked_array(np.zeros(scene.model.nv))),
+    ):
+        with pytest.raises(wbc.InputRefused):
+            call()

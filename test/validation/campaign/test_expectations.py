@@ -42,11 +42,11 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
         ("joint_not_a_number", {"duration": 0.1}, "detect", 0.05 + CYCLE),
         ("joint_not_a_number", {"duration": 0.1, "share": 0.5}, "either", None),
         ("joint_states_frozen", {"duration": 0.2}, "detect", 0.1 + 2 * CYCLE),
-        ("odom_jump", {"size": 0.3}, "detect", CYCLE),
+        ("odom_jump", {"size": 0.3}, "detect", 2 * CYCLE),
         ("odom_jump", {"size": 0.12}, "either", None),  # along one axis it may be less than the limit
         ("odom_drift", {"speed": 1.0, "duration": 0.5}, "detect", -0.2 * np.log(1 - 0.11 / (0.2 * 0.5**0.5)) + CYCLE),
         ("odom_drift", {"speed": 0.005}, "survive", None),
-        ("joint_bias", {"bias": 0.5, "ramp": 0.0}, "detect", CYCLE),
+        ("joint_bias", {"bias": 0.5, "ramp": 0.0}, "detect", 2 * CYCLE),
         ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # it is forgotten as it grows
         ("joint_noise", {"sigma": 1e-4, "velocity_sigma": 1e-3}, "survive", None),
         ("joint_noise", {"sigma": 1e-2}, "either", None),

@@ -128,7 +128,7 @@ def _fails(controller):
         ("estop", {}, _fails, "internal_error"),
         ("estop", {}, lambda controller: controller.supervisor.request("estop", 0.0, None), "start"),
         ("message_dropout", {"duration": 0.15}, _old_states, "stale"),
-        ("odom_jump", {"size": 0.2}, _blind, "undetected"),
+        ("joint_states_frozen", {"duration": 0.2}, _blind, "undetected"),
         ("kick", {"speed": 2.0, "duration": 0.6, "seed": 1}, _blind, "fell"),
     ],
 )

@@ -18,9 +18,9 @@ COUNT = 20
 URDF = files._originals("go2")[1]
 
 
-@pytest.mark.parametrize("kind", ["configurations", "urdf"])
-def test_hostile_files_work_or_are_refused(tmp_path, kind):
-    arguments = ["fuzz", kind, "go2,g1", "--count", str(COUNT), "--out", str(tmp_path)]
+@pytest.mark.parametrize(("kind", "robots"), [("configurations", "go2,g1"), ("urdf", "go2,g1"), ("recordings", "go2")])
+def test_hostile_files_work_or_are_refused(tmp_path, kind, robots):
+    arguments = ["fuzz", kind, robots, "--count", str(COUNT), "--out", str(tmp_path)]
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 0, result.output
     assert re.fullmatch(rf"{COUNT} cases in \d+ s: (\d+ (refused|works)(, |\n)){{2}}", result.stdout)

@@ -102,19 +102,19 @@ class TestWhatIsBrokenIsFound:
         assert failure.repeated
 
     def test_a_refused_message_that_changes_a_reference(self, monkeypatch):
-        original = ReferenceBoard._check
+        original = ReferenceBoard.check
 
-        def broken(self, change, time):
-            self._apply(change, None, time)
-            original(self, change, time)
+        def broken(self, change, dynamics, time):
+            self._apply(change, dynamics, time)
+            original(self, change, dynamics, time)
 
-        monkeypatch.setattr(ReferenceBoard, "_check", broken)
+        monkeypatch.setattr(ReferenceBoard, "check", broken)
         target = ControllerTarget(ROBOT)
         trajectory = target.topics["/wbc_controller/tasks/com/trajectory"]
         content = target.example(trajectory)
         content.header.stamp.nanosec = 1
         for point in content.points:
-            point.time_from_start.sec, point.time_from_start.nanosec = 0, point.time_from_start.sec
+            point.time_from_start.sec, point.time_from_start.nanosec = 0, 1_000_000 * point.time_from_start.sec
         why = replay("controller", ROBOT, [(trajectory.name, encode(content))])
         assert (why or "").startswith("refused messages changed board_trajectories.com")
 

@@ -16,7 +16,7 @@ from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.apps.terminal.robot_status import RobotStatus
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode
-from wbc_controller.recording.cycle_layout import MODES
+from wbc_controller.recording.cycle_layout import MODES, cycle_slots, reference_slots
 from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import Array, Reference, References
 
@@ -28,6 +28,8 @@ _PUSH = 0.1
 _ONE = 0.5
 #: Longest step of the playback, s: it pauses while no page is open.
 _LONGEST_STEP = 0.5
+#: Longest number of a cycle, in digits.
+_LONGEST_NUMBER = 18
 _COLORS = {"fault": "#e03131", "contact": "#2f9e44", "push": "#f08c00", "mode": "#228be6"}
 _SPEEDS = {"¼ ×": 0.25, "1 ×": 1.0, "4 ×": 4.0}
 
@@ -50,10 +52,12 @@ class Playback:
         speed: recorded seconds per second.
 
     Raises:
-        ConfigurationError: if it holds no state of the robot.
+        ConfigurationError: if it holds no state of the robot, or the layout of its cycles does not fit the robot.
     """
 
     def __init__(self, recorded: Recording, robot: Robot) -> None:
+        slots = cycle_slots(robot.model, robot.contacts)
+        recorded.require_slots(slots + reference_slots(robot.tasks, robot.contacts))
         self._recorded, self._robot = recorded, robot
         self.time, self.speed, self.playing = 0.0, 1.0, True
         self._now = time.monotonic()
@@ -156,7 +160,8 @@ class Playback:
             for status in decode(payload, "diagnostic_msgs/msg/DiagnosticArray").status:
                 if status.name == node:
                     values = {value.key: value.value for value in status.values}
-                    now, cycle = time_of(self._recorded, stamp), int(values.get("cycle", "0"))
+                    now, number = time_of(self._recorded, stamp), values.get("cycle", "")
+                    cycle = int(number) if number.isdecimal() and len(number) <= _LONGEST_NUMBER else 0
                     rate = (cycle - count) / (now - times[-1]) if times and now > times[-1] else float("nan")
                     times.append(now)
                     found.append(RobotStatus(status, rate, {}, ""))

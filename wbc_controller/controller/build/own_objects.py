@@ -36,17 +36,32 @@ def make_own(
     """Make the user's own objects, and check that each has the right class and a name that is not taken.
 
     Raises:
-        ConfigurationError: if an object has another class, or its name is already used; begins with the key.
+        ConfigurationError: if an object cannot be made, has another class, or its name is already used; begins with
+            the key.
     """
     made: list[_Made] = []
-    for make in makers:
-        one = make(model)
+    expected = f"{key} = {makers!r}: it must be a list of classes or functions, which are called with the robot's model"
+    try:
+        all_makers = tuple(makers)
+    except Exception as error:
+        raise ConfigurationError(expected) from error
+    if not all(map(callable, all_makers)):
+        raise ConfigurationError(expected)
+    for make in all_makers:
+        try:
+            one = make(model)
+        except ConfigurationError:
+            raise
+        except Exception as error:  # of the user
+            raise ConfigurationError(f"{key}: {make!r} raised {type(error).__name__}: {error}") from error
         if not isinstance(one, kind):
             raise ConfigurationError(
                 f"{key}: {make!r} made a {type(one).__name__}; it must make a {kind.__name__} when it is called with "
                 "the robot's model"
             )
         name = getattr(one, "name", None)
+        if not isinstance(one, RowLimit) and not isinstance(name, str):
+            raise ConfigurationError(f"{key}: {type(one).__name__}.name is {name!r}, expected a text")
         if name is not None and name in (*taken, *(other.name for other in made if not isinstance(other, RowLimit))):
             raise ConfigurationError(f"{key}: the name {name!r} stands twice; give each of them one of its own")
         made.append(one)
@@ -73,10 +88,12 @@ def _check_task(task: Task, model: RobotModel) -> None:
     size = _attribute(task, "size")
     _require(task, "size", size, "an integer above 0", isinstance(size, int) and size > 0)
     rows = _attribute(task, "rows")
-    fits = len(rows) > 0 and bool((rows >= 0).all() and (rows < size).all())
+    fits = isinstance(rows, np.ndarray) and rows.ndim == 1 and rows.dtype.kind == "i"
+    fits = fits and len(rows) > 0 and bool((rows >= 0).all() and (rows < size).all())
     _require(task, "rows", rows, f"indices below size = {size}, from a mask that selects at least one axis", fits)
     _require(task, "weight", task.weight, "a finite number of at least 0", _is_number(task.weight, 0.0))
     _require(task, "level", task.level, "an integer of at least 0", isinstance(task.level, int) and task.level >= 0)
+    _require(task, "enabled", task.enabled, "True or False", isinstance(task.enabled, bool | np.bool_))
     duration = task.setpoint_duration
     _require(task, "setpoint_duration", duration, "a finite time of at least 0 s", _is_number(duration, 0.0))
     for name in task.gain_names:
@@ -90,17 +107,22 @@ def _check_task(task: Task, model: RobotModel) -> None:
 
 def _check_contact(contact: Contact) -> None:
     size = contact.size
+    _require(contact, "size", size, "an integer above 0", isinstance(size, int) and size > 0)
+    _require(contact, "enabled", contact.enabled, "True or False", isinstance(contact.enabled, bool | np.bool_))
     basis, cone, metric = (_attribute(contact, name) for name in ("basis", "cone", "metric"))
     _require(contact, "basis", basis, f"finite numbers of shape (6, {size})", _is_matrix(basis, (6, size)))
-    rows = np.shape(cone)[0] if np.ndim(cone) == 2 else 0
+    rows = len(cone) if isinstance(cone, np.ndarray) and cone.ndim == 2 else 0
     _require(contact, "cone", cone, f"finite numbers of shape (rows, {size})", _is_matrix(cone, (rows, size)))
     _require(contact, "metric", metric, f"finite numbers of shape ({size},)", _is_matrix(metric, (size,)))
     names = ("damping", "ramp", *(("stiffness",) if isinstance(contact, AnchoredContact) else ()))
     for name in names:
         value = getattr(contact, name)
         _require(contact, name, value, "a finite number of at least 0", _is_number(value, 0.0))
-    for group in contact.bound_groups:
-        fits = len(group) == 3 and 0 <= group[1] < group[2] <= size
+    groups = contact.bound_groups
+    _require(contact, "bound_groups", groups, "a tuple of groups", isinstance(groups, tuple | list))
+    for group in groups:
+        fits = isinstance(group, tuple | list) and len(group) == 3 and isinstance(group[0], str)
+        fits = fits and all(isinstance(index, int) for index in group[1:]) and 0 <= group[1] < group[2] <= size
         _require(contact, "bound_groups", group, f"a name and two indices from 0 to {size}, in rising order", fits)
 
 
@@ -133,11 +155,16 @@ def _is_number(value: Any, least: float) -> bool:
 
 def _fits(task: Task, name: str) -> bool:
     value = getattr(task, name)
-    return _is_matrix(value, np.shape(value)) and np.shape(value) in ((), (task.size,))
+    return _is_matrix(value, ()) or _is_matrix(value, (task.size,))
 
 
 def _is_matrix(value: Any, shape: tuple[int, ...]) -> bool:
-    array = np.asarray(value)
+    if isinstance(value, np.ma.MaskedArray):
+        return False
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return False
     return array.dtype.kind in "iuf" and array.shape == shape and bool(np.isfinite(array).all())
 
 

@@ -24,19 +24,25 @@ def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorL
         hold_window=safety.hold_window,
         relax_time=safety.relax_time,
         relax_window=safety.relax_window,
-        plausibility=PlausibilityLimits(
-            magnitude=safety.max_magnitude,
-            joint_speed=safety.max_joint_speed,
-            base_speed=safety.max_base_speed,
-            base_turn=safety.max_base_turn,
-            joint_mismatch=safety.joint_mismatch,
-            base_mismatch=safety.base_mismatch,
-            base_turn_mismatch=safety.base_turn_mismatch,
-            frozen_motion=safety.frozen_motion,
-            # Odometry that repeats for less than this is slow, and not stale yet.
-            frozen_time=max(safety.frozen_time, safety.state_timeout),
-        ),
+        plausibility=make_plausibility(settings),
         velocity_delay=velocity_delay(settings),
         torque_filter=torque_filter(settings),
         fall=FallLimits(tilt=safety.max_tilt, height=safety.min_height),
+    )
+
+
+def make_plausibility(settings: Settings) -> PlausibilityLimits:
+    """Collect the limits of plausible states."""
+    safety = settings.safety
+    return PlausibilityLimits(
+        magnitude=safety.max_magnitude,
+        joint_speed=safety.max_joint_speed,
+        base_speed=safety.max_base_speed,
+        base_turn=safety.max_base_turn,
+        joint_mismatch=safety.joint_mismatch,
+        base_mismatch=safety.base_mismatch,
+        base_turn_mismatch=safety.base_turn_mismatch,
+        frozen_motion=safety.frozen_motion,
+        # Odometry that repeats for less than this is slow, and not stale yet.
+        frozen_time=max(safety.frozen_time, safety.state_timeout),
     )

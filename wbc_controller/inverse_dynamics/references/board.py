@@ -19,6 +19,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetTrajectory,
     SetWeight,
 )
+from wbc_controller.inverse_dynamics.references.ranges import PositionRange
 from wbc_controller.inverse_dynamics.references.relative import in_world
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, SoftRamp, Trajectory
 from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
@@ -28,6 +29,8 @@ from wbc_controller.records import Array, Reference, References, Tuning, frozen_
 
 #: Time in which the reference may go to the first point of a trajectory that it is not on its way to, s, at least.
 _SHORTEST_JOIN = 0.05
+#: Shortest duration of a setpoint that is not a jump, s.
+_SHORTEST_MOVE = 1.0e-3
 #: Distance from the way of the reference, m or rad, up to which a point is on it.
 _ON_THE_WAY = 1.0e-3
 
@@ -107,6 +110,7 @@ class ReferenceBoard:
         # Goals of tasks that are off, to be followed when they are switched on.
         self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
         self._wrenches: dict[str, Array] = {}
+        self._ranges: dict[str, PositionRange] = {}  # by task, computed when they are first used
         self._changed()
 
     def _changed(self) -> None:
@@ -124,6 +128,7 @@ class ReferenceBoard:
             weight = plan.weight if plan.enabled else 0.0
             self._weight_ramps[name] = SoftRamp(time, 0.0, weight, weight)
             self._trajectories[name] = _stay(rest_of(plan.task, dynamics), time)
+            self._range_of(name, dynamics)
         for name, contact in self.contact_plans.items():
             self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
             self._anchor(name, dynamics)
@@ -161,16 +166,32 @@ class ReferenceBoard:
             time: s, on the clock of the states.
 
         Raises:
-            InputRefused: where a trajectory cannot be followed; no change of the set has then been applied.
+            InputRefused: as by `check`; no change of the set has then been applied.
         """
         changes = tuple(changes)
         for change in changes:
-            if isinstance(change, SetTrajectory):
-                self._check(change, time)
+            self.check(change, dynamics, time)
         for change in changes:
             self._apply(change, dynamics, time)
 
-    def _check(self, change: SetTrajectory, time: float) -> None:
+    def check(self, change: Change, dynamics: Dynamics, time: float) -> None:
+        """Check a change; arguments as for `apply`.
+
+        Raises:
+            InputRefused: if a trajectory is over, or a setpoint or first point is outside its range.
+        """
+        if isinstance(change, SetSetpoint):
+            self._range_of(change.task, dynamics).check(self._placed(change, dynamics, time).position, dynamics)
+        elif isinstance(change, SetTrajectory):
+            self._check_end(change, time)
+            self._range_of(change.task, dynamics).check(change.points[0].position, dynamics)
+
+    def _range_of(self, task: str, dynamics: Dynamics) -> PositionRange:
+        if task not in self._ranges:
+            self._ranges[task] = PositionRange.of(self.plans[task].task, dynamics.model)
+        return self._ranges[task]
+
+    def _check_end(self, change: SetTrajectory, time: float) -> None:
         end = (time if change.start is None else change.start) + change.points[-1].time
         if end < time:
             raise InputRefused(
@@ -181,7 +202,8 @@ class ReferenceBoard:
     def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
         if isinstance(change, SetSetpoint | SetTrajectory):
             self._still = None  # what has ramps stays as it is
-            self._set_course(self._placed(change, dynamics, time), time)
+            placed = self._placed(change, dynamics, time) if isinstance(change, SetSetpoint) else change
+            self._set_course(placed, time)
             return
         self._changed()
         if isinstance(change, SetWeight):
@@ -204,11 +226,9 @@ class ReferenceBoard:
         if contact is not None:
             self._anchors = frozen_mapping({**self._anchors, name: anchor_of(contact, dynamics)})
 
-    def _placed(
-        self, change: SetSetpoint | SetTrajectory, dynamics: Dynamics, time: float
-    ) -> SetSetpoint | SetTrajectory:
+    def _placed(self, change: SetSetpoint, dynamics: Dynamics, time: float) -> SetSetpoint:
         """A setpoint in the frame of the task's references, if it was given in another one."""
-        if isinstance(change, SetTrajectory) or not change.frame:
+        if not change.frame:
             return change
         form, goal = self.plans[change.task].task.form, self._goal(change.task, dynamics, time)
         position = in_world(change.task, change.frame, change.position, goal, form, dynamics)
@@ -255,7 +275,7 @@ class ReferenceBoard:
     def _towards(self, task: str, position: Array, time: float, duration: float | None = None) -> Trajectory:
         still = np.zeros(len(self._trajectories[task].knots[0].velocity))
         duration = self.plans[task].setpoint_duration if duration is None else duration
-        if duration <= 0.0:
+        if duration < _SHORTEST_MOVE:
             return Trajectory([Knot(time, position, still, still)])
         return Trajectory([self.present(task, time), Knot(time + duration, position, still, still)])
 

@@ -122,6 +122,19 @@ class RobotModel:
         """Total mass, kg."""
         return float(pin.computeTotalMass(self.pinocchio))
 
+    @cached_property
+    def size(self) -> float:
+        """Twice the length of the longest chain of links from the base, at least 0.1 m."""
+        lengths = [0.0]
+        for joint in range(1, self.pinocchio.njoints):
+            placement = self.pinocchio.jointPlacements[joint]
+            lengths.append(lengths[self.pinocchio.parents[joint]] + float(np.linalg.norm(placement.translation)))
+        ends = (
+            lengths[frame.parentJoint] + float(np.linalg.norm(frame.placement.translation))
+            for frame in self.pinocchio.frames
+        )
+        return max(2.0 * float(max(ends)), 0.1)
+
     @property
     def gravity(self) -> float:
         """Magnitude of gravity, m/s²."""
@@ -133,9 +146,10 @@ class RobotModel:
         Raises:
             ConfigurationError: if the model has no such frame; the message begins with the configuration key.
         """
-        if self.pinocchio.existFrame(name, pin.BODY):
+        known = name.isprintable()  # Pinocchio raises on text that is not valid UTF-8
+        if known and self.pinocchio.existFrame(name, pin.BODY):
             return int(self.pinocchio.getFrameId(name, pin.BODY))
-        if not self.pinocchio.existFrame(name):
+        if not (known and self.pinocchio.existFrame(name)):
             links = [frame.name for frame in self.pinocchio.frames if frame.type == pin.BODY]
             raise ConfigurationError(f"{key} = {name!r}: the robot has no such frame; {valid_choices(name, links)}")
         return int(self.pinocchio.getFrameId(name))

@@ -115,7 +115,8 @@ class Hierarchy:
             costs.append(level.cost.squares)
         if len(problem.b) >= problem.n:
             return None
-        if len(self._active_sets) != len(levels):
+        size = problem.n + len(problem.upper)
+        if [len(each.side) for each in self._active_sets] != [size] * len(levels):
             self._active_sets = [ActiveSet(problem.n, len(problem.b), len(problem.upper)) for _ in levels]
         kept = sum(len(level.kept) for level in levels)
         memory, iterations, reports = LevelMemory(problem, costs[0].base, kept), 0, []

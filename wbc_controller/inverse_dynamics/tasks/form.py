@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.arguments import finite, shortened
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.arrays import sum_of_squares
 from wbc_controller.records import Array
@@ -38,6 +39,11 @@ class ReferenceForm:
         return self.vector + (4 if self.oriented else 0)
 
     @property
+    def rate_size(self) -> int:
+        """Number of values in a velocity or acceleration."""
+        return self.vector + (3 if self.oriented else 0)
+
+    @property
     def twist(self) -> slice:
         """Components of a twist (linear, angular) that form the reference's velocity."""
         return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)
@@ -59,28 +65,6 @@ class ReferenceForm:
         if self.oriented:
             array[self.vector :] = unit_quaternion(array[self.vector :], f"{what}: ")
         return array
-
-
-def finite(values: Any, what: str) -> Array:
-    """Read an array of finite numbers.
-
-    Raises:
-        InputRefused: where a value is not a number, or not finite.
-    """
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputRefused(f"{what} is not an array of numbers: {error}") from error
-    if not np.isfinite(array).all():
-        raise InputRefused(f"{what} holds a value that is not finite: {shortened(array)}")
-    return array
-
-
-def shortened(array: Array) -> str:
-    """The first values of an array, for an error message."""
-    flat = array.reshape(-1)
-    shown = ", ".join(f"{value:g}" for value in flat[:8])
-    return f"[{shown}{', …' if flat.size > 8 else ''}]"
 
 
 def unit_quaternion(values: Array, what: str) -> Array:

@@ -126,7 +126,7 @@ def rest_of(task: Task, dynamics: Dynamics) -> Reference:
         raise MethodError(
             f"{task.full_name}: {type(task).__name__}.rest() returned {type(reference).__name__}, expected a Reference"
         )
-    rate = (form.vector + (3 if form.oriented else 0),)
+    rate = (form.rate_size,)
     arrays = reference.position, reference.velocity, reference.acceleration
     position, velocity, acceleration = arrays_of(task, "rest", arrays, ((form.size,), rate, rate))
     require_finite_result(task, "rest", position, velocity, acceleration)

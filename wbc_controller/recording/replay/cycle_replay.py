@@ -10,8 +10,7 @@ import numpy as np
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
-from wbc_controller.recording.cycle_layout import MODES
-from wbc_controller.recording.json_records import from_json
+from wbc_controller.recording.cycle_layout import MODES, cycle_slots
 from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import RobotState, freeze
 from wbc_controller.settings import Settings
@@ -56,7 +55,7 @@ class Replay:
         config: another configuration with the same joints; None for the recorded one.
 
     Raises:
-        ConfigurationError: if this version refuses the configuration.
+        ConfigurationError: if this version refuses the configuration, or the layout of the cycles does not fit it.
     """
 
     def __init__(self, recorded: Recording, config: Config | None = None) -> None:
@@ -66,6 +65,8 @@ class Replay:
         self._other = config is not None
         #: The controller after the last cycle.
         self.controller = ControlCycle(recorded.config if config is None else config, preflight=False)
+        if config is None:
+            recorded.require_slots(cycle_slots(self.controller.model, self.controller.contacts))
 
     def run(self, first: int | None = None, last: int | None = None) -> Iterator[ReplayedCycle]:
         """Solve cycles again, beginning with the last recorded memory before the first cycle.
@@ -73,6 +74,9 @@ class Replay:
         Args:
             first: number of the first cycle; None for the first recorded one.
             last: number of the last cycle; None for the last recorded one.
+
+        Raises:
+            ConfigurationError: if the controller cannot continue from a recorded memory.
         """
         recorded = self.recorded
         begin = recorded.memory_before(recorded.first if first is None else first)
@@ -104,19 +108,22 @@ class Replay:
             expected = cycle.number + 1
             if not (cycle.number_of("same_state") and state is not None):
                 state = _state(cycle)
-            yield ReplayedCycle(cycle, self._cycle(cycle, state), exact)
+            with recorded.translated_errors(f"cycle {cycle.number}"):
+                result = self._cycle(cycle, state)
+            yield ReplayedCycle(cycle, result, exact)
 
     def _recall(self, number: int) -> bool:
         """Restore the memory before a cycle. Returns True if the memory is complete."""
-        content = from_json(self.recorded.memories[number])
+        content = self.recorded.memory_of(number)
         memory = content["memory"]
-        if self._other:
-            memory = _for_other(self.controller, memory)
-            settings: Settings = self.controller.config.settings
-        else:
-            settings = self.recorded.configured(content["settings"]).settings
-        self.controller.recall(memory, settings)
-        return memory["qp"] is not None or number == 0
+        with self.recorded.translated_errors(f"the memory before cycle {number}"):
+            if self._other:
+                memory = _for_other(self.controller, memory)
+                settings: Settings = self.controller.config.settings
+            else:
+                settings = self.recorded.configured(content["settings"]).settings
+            self.controller.recall(memory, settings)
+            return memory["qp"] is not None or number == 0
 
     def _cycle(self, cycle: RecordedCycle, state: RobotState | None) -> CycleResult:
         event = self.recorded.events.get(cycle.number, {})

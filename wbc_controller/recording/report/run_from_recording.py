@@ -19,6 +19,7 @@ from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, endpoints
 from wbc_controller.recording.cycle_arrays import cycle_arrays
+from wbc_controller.recording.cycle_layout import cycle_slots, reference_slots
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.report.run_data import Phase, RunData
 from wbc_controller.records import Array, Reference
@@ -58,8 +59,10 @@ def run_of(recording: Recording, controller: ControlCycle, *, largest: int = LAR
         largest: largest number of samples.
 
     Raises:
-        ConfigurationError: if no command was sent.
+        ConfigurationError: if no command was sent, or the layout of the cycles does not fit the controller.
     """
+    slots = cycle_slots(controller.model, controller.contacts)
+    recording.require_slots(slots + reference_slots(controller.tasks, controller.contacts))
     table = cycle_arrays(recording)
     if not table or not np.isfinite(table["q"]).all(axis=1).any():
         raise ConfigurationError(f"recording {recording.path}: there is nothing to report: no command was sent")

@@ -1,13 +1,15 @@
 """States by the names of the joints."""
 
+import reprlib
 from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
+from wbc_controller.arguments import finite, is_mapping_of_names, number, sized
 from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks.form import finite, unit_quaternion
+from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
 from wbc_controller.records import Array
 
 
@@ -38,9 +40,13 @@ def state_from_joints(
     Raises:
         InputRefused: where a joint is missing, or a value is not finite.
     """
+    if not isinstance(model, RobotModel):
+        raise InputRefused(f"model is {reprlib.repr(model)}; it must be a RobotModel, such as controller.model")
     rates = dict.fromkeys(model.joints, 0.0) if velocities is None else velocities
     pose = np.concatenate([_three(base_position, "base_position"), np.zeros(4)])
-    pose[3:] = unit_quaternion(finite(base_quaternion, "base_quaternion"), "base_quaternion ")
+    pose[3:] = unit_quaternion(
+        finite(sized(base_quaternion, 4, "base_quaternion"), "base_quaternion"), "base_quaternion "
+    )
     twist = np.concatenate(
         [_three(base_linear_velocity, "base_linear_velocity"), _three(base_angular_velocity, "base_angular_velocity")]
     )
@@ -49,17 +55,16 @@ def state_from_joints(
 
 
 def _by_name(model: RobotModel, values: Mapping[str, float], what: str) -> Array:
+    if not is_mapping_of_names(values):
+        raise InputRefused(f"{what} is {reprlib.repr(values)}; it must be a dictionary of numbers by joint")
     missing = [name for name in model.joints if name not in values]
     if missing:
         raise InputRefused(
             f"{what}: {len(missing)} of {model.nj} joints are missing: {', '.join(missing)}; "
             f"{valid_choices(missing[0], values)}"
         )
-    return finite([values[name] for name in model.joints], what)
+    return np.array([number(values[name], f"{what}: {name!r}") for name in model.joints])
 
 
 def _three(values: npt.ArrayLike, what: str) -> Array:
-    array = finite(values, what)
-    if array.shape != (3,):
-        raise InputRefused(f"{what} has the shape {array.shape}; it takes (3,)")
-    return array
+    return finite(sized(values, 3, what), what)

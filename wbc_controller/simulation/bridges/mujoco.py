@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from wbc_controller.arguments import finite, sized
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
@@ -35,6 +36,11 @@ class MujocoInterface:
         Raises:
             ConfigurationError: where a joint is missing, or a floating base has no free joint.
         """
+        if not isinstance(model, RobotModel) or not hasattr(mujoco_model, "jnt_qposadr"):
+            raise ConfigurationError(
+                "expected a RobotModel, such as controller.model, and a mujoco.MjModel, "
+                f"not {type(model).__name__} and {type(mujoco_model).__name__}"
+            )
         self._model = model
         names = [mujoco_model.joint(i).name for i in range(mujoco_model.njnt)]
         for name in model.joints:
@@ -68,9 +74,14 @@ class MujocoInterface:
         return model.state(*joints, pose, twist)
 
     def place(self, data: Any, q: Array, v: Array | None = None) -> None:
-        """Write a state, q (nq,) and v (nv,; at rest where it is not given), into an ``mujoco.MjData``."""
+        """Write a state, q (nq,) and v (nv,; at rest where it is not given), into an ``mujoco.MjData``.
+
+        Raises:
+            InputRefused: if a value is not a finite number, or an array has another shape.
+        """
         model = self._model
-        v = np.zeros(model.nv) if v is None else v
+        q = finite(sized(q, model.nq, "q"), "q")
+        v = np.zeros(model.nv) if v is None else finite(sized(v, model.nv, "v"), "v")
         data.qpos[self._qpos], data.qvel[self._dof] = q[model.q_index], v[model.v_index]
         if model.floating_base:
             data.qpos[self._base_qpos : self._base_qpos + 7] = q[[0, 1, 2, 6, 3, 4, 5]]
@@ -78,5 +89,10 @@ class MujocoInterface:
             data.qvel[self._base_dof : self._base_dof + 6] = np.concatenate([rotation @ v[:3], v[3:6]])
 
     def apply(self, data: Any, tau: Array) -> None:
-        """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is left alone."""
+        """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is left alone.
+
+        Raises:
+            InputRefused: if a value is not a finite number, or the array has another shape.
+        """
+        tau = finite(sized(tau, self._model.na, "tau"), "tau")
         data.qfrc_applied[self._dof] = self._model.actuation.at_joints(tau)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.safety.plausibility import MEMORY
+from wbc_controller.safety.sample_plausibility import SEQUENCE
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.faults.fault import Fault
 
@@ -51,6 +52,11 @@ class Known:
     cycle: float  # two control periods, s: the one in which a fault begins, and the one in which it is seen
     timeout: float  # `safety.state_timeout`, s
 
+    @property
+    def sequence(self) -> float:
+        """Time from the first to the last sample of a sequence out of reach, which is a fault, s."""
+        return 0.5 * (SEQUENCE - 1) * self.cycle
+
     def refused(self, lasts: float, after: float = 0.0) -> Expectation:
         """Messages that are missing or refused for a time, from some time on: the last good one becomes too old."""
         if lasts <= self.timeout + self.cycle:
@@ -84,8 +90,9 @@ def _drifting(rate: float, lasts: float, threshold: float) -> float | None:
 
 
 def _spike(fault: Any, known: Known) -> Expectation:
-    messages = np.ceil(np.log(_NEVER) / np.log(1.0 - fault.share))
-    surely = float(messages) * 0.5 * known.cycle
+    """Single samples out of reach are rejected; a sequence of them is a fault."""
+    messages = np.ceil(np.log(_NEVER) / np.log(1.0 - fault.share**SEQUENCE))
+    surely = float(messages) * 0.5 * SEQUENCE * known.cycle
     large = fault.size > _MARGIN * known.settings.safety.joint_mismatch
     return known.seen(large and surely < fault.duration, surely)
 
@@ -153,7 +160,7 @@ def _always(expectation: Expectation) -> _Rule:
 def _jump(key: str, threshold: str, share: float = 1.0) -> _Rule:
     """A value that jumps by a parameter, of which a share is along one axis, against a setting of `safety`."""
     return lambda fault, known: known.seen(
-        share * getattr(fault, key) > _MARGIN * getattr(known.settings.safety, threshold), 0.0
+        share * getattr(fault, key) > _MARGIN * getattr(known.settings.safety, threshold), known.sequence
     )
 
 
@@ -172,7 +179,7 @@ def _ramp(key: str, threshold: str, share: float = 1.0) -> _Rule:
     def rule(fault: Any, known: Known) -> Expectation:
         limit = getattr(known.settings.safety, threshold)
         sure = _ramped(share * getattr(fault, key), fault.ramp, fault.duration, limit)
-        return known.seen(sure, min(fault.ramp, fault.duration))
+        return known.seen(sure, min(fault.ramp, fault.duration) + known.sequence)
 
     return rule
 
@@ -208,7 +215,7 @@ RULES: Mapping[str, _Rule] = {
     "joint_frozen": _EITHER,
     "joint_states_frozen": _frozen,
     "joint_not_a_number": _share_refused,
-    "joint_absurd": lambda fault, known: known.seen(True, 0.0),
+    "joint_absurd": lambda fault, known: known.seen(True, known.sequence),
     "joint_missing": _absent,
     "joints_swapped": _EITHER,
     "velocity_lag": _small({"time_constant": 0.002}),
@@ -226,7 +233,7 @@ RULES: Mapping[str, _Rule] = {
     "odom_slow": _no_longer_than("period"),
     "odom_bad_quaternion": _absent,
     "odom_not_a_number": _share_refused,
-    "odom_absurd": lambda fault, known: known.seen(True, 0.0),
+    "odom_absurd": lambda fault, known: known.seen(True, known.sequence),
     "odom_wrong_frame": _absent,
     "imu_noise": _SURVIVES,
     "imu_bias": _SURVIVES,

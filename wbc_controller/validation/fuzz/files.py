@@ -1,10 +1,12 @@
-"""The fuzzer of configurations and URDFs: each works, or is refused in a sentence.
+"""The fuzzer of configurations, URDFs and recordings: each works, or is refused in a sentence.
 
-Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, which follows from the seed and its
-number alone. A child process reads it as `wbc check`, `run`, `guard` and `mock` do, so that a crash is seen and named.
+Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, or with ``robot.mcap``, which follows
+from the seed and its number alone. A child process reads it as `wbc check`, `run`, `guard`, `mock` and `replay` do, so
+that a crash is seen and named.
 """
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import re
@@ -30,6 +32,12 @@ from wbc_controller.errors import ConfigurationError, InputRefused, WbcError
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
 from wbc_controller.validation.fuzz.hostile_files import hostile_configuration, hostile_urdf
+from wbc_controller.validation.fuzz.hostile_recordings import (
+    hostile_recording,
+    original,
+    read_recording,
+    write_messages,
+)
 from wbc_controller.validation.fuzz.strategies import drawn
 
 #: Most processor time of one case, s: a robot of the size that is shipped takes a tenth of a second.
@@ -65,7 +73,7 @@ def fuzz_files(
     most_failures: int = 20,
     progress: Callable[[FilesOutcome, int], None] = lambda outcome, number: None,
 ) -> FilesOutcome:
-    """Read hostile ``configurations`` or ``urdf`` files, made from those of robots in turn, in a child process.
+    """Read hostile ``configurations``, ``urdf`` or ``recordings``, of robots in turn, in a child process.
 
     Raises:
         WbcError: if the child process does not start.
@@ -136,6 +144,7 @@ def _work(
     """Read the cases from a number on; in the child process."""
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     warnings.simplefilter("ignore")
+    logging.disable(logging.CRITICAL)  # replays log the faults of a controller
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the parsers of C++ write what they refuse there too
     pipe.send(_READY)
     for i in range(number, end):
@@ -146,7 +155,12 @@ def _work(
 
 
 def make_case(kind: str, robot: str, seed: int, number: int, place: Path) -> None:
-    """Write the files of one case of ``configurations`` or ``urdf`` to a folder, which is made."""
+    """Write the files of one case of ``configurations``, ``urdf`` or ``recordings`` to a folder, which is made."""
+    place.mkdir(parents=True, exist_ok=True)
+    if kind == "recordings":
+        topics, _ = original(robot)
+        write_messages(place / "robot.mcap", topics, drawn(hostile_recording(robot), kind, seed, number))
+        return
     configuration, urdf = _originals(robot)
     configuration = _URDF_KEY.sub(lambda found: f"{found.group(1)}{place / 'robot.urdf'}", configuration)
     files = {"robot.yaml": configuration.encode(), "robot.urdf": urdf.encode()}
@@ -154,22 +168,18 @@ def make_case(kind: str, robot: str, seed: int, number: int, place: Path) -> Non
         files["robot.yaml"] = drawn(hostile_configuration(configuration), kind, seed, number)
     else:
         files["robot.urdf"] = drawn(hostile_urdf(urdf), kind, seed, number)
-    place.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
         (place / name).write_bytes(content)
 
 
 def read_case(place: Path) -> str:
     """Read the files of a case as the commands do: ``works``, ``refused``, or what went wrong."""
-    path = place / "robot.yaml"
+    path = place / "robot.mcap"
+    recorded = path.exists()
+    path = path if recorded else place / "robot.yaml"
     began = time.process_time()
     try:
-        check(str(path))
-        settings = load_settings(path)
-        with _named(path):
-            Controller(settings, preflight=False)
-            describe(read_urdf(settings.robot.urdf), settings.robot)
-            Plant(make_model(settings), settings)
+        (read_recording if recorded else _read_configuration)(path)
         result = "works"
     except ConfigurationError as error:
         result = "refused" if str(path) in str(error) else f"unnamed: no path in {str(error)[:300]!r}"
@@ -178,6 +188,20 @@ def read_case(place: Path) -> str:
         result = f"traceback: {type(error).__name__}: {str(error)[:300]} ({Path(where.filename).name}:{where.lineno})"
     spent = time.process_time() - began
     return result if spent <= _LIMIT else f"slow: {spent:.1f} s of processor time, then: {result}"
+
+
+def _read_configuration(path: Path) -> None:
+    """Read a configuration and its URDF.
+
+    Raises:
+        ConfigurationError: if it is refused.
+    """
+    check(str(path))
+    settings = load_settings(path)
+    with _named(path):
+        Controller(settings, preflight=False)
+        describe(read_urdf(settings.robot.urdf), settings.robot)
+        Plant(make_model(settings), settings)
 
 
 #: Reads a case in the child process.

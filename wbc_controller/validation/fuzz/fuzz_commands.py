@@ -143,6 +143,29 @@ def urdf(**options: Any) -> None:
 
 
 @fuzz.command()
+@_of_files
+def recordings(**options: Any) -> None:
+    """Read hostile recordings with valid checksums: each works, or is refused in a sentence with its path."""
+    _files("recordings", **options)
+
+
+@fuzz.command()
+@click.option("--count", default=5_000, show_default=True, help="Number of classes.")
+@_seed
+def classes(count: int, seed: int) -> None:
+    """Run controllers with a user's class that has a hostile member: it is refused, or the robot is damped."""
+    with _needing_extras():
+        from wbc_controller.validation.fuzz.hostile_classes import fuzz_classes
+
+    say = _Progress()
+    failures, results = fuzz_classes(count, seed, lambda results, number: say(f"class {number}: {dict(results)}"))
+    click.echo(", ".join(f"{number} {result}" for result, number in results.most_common()))
+    for hostile, why in failures:
+        click.echo(f"{hostile}: {why}")
+    sys.exit(1 if failures else 0)
+
+
+@fuzz.command()
 @click.argument("robot", default="go2")
 @click.option("--trials", default=100, show_default=True, help="Emergency stops under each flood.")
 @click.option("--kinds", help="Floods; all of them where none is named.")

@@ -1,0 +1,178 @@
+"""Calls of the Python API with values of any type: each works, or raises one of the package's errors."""
+
+from __future__ import annotations
+
+import datetime
+import fractions
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import wbc_controller as wbc
+
+
+class NoArray:
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        raise RuntimeError("no array")
+
+
+#: Numbers and arrays that are no real ones.
+REFUSED = [
+    1j, [1j] * 3, np.array([1 + 1j, 0, 0]), np.ma.masked_array([0.0, 0.0, 0.7], mask=[1, 0, 0]),
+    np.ma.masked_array(np.zeros(19)), np.ma.masked_array(0.5, mask=True), [np.ma.masked_array(0.5, mask=True)] * 3,
+    np.nan, np.inf, 1e308, -1e308, 10**400, [1e308] * 3, [1e308] * 18, [1e308] * 19, b"x", object(), NoArray(),
+    np.array(["a", "b", "c"]), np.array(["2020-01-01"] * 3, dtype="M8[D]"), datetime.datetime(2020, 1, 1),
+    np.zeros((3, 1)), [[1, 2], [3]], lambda: 1, int, {1: 2}, {None: None}, {"FL_hip_joint": 1e308},
+    {"FL_hip_joint": 1j}, {"FL_hip_joint": "a"}, {"FL_hip_joint": [1]}, "x", "\ud800",
+    pin.SE3(np.eye(3), np.full(3, np.nan)),
+]  # fmt: skip
+#: Values that some of the calls take.
+OTHERS = [None, True, -1.0, "", [], {}, (), set(), [None], np.zeros(0), fractions.Fraction(1, 3), range(3), {"a.b": 1}]
+
+CONFIG = wbc.load("go2")
+CONTROLLER = wbc.Controller(CONFIG, preflight=False)
+MODEL = CONTROLLER.model
+Q, V = CONTROLLER.stance(), np.zeros(MODEL.nv)
+JOINTS = dict(zip(MODEL.joints, MODEL.posture.tolist(), strict=True))
+
+
+def com() -> np.ndarray:
+    return CONTROLLER.dynamics.com
+
+
+def state(**values: Any) -> Any:
+    return wbc.state_from_joints(**{"model": MODEL, "positions": JOINTS, **values})
+
+
+def own(kind: str, value: Any) -> Any:
+    return wbc.Controller(CONFIG, preflight=False, **{kind: value})
+
+
+#: Calls that take one of the values; the first group refuses all of `REFUSED`.
+CALLS: dict[str, Callable[[Any], Any]] = {
+    "set com": lambda x: CONTROLLER.set("com", x),
+    "set base": lambda x: CONTROLLER.set("base", x),
+    "set posture": lambda x: CONTROLLER.set("posture", x),
+    "set velocity": lambda x: CONTROLLER.set("com", com(), velocity=x),
+    "set acceleration": lambda x: CONTROLLER.set("com", com(), acceleration=x),
+    "set duration": lambda x: CONTROLLER.set("com", com(), duration=x),
+    "set task": lambda x: CONTROLLER.set(x, com()),
+    "follow task": lambda x: CONTROLLER.follow(x, [1.0], [com()]),
+    "follow times": lambda x: CONTROLLER.follow("com", x, [com()]),
+    "follow time": lambda x: CONTROLLER.follow("com", [x], [com()]),
+    "follow positions": lambda x: CONTROLLER.follow("com", [1.0], x),
+    "follow position": lambda x: CONTROLLER.follow("com", [1.0], [x]),
+    "follow velocities": lambda x: CONTROLLER.follow("com", [1.0], [com()], x),
+    "follow velocity": lambda x: CONTROLLER.follow("com", [1.0], [com()], [x]),
+    "follow acceleration": lambda x: CONTROLLER.follow("com", [1.0], [com()], None, [x]),
+    "enable": CONTROLLER.enable,
+    "enable flag": lambda x: CONTROLLER.enable("com", x),
+    "disable": CONTROLLER.disable,
+    "weight task": lambda x: CONTROLLER.set_weight(x, 1.0),
+    "weight": lambda x: CONTROLLER.set_weight("com", x),
+    "wrench frame": lambda x: CONTROLLER.set_external_wrench(x, np.zeros(6)),
+    "wrench": lambda x: CONTROLLER.set_external_wrench("base", x),
+    "reset q": lambda x: CONTROLLER.reset(x, V),
+    "reset v": lambda x: CONTROLLER.reset(Q, x),
+    "reset t": lambda x: CONTROLLER.reset(Q, V, x),
+    "step t": lambda x: CONTROLLER.step(Q, V, x),
+    "update": CONTROLLER.update,
+    "update value": lambda x: CONTROLLER.update({"tasks.com.stiffness": x}),
+    "request": CONTROLLER.request,
+    "load": wbc.load,
+    "replace": CONFIG.replace,
+    "replace weight": lambda x: CONFIG.replace({"tasks.com.weight": x}),
+    "replace tasks": lambda x: CONFIG.replace({"tasks": x}),
+    "replace task": lambda x: CONFIG.replace({"tasks.com": x}),
+    "replace robot": lambda x: CONFIG.replace({"robot": x}),
+    "config key": CONFIG.__getitem__,
+    "check": wbc.check,
+    "controller": wbc.Controller,
+    "own tasks": lambda x: own("tasks", x),
+    "own task": lambda x: own("tasks", [x]),
+    "own contact": lambda x: own("contacts", [x]),
+    "own limit": lambda x: own("limits", [x]),
+    "plot": wbc.plot,
+    "plot result": lambda x: wbc.plot([x]),
+    "state model": lambda x: state(model=x),
+    "state positions": lambda x: state(positions=x),
+    "state velocities": lambda x: state(velocities=x),
+    "state quaternion": lambda x: state(base_quaternion=x),
+}
+#: Calls that take large numbers, or the URDF as any text.
+LENIENT: dict[str, Callable[[Any], Any]] = {
+    "step q": lambda x: CONTROLLER.step(x, V, 0.0),
+    "step v": lambda x: CONTROLLER.step(Q, x, 0.0),
+    "state position": lambda x: state(positions={**JOINTS, "FL_hip_joint": x}),
+    "state base": lambda x: state(base_position=x),
+    "load URDF": lambda x: wbc.load("go2", urdf=x),
+    "replace URDF": lambda x: CONFIG.replace({}, urdf=x),
+    "replace posture": lambda x: CONFIG.replace({"robot.posture": x}),
+}
+
+
+@pytest.fixture(autouse=True)
+def active() -> None:
+    CONTROLLER.reset(Q, V)
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_values_that_are_no_real_numbers_or_names_are_refused(name):
+    for value in REFUSED:
+        with pytest.raises(wbc.WbcError):
+            CALLS[name](value)
+
+
+@pytest.mark.parametrize("name", [*CALLS, *LENIENT])
+def test_a_call_works_or_raises_an_error_of_the_package(name):
+    call = {**CALLS, **LENIENT}[name]
+    for value in (*REFUSED, *OTHERS):
+        CONTROLLER.reset(Q, V)
+        try:
+            call(value)
+        except wbc.WbcError:
+            continue
+        if name.startswith(("set", "follow", "enable", "disable", "weight", "wrench", "update")):
+            results = [CONTROLLER.step(Q, V, CONTROLLER.period * i) for i in range(3)]
+            assert {result.mode for result in results} == {wbc.Mode.ACTIVE}
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: CONTROLLER.set("com", [1e308, 0, 0]),
+         r"task 'com': a reference is 1e\+308 m; for this robot it is from -14\.\d+ to 14\.\d+"),
+        (lambda: CONTROLLER.set("com", com() + [0, 15.0, 0]), "task 'com': a reference is 15 m; for this robot"),
+        (lambda: CONTROLLER.set("posture", {"FL_hip_joint": 8.0}), "task 'posture': a reference is 8 rad; for this"),
+        (lambda: CONTROLLER.set("com", com(), velocity=[1e3, 0, 0]), "a reference's velocity is 1000 per s; for this"),
+        (lambda: CONTROLLER.set("base", [0, 0, 0, 1], velocity=[200.0, 0, 0]), "from -100 to 100"),
+        (lambda: CONTROLLER.set("com", com(), acceleration=[0, 1e300, 0]), r"acceleration is 1e\+300 per s²; for this"),
+        (lambda: CONTROLLER.set("com", com(), duration=1e308), "duration of task 'com' must be from 0 to 86400"),
+        (lambda: CONTROLLER.follow("com", [1e308], [com()]), r"the trajectory are \[1e\+308\] s; they rise from 0"),
+        (lambda: CONTROLLER.follow("com", [1, 1 + 1e-12], [com()] * 2), "they rise from 0 by 0.0001 s or more"),
+        (lambda: CONTROLLER.follow("com", [1, 1.001], [com(), com() + [0, 0, 1.0]]), "velocity is 1000 per s; for"),
+        (lambda: CONTROLLER.set_external_wrench("base", [0, 0, -1e4, 0, 0, 0]), "wrench at 'base' is -1e.04 N, N·m"),
+        (lambda: CONTROLLER.set_weight("com", True), "the weight of task 'com' must be from 0 to 1e.06, not True"),
+        (lambda: CONTROLLER.set("com", np.ma.masked_array([0, 0, 1])), "the position of task 'com' is a masked array"),
+        (lambda: CONTROLLER.set("com", [1j, 0, 0]), "the position of task 'com' is not an array of numbers"),
+        (lambda: CONTROLLER.enable("com", "no"), "enabled = 'no': it must be True or False"),
+        (lambda: CONTROLLER.reset(Q, V, 1e308), r"t must be from -1e\+10 to 1e\+10, not 1e\+308"),
+        (lambda: CONTROLLER.reset(np.zeros(MODEL.nq), V), "the quaternion of q .* is not a unit quaternion"),
+        (lambda: CONFIG["tasks.con"], "did you mean 'com'"),
+        (lambda: own("tasks", [int]), "tasks: <class 'int'> raised TypeError"),
+    ],
+)  # fmt: skip
+def test_an_error_names_the_value_and_its_range(call, sentence):
+    with pytest.raises(wbc.WbcError, match=sentence):
+        call()
+
+
+def test_a_state_with_absurd_values_leads_to_damping_with_a_reason():
+    for q, v, word in ((Q, np.full(MODEL.nv, 1e308), "above 1e+09"), (np.zeros(MODEL.nq), V, "not a unit quaternion")):
+        CONTROLLER.reset(Q, V)
+        result = CONTROLLER.step(q, v, 0.0)
+        assert (result.mode, result.fault.code) == (wbc.Mode.DAMPING, "BAD_STATE")
+        assert word in result.fault.sentence

@@ -1,0 +1,122 @@
+"""Plausibility of single samples: the robot can reach each one from the last accepted one.
+
+A sample out of reach is rejected, as one that is not finite; the last accepted one stays in force. Only a sequence of
+rejected samples is a fault, so that one corrupt message does not drop a standing robot.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array, Fault
+from wbc_controller.safety.plausibility import AXES, PlausibilityLimits, joint_speed_limits, wrap_hint
+from wbc_controller.safety.plausibility_kernels import (
+    SAMPLE_FAST,
+    SAMPLE_JUMP,
+    SAMPLE_LARGE,
+    SampleMemory,
+    compare_sample,
+)
+
+#: Setting of the tolerance of positions, by setting of the speed.
+_MISMATCH = {
+    "max_joint_speed": "joint_mismatch", "max_base_speed": "base_mismatch", "max_base_turn": "base_turn_mismatch",
+}  # fmt: skip
+#: Number of rejected samples in a row that is a fault.
+SEQUENCE = 3
+
+
+class SampleCheck:
+    """Compares each sample of one topic with the last accepted one.
+
+    Attributes:
+        rejected: number of rejected samples.
+        in_row: number of rejected samples since the last accepted one.
+        reason: reason of the last rejection.
+    """
+
+    def __init__(self, names: tuple[str, ...], keys: tuple[str, ...], memory: SampleMemory) -> None:
+        """Make a check; `names` and `keys` name each value and its setting for the speed, for sentences, (n,)."""
+        self.rejected = self.in_row = 0
+        self.reason = ""
+        self._names, self._keys, self._memory = names, keys, memory
+        self._stamp = 0
+
+    @classmethod
+    def of_joints(cls, model: RobotModel, limits: PlausibilityLimits, *, measured: bool) -> SampleCheck:
+        """Make the check of joint states; `measured` is False if velocities are computed from positions."""
+        n = model.nj
+        memory = _memory(n, limits, joint_speed_limits(model, limits.joint_speed), measured=measured)
+        memory.tolerance[:] = limits.joint_mismatch
+        return cls(tuple(f"joint {name!r}" for name in model.joints), ("max_joint_speed",) * n, memory)
+
+    @classmethod
+    def of_base(cls, limits: PlausibilityLimits) -> SampleCheck:
+        """Make the check of odometry."""
+        fastest = np.repeat([limits.base_speed, limits.base_turn], 3)
+        memory = _memory(7, limits, fastest, measured=True)
+        memory.tolerance[:] = np.repeat([limits.base_mismatch, limits.base_turn_mismatch], 3)
+        return cls(AXES, ("max_base_speed",) * 3 + ("max_base_turn",) * 3, memory)
+
+    def look(self, stamp: int, position: Array, velocity: Array) -> str:
+        """Return why a sample is out of reach of the last accepted one; empty if it is within reach, and accepted.
+
+        Args:
+            stamp: its timestamp, ns.
+            position: joint positions, (nj,), or the base's pose, (7,).
+            velocity: joint velocities, (nj,), empty if they are not measured, or the base's twist, (6,).
+        """
+        elapsed = 1.0e-9 * (stamp - self._stamp) if self._stamp else math.nan
+        found = compare_sample(self._memory, position, velocity, elapsed)
+        if found < 0:
+            self._stamp, self.in_row = stamp, 0
+            return ""
+        self.rejected += 1
+        self.in_row += 1
+        self.reason = self._sentence(*divmod(found, 1000), position, velocity, elapsed)
+        return self.reason
+
+    def restart(self) -> None:
+        """Accept the next sample whatever the last one was: the time starts anew."""
+        self._stamp = self.in_row = 0
+
+    def fault(self, topic: str) -> Fault | None:
+        """Return the fault of a sequence of rejected samples, or None."""
+        if self.in_row < SEQUENCE:
+            return None
+        return Fault("IMPLAUSIBLE_STATE", f"{topic}: {self.in_row} messages in a row are out of reach: {self.reason}")
+
+    def _sentence(self, kind: int, i: int, position: Array, velocity: Array, elapsed: float) -> str:
+        memory, name = self._memory, self._names[i] if i < len(self._names) else "the base's orientation"
+        if kind == SAMPLE_LARGE:
+            limit = f"limit {memory.magnitude:g} rad or m, safety.max_magnitude"
+            return f"{name} is at {position[i]:.3g} ({limit})"
+        unit = "m/s" if self._keys[i] == "max_base_speed" else "rad/s"
+        if kind == SAMPLE_FAST:
+            key = f"limit {memory.fastest[i]:.3g}, safety.{self._keys[i]}"
+            return f"{name} has the velocity {velocity[i]:.3g} {unit} ({key})"
+        since = f"within {1e3 * elapsed:.3g} ms"
+        if kind != SAMPLE_JUMP:
+            before = memory.velocity[i]
+            return f"the velocity of {name} changes from {before:.3g} to {velocity[i]:.3g} {unit} {since}"
+        change = float(memory.change[i])
+        hint = "" if memory.floating else wrap_hint(change)
+        limit = f"limit {memory.tolerance[i]:.3g}, safety.{_MISMATCH[self._keys[i]]}"
+        return f"{name} jumps by {change:.3g} {unit.removesuffix('/s')} {since}, unlike its velocity ({limit}){hint}"
+
+
+def _memory(size: int, limits: PlausibilityLimits, fastest: Array, *, measured: bool) -> SampleMemory:
+    n = len(fastest)
+    return SampleMemory(
+        floating=size != n,
+        measured=measured,
+        magnitude=limits.magnitude,
+        fastest=fastest,
+        tolerance=np.zeros(n),
+        position=np.zeros(size),
+        velocity=np.zeros(n),
+        change=np.zeros(n),
+    )

@@ -1,0 +1,228 @@
+"""The fuzzer of users' classes: a task, contact or limit with a hostile attribute, or a method that turns hostile."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
+
+from wbc_controller.controller.controller import Controller
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.contacts import AnchoredContact
+from wbc_controller.inverse_dynamics.limits import RowLimit
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.tasks import MotionTask
+from wbc_controller.records import Array, Mode
+from wbc_controller.settings.config import load
+from wbc_controller.validation.fuzz.strategies import drawn
+from wbc_controller.validation.fuzz.values import FLOATS
+
+#: Cycles of an active controller, after which a method has turned hostile.
+_CYCLES = 8
+_TOLERANCE = 1.0e-9
+
+
+class _Height(MotionTask):
+    """Height of the centre of mass."""
+
+    size = 1
+
+    def __init__(self, model: RobotModel) -> None:
+        super().__init__("own", [True])
+
+    def position(self, dynamics: Dynamics) -> Array:
+        return np.array(dynamics.com[2:])
+
+    def velocity(self, dynamics: Dynamics) -> Array:
+        return dynamics.com_velocity[2:]
+
+    def error(self, dynamics: Dynamics, position: Array) -> Array:
+        return np.asarray(position - dynamics.com[2:])
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        return dynamics.com_jacobian[2:]
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        return dynamics.com_drift[2:]
+
+
+class _Grip(AnchoredContact):
+    """A point of a link that is held."""
+
+    def __init__(self, model: RobotModel) -> None:
+        basis, cone = np.eye(6)[:, :3], np.zeros((0, 3))
+        super().__init__("own", basis, cone, "world", stiffness=1.0, damping=20.0, internal=False)
+        self.frame = model.frame_id("FL_calf", "grip")
+
+    def jacobian(self, dynamics: Dynamics) -> Array:
+        return dynamics.jacobian(self.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+
+    def drift(self, dynamics: Dynamics) -> Array:
+        return dynamics.drift_world(self.frame)[:3]
+
+    def points(self, dynamics: Dynamics) -> Array:
+        return np.array([dynamics.placement(self.frame).translation])
+
+    def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
+        return np.concatenate([force, np.cross(dynamics.placement(self.frame).translation, force)])
+
+    def bounds(self, activation: float) -> tuple[Array, Array]:
+        return np.full(3, -50.0 * activation), np.full(3, 50.0 * activation)
+
+    def pose(self, dynamics: Dynamics) -> pin.SE3:
+        return dynamics.placement(self.frame)
+
+    def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
+        return np.asarray(anchor[:3] - dynamics.placement(self.frame).translation)
+
+
+class _Ceiling(RowLimit):
+    """An upper bound of the vertical acceleration of the centre of mass."""
+
+    names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+
+    def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
+        rows[:] = dynamics.com_jacobian[2]
+        lower[:], upper[:] = -np.inf, 50.0 - dynamics.com_drift[2]
+
+
+#: Class, methods and attributes of each kind of object.
+_KINDS: dict[str, tuple[type, tuple[str, ...], tuple[str, ...]]] = {
+    "tasks": (
+        _Height, ("position", "velocity", "error", "jacobian", "drift", "rest", "right", "equation"),
+        ("size", "rows", "weight", "level", "setpoint_duration", "stiffness", "damping", "tolerance", "enabled",
+         "name"),
+    ),
+    "contacts": (
+        _Grip, ("jacobian", "drift", "bounds", "points", "wrench_in_world", "pose", "displacement"),
+        ("size", "basis", "cone", "metric", "stiffness", "damping", "ramp", "bound_groups", "enabled", "name"),
+    ),
+    "limits": (_Ceiling, ("fill",), ("names", "kind", "unit")),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class HostileClass:
+    """A class with one hostile member.
+
+    Attributes:
+        kind: ``tasks``, ``contacts`` or ``limits``.
+        member: name of the method or attribute.
+        after: number of calls before a method turns hostile.
+        value: value of the attribute or result of the method; an exception is raised.
+    """
+
+    kind: str
+    member: str
+    after: int
+    value: Any
+
+    def make(self, model: RobotModel) -> Any:
+        """Make the object, as `Controller` calls it."""
+        base, methods, _ = _KINDS[self.kind]
+        if self.member not in methods:
+            made = type("Own", (base,), {})(model)
+            setattr(made, self.member, self.value)
+            return made
+        calls, original = [0], getattr(base, self.member)
+
+        def hostile(own: Any, *arguments: Any) -> Any:
+            calls[0] += 1
+            if calls[0] <= self.after:
+                return original(own, *arguments)
+            if isinstance(self.value, Exception):
+                raise self.value
+            if self.member == "fill":
+                arguments[2][...] = self.value
+            return self.value
+
+        return type("Own", (base,), {self.member: hostile})(model)
+
+
+def _values() -> SearchStrategy[Any]:
+    shapes = st.sampled_from(((), (1,), (3,), (6,), (18,), (3, 18), (1, 18), (0,), (3, 3), (2, 3)))
+    floats = st.sampled_from(FLOATS)
+    arrays = st.builds(np.full, shapes, floats)
+    others: tuple[Any, ...] = (
+        None, True, "x", b"x", 1j, [], {}, object(), [None], np.array(["a"] * 3), np.array([1j] * 3), np.zeros(3, bool),
+        np.ma.masked_array(np.zeros(3), mask=[True, False, False]), np.ma.masked_array([0.0], mask=[True]),
+        np.ma.masked_array(np.zeros((1, 18)), mask=True), [[1, 2], [3]], (np.zeros(3),), (np.zeros(3),) * 2,
+        ["a", "b"],
+        ValueError("own"), KeyError("own"), ZeroDivisionError(), RecursionError(), MemoryError(), StopIteration(),
+    )  # fmt: skip
+    return st.one_of(arrays, arrays, floats, st.integers(-3, 40), st.sampled_from(others))
+
+
+def hostile_class() -> SearchStrategy[HostileClass]:
+    """Return classes with a hostile member."""
+    members = [
+        (kind, member) for kind, (_, methods, attributes) in _KINDS.items() for member in (*methods, *attributes)
+    ]
+    return st.builds(
+        lambda where, after, value: HostileClass(where[0], where[1], after, value),
+        st.sampled_from(members), st.sampled_from((0, 0, 1, 2, 3, 5, 8, 12, 16, 20)), _values(),
+    )  # fmt: skip
+
+
+@cache
+def _robot() -> RobotModel:
+    return Controller("go2", preflight=False).model
+
+
+def run_class(hostile: HostileClass) -> str:
+    """Run a controller with a hostile class.
+
+    Returns:
+        ``refused``, the final mode and code of the fault, or a sentence about what went wrong.
+    """
+    model = _robot()
+    try:
+        own: dict[str, Any] = {hostile.kind: [hostile.make]}
+        controller = Controller(load("go2"), preflight=False, model=model, **own)
+        q, v = controller.stance(), np.zeros(model.nv)
+        controller.reset(q, v)
+    except ConfigurationError:
+        return "refused"
+    except Exception as error:
+        return f"wrong: {type(error).__name__}: {error} instead of a ConfigurationError"
+    for i in range(_CYCLES):
+        try:
+            result = controller.step(q, v, i * controller.period)
+            repr(result)
+        except Exception as error:
+            return f"wrong: step raised {type(error).__name__}: {error}"
+        if not (np.abs(result.tau) <= model.effort_limits * (1.0 + _TOLERANCE)).all():
+            return f"wrong: torques {result.tau}"
+    if result.fault is not None and result.fault.code == "INTERNAL_ERROR":
+        return f"wrong: {result.fault.sentence}"
+    return result.mode.value if result.mode is Mode.ACTIVE else f"{result.mode.value} {result.fault.code}"  # type: ignore[union-attr]
+
+
+def fuzz_classes(
+    count: int, seed: int, progress: Callable[[Counter[str], int], None] = lambda results, number: None
+) -> tuple[list[tuple[HostileClass, str]], Counter[str]]:
+    """Run controllers with hostile classes; return those that went wrong with a sentence, and all results."""
+    results: Counter[str] = Counter()
+    failures: list[tuple[HostileClass, str]] = []
+    logging.getLogger("wbc_controller").setLevel(logging.CRITICAL)  # the failures of methods, with tracebacks
+    with np.errstate(all="ignore"):
+        for number in range(count):
+            hostile = drawn(hostile_class(), "classes", seed, number)
+            result = run_class(hostile)
+            results[result.partition(":")[0]] += 1
+            if result.startswith("wrong"):
+                failures.append((hostile, result))
+            progress(results, number)
+    return failures, results

@@ -1,0 +1,172 @@
+"""Recordings with valid checksums and hostile content, made from a short run, and the commands that read them."""
+
+from __future__ import annotations
+
+import copy
+import json
+import struct
+import tempfile
+from collections.abc import Sequence
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from hypothesis import strategies as st
+from hypothesis.strategies import DrawFn, SearchStrategy
+
+from wbc_controller.controller.cycle import ControlCycle
+from wbc_controller.middleware.codec import decode, encode, message
+from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessages, Topic
+from wbc_controller.recording.recorder import Recorder
+from wbc_controller.recording.recording_file import Recording
+from wbc_controller.recording.replay.cycle_replay import Replay
+from wbc_controller.recording.replay.recording_summary import explain_cycle, summarize
+from wbc_controller.recording.report.run_from_recording import run_of
+from wbc_controller.settings.files import find_configuration, load_settings
+from wbc_controller.validation.fuzz.strategies import mutated_bytes, mutated_text
+from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, STRINGS
+from wbc_controller.validation.lockstep import Lockstep
+
+#: Messages of a recording: topic, time in ns, serialized message.
+Messages = Sequence[tuple[Topic, int, bytes]]
+#: Cycles of the original run, and cycles that are solved again of a hostile one.
+_CYCLES, _SOLVED = 60, 20
+_STRING = "std_msgs/msg/String"
+#: Values in place of one in JSON.
+_VALUES: SearchStrategy[Any] = st.one_of(
+    st.sampled_from((None, True, False, 0, -1, 1, 2**31, 2**63, 10**400, "", [], {}, [[]], [None], {"$map": [[1]]})),
+    st.sampled_from(FLOATS),
+    st.sampled_from(STRINGS),
+    st.sampled_from(({"$mode": "x"}, {"$trajectory": []}, {"$record": "Fault"}, {"$float": "x"}, {"$array": "AA"})),
+)
+
+
+def record_run(robot: str, path: Path) -> None:
+    """Record a short run of a robot: it is activated, moves, refuses a request, and is stopped."""
+    settings = load_settings(find_configuration(robot))
+    settings = settings.model_copy(update={"recorder": settings.recorder.model_copy(update={"seconds": 0.0})})
+    recorder = Recorder(settings, path, patient=True, name=robot)
+    try:
+        run = Lockstep(settings, recorder=recorder)
+        for i in range(_CYCLES):
+            if i == 3:
+                run.user.say("command", "activate")
+            elif i == 10:
+                run.user.move(run.com())
+            elif i == 20:
+                run.user.say("command", "fly")
+                run.user.say("update", "{limits: {acceleration: 200.0}}")
+            elif i == _CYCLES - 3:
+                run.user.say("command", "estop")
+            run.cycle()
+    finally:
+        recorder.close()
+
+
+@cache
+def original(robot: str) -> tuple[dict[int, Topic], Messages]:
+    """Return topics and messages of a short run."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mcap"
+        record_run(robot, path)
+        file = McapMessages(path)
+        messages = list(file)
+    return file.topics, messages
+
+
+def hostile_recording(robot: str) -> SearchStrategy[Messages]:
+    """Return the messages of a short run with hostile changes."""
+    return _hostile_messages(original(robot)[1])
+
+
+def write_messages(path: Path, topics: dict[int, Topic], messages: Messages) -> None:
+    """Write a recording with valid checksums."""
+    builder, file = ChunkBuilder(), McapFile(path, topics.values())
+    for topic, time, payload in messages:
+        builder.add(topic.number, time, payload)
+    chunk = builder.take()
+    if chunk is not None:
+        file.write(chunk)
+    file.close()
+
+
+@st.composite
+def _hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
+    """Change, delete, repeat or move some messages of a recording; mostly its own topics."""
+    result = list(messages)
+    for _ in range(draw(st.sampled_from((1, 1, 1, 2, 3)))):
+        kinds: dict[str, list[int]] = {}
+        for i, (topic, _, _) in enumerate(result):
+            kinds.setdefault(topic.name.rpartition("/")[2], []).append(i)
+        at = draw(st.sampled_from(kinds[draw(st.sampled_from(sorted(kinds)))]))
+        topic, time, payload = result[at]
+        change = draw(st.integers(0, 19))
+        if change == 0:
+            del result[at]
+        elif change == 1:
+            result.insert(draw(st.integers(0, len(result))), result[at])
+        elif change == 2:
+            result[at] = topic, draw(st.sampled_from((0, 1, 2**62, 2**63 - 1))), payload
+        else:
+            result[at] = topic, time, draw(_hostile_payload(topic, payload))
+        if not result:
+            return messages
+    return result
+
+
+@st.composite
+def _hostile_payload(draw: DrawFn, topic: Topic, payload: bytes) -> bytes:
+    """Change one message."""
+    if draw(st.integers(0, 9)) == 0:
+        return draw(mutated_bytes(payload))
+    if topic.type == _STRING:
+        text = str(decode(payload, _STRING).data)
+        return encode(message(_STRING, data=draw(_hostile_text(text))))
+    if len(payload) < 12:
+        return draw(mutated_bytes(payload))
+    data = bytearray(payload)
+    end = len(data) - 8 * draw(st.integers(0, min(40, (len(data) - 12) // 8)))  # arrays of numbers end the message
+    data[end - 8 : end] = struct.pack("<d", draw(st.sampled_from(FLOATS)))
+    return bytes(data)
+
+
+@st.composite
+def _hostile_text(draw: DrawFn, text: str) -> str:
+    """Change a value of a JSON text, or a token of any other text."""
+    try:
+        tree = json.loads(text)
+    except ValueError:
+        return draw(mutated_text(text, SCALARS))
+    if not isinstance(tree, dict) or draw(st.integers(0, 9)) == 0:
+        return draw(mutated_text(text, STRINGS))
+    tree = copy.deepcopy(tree)
+    owner, key = tree, draw(st.sampled_from(sorted(tree)))
+    while isinstance(owner[key], dict | list) and owner[key] and draw(st.integers(0, 7)):
+        owner = owner[key]
+        key = draw(st.sampled_from(sorted(owner) if isinstance(owner, dict) else range(len(owner))))
+    change = draw(st.integers(0, 9))
+    if change == 0:
+        del owner[key]
+    elif change == 1 and isinstance(owner, list):
+        owner.append(copy.deepcopy(owner[key]))
+    elif change <= 3 and isinstance(owner[key], str):
+        owner[key] = draw(mutated_text(owner[key], SCALARS))
+    else:
+        owner[key] = draw(_VALUES)
+    return json.dumps(tree, separators=(",", ":"))
+
+
+def read_recording(path: Path) -> None:
+    """Read a recording as the commands do: summarize it, solve some of its cycles again, and make the data of a report.
+
+    Raises:
+        ConfigurationError: if it is refused.
+    """
+    recorded = Recording(path)
+    summarize(recorded)
+    run = Replay(recorded)
+    for number, solved in enumerate(islice(run.run(), _SOLVED)):
+        if number % _SOLVED == _SOLVED // 2:
+            explain_cycle(solved, recorded, run.controller)
+    run_of(recorded, ControlCycle(recorded.config, preflight=False))
