@@ -52,7 +52,7 @@ ROOMS = {
     "controller": Room(
         "settings inverse_dynamics estimation safety walking", "numpy scipy pinocchio coal pydantic plotly rich"
     ),
-    "middleware": Room(f"settings {_QP}arrays {_QP}tasks {_QP}references", "numpy yaml rosbags cyclonedds rclpy"),
+    "middleware": Room(f"settings {_QP}tasks {_QP}references", "numpy yaml rosbags cyclonedds rclpy"),
     "recording": Room(
         "settings inverse_dynamics walking controller middleware",
         "numpy scipy pinocchio yaml click mcap zstandard",

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wbc_controller.errors import InputRefused
-from wbc_controller.inverse_dynamics.arrays import all_finite
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.middleware.message_layout import MessageLayout
 from wbc_controller.middleware.stamps import header_stamp
@@ -105,7 +104,7 @@ class JointStateReader(StateReader):
         """Decode and check a serialized message; see `StateReader.read`."""
         stamp, values = self._decode(payload)
         columns = values.reshape(len(self.paths), -1)  # (k, nj)
-        if not all_finite(values):
+        if not np.isfinite(values).all():
             k, i = np.argwhere(~np.isfinite(columns))[0]
             column, joint = self.paths[k], self._joints[i]
             hint = f"; {_UNMEASURED}" if column == "velocity" and np.isnan(columns[k]).all() else ""

@@ -9,7 +9,6 @@ import numpy as np
 
 from wbc_controller.arguments import finite
 from wbc_controller.errors import InputRefused
-from wbc_controller.inverse_dynamics.arrays import all_finite
 from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
 from wbc_controller.middleware.joint_states import StateReader
 from wbc_controller.records import Array
@@ -78,7 +77,7 @@ class OdometryReader(StateReader):
         """Decode and check a serialized message; see `StateReader.read`."""
         stamp, values = self._decode(payload)
         pose, twist = values[:7], values[7:]
-        if not all_finite(values):
+        if not np.isfinite(values).all():
             finite(pose, "the pose")
             finite(twist, "the twist")
         pose[3:] = unit_quaternion(pose[3:], "the orientation ")
