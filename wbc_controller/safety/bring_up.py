@@ -91,7 +91,7 @@ class BringUpWatch:
             self._unexplained *= math.exp(-gap / _MEMORY)
             if not self._is_at_stop(state):
                 self._unexplained += state.v - before[0].v - gap * before[1]
-                self._judge(jacobian(tuple(solution.forces)))
+                self._judge(state.v, jacobian(tuple(solution.forces)))
         self._before = state, self._predictions(dynamics, solution, command, jacobian)
 
     def _predictions(
@@ -116,13 +116,18 @@ class BringUpWatch:
         positions = state.q[self._model.q_places]
         return not all_true((positions >= self._model.position_lower) & (positions <= self._model.position_upper))
 
-    def _judge(self, J: Array) -> None:
-        """Set the fault if a joint exceeds its limit with both predictions; J are the active contacts, (k, nv)."""
+    def _judge(self, v: Array, J: Array) -> None:
+        """Set the fault if a joint exceeds its limit with both predictions, and does not merely stick.
+
+        Args:
+            v: measured velocity, (nv,).
+            J: Jacobian of the active contacts, (k, nv).
+        """
         speeds = np.abs(self._unexplained)
         if all_true(speeds <= self._limits):
             return
         model = self._model
-        speeds = speeds[:, model.v_index].min(axis=0)
+        speeds = np.minimum(speeds.min(axis=0), np.abs(v))[model.v_index]
         limit = self._limit * np.where(J[:, model.v_index].any(axis=0), _LOADED, 1.0)
         worst = int((speeds / limit).argmax())
         if not (speeds[worst] <= limit[worst]):
