@@ -30,6 +30,8 @@ _MEMORY = 0.1
 _LARGEST_GAP = 3.5
 #: Speed of a prismatic joint that counts as much as one of 1 rad/s, m/s.
 _PRISMATIC = 0.2
+#: Multiple of the limit for joints between the base and an active contact: they also move if the contact is lost.
+_LOADED = 3.0
 #: Torques not sent that are negligible, as a share of the effort limits.
 _NEGLIGIBLE = 0.02
 
@@ -89,7 +91,7 @@ class BringUpWatch:
             self._unexplained *= math.exp(-gap / _MEMORY)
             if not self._is_at_stop(state):
                 self._unexplained += state.v - before[0].v - gap * before[1]
-                self._judge()
+                self._judge(state.v, jacobian(tuple(solution.forces)))
         self._before = state, self._predictions(dynamics, solution, command, jacobian)
 
     def _predictions(
@@ -114,19 +116,25 @@ class BringUpWatch:
         positions = state.q[self._model.q_places]
         return not all_true((positions >= self._model.position_lower) & (positions <= self._model.position_upper))
 
-    def _judge(self) -> None:
-        """Set the fault if a joint exceeds the limit with both predictions."""
+    def _judge(self, v: Array, J: Array) -> None:
+        """Set the fault if a joint exceeds its limit with both predictions, and does not merely stick.
+
+        Args:
+            v: measured velocity, (nv,).
+            J: Jacobian of the active contacts, (k, nv).
+        """
         speeds = np.abs(self._unexplained)
         if all_true(speeds <= self._limits):
             return
         model = self._model
-        speeds = speeds[:, model.v_index].min(axis=0)
-        worst = int((speeds / self._limit).argmax())
-        if not (speeds[worst] <= self._limit[worst]):
+        speeds = np.minimum(speeds.min(axis=0), np.abs(v))[model.v_index]
+        limit = self._limit * np.where(J[:, model.v_index].any(axis=0), _LOADED, 1.0)
+        worst = int((speeds / limit).argmax())
+        if not (speeds[worst] <= limit[worst]):
             unit = f"{model.units[worst]}/s"
             self.fault = Fault(
                 UNEXPLAINED_MOTION,
                 f"joint {model.joints[worst]!r} moves by {speeds[worst]:.2g} {unit} otherwise than the torques sent "
-                f"explain (limit {self._limit[worst]:g} {unit}, safety.bring_up_speed): they may reach other joints or "
+                f"explain (limit {limit[worst]:g} {unit}, safety.bring_up_speed): they may reach other joints or "
                 "have another sign; compare the effort command's order with robot.actuators, by default robot.joints",
             )

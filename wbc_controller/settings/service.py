@@ -144,8 +144,8 @@ class SafetySettings(Section):
     )
     bring_up_speed: Annotated[Positive, Field(le=1.0e3)] = Field(
         5.0,
-        description="Largest unexplained speed of a joint in that time, rad/s; of a prismatic joint, a fifth of it in "
-        "m/s.",
+        description="Largest unexplained speed of a joint in that time, rad/s; three times as much if it carries an "
+        "active contact, and a fifth in m/s if it is prismatic.",
     )
     max_tilt: Annotated[Positive, Field(le=3.2)] = Field(
         1.0,
