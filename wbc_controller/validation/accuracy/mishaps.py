@@ -103,7 +103,7 @@ class Outcome:
     left_out: tuple[str, ...]  # contacts that the estimate left out
     said: tuple[str, ...] = ()  # a sentence for each fault, in order
     ended: bool = False  # whether the controller damped the robot
-    fell: bool = False  # whether the robot fell, and no fault followed within `UNSAID`
+    fell: bool = False  # whether the robot fell before
     # time from 'reset' to an active controller, with the robot on the hoist, s; infinite if it stayed refused, and NaN
     # if the controller did not damp
     recovery: float = math.nan
@@ -201,7 +201,6 @@ class _Comparison:
         self._left_out: dict[str, None] = {}
         self._said: dict[str, str] = {}
         self.ended = self._fell = False
-        self._fallen_for = 0.0  # without a fault, s
 
     def follow(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
         """Let time pass, while the controller acts on the estimate and the robot has not fallen.
@@ -217,9 +216,7 @@ class _Comparison:
             if fault is not None:
                 self._said.setdefault(fault.code, f"{fault.code}: {fault.sentence}")
             self.ended = fault is not None and self._trial.report.mode not in (Mode.ACTIVE, Mode.HOLDING)
-            fallen = self._trial.mock.plant.fallen and not self.ended
-            self._fallen_for = self._fallen_for + self._trial.controller.period if fallen else 0.0
-            self._fell = self._fallen_for > UNSAID
+            self._fell = self._trial.mock.plant.fallen and not self.ended
             if not self.ended:
                 self._look()
 
