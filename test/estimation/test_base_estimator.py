@@ -140,9 +140,12 @@ def test_contacts_come_and_go_with_what_is_meant_to_hold():
     assert set(scene.estimator.filter.names) == names
 
 
-def standing(robot="g1"):
+LITTLE_CREEP = {"estimation.contact_noise": 1.0e-3}
+
+
+def standing(robot="g1", **changes):
     """An estimator that has seen nothing, and the sensors of a robot that stands still."""
-    scene = Scene(robot, noise=0.0)
+    scene = Scene(robot, noise=0.0, **changes)
     q, v = np.array(scene.model.posture), np.zeros(scene.model.nj)
     return scene, ImuSample(0.0, np.zeros(3), np.array([0.0, 0.0, 9.81])), q, v
 
@@ -290,11 +293,12 @@ def test_an_estimate_has_a_covariance_and_a_stamp_from_its_beginning_on():
 
 
 def test_late_poses_take_away_what_drifts():
-    """Go2 sways, its gyroscope's bias wrongly known; poses 20 times a second, 0.1 s late, 2 mm and 0.2° off."""
-    scene = Scene("go2", **{"estimation.absolute_pose": True})
+    """Go2 sways on creeping feet, its gyroscope's bias wrongly known; poses at 20 Hz, 0.1 s late, 2 mm and 0.2° off."""
+    creep = {"estimation.contact_noise": 0.01}
+    scene = Scene("go2", **{"estimation.absolute_pose": True, **creep})
     alone = Scene.__new__(Scene)
     alone.__dict__ |= scene.__dict__ | {"errors": []}
-    settings = scene.controller.config.replace({"estimation.base_state": "imu"}).settings
+    settings = scene.controller.config.replace({"estimation.base_state": "imu", **creep}).settings
     alone.estimator = make_estimator(settings, scene.model, scene.controller.contacts)
     rng, on_the_way, every = np.random.default_rng(2), [], round(0.05 / scene.controller.period)
 
@@ -326,3 +330,56 @@ def test_late_poses_take_away_what_drifts():
     assert worst[:3].max() < 0.005
     assert worst[5] < np.deg2rad(0.5)
     assert worst[5] < 0.5 * abs(alone.errors[-1][5])
+
+
+@pytest.mark.parametrize("robot", ["g1", "go2"])
+@pytest.mark.parametrize(("speed", "within"), [(0.3, 0.05), (1.0, 0.02)])
+def test_a_foot_that_slides_beside_resting_ones_is_excluded_if_contacts_creep_little(robot, speed, within):
+    """The first foot slides forward by 60 mm; the base and the others rest."""
+    scene, sample, q, _ = standing(robot, **LITTLE_CREEP)
+    legs, foot, rng = scene.estimator._kinematics, scene.contacts[0], np.random.default_rng(0)
+    fed(scene, stream(sample, 300), q, np.zeros(len(q)))
+    jacobian = np.empty((legs.places((foot,)).size, len(q)))
+    excluded, errors = None, []
+    for i in range(round(0.06 / (0.002 * speed))):
+        before = legs.places((foot,))
+        for j, turn in enumerate(1.0e-6 * np.eye(len(q))):
+            legs.update(q + turn, np.zeros(len(q)))
+            jacobian[:, j] = (legs.places((foot,)) - before).ravel() / 1.0e-6
+        v = np.linalg.lstsq(jacobian, np.tile([speed, 0.0, 0.0], len(before)), rcond=1e-6)[0]
+        q = q + 0.002 * v
+        moved = ImuSample(0.6 + 0.002 * i, sample.angular_velocity, sample.specific_force)
+        scene.estimator.update([moved], q + 1e-4 * rng.normal(size=len(q)), v, scene.contacts)
+        if excluded is None and foot in scene.estimator.slipping:
+            excluded = 0.002 * i
+        errors.append(np.linalg.norm(scene.estimator.base[1][:3]))
+    assert excluded < within
+    assert max(errors) < 0.04
+
+
+def test_errors_are_as_large_as_the_covariance_says_if_contacts_creep_little():
+    """Mean of the squared errors of the velocity by the covariance, with sensors of the default noise."""
+    known = load("g1").settings.estimation
+    scene = Scene("g1", noise=1.0, **LITTLE_CREEP)
+    assert (known.gyroscope_noise, known.accelerometer_noise) == (2e-4, 2e-3)  # those of `Scene.sense`
+    scene.joints = lambda q: q + np.sqrt(known.joint_position_noise**2 - 5e-4**2) * scene.rng.normal(size=len(q))
+    squares = []
+
+    def look(_):
+        scene.look(_)
+        if scene.estimator.filter is not None and scene.simulation.time > 0.8:
+            found, (q, v) = scene.estimator.filter, scene.simulation.plant.state()
+            frame = scene.model.frame_id(scene.imu_frame, "")
+            data = scene.model.pinocchio.createData()
+            pin.forwardKinematics(scene.model.pinocchio, data, q, v)
+            R = pin.updateFramePlacement(scene.model.pinocchio, data, frame).rotation
+            speed = pin.getFrameVelocity(scene.model.pinocchio, data, frame, pin.LOCAL).linear
+            error = found.velocity - found.rotation @ R.T @ R @ speed
+            squares.append(error @ np.linalg.solve(found.P[3:6, 3:6], error) / 3.0)
+
+    scene.simulation.run(1.5, look)
+    com = scene.controller.dynamics.com.copy()
+    scene.controller.follow("com", [0.5, 1.0, 1.5], [com + [0.0, 0.02, 0.0], com - [0.0, 0.02, 0.0], com])
+    scene.simulation.run(2.0, look)
+    anees = (2.0 * 1.0 + 3.0 * np.mean(squares)) / 5.0  # the tilt's error is its bias, drawn from the covariance
+    assert 0.7 < anees < 1.3

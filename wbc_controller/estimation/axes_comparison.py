@@ -49,7 +49,7 @@ class AxesComparison:
     def __init__(self, *, moves: bool) -> None:
         """Start without data; `moves` adds displacements."""
         self._means = np.zeros((2 if moves else 1, 6, 6))  # ⟨c cᵀ⟩ with c = (a, b), of turns and displacements
-        self._suspicion: str | None = None  # the last sentence that explains less
+        self._suspicion: str | None = None  # the last sentence on deg/s, which noise and slips may hide
 
     @property
     def agreed(self) -> bool:
@@ -89,12 +89,14 @@ class AxesComparison:
                 continue
             alike = [cause for left, cause in causes if left <= least + _ALIKE * contradiction]
             motion, unit = ("a turn", "rad") if i == 0 else ("a displacement", "m")
-            self._suspicion = (
+            sentence = (
                 f"{motion} of {vector_text(a[i])} {unit} is measured as {vector_text(b[i])}, "
                 f"as if {' or '.join(alike[:2])}"
             )
             if least <= _LEFT_OVER * contradiction:
-                return self._suspicion
+                return sentence
+            if i == 0 and causes[0][0] == least:
+                self._suspicion = sentence
         return self._suspicion if at_once else None
 
     def _causes(self, kind: int, world: Array | None) -> list[tuple[float, str]]:

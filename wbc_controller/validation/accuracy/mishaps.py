@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from wbc_controller.errors import WbcError
 from wbc_controller.records import Mode
@@ -28,6 +29,10 @@ _WATCHED = 2.0
 _LIFTED, _PATIENCE = 4.0, 5.0
 #: A foot is pulled up by this many times its share of the robot's weight, and for this long, s.
 _PULL, _PULLED = 1.5, 0.1
+#: A foot slides for this distance, m, and at most for this time, s; its force is this many times the missing momentum
+#: of the robot per second, 1/s, and at most this share of the weight.
+_SLIDE, _SLID = 0.05, 0.5
+_DRAG, _MOST_DRAG = 20.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +43,27 @@ class Mishap:
     # of the mock robot, given its first contact and the joint that moves it last
     faults: Callable[[str, str], Sequence[Fault]] = lambda contact, joint: ()
     pull: bool = False  # whether the first contact is pulled up, by `_PULL` for `_PULLED`
+    slide: float = 0.0  # speed at which the first contact is dragged forward, m/s
     hoist: bool = False  # whether the robot hangs on the hoist, before its activation
+
+
+def _ice(foot: str) -> Fault:
+    """Ice below one foot."""
+    return SlipperyFloor(duration=LONGEST, contact=foot, friction=0.05)
 
 
 #: The rows of the table.
 MISHAPS = (
-    Mishap(
-        "one foot on ice, friction 0.05", lambda foot, _: [SlipperyFloor(duration=LONGEST, contact=foot, friction=0.05)]
-    ),
+    Mishap("one foot on ice, friction 0.05", lambda foot, _: [_ice(foot)]),
     Mishap("one foot pulled up", pull=True),
+    *(
+        Mishap(f"one foot slides at {speed:g} m/s", lambda foot, _: [_ice(foot)], slide=speed)
+        for speed in (0.1, 0.3, 0.6, 1.0)
+    ),
     Mishap("IMU silent for 20 ms", lambda *_: [MessageDropout(duration=0.02, stream="imu")]),
+    Mishap("IMU silent for 45 ms", lambda *_: [MessageDropout(duration=0.045, stream="imu")]),
+    Mishap("IMU silent for 90 ms", lambda *_: [MessageDropout(duration=0.09, stream="imu")]),
+    Mishap("joint states silent for 45 ms", lambda *_: [MessageDropout(duration=0.045, stream="joint_states")]),
     Mishap("gyroscope bias of 0.05 rad/s", lambda *_: [ImuBias(duration=LONGEST, bias=0.05)]),
     Mishap("gyroscope bias of 0.1 rad/s", lambda *_: [ImuBias(duration=LONGEST, bias=0.1)]),
     Mishap("gyroscope bias of 0.2 rad/s", lambda *_: [ImuBias(duration=LONGEST, bias=0.2)]),
@@ -141,8 +157,23 @@ def come_of(
     if mishap.pull:
         share = model.mass * model.gravity / len(trial.mock.plant.contacts)
         trial.mock.plant.push(spec.frame, [0.0, 0.0, _PULL * share, 0.0, 0.0, 0.0], _PULLED)
-    comparison.follow(_WATCHED)
+    if mishap.slide:
+        end = trial.time + min(_SLIDE / mishap.slide, _SLID)
+        comparison.follow(_WATCHED, lambda: _drag(trial, spec.frame, mishap.slide) if trial.time < end else None)
+    else:
+        comparison.follow(_WATCHED)
     return comparison.outcome(_recovery(trial) if comparison.ended or mishap.hoist else math.nan)
+
+
+def _drag(trial: EstimationTrial, frame: str, speed: float) -> None:
+    """Push a foot forward for one cycle, towards a speed in m/s."""
+    model, (q, v) = trial.controller.model, trial.mock.plant.state()
+    data, index = model.pinocchio.createData(), model.frame_id(frame, "the mishap")
+    pin.forwardKinematics(model.pinocchio, data, q, v)
+    present = pin.getFrameVelocity(model.pinocchio, data, index, pin.LOCAL_WORLD_ALIGNED).linear[0]
+    most = _MOST_DRAG * model.mass * model.gravity
+    force = float(np.clip(_DRAG * model.mass * (speed - present), -most, most))
+    trial.mock.plant.push(frame, [force, 0.0, 0.0, 0.0, 0.0, 0.0], trial.controller.period)
 
 
 def _recovery(trial: EstimationTrial) -> float:
@@ -171,11 +202,15 @@ class _Comparison:
         self._said: dict[str, str] = {}
         self.ended = self._fell = False
 
-    def follow(self, seconds: float) -> None:
-        """Let time pass, while the controller acts on the estimate and the robot has not fallen."""
+    def follow(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
+        """Let time pass, while the controller acts on the estimate and the robot has not fallen.
+
+        `each` is called before every cycle.
+        """
         for _ in range(round(seconds * self._trial.settings.control.rate)):
             if self.ended or self._fell:
                 return
+            each()
             self._trial.cycle()
             fault = self._trial.report.fault
             if fault is not None:
