@@ -60,7 +60,9 @@ def outcome(seed: int, folder: Path) -> tuple[str, str]:
     else:
         assert np.abs(simulation.plant.state()[0] - before).max() <= _NEAR_JOINT
     derived_scenario(settings, model)
-    if seed % _DEMOS == 0:
+    # The audit finds feet that were not measured: they touch beside their contact.
+    measured = not any(note.key.startswith("contacts") for note in draft.notes if note.origin == "missing")
+    if seed % _DEMOS == 0 and measured:
         assert run_demo(str(path), folder, lockstep=True)
     return robot.kind, f"stands, {settings.robot.base}"
 

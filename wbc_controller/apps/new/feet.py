@@ -142,7 +142,8 @@ class Body:
     def measured_again(self, feet: Sequence[Foot]) -> list[Foot]:
         """Return the feet as they are in this posture: a ball touches the ground with another side."""
         again = {foot.joint: foot for foot in self._measured([foot.joint for foot in feet])}
-        return [again[foot.joint] if again[foot.joint].kind == foot.kind == "point" else foot for foot in feet]
+        balls = {joint for joint, foot in again.items() if foot.kind == "point"}
+        return [again[f.joint] if f.kind == "point" and f.known and f.joint in balls else f for f in feet]
 
     def _measured(self, ends: Sequence[int]) -> list[Foot]:
         feet = [measure(self.model, self.elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]
