@@ -57,6 +57,12 @@ class Foot:
         pose = dynamics.placement(self.frame) * self.placement
         return Sole(pose.translation, pose.rotation)
 
+    def vertical_velocity(self, dynamics: Dynamics) -> float:
+        """Return the vertical velocity of the centre of the sole, m/s."""
+        twist = dynamics.velocity(self.frame, pin.LOCAL_WORLD_ALIGNED)
+        arm = dynamics.placement(self.frame).rotation @ self.placement.translation
+        return float(twist[2] + twist[3] * arm[1] - twist[4] * arm[0])
+
     def at_rest(self, sole: Sole) -> Reference:
         """Return the reference of the frame for a sole at rest."""
         frame = pin.SE3(sole.rotation, sole.centre) * self.placement.inverse()

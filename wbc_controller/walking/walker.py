@@ -18,6 +18,7 @@ from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nomi
 from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum import later, natural_frequency, transferred
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+from wbc_controller.walking.touchdown import lands
 
 #: Feedback gain on the DCM, 1/s.
 GAIN = 5.0
@@ -29,8 +30,6 @@ _TWO_FEET = (0.06, 0.05)
 _BLEND = 0.2
 #: Time before touchdown from which on the target of the step stays, s.
 _FREEZE = 0.05
-#: Normal force from which on a foot has landed, N, and share of its swing after which this counts.
-_LANDED, _COUNTS = 20.0, 0.6
 #: Rates at which height and heading follow their goals, 1/s, and the largest rate of the height, m/s.
 _HEIGHT_RATE, _HEADING_RATE, _FASTEST_HEIGHT = 3.0, 6.0, 0.2
 #: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
@@ -89,6 +88,7 @@ class _Cycle:
     omega: float  # ω, 1/s
     soles: Mapping[int, Sole]  # by side: 1 left, -1 right
     forces: Mapping[str, float]  # measured normal forces, by contact, N
+    descent: float  # vertical velocity of the foot that does not bear the weight, m/s
 
 
 class Walker:
@@ -172,8 +172,7 @@ class Walker:
             time: of the state, s.
             dynamics: at this state.
             orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
-            forces: measured normal forces of contacts, N; of a foot without one, the end of its swing time counts as
-                its touchdown.
+            forces: measured normal forces of contacts, N; of a foot without one, its motion tells the touchdown.
         """
         decision, dt = Decision(), time - self._last
         self._last = time
@@ -187,7 +186,15 @@ class Walker:
             self._begin(float(dynamics.com[2]), soles, orientations, decision)
         omega = natural_frequency(self._clearance, self._gravity)
         com = dynamics.com + dynamics.com_velocity / omega
-        cycle = _Cycle(time, dt, complex(com[0], com[1]), omega, soles, forces)
+        cycle = _Cycle(
+            time=time,
+            dt=dt,
+            dcm=complex(com[0], com[1]),
+            omega=omega,
+            soles=soles,
+            forces=forces,
+            descent=self._feet[-self._stance].vertical_velocity(dynamics),
+        )
         wanted = Velocity() if self.command is None else self.command.clipped(self.gait)
         self.velocity = self.velocity.towards(wanted, self.gait, dt)
         if self.phase is Phase.STAND:
@@ -290,8 +297,10 @@ class Walker:
             step = replace(step, swing=step.swing.moved(landing, gait.clearance, elapsed - dt, target.time, dt))
         self._step = step
         self._references[foot.task] = foot.in_swing(step.swing, sole)
-        force = cycle.forces.get(foot.contact)
-        touches = elapsed >= target.time if force is None else force > _LANDED and elapsed > _COUNTS * target.time
+        late = elapsed - target.time
+        touches = lands(
+            elapsed / target.time, late, step.swing.z.velocity, cycle.descent, cycle.forces.get(foot.contact)
+        )
         if touches:
             self._land(step, cycle, decision)
         length, width = self._feet[self._stance].half if not touches else foot.half

@@ -1,0 +1,31 @@
+"""Touchdown of the swing foot: by a measured force, or by its motion."""
+
+#: Normal force from which on a foot has landed, N.
+LANDED = 20.0
+#: Share of the planned swing from which on a touchdown counts.
+COUNTS = 0.7
+#: Share of the reference's downward speed below which the ground has stopped the foot.
+_STOPPED = 0.5
+#: Downward speed of the reference from which on the motion is compared, m/s; at the end of the swing it is 0.1 m/s.
+_DESCENDING = 0.07
+#: Time after the planned touchdown at which the foot counts as landed at the latest, s.
+LATEST = 0.1
+
+
+def lands(share: float, late: float, wanted: float, measured: float, force: float | None) -> bool:
+    """Return whether the foot has touched the ground.
+
+    Args:
+        share: elapsed share of the planned swing.
+        late: time after the planned touchdown, s; negative before.
+        wanted: vertical velocity of the reference, m/s.
+        measured: vertical velocity of the sole, m/s.
+        force: measured normal force, N; None if it is not measured.
+    """
+    if share < COUNTS:
+        return False
+    if late >= LATEST:
+        return True
+    if force is not None:
+        return force > LANDED
+    return wanted <= -_DESCENDING and measured > _STOPPED * wanted
