@@ -305,8 +305,8 @@ def of_joint(content):
     [
         ("<robot", "not a usable URDF"),
         ("<robot name='r'><link name='l'/></robot>", "'a' is not a joint of the URDF; Valid: (none)"),
-        (of_joint(""), "joint 'a' has the effort limit nan"),
-        (of_joint("<limit effort='0'/>"), "joint 'a' has the effort limit 0.0"),
+        (of_joint(""), "joint 'a': it has no <limit effort=…>"),
+        (of_joint("<limit effort='0' velocity='1'/>"), "joint 'a' has the effort limit 0.0"),
         (of_joint("<limit effort='nan'/>"), "joint 'a': <limit effort='nan'> is not a"),
         (of_joint("<limit effort='much'/>"), "joint 'a': <limit effort='much'> is not a"),
     ],

@@ -23,8 +23,8 @@ from wbc_controller.middleware.topics import (
     ESTIMATOR_TOPICS,
     GUARD_TOPICS,
     MOCK_TOPICS,
-    WALKING_KEYS,
     TASK_TYPES,
+    WALKING_KEYS,
     Direction,
 )
 from wbc_controller.nodes.inputs import Inputs
