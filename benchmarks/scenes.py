@@ -117,7 +117,8 @@ def content_of(
     """
     text = find_configuration(robot).read_text(encoding="utf-8")
     content: dict[str, Any] = yaml.safe_load(text)["wbc_controller"]["ros__parameters"]
-    content.pop("estimation", None)  # each state has its base, and older commits do not know the section
+    for section in ("estimation", "walking"):  # each state has its base, and older commits do not know the sections
+        content.pop(section, None)
     content["control"]["rate"] = 1.0 / PERIOD
     content["mock"] = {"step": PERIOD}
     content["safety"] = {"activation_ramp": 0.0}

@@ -31,6 +31,7 @@ class Service:
         if spec is None or spec.loader is None:
             raise FileNotFoundError(f"{sys.argv[1]} has no test/conftest.py")
         self._conftest = importlib.util.module_from_spec(spec)
+        sys.path.insert(0, str(Path(sys.argv[1]) / "test" / "support"))
         spec.loader.exec_module(self._conftest)
         logging.getLogger("wbc_controller").setLevel(logging.ERROR)
         bench = self._bench = self._conftest.Bench(scene["robot"])

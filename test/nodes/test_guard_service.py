@@ -293,15 +293,22 @@ def test_it_reads_the_limits_as_the_controller_does(robot_of, name):
     assert robot.name == model.pinocchio.name
 
 
+def of_joint(content):
+    """A robot with one continuous joint."""
+    ends = "<parent link='l'/><child link='m'/>"
+    joint = f"<joint name='a' type='continuous'>{ends}{content}</joint>"
+    return f"<robot name='r'><link name='l'/><link name='m'/>{joint}</robot>"
+
+
 @pytest.mark.parametrize(
     ("urdf", "said"),
     [
         ("<robot", "not a usable URDF"),
-        ("<robot name='r'/>", "'a' is not a joint of the URDF; Valid: (none)"),
-        ("<robot><joint name='a'/></robot>", "joint 'a' has the effort limit nan"),
-        ("<robot><joint name='a'><limit effort='0'/></joint></robot>", "joint 'a' has the effort limit 0.0"),
-        ("<robot><joint name='a'><limit effort='nan'/></joint></robot>", "joint 'a': <limit effort='nan'> is not a"),
-        ("<robot><joint name='a'><limit effort='much'/></joint></robot>", "joint 'a': <limit effort='much'> is not a"),
+        ("<robot name='r'><link name='l'/></robot>", "'a' is not a joint of the URDF; Valid: (none)"),
+        (of_joint(""), "joint 'a': it has no <limit effort=…>"),
+        (of_joint("<limit effort='0' velocity='1'/>"), "joint 'a' has the effort limit 0.0"),
+        (of_joint("<limit effort='nan'/>"), "joint 'a': <limit effort='nan'> is not a"),
+        (of_joint("<limit effort='much'/>"), "joint 'a': <limit effort='much'> is not a"),
     ],
 )
 def test_a_description_that_cannot_be_used_is_refused(urdf, said):

@@ -141,8 +141,8 @@ def test_a_velocity_that_is_not_finite_is_refused(value):
     ("changes", "message"),
     [
         ({"walking.left": "hand"}, "walking.left = 'hand' is not a surface contact; valid: left_foot, right_foot"),
-        ({"walking.left": "left_foot"}, "two surface contacts"),
-        ({"walking.left": "left_foot", "walking.right": "left_foot"}, "two surface contacts"),
+        ({"walking.right": None}, "walking.left = 'left_foot', walking.right = None: walking takes two surface"),
+        ({"walking.right": "left_foot"}, "two surface contacts"),
         ({"tasks.walking_dcm": {"type": "capture_point"}}, "tasks.walking_dcm: the walker has a task of this name"),
     ],
 )

@@ -226,8 +226,8 @@ def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float, 
 
 #: Time between two samples above which they are not compared, s.
 SAMPLE_GAP = 0.1
-#: Share of the largest velocities by which a velocity may change from one sample to the next, and more per s.
-VELOCITY_STEP, VELOCITY_RATE = 0.25, 20.0
+#: Rate of change of a velocity, as a multiple of the largest velocity per s.
+VELOCITY_RATE = 20.0
 #: Findings of `compare_sample`, each with the index of a value.
 SAMPLE_LARGE, SAMPLE_FAST, SAMPLE_JUMP, SAMPLE_KICK = 0, 1, 2, 3
 
@@ -240,6 +240,7 @@ class SampleMemory(Struct):
         measured: True if velocities are measured.
         magnitude: largest |position|.
         fastest: largest |velocity|, (n,).
+        kick: change of a velocity by an impact, (n,).
         tolerance: largest difference between a change of the position and the velocities, integrated, (n,).
         position: in place: position of the last accepted sample, (n,) or (7,).
         velocity: in place: its velocity, (n,).
@@ -250,6 +251,7 @@ class SampleMemory(Struct):
     measured: bool
     magnitude: float
     fastest: Vector
+    kick: Vector
     tolerance: Vector
     position: OutVector
     velocity: OutVector
@@ -270,7 +272,7 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
     """Compare a sample with its limits and with the last accepted one, which it replaces if it is plausible.
 
     The change of the position is Δt (v₁ + v₂) / 2 up to a tolerance; without measured velocities it is within
-    Δt times the largest velocity. A velocity changes by `VELOCITY_STEP` + Δt `VELOCITY_RATE` of the largest one.
+    Δt times the largest velocity. A velocity changes by an impact, and by Δt `VELOCITY_RATE` of the largest one.
 
     Args:
         dt: Δt, s; the samples are compared if it is positive and up to `SAMPLE_GAP`.
@@ -306,7 +308,7 @@ def compare_sample(memory: SampleMemory, position: StridedVector, velocity: Stri
             return 1000 * SAMPLE_JUMP + i
     if memory.measured:
         for i in range(n):
-            step = memory.fastest[i] * (VELOCITY_STEP + VELOCITY_RATE * dt)
+            step = memory.kick[i] + memory.fastest[i] * VELOCITY_RATE * dt
             if not abs(velocity[i] - memory.velocity[i]) <= step:
                 return 1000 * SAMPLE_KICK + i
     _keep_sample(memory, position, velocity)

@@ -25,6 +25,8 @@ from wbc_controller.safety.plausibility_kernels import (
 _MISMATCH = {
     "max_joint_speed": "joint_mismatch", "max_base_speed": "base_mismatch", "max_base_turn": "base_turn_mismatch",
 }  # fmt: skip
+#: Change of a velocity by an impact, as a share of the largest one: a joint that hits its stop may turn back.
+_KICK_OF_JOINT, _KICK_OF_BASE = 1.5, 0.25
 #: Number of rejected samples in a row that is a fault.
 SEQUENCE = 3
 
@@ -49,7 +51,7 @@ class SampleCheck:
     def of_joints(cls, model: RobotModel, limits: PlausibilityLimits, *, measured: bool) -> SampleCheck:
         """Make the check of joint states; `measured` is False if velocities are computed from positions."""
         n = model.nj
-        memory = _memory(n, limits, joint_speed_limits(model, limits.joint_speed), measured=measured)
+        memory = _memory(n, limits, joint_speed_limits(model, limits.joint_speed), _KICK_OF_JOINT, measured)
         memory.tolerance[:] = limits.joint_mismatch
         return cls(tuple(f"joint {name!r}" for name in model.joints), ("max_joint_speed",) * n, memory)
 
@@ -57,7 +59,7 @@ class SampleCheck:
     def of_base(cls, limits: PlausibilityLimits) -> SampleCheck:
         """Make the check of odometry."""
         fastest = np.repeat([limits.base_speed, limits.base_turn], 3)
-        memory = _memory(7, limits, fastest, measured=True)
+        memory = _memory(7, limits, fastest, _KICK_OF_BASE, measured=True)
         memory.tolerance[:] = np.repeat([limits.base_mismatch, limits.base_turn_mismatch], 3)
         return cls(AXES, ("max_base_speed",) * 3 + ("max_base_turn",) * 3, memory)
 
@@ -108,13 +110,14 @@ class SampleCheck:
         return f"{name} jumps by {change:.3g} {unit.removesuffix('/s')} {since}, unlike its velocity ({limit}){hint}"
 
 
-def _memory(size: int, limits: PlausibilityLimits, fastest: Array, *, measured: bool) -> SampleMemory:
+def _memory(size: int, limits: PlausibilityLimits, fastest: Array, kick: float, measured: bool) -> SampleMemory:
     n = len(fastest)
     return SampleMemory(
         floating=size != n,
         measured=measured,
         magnitude=limits.magnitude,
         fastest=fastest,
+        kick=kick * fastest,
         tolerance=np.zeros(n),
         position=np.zeros(size),
         velocity=np.zeros(n),

@@ -16,7 +16,7 @@ from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.flaws import FLAWS, Cost, chatter, cost_of
 from wbc_controller.validation.accuracy.mishaps import Outcome, come_of, longest
 from wbc_controller.validation.accuracy.standing import Stand, consistency, error_of, sensor_settings, stand
-from wbc_controller.validation.accuracy.walking import mean_velocity, walk
+from wbc_controller.validation.accuracy.walks import mean_velocity, walk
 
 SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
 

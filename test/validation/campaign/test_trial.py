@@ -129,7 +129,7 @@ def _fails(controller):
         ("estop", {}, lambda controller: controller.supervisor.request("estop", 0.0, None), "start"),
         ("message_dropout", {"duration": 0.15}, _old_states, "stale"),
         ("joint_states_frozen", {"duration": 0.2}, _blind, "undetected"),
-        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 1}, _blind, "fell"),
+        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _blind, "fell"),
     ],
 )
 def test_a_controller_that_is_broken_on_purpose_is_found_out(kind, parameters, prepare, violation):

@@ -180,7 +180,7 @@ def walking(
     Prints the commanded velocity, the mean velocity, the largest drift of the estimate as a share of the way, the
     number of cycles with relaxed limits, and the falls. The status is 1 if a robot fell.
     """
-    from wbc_controller.validation.accuracy.walking import COMMANDS, RANDOM, walk
+    from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
 
     kinds = robots or tuple(COMMANDS)
     for kind in kinds:
