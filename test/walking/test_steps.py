@@ -12,6 +12,7 @@ from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import later
 from wbc_controller.walking.swing import TOUCHDOWN_SPEED, Axis, Landing, SwingFoot
+from wbc_controller.walking.touchdown import LATEST, lands
 
 GAIT = Gait(
     single=0.5, double=0.1, shift=0.8, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14, length=0.45,
@@ -144,3 +145,21 @@ def test_a_late_foot_moves_further_down():
     assert late.velocity == -TOUCHDOWN_SPEED
     assert late.position == pytest.approx(landing.height - TOUCHDOWN_SPEED * (100 * DT - 0.1), abs=1e-3)
     assert feet[-1].x.velocity == 0.0
+
+
+@pytest.mark.parametrize(
+    ("share", "late", "wanted", "measured", "force", "landed"),
+    [
+        (0.5, -0.2, -0.3, 0.0, 500.0, False),  # too early to count
+        (0.8, -0.1, -0.1, -0.1, None, False),
+        (0.8, -0.1, -0.1, -0.02, None, True),  # the ground is higher than planned
+        (0.8, -0.1, -0.3, -0.25, None, False),
+        (1.0, 0.0, -0.1, -0.1, None, False),  # the ground is lower than planned
+        (1.0, 0.0, -0.1, -0.04, None, True),
+        (1.2, LATEST, -0.1, -0.1, None, True),
+        (0.9, -0.05, -0.1, 0.0, 5.0, False),  # a measured force counts alone
+        (0.9, -0.05, -0.1, -0.1, 50.0, True),
+    ],
+)
+def test_a_touchdown_is_told_by_force_or_motion(share, late, wanted, measured, force, landed):
+    assert lands(share, late, wanted, measured, force) is landed
