@@ -48,7 +48,7 @@ ROOMS = {
     # The supervisor knows the robot's limits and ramps, but not the program whose solutions it checks.
     "safety": Room(f"estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
     # Steps and their references, without topics, settings or clocks.
-    "walking": Room(f"{_QP}robot {_QP}references", "numpy pinocchio"),
+    "walking": Room(f"{_QP}arrays {_QP}robot {_QP}references", "numpy pinocchio"),
     "controller": Room(
         "settings inverse_dynamics estimation safety walking", "numpy scipy pinocchio coal pydantic plotly rich"
     ),

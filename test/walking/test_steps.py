@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -148,18 +149,19 @@ def test_a_late_foot_moves_further_down():
 
 
 @pytest.mark.parametrize(
-    ("share", "late", "wanted", "measured", "force", "landed"),
+    ("share", "late", "wanted", "velocity", "force", "landed"),
     [
-        (0.5, -0.2, -0.3, 0.0, 500.0, False),  # too early to count
-        (0.8, -0.1, -0.1, -0.1, None, False),
-        (0.8, -0.1, -0.1, -0.02, None, True),  # the ground is higher than planned
-        (0.8, -0.1, -0.3, -0.25, None, False),
-        (1.0, 0.0, -0.1, -0.1, None, False),  # the ground is lower than planned
-        (1.0, 0.0, -0.1, -0.04, None, True),
-        (1.2, LATEST, -0.1, -0.1, None, True),
-        (0.9, -0.05, -0.1, 0.0, 5.0, False),  # a measured force counts alone
-        (0.9, -0.05, -0.1, -0.1, 50.0, True),
+        (0.5, -0.2, -0.3, [0.0, 0.1, 0.0], 500.0, False),  # too early to count
+        (0.8, -0.1, -0.1, [0.0, 0.1, -0.1], None, False),
+        (0.8, -0.1, -0.1, [0.0, 0.1, -0.02], None, True),  # the ground is higher than planned
+        (0.8, -0.1, -0.3, [0.0, 0.1, -0.25], None, False),
+        (1.0, 0.0, -0.1, [0.0, 0.1, -0.1], None, False),  # the ground is lower than planned
+        (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
+        (0.9, -0.05, -0.1, [1.0, 0.0, -0.04], None, False),  # still swinging
+        (1.2, LATEST, -0.1, [0.0, 0.1, -0.1], None, True),
+        (0.9, -0.05, -0.1, [0.0, 0.1, 0.0], 5.0, False),  # a measured force counts alone
+        (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], 50.0, True),
     ],
 )
-def test_a_touchdown_is_told_by_force_or_motion(share, late, wanted, measured, force, landed):
-    assert lands(share, late, wanted, measured, force) is landed
+def test_a_touchdown_is_told_by_force_or_motion(share, late, wanted, velocity, force, landed):
+    assert lands(share, late, wanted, np.array(velocity), force) is landed

@@ -27,7 +27,7 @@ def heading(q):
 
 @pytest.mark.parametrize(("robot", "command"), COMMANDS)
 def test_a_robot_walks_as_commanded_and_stops(robot, command):
-    simulation = wbc.Simulation(robot)
+    simulation = wbc.Simulation(wbc.load(robot).replace({"walking.max_speed": abs(command[0]) or None}))
     controller = simulation.controller
     controller.walk(*command)
     results = simulation.run(3.5)

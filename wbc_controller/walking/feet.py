@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.swing import SwingFoot
@@ -57,11 +58,11 @@ class Foot:
         pose = dynamics.placement(self.frame) * self.placement
         return Sole(pose.translation, pose.rotation)
 
-    def vertical_velocity(self, dynamics: Dynamics) -> float:
-        """Return the vertical velocity of the centre of the sole, m/s."""
+    def velocity(self, dynamics: Dynamics) -> Array:
+        """Return the velocity of the centre of the sole in world axes, (3,) in m/s."""
         twist = dynamics.velocity(self.frame, pin.LOCAL_WORLD_ALIGNED)
         arm = dynamics.placement(self.frame).rotation @ self.placement.translation
-        return float(twist[2] + twist[3] * arm[1] - twist[4] * arm[0])
+        return twist[:3] + cross(twist[3:], arm)
 
     def at_rest(self, sole: Sole) -> Reference:
         """Return the reference of the frame for a sole at rest."""

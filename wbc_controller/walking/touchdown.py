@@ -1,5 +1,7 @@
 """Touchdown of the swing foot: by a measured force, or by its motion."""
 
+from wbc_controller.records import Array
+
 #: Normal force from which on a foot has landed, N.
 LANDED = 20.0
 #: Share of the planned swing from which on a touchdown counts.
@@ -8,18 +10,20 @@ COUNTS = 0.7
 _STOPPED = 0.5
 #: Downward speed of the reference from which on the motion is compared, m/s; at the end of the swing it is 0.1 m/s.
 _DESCENDING = 0.07
+#: Largest speed of a foot that the ground has stopped, m/s.
+_SLOW = 0.3
 #: Time after the planned touchdown at which the foot counts as landed at the latest, s.
 LATEST = 0.1
 
 
-def lands(share: float, late: float, wanted: float, measured: float, force: float | None) -> bool:
+def lands(share: float, late: float, wanted: float, velocity: Array, force: float | None) -> bool:
     """Return whether the foot has touched the ground.
 
     Args:
         share: elapsed share of the planned swing.
         late: time after the planned touchdown, s; negative before.
         wanted: vertical velocity of the reference, m/s.
-        measured: vertical velocity of the sole, m/s.
+        velocity: of the centre of the sole, (3,) in m/s.
         force: measured normal force, N; None if it is not measured.
     """
     if share < COUNTS:
@@ -28,4 +32,5 @@ def lands(share: float, late: float, wanted: float, measured: float, force: floa
         return True
     if force is not None:
         return force > LANDED
-    return wanted <= -_DESCENDING and measured > _STOPPED * wanted
+    stopped = wanted <= -_DESCENDING and velocity[2] > _STOPPED * wanted
+    return bool(stopped and velocity.dot(velocity) < _SLOW * _SLOW)

@@ -88,7 +88,7 @@ class _Cycle:
     omega: float  # ω, 1/s
     soles: Mapping[int, Sole]  # by side: 1 left, -1 right
     forces: Mapping[str, float]  # measured normal forces, by contact, N
-    descent: float  # vertical velocity of the foot that does not bear the weight, m/s
+    landing: Array  # velocity of the foot that does not bear the weight, (3,) in m/s
 
 
 class Walker:
@@ -193,7 +193,7 @@ class Walker:
             omega=omega,
             soles=soles,
             forces=forces,
-            descent=self._feet[-self._stance].vertical_velocity(dynamics),
+            landing=self._feet[-self._stance].velocity(dynamics),
         )
         wanted = Velocity() if self.command is None else self.command.clipped(self.gait)
         self.velocity = self.velocity.towards(wanted, self.gait, dt)
@@ -299,7 +299,7 @@ class Walker:
         self._references[foot.task] = foot.in_swing(step.swing, sole)
         late = elapsed - target.time
         touches = lands(
-            elapsed / target.time, late, step.swing.z.velocity, cycle.descent, cycle.forces.get(foot.contact)
+            elapsed / target.time, late, step.swing.z.velocity, cycle.landing, cycle.forces.get(foot.contact)
         )
         if touches:
             self._land(step, cycle, decision)

@@ -136,7 +136,7 @@ def _gait(walking: WalkingSettings, left: Foot, right: Foot, qp: WholeBodyQP) ->
         length=_or(walking.max_step_length, 0.65 * z),
         greatest_width=_or(walking.max_step_width, 0.8 * z),
         speed=(
-            _or(walking.max_speed, 0.2 * math.sqrt(gravity * z)),
+            _or(walking.max_speed, 0.12 * math.sqrt(gravity * z)),
             _or(walking.max_side_speed, 0.08 * math.sqrt(gravity * z)),
             walking.max_turn_rate,
         ),

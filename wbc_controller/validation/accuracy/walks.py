@@ -49,10 +49,11 @@ def walk(robot: str, command: str, sensors: SensorQuality, seed: int, seconds: f
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.
     """
-    own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
-    trial = EstimationTrial(robot, {**sensor_settings(sensors), **own})
-    rng = np.random.default_rng(seed)
     fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
+    own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
+    limits = {"walking.max_speed": float(fastest[0])}
+    trial = EstimationTrial(robot, {**sensor_settings(sensors), **own, **limits})
+    rng = np.random.default_rng(seed)
     begun, sent, ways, relaxed, ended = 0.0, -1.0e9, [], 0, ""
     velocity = np.zeros(3)
 
