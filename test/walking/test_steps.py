@@ -153,7 +153,7 @@ def test_a_late_foot_moves_further_down():
     [
         (0.5, -0.2, -0.3, [0.0, 0.1, 0.0], 500.0, False),  # too early to count
         (0.8, -0.1, -0.1, [0.0, 0.1, -0.1], None, False),
-        (0.8, -0.1, -0.1, [0.0, 0.1, -0.02], None, True),  # the ground is higher than planned
+        (0.9, -0.05, -0.1, [0.0, 0.1, -0.02], None, True),  # the ground is higher than planned
         (0.8, -0.1, -0.3, [0.0, 0.1, -0.25], None, False),
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.1], None, False),  # the ground is lower than planned
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
