@@ -19,8 +19,8 @@ from serving import serve, take_code_from
 
 #: Stages of a report that every commit since d8d35bb has.
 STAGES = ("read", "compute", "supervise", "write", "audit")
-#: Cycles in which the activation ramp ends and everything has run once.
-WARM_UP = 700
+#: Cycles in which the activation ramp and the bring-up end, and everything has run once.
+WARM_UP = 3000
 
 
 class Service:
