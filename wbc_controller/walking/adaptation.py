@@ -34,7 +34,7 @@ FOOT_SPEED = 2.0
 
 @dataclass(frozen=True, slots=True)
 class StepTarget:
-    """Where and when a foot lands.
+    """Place and time of a touchdown.
 
     Attributes:
         place: u, x + i y in m in the world.

@@ -85,7 +85,7 @@ class SwingFoot:
 
 @dataclass(frozen=True, slots=True)
 class Landing:
-    """Where the swing foot touches the ground.
+    """Planned touchdown of the swing foot.
 
     Attributes:
         place: x + i y in m in the world.

@@ -57,7 +57,7 @@ class WalkingTasks:
 
 @dataclass(slots=True)
 class Decision:
-    """What the walker asks for in one cycle.
+    """Changes and references that the walker requests in one cycle.
 
     Attributes:
         changes: changes of tasks and contacts.
@@ -99,8 +99,8 @@ class Walker:
     Attributes:
         gait: parameters of the gait.
         phase: phase of the gait.
-        command: velocity that is asked for; None to stand.
-        leaving: whether the controller is deactivated as soon as the robot stands; no command is taken until then.
+        command: commanded velocity; None to stand.
+        leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
         velocity: velocity on the way to it.
         steps: number of steps since the start.
     """
@@ -155,7 +155,7 @@ class Walker:
 
     @property
     def moves(self) -> bool:
-        """Whether the robot walks, or is about to."""
+        """True while the robot walks or is about to."""
         return self.phase is not Phase.STAND or self.command is not None
 
     @property
