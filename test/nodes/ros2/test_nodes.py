@@ -109,6 +109,7 @@ def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_control
         for group in enclave.iter():
             for qualifier in set(group.attrib) & {"publish", "subscribe", "reply"}:
                 allowed[enclave.get("path").strip("/"), qualifier] = {element.text for element in group}
+    until(lambda: set(NODES) <= set(graph.get_node_names()), "all nodes in the graph")
     for name in NODES:
         opened = {
             "publish": graph.get_publisher_names_and_types_by_node,
