@@ -10,18 +10,21 @@ from __future__ import annotations
 import gc
 import logging
 import math
-import multiprocessing
+import os
+import pickle
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from wbc_controller.controller.build.robot_description import Description, describe
-from wbc_controller.errors import InputRefused
+from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.estimation.joint_velocity import VelocityFilter
 from wbc_controller.middleware.codec import decode, diagnostics, encode, message, torques
 from wbc_controller.middleware.joint_states import JointStateReader
@@ -312,11 +315,36 @@ def guard_limits(settings: Settings, effort: Array, damping: Array) -> GuardLimi
 
 
 def _damping(settings: Settings, urdf: str) -> Array:
-    """Compute the damping, in a process that loads Pinocchio for it."""
+    """Compute the damping, (na, nj), in a process of its own, which loads Pinocchio.
+
+    The process imports this module only: `multiprocessing` would run the main module again, and thus a second guard.
+
+    Raises:
+        ConfigurationError: if the process fails, with its last line.
+    """
+    place = str(Path(__file__).resolve().parents[2])
+    done = subprocess.run(  # noqa: S603 - of this package
+        [sys.executable, "-c", f"from {__name__} import print_damping; print_damping()"],
+        input=pickle.dumps((settings, urdf)),
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [place, os.environ.get("PYTHONPATH")]))},
+        check=False,
+    )
+    if done.returncode:
+        reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+        raise ConfigurationError(f"the guard's damping cannot be computed: {reason}")
+    damping: Array = pickle.loads(done.stdout)  # noqa: S301 - written by the process above
+    return damping
+
+
+def print_damping() -> None:
+    """Write the damping for the settings and the URDF on standard input, both pickled."""
     from wbc_controller.controller.build.guard import make_guard_damping
     from wbc_controller.controller.build.robot import make_model
 
-    return make_guard_damping(settings, make_model(settings, urdf))
+    settings, urdf = pickle.loads(sys.stdin.buffer.read())  # noqa: S301 - written by the guard
+    damping = make_guard_damping(settings, make_model(settings, urdf))
+    sys.stdout.buffer.write(pickle.dumps(damping))
 
 
 def run_guard(
@@ -338,6 +366,5 @@ def run_guard(
     if stop.is_set():
         return
     description = describe(urdf, settings.robot)
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as other_process:
-        damping = other_process.submit(_damping, settings, urdf).result()
+    damping = _damping(settings, urdf)
     GuardService(settings, description, damping, topics, transport, MonotonicClock(), namespace).run(stop)
