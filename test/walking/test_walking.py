@@ -1,5 +1,7 @@
 """Robots walk in simulation by a velocity command, stop and stand; a saved state continues exactly."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -88,6 +90,18 @@ def test_a_velocity_by_topic_starts_the_walk(bench, make, key):
     assert not report.refused
     assert walker.phase is Phase.SHIFT
     assert walker.command == Velocity(0.2, 0.1)
+
+
+def test_the_watch_of_the_bring_up_does_not_compare_a_robot_that_walks(bench, make):
+    controller = bench("g1").activated(600)
+    compared = []
+    watch = SimpleNamespace(fault=None, look=lambda state, dynamics, solution, *_: compared.append(solution))
+    controller.loop._bring_up = watch
+    controller.cycle()
+    controller.send("cmd_vel", make.velocity("cmd_vel", [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    controller.cycle(2)
+    assert compared[0] is not None
+    assert compared[-1] is None
 
 
 def test_only_robots_that_walk_have_the_topic_of_the_velocity(robot_of):

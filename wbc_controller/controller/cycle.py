@@ -416,11 +416,11 @@ class ControlCycle:
         walks = [change for change in changes if isinstance(change, Walk)]
         if walks and self.walker is None:
             raise InputRefused("this robot does not walk: its configuration has no section 'walking'")
-        self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
-        for walk in walks:
+        for walk in walks:  # first: a set with a command to walk contains nothing that the board refuses
             if self.walker is not None:
                 until = time + self._command_timeout if walk.streamed else np.inf
                 self.walker.ask(None if walk.velocity is None else Velocity.of(walk.velocity), until)
+        self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
 
     def _walk(self, now: float, time: float) -> Mapping[str, Reference]:
         """Let the walker decide at the present state; return the references of its tasks.

@@ -149,7 +149,12 @@ class ControlLoop:
             # While it is not active, the supervisor may have refused the very state.
             trusted = solution if result.mode is Mode.ACTIVE else None
             audit = self._audit.look(state, controller.qp.dynamics, trusted, result.command)
-            self._bring_up.look(state, controller.qp.dynamics, trusted, result.command, controller.qp.contact_jacobian)
+            # Impacts of the feet are not explained by torques, and zero torque would drop a robot that walks.
+            walks = controller.walker is not None and controller.walker.moves
+            explained = None if walks else trusted
+            self._bring_up.look(
+                state, controller.qp.dynamics, explained, result.command, controller.qp.contact_jacobian
+            )
         stages = {
             "read": read,
             **result.stage_seconds,
