@@ -140,6 +140,19 @@ def test_a_swing_is_continuous_when_its_target_changes():
             assert b.position - a.position == pytest.approx(0.5 * DT * (a.velocity + b.velocity), abs=1e-5)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_of_ground_and_step_time_needs_no_large_acceleration(seed):
+    """With a short time to the apex, changes by millimetres and milliseconds threw the foot to the ground."""
+    rng, foot = np.random.default_rng(seed), SwingFoot(*(Axis(0.0) for _ in range(4)))
+    duration, accelerations = 0.5, []
+    for i in range(225):  # until the target is frozen, 0.05 s before touchdown
+        duration += DT * rng.uniform(-1.0, 1.0)
+        landing = Landing(0.3 + 0.12j, 0.001 * rng.standard_normal(), 0.0)
+        foot = foot.moved(landing, GAIT.clearance, i * DT, duration, DT)
+        accelerations.append(foot.z.acceleration)
+    assert max(map(abs, accelerations)) < 20.0  # 9 m/s² without noise
+
+
 def test_a_late_foot_moves_further_down():
     feet, landing = swung(0.1, 100)
     late = feet[-1].z

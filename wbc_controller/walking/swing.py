@@ -6,6 +6,9 @@ from dataclasses import dataclass
 APEX = 0.45
 #: Speed at touchdown, m/s.
 TOUCHDOWN_SPEED = 0.1
+#: Time before the apex from which on the foot is planned to the ground, s. In a shorter time to the apex, a change of the
+#: step time or of the ground by a millimetre would need a large acceleration.
+_DESCENT = 0.06
 #: Remaining time below which an axis is no longer replanned, s.
 _SHORTEST = 0.0005
 
@@ -69,7 +72,7 @@ class SwingFoot:
             dt: time of a cycle, s.
         """
         left, top = duration - elapsed, APEX * duration
-        if elapsed + dt < top:
+        if top - elapsed > _DESCENT:
             z = self.z.moved(landing.height + clearance, 0.0, top - elapsed, dt)
         elif left > _SHORTEST:
             z = self.z.moved(landing.height, -TOUCHDOWN_SPEED, left, dt)

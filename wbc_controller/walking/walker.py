@@ -70,11 +70,12 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A single support: its stance, the nominal step, its adaptation, and the swing foot."""
+    """A single support: its stance, the nominal step, its adaptation, the planned touchdown, and the swing foot."""
 
     stance: Stance
     nominal: NominalStep
     target: StepTarget
+    landing: Landing
     swing: SwingFoot
 
 
@@ -272,6 +273,7 @@ class Walker:
             stance=stance,
             nominal=nominal,
             target=StepTarget(nominal.place, nominal.offset, self.gait.single),
+            landing=Landing(nominal.place, sole.height_at(nominal.place), nominal.heading),
             swing=SwingFoot(*(Axis(each) for each in (*foot.centre.tolist(), foot.heading))),
         )
         first = later(nominal.place + nominal.offset, stance.place, stance.omega, -self.gait.single)
@@ -284,17 +286,17 @@ class Walker:
         if step.target.time - elapsed > _FREEZE:
             nominal = nominal_step(self.velocity, stance, gait)
             target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing.place, elapsed, dt)
-            step = replace(step, nominal=nominal, target=target)
+            heading = step.swing.heading.position
+            heading += math.remainder(nominal.heading - heading, math.tau)
+            landing = Landing(target.place, sole.height_at(target.place), heading)
+            step = replace(step, nominal=nominal, target=target, landing=landing)
         nominal, target = step.nominal, step.target
         share, _ = _smooth(elapsed / _BLEND)
         left = max(target.time - elapsed, 0.0)
         self._dcm_wanted = later(nominal.place + nominal.offset, stance.place, stance.omega, -left)
         self._dcm_wanted += self._blend * (1.0 - share)
         if dt > 0.0:
-            heading = step.swing.heading.position
-            heading += math.remainder(nominal.heading - heading, math.tau)
-            landing = Landing(target.place, sole.height_at(target.place), heading)
-            step = replace(step, swing=step.swing.moved(landing, gait.clearance, elapsed - dt, target.time, dt))
+            step = replace(step, swing=step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt))
         self._step = step
         self._references[foot.task] = foot.in_swing(step.swing, sole)
         late = elapsed - target.time
