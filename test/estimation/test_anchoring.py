@@ -25,8 +25,8 @@ def drifting(place, seconds, turn=0.02, speed=(0.01, -0.02, 0.005)):
     return place @ turned(turn * seconds).T + np.array([3.0, -5.0, 0.1]) + np.array(speed) * seconds
 
 
-def reported(anchoring, places):
-    return places @ anchoring.transform.rotation.T + np.array(anchoring.transform.translation)
+def reported(anchoring, positions):
+    return positions @ anchoring.transform.rotation.T + np.array(anchoring.transform.translation)
 
 
 def test_points_that_hold_stay_where_they_are_while_the_world_drifts():
@@ -34,7 +34,7 @@ def test_points_that_hold_stay_where_they_are_while_the_world_drifts():
     for i in range(1000):
         now = i * PERIOD
         seen = {name: drifting(place, now) for name, place in FEET.items()}
-        anchoring.follow(now, seen)
+        anchoring.update(now, seen)
         if i == 51:  # anchored after a second
             began = {name: reported(anchoring, place) for name, place in seen.items()}
     for name, place in seen.items():
@@ -59,7 +59,7 @@ def test_nothing_jumps_when_contacts_begin_end_and_slip():
                 anchoring.release("right")
         if i >= 1000:  # and creeps without being seen to, by 1 cm
             seen["left"] = seen["left"] + np.array([0.0, 0.01, 0.0])
-        anchoring.follow(now, {name: place + 1.0e-5 * rng.normal(size=place.shape) for name, place in seen.items()})
+        anchoring.update(now, {name: place + 1.0e-5 * rng.normal(size=place.shape) for name, place in seen.items()})
         base = reported(anchoring, drifting(np.array([[0.0, 0.0, 0.8]]), now))[0]
         if before is not None:
             largest = max(largest, float(np.linalg.norm(base - before)))
@@ -71,7 +71,7 @@ def test_a_single_point_tells_no_heading():
     anchoring = Anchoring()
     for i in range(200):
         point = drifting(np.array([[0.1, 0.2, 0.0]]), i * PERIOD)
-        anchoring.follow(i * PERIOD, {"foot": point})
+        anchoring.update(i * PERIOD, {"foot": point})
     assert anchoring.transform.heading == 0.0
     assert np.linalg.norm(anchoring.transform.translation) > 0.05
 
@@ -82,7 +82,7 @@ def test_a_step_is_too_short_for_an_anchor():
         foot = ("left", "right")[i // 40 % 2]  # 0.8 s each
         for other in set(FEET) - {foot}:
             anchoring.release(other)
-        anchoring.follow(i * PERIOD, {foot: drifting(FEET[foot], i * PERIOD)})
+        anchoring.update(i * PERIOD, {foot: drifting(FEET[foot], i * PERIOD)})
     assert anchoring.transform == IDENTITY
 
 
@@ -95,13 +95,13 @@ def test_a_robot_whose_estimate_drifts_by_3_cm_a_second_keeps_its_feet():
     turn = turned(0.02 * trial.controller.period)
     errors = []
 
-    def look():
+    def check():
         found = trial.estimator.filter
         found.rotation = turn @ found.rotation
         found.columns = turn @ found.columns
         found.columns[:, 1:] += drift[:, None]
         errors.append(np.linalg.norm(trial.com() - began))
 
-    trial.run(2.0, look)
+    trial.run(2.0, check)
     assert np.linalg.norm(trial.estimator.filter.position - trial.mock.plant.state()[0][:3]) > 0.05
     assert max(errors) < 0.012  # behind by 30 mm/s for a fifth of a second

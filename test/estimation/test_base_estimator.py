@@ -40,7 +40,7 @@ class Scene:
         joints = self.joints(q[self.model.q_index]) + self.noise * 5e-4 * self.rng.normal(size=self.model.nj)
         return ImuSample(self.simulation.time, turning, force), joints, v[self.model.v_index]
 
-    def look(self, _):
+    def check(self, _):
         sample, q, v = self.sense()
         self.estimator.update([sample], q, v, self.contacts)
         if self.estimator.filter is not None:
@@ -53,7 +53,7 @@ class Scene:
         return np.concatenate([pose[:3] - q[:3], turn, twist - v[:6]])
 
     def run(self, seconds):
-        self.simulation.run(seconds, self.look)
+        self.simulation.run(seconds, self.check)
         return np.abs(self.errors[-round(seconds / self.controller.period) :]).max(axis=0)
 
 
@@ -150,9 +150,9 @@ def standing(robot="g1", **changes):
     return scene, ImuSample(0.0, np.zeros(3), np.array([0.0, 0.0, 9.81])), q, v
 
 
-def fed(scene, samples, q, v, holding=None):
+def fed(scene, samples, q, v, active_contacts=None):
     for sample in samples:
-        scene.estimator.update([sample], q, v, scene.contacts if holding is None else holding)
+        scene.estimator.update([sample], q, v, scene.contacts if active_contacts is None else active_contacts)
     return scene.estimator.waits_for
 
 
@@ -164,7 +164,7 @@ def stream(sample, count, start=0.0, **changes):
 
 def test_it_begins_when_the_robot_has_stood_still_for_a_while():
     scene, sample, q, v = standing()
-    assert scene.estimator.waits_for == "no IMU data have come"
+    assert scene.estimator.waits_for == "no IMU data received"
     assert "has to stand still for 0.5 s" in fed(scene, stream(sample, 200), q, v)
     assert scene.estimator.filter is None
     assert fed(scene, stream(sample, 60, 0.4), q, v) == ""
@@ -175,17 +175,17 @@ def test_it_begins_when_the_robot_has_stood_still_for_a_while():
 
 
 @pytest.mark.parametrize(
-    ("changes", "holding", "said"),
+    ("changes", "active_contacts", "said"),
     [
         ({"turning": [[0.2 * (-1) ** i, 0.0, 0.0] for i in range(300)]}, None, "varies by 0.2 rad/s (limit 0.05"),
         ({"turning": [[0.0, 0.0, 0.6]] * 300}, None, "the IMU turns at 0.6 rad/s (limit 0.5)"),
-        ({"force": np.array([0.0, 0.0, 1.0])}, None, "the IMU measures 1 m/s² at rest, and gravity is 9.81"),
-        ({}, (), "no contact holds"),
+        ({"force": np.array([0.0, 0.0, 1.0])}, None, "the IMU measures 1 m/s² at rest, but gravity is 9.81"),
+        ({}, (), "no usable contact is active"),
     ],
 )
-def test_it_says_why_it_does_not_begin(changes, holding, said):
+def test_it_says_why_it_does_not_begin(changes, active_contacts, said):
     scene, sample, q, v = standing()
-    assert said in fed(scene, stream(sample, 300, **changes), q, v, holding)
+    assert said in fed(scene, stream(sample, 300, **changes), q, v, active_contacts)
     assert scene.estimator.filter is None
 
 
@@ -302,7 +302,7 @@ def test_late_poses_take_away_what_drifts():
     alone.estimator = make_estimator(settings, scene.model, scene.controller.contacts)
     rng, on_the_way, every = np.random.default_rng(2), [], round(0.05 / scene.controller.period)
 
-    def look(simulation):
+    def check(simulation):
         sample, q, v = scene.sense()
         for each in (scene, alone):
             each.estimator.update([sample], q, v, scene.contacts)
@@ -312,12 +312,12 @@ def test_late_poses_take_away_what_drifts():
             pose = np.concatenate([truth[:3] + 0.002 * rng.normal(size=3), pin.Quaternion(turned).coeffs()])
             on_the_way.append(PoseSample(simulation.time, pose, np.zeros((6, 6))))
         arrived = [pose for pose in on_the_way if 0.0 <= simulation.time - pose.stamp - 0.1 < scene.controller.period]
-        assert scene.estimator.correct(arrived, held=True) == []
+        assert scene.estimator.correct(arrived, controlled=True) == []
         for each in (scene, alone):
             if each.estimator.base is not None:
                 each.errors.append(each.error())
 
-    scene.simulation.run(0.75, look)
+    scene.simulation.run(0.75, check)
     for each in (scene, alone):
         found = each.estimator.filter
         found.gyroscope_bias = found.gyroscope_bias + [0.0, 0.0, 0.01]
@@ -325,7 +325,7 @@ def test_late_poses_take_away_what_drifts():
     com = scene.controller.dynamics.com.copy()
     for offset in (0.02, -0.02, 0.02, -0.02):
         scene.controller.follow("com", [0.4], [com + [0.0, offset, 0.0]])
-        scene.simulation.run(0.75, look)
+        scene.simulation.run(0.75, check)
     worst = np.abs(scene.errors[-500:]).max(axis=0)
     assert worst[:3].max() < 0.005
     assert worst[5] < np.deg2rad(0.5)
@@ -339,13 +339,13 @@ def test_a_foot_that_slides_beside_resting_ones_is_excluded_if_contacts_creep_li
     scene, sample, q, _ = standing(robot, **LITTLE_CREEP)
     legs, foot, rng = scene.estimator._kinematics, scene.contacts[0], np.random.default_rng(0)
     fed(scene, stream(sample, 300), q, np.zeros(len(q)))
-    jacobian = np.empty((legs.places((foot,)).size, len(q)))
+    jacobian = np.empty((legs.positions((foot,)).size, len(q)))
     excluded, errors = None, []
     for i in range(round(0.06 / (0.002 * speed))):
-        before = legs.places((foot,))
+        before = legs.positions((foot,))
         for j, turn in enumerate(1.0e-6 * np.eye(len(q))):
             legs.update(q + turn, np.zeros(len(q)))
-            jacobian[:, j] = (legs.places((foot,)) - before).ravel() / 1.0e-6
+            jacobian[:, j] = (legs.positions((foot,)) - before).ravel() / 1.0e-6
         v = np.linalg.lstsq(jacobian, np.tile([speed, 0.0, 0.0], len(before)), rcond=1e-6)[0]
         q = q + 0.002 * v
         moved = ImuSample(0.6 + 0.002 * i, sample.angular_velocity, sample.specific_force)
@@ -365,8 +365,8 @@ def test_errors_are_as_large_as_the_covariance_says_if_contacts_creep_little():
     scene.joints = lambda q: q + np.sqrt(known.joint_position_noise**2 - 5e-4**2) * scene.rng.normal(size=len(q))
     squares = []
 
-    def look(_):
-        scene.look(_)
+    def check(_):
+        scene.check(_)
         if scene.estimator.filter is not None and scene.simulation.time > 0.8:
             found, (q, v) = scene.estimator.filter, scene.simulation.plant.state()
             frame = scene.model.frame_id(scene.imu_frame, "")
@@ -377,9 +377,9 @@ def test_errors_are_as_large_as_the_covariance_says_if_contacts_creep_little():
             error = found.velocity - found.rotation @ R.T @ R @ speed
             squares.append(error @ np.linalg.solve(found.P[3:6, 3:6], error) / 3.0)
 
-    scene.simulation.run(1.5, look)
+    scene.simulation.run(1.5, check)
     com = scene.controller.dynamics.com.copy()
     scene.controller.follow("com", [0.5, 1.0, 1.5], [com + [0.0, 0.02, 0.0], com - [0.0, 0.02, 0.0], com])
-    scene.simulation.run(2.0, look)
+    scene.simulation.run(2.0, check)
     anees = (2.0 * 1.0 + 3.0 * np.mean(squares)) / 5.0  # the tilt's error is its bias, drawn from the covariance
     assert 0.7 < anees < 1.3

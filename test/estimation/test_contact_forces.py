@@ -19,7 +19,7 @@ def forces():
     return ContactForces({"left": 2, "right": 2}, on=10.0, off=5.0)
 
 
-def look(forces, count=20, **missed):
+def check(forces, count=20, **missed):
     """For a while, with forces that are this much off what was predicted."""
     lacking = np.zeros(9)
     lacking[2], lacking[5] = missed.get("left", 0.0), missed.get("right", 0.0)
@@ -29,12 +29,12 @@ def look(forces, count=20, **missed):
 
 
 def test_a_contact_without_its_force_is_lifted_until_it_has_some(forces):
-    assert look(forces) == ()
-    assert look(forces, 1, right=-80.0) == ()  # not at once: noise is filtered
-    assert look(forces, right=-80.0) == ("right",)
-    assert look(forces, right=-73.0) == ("right",)  # between off and on
-    assert look(forces, right=-60.0) == ()
-    assert look(forces, right=-73.0) == ()
+    assert check(forces) == ()
+    assert check(forces, 1, right=-80.0) == ()  # not at once: noise is filtered
+    assert check(forces, right=-80.0) == ("right",)
+    assert check(forces, right=-73.0) == ("right",)  # between off and on
+    assert check(forces, right=-60.0) == ()
+    assert check(forces, right=-73.0) == ()
 
 
 def test_one_that_should_carry_little_and_one_that_can_pull_are_none_of_its_business(forces):
@@ -45,10 +45,10 @@ def test_one_that_should_carry_little_and_one_that_can_pull_are_none_of_its_busi
 
 
 def test_one_that_is_switched_off_is_forgotten(forces):
-    assert look(forces, left=-100.0) == ("left",)
+    assert check(forces, left=-100.0) == ("left",)
     forces.update({"right": FEET["right"]}, np.zeros(6), 0.01)
     assert forces.unloaded == ()
-    look(forces, left=-100.0)
+    check(forces, left=-100.0)
     forces.restart()
     assert forces.unloaded == ()
 

@@ -41,14 +41,14 @@ def measurements() -> Iterator[tuple[np.ndarray, np.ndarray, tuple[bool, ...], n
     """
     rng = np.random.default_rng(11)
     up = -START[0].T @ GRAVITY
-    holding = ((True, True, False), (False, True, True), (True, False, True))
+    active_contacts = ((True, True, False), (False, True, True), (True, False, True))
     for step in range(STEPS):
-        places = np.array([[0.1 * i, -0.2 + 0.2 * i, -0.9] for i in range(3)]) + 0.01 * rng.normal(size=(3, 3))
+        positions = np.array([[0.1 * i, -0.2 + 0.2 * i, -0.9] for i in range(3)]) + 0.01 * rng.normal(size=(3, 3))
         yield (
             0.5 * rng.normal(size=3),
             up + rng.normal(size=3),
-            holding[step // 100],
-            places,
+            active_contacts[step // 100],
+            positions,
             1e-4 * (np.eye(3) + 0.3 * np.ones((3, 3))),
         )
 
@@ -94,25 +94,25 @@ def row(filter):
     )
 
 
-def correct(filter, names, places, covariance):
-    filter.correct(names, places, np.kron(np.eye(len(names)), covariance))
+def correct(filter, names, positions, covariance):
+    filter.correct(names, positions, np.kron(np.eye(len(names)), covariance))
 
 
 def test_it_is_that_of_the_authors():
     """Theirs begins a point with the orientation before the correction of that step: so it is seen from there."""
     filter, seen = made(), {}
-    for step, (turning, force, holding, places, covariance) in enumerate(measurements()):
+    for step, (turning, force, active_contacts, positions, covariance) in enumerate(measurements()):
         filter.propagate(turning, force, PERIOD)
         before = filter.rotation
-        held = [i for i in range(3) if holding[i] and str(i) in filter.names]
+        held = [i for i in range(3) if active_contacts[i] and str(i) in filter.names]
         if held:
-            correct(filter, [str(i) for i in held], places[held], covariance)
+            correct(filter, [str(i) for i in held], positions[held], covariance)
         back = filter.rotation.T @ before
         for i in range(3):
-            if str(i) in filter.names and not holding[i]:
+            if str(i) in filter.names and not active_contacts[i]:
                 filter.remove(str(i))
-            elif holding[i] and str(i) not in filter.names:
-                filter.add(str(i), back @ places[i], back @ covariance @ back.T)
+            elif active_contacts[i] and str(i) not in filter.names:
+                filter.add(str(i), back @ positions[i], back @ covariance @ back.T)
         seen[step] = row(filter)
     for step, theirs in THEIRS.items():
         np.testing.assert_allclose(seen[step], theirs, rtol=0.0, atol=1e-11)

@@ -24,14 +24,14 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, points, kept):
     noise = ImuNoise(*rng.uniform(0.01, 1.0, 5))
     found, plain = (kind(noise, np.array([0.0, 0.0, -9.81]), **begin) for kind in (InvariantFilter, PlainFilter))
     noisy = rng.normal(size=(3 * points, 3 * points))
-    covariance, places = 1e-2 * (noisy @ noisy.T + np.eye(3 * points)), rng.normal(size=(points, 3))
+    covariance, positions = 1e-2 * (noisy @ noisy.T + np.eye(3 * points)), rng.normal(size=(points, 3))
     for i, name in enumerate(NAMES[:points]):
         own = covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
-        found.add(name, places[i], own)
-        plain.add(name, places[i], own)
+        found.add(name, positions[i], own)
+        plain.add(name, positions[i], own)
     at = np.flatnonzero(rng.random(points) < kept)
     rows = (3 * at[:, None] + np.arange(3)).ravel()
-    names, moved = [NAMES[i] for i in at], places[at] + 0.1 * rng.normal(size=(len(at), 3))
+    names, moved = [NAMES[i] for i in at], positions[at] + 0.1 * rng.normal(size=(len(at), 3))
     for _ in range(3):
         turning, force = rng.normal(size=(2, 3)) * rng.choice([1e-9, 1.0, 10.0])
         for filter in (found, plain):

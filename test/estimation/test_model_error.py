@@ -220,15 +220,15 @@ def test_switching_it_while_the_robot_stands_makes_no_jump():
     model = simulation.controller.model
     steps, last = [], [simulation.result.tau]
 
-    def look(_):
+    def check(_):
         steps.append(np.abs(simulation.result.tau - last[0]) / model.effort_limits)
         last[0] = simulation.result.tau
 
     simulation.controller.update({"estimation.disturbance": "always"})
-    simulation.run(0.6, look)
+    simulation.run(0.6, check)
     assert simulation.result.solution.disturbance.estimate.any()
     simulation.controller.update({"estimation.disturbance": "never"})
-    simulation.run(0.1, look)
+    simulation.run(0.1, check)
     assert simulation.result.solution.disturbance is not None  # it fades
     assert np.max(steps) < 0.01
     simulation.controller.reset(*simulation.plant.state(), simulation.time)

@@ -22,7 +22,7 @@ def motion(time):
 
 def compared(C, *, world=None, noise=3.0e-4):
     """Compare a motion with C times it; return the newest sentence, the time of the first in s, and the comparison."""
-    comparison, rng, first = AxesComparison(moves=True), np.random.default_rng(0), None
+    comparison, rng, first = AxesComparison(with_displacements=True), np.random.default_rng(0), None
     for time in np.arange(PERIOD, 2.0, PERIOD):
         a = motion(time)
         said = comparison.update(PERIOD, a, a @ np.transpose(C) + noise * rng.normal(size=(2, 3)), world)
@@ -64,7 +64,7 @@ def test_agreement_and_contradictions_with_other_causes_are_not_reported(C):
 
 
 def test_agreement_about_one_axis_is_not_final():
-    comparison = AxesComparison(moves=False)
+    comparison = AxesComparison(with_displacements=False)
     for time in np.arange(0.0, 2.0, PERIOD):
         a = np.array([[0.05 * np.sin(6.0 * time), 0.0, 0.0]])
         assert comparison.update(PERIOD, a, a, None) is None
@@ -94,7 +94,7 @@ def standing(legs, robot):
 @pytest.mark.parametrize(
     ("roll", "said"),
     [(0.0, None), (0.5, None), (-0.9, None), (np.pi / 2.0, "90° apart: as if rotated about its x axis"),
-     (np.pi, "180° apart: its sign is wrong, or its z axis points down")],
+     (np.pi, "180° apart: wrong sign, or z axis pointing down")],
 )  # fmt: skip
 def test_gravity_is_compared_with_the_contacts(legs, robot, roll, said):
     kinematics, _, contacts = standing(legs, robot)
@@ -107,27 +107,27 @@ def test_gravity_is_compared_with_the_contacts(legs, robot, roll, said):
 def test_turn_and_displacement_are_those_of_the_legs(legs, robot, monkeypatch):
     """The robot bends its legs with its feet at rest; the sensor measures in deg/s."""
     kinematics, _, contacts = standing(legs, robot)
-    sensor = SensorAgreement(kinematics, "the sensor", moves=True)
-    still, before = kinematics.places(contacts), np.zeros((2, 3))
-    sensor.look(PERIOD, before, contacts)
+    sensor = SensorAgreement(kinematics, "the sensor", with_displacements=True)
+    still, before = kinematics.positions(contacts), np.zeros((2, 3))
+    sensor.check(PERIOD, before, contacts)
     said = None
     for time in np.arange(PERIOD, 0.5, PERIOD):
         turn, way = motion(time)
-        places = (still - way) @ pin.exp3(turn)
-        monkeypatch.setattr(kinematics, "places", lambda _, places=places: places)
+        positions = (still - way) @ pin.exp3(turn)
+        monkeypatch.setattr(kinematics, "positions", lambda _, positions=positions: positions)
         steps, before = motion(time) - before, motion(time)
-        said = said or sensor.look(PERIOD, steps * [[np.degrees(1.0)], [1.0]], contacts)
+        said = said or sensor.check(PERIOD, steps * [[np.degrees(1.0)], [1.0]], contacts)
     assert f"the sensor contradicts the legs ({', '.join(contacts)}): a turn of" in said
     assert "in deg/s instead of rad/s" in said
 
 
 def test_legs_that_move_against_each_other_tell_nothing(legs, monkeypatch):
     kinematics, _, contacts = standing(legs, "g1")
-    sensor, still = SensorAgreement(kinematics, "the sensor", moves=True), kinematics.places(contacts)
+    sensor, still = SensorAgreement(kinematics, "the sensor", with_displacements=True), kinematics.positions(contacts)
     for time in np.arange(0.0, 1.0, PERIOD):
         slip = np.where(np.arange(len(still))[:, None] < 3, motion(time)[1], 0.0)
-        monkeypatch.setattr(kinematics, "places", lambda _, slip=slip: still + slip)
-        assert sensor.look(PERIOD, -5.0 * motion(time), contacts) is None
+        monkeypatch.setattr(kinematics, "positions", lambda _, slip=slip: still + slip)
+        assert sensor.check(PERIOD, -5.0 * motion(time), contacts) is None
 
 
 def test_odometry_with_a_wrong_twist_remains_refused_until_a_restart(legs):
@@ -139,7 +139,7 @@ def test_odometry_with_a_wrong_twist_remains_refused_until_a_restart(legs):
         pose[3:], rate = pin.SE3ToXYZQUAT(pin.SE3(pin.exp3(turn), np.zeros(3)))[3:], (turn - before) / 0.002
         before = turn
         twist = np.concatenate([np.zeros(3), np.degrees(rate)])
-        agreement.update(0.002 * i, (pose.copy(), twist), joints, contacts, held=True)
+        agreement.update(0.002 * i, (pose.copy(), twist), joints, contacts, controlled=True)
     assert "the twist of odometry contradicts its pose: a turn of" in agreement.contradiction
     assert "deg/s" in agreement.contradiction
     agreement.restart()

@@ -38,7 +38,9 @@ def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_use
     # A second robot: both say so at once; so does the controller.
     processes.start("mock", "go2")
     user.until(
-        lambda: processes.logs().count("/joint_states is published by /mock_robot too: two robots on one topic") == 2,
+        lambda: (
+            processes.logs().count("/joint_states has another publisher, /mock_robot: two robots on one topic") == 2
+        ),
         "both robots to see each other",
     )
     said = "/odom has several publishers, /mock_robot, /mock_robot: end all but one"

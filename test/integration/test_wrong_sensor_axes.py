@@ -50,7 +50,7 @@ def sway(robot, spoil, sensors):
     """Activate a robot with a wrong sensor, let it down, and let it sway; return the refusal or the fault, or None."""
 
     class Spoiled(MeasurementFault):
-        def _spoil(self, measured, site, kept):
+        def _distort(self, measured, context, state):
             spoil(measured)
 
     base = "odom" if "odometry" in spoil.__name__ or spoil is facing_north else "imu"
@@ -86,7 +86,7 @@ def sway(robot, spoil, sensors):
         (gyroscope_in_deg, "good", ["'activate' is refused", "varies by 0.", "noise of a gyroscope in deg/s"]),
         (odometry_with_its_twist_in_the_world, "good", ["IMPLAUSIBLE_STATE", "twist", "in the axes of the world"]),
         (odometry_in_deg, "good", ["IMPLAUSIBLE_STATE", "the twist of odometry", "in deg/s"]),
-        (odometry_with_z_down, "good", ["'activate' is refused", "orientation of odometry", "its z axis points down"]),
+        (odometry_with_z_down, "good", ["'activate' is refused", "orientation of odometry", "z axis pointing down"]),
         (facing_north, "good", None),
     ],
 )

@@ -124,7 +124,7 @@ def test_the_residuals_are_those_of_the_laws_of_motion(robot):
     def compare(now):
         nonlocal before
         result = now.result
-        report = audit.look(result.state, controller.dynamics, result.solution, result.command)
+        report = audit.check(result.state, controller.dynamics, result.solution, result.command)
         if before is not None and report is not None and np.array_equal(before.solution.tau, before.command.tau):
             wrenches = [ExternalWrench(base, known)]
             force = controller.model.actuation.generalized_force(before.command.tau)

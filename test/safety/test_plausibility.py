@@ -122,7 +122,7 @@ def test_a_base_that_tilts_too_far_has_fallen(body, rate, falls):
     robot.v[3] = 1.0
     robot.step(round(rate / PERIOD))
     if falls:
-        robot.says("FALLEN", "the base is tilted by 1.00 rad", "limit 1.00 rad, safety.max_tilt")
+        robot.says("FALLEN", "the base has tilted by 1.00 rad", "limit 1.00 rad, safety.max_tilt")
     else:
         assert robot.mode is Mode.ACTIVE
 
@@ -264,7 +264,7 @@ def test_a_fixed_base_does_not_fall(robot_of, changed):
     watch.begin()
     for i in range(20):  # values 3 to 6 of its configuration are joints, and no quaternion
         q = np.random.default_rng(i).uniform(-1.0, 1.0, 12)
-        assert watch.look(0.1 * i, RobotState(i, q, np.zeros(12))) is None
+        assert watch.check(0.1 * i, RobotState(i, q, np.zeros(12))) is None
 
 
 def test_single_solutions_do_not_renew_the_time_for_holding(body):
@@ -299,7 +299,7 @@ def test_relaxed_for_too_long_is_a_fault_that_names_what_was_relaxed(body):
     robot.step(149)
     assert robot.mode is Mode.ACTIVE
     robot.step(4)
-    robot.says("RELAXED", "self_collision, joint_motion, torque_rate had to be relaxed for 50", "safety.relax_time")
+    robot.says("RELAXED", "self_collision, joint_motion, torque_rate: relaxed for 50", "safety.relax_time")
 
 
 def test_an_activation_begins_with_whole_budgets(body):
@@ -413,7 +413,11 @@ def test_a_joint_that_jumps_is_named(body, jump):
     robot.q[joint(robot.model, 4)[0]] += jump
     robot.step()
     name = robot.model.joints[4]
-    robot.says("IMPLAUSIBLE_STATE", f"joint {name!r} differs by {jump:.3g} rad", "limit 0.2, safety.joint_mismatch")
+    robot.says(
+        "IMPLAUSIBLE_STATE",
+        f"joint {name!r}: the position differs by {jump:.3g} rad",
+        "limit 0.2, safety.joint_mismatch",
+    )
 
 
 def test_what_has_led_to_a_fault_is_forgotten(body):
@@ -426,7 +430,7 @@ def test_what_has_led_to_a_fault_is_forgotten(body):
     robot.step()
     robot.says("IMPLAUSIBLE_STATE", "safety.joint_mismatch")
     robot.step()
-    assert robot.supervisor._watch.doubt is None
+    assert robot.supervisor._watch.fault is None
     robot.v[v], stays = 3.0, robot.q[place]
 
     def dead(q, speeds):
@@ -436,7 +440,7 @@ def test_what_has_led_to_a_fault_is_forgotten(body):
     watch, doubts = robot.supervisor._watch, []
     for _ in range(8):
         robot.step(sensed=dead)
-        doubts.append(watch.doubt is not None)
+        doubts.append(watch.fault is not None)
     assert doubts == [False] * 5 + [True] + [False] * 2  # 3 mm and then 6 mm a period, 30 mm in all
 
 
@@ -454,7 +458,7 @@ def test_a_fault_of_the_inputs_counts_before_one_of_the_state(body):
     ("dead", "speed", "count", "said"),
     [
         ("velocity", 2.0, 200, ("safety.joint_mismatch",)),
-        ("position", 0.5, 40, ("has stayed at one value", "0.03, safety.frozen_motion")),
+        ("position", 0.5, 40, ("the position is constant", "0.03, safety.frozen_motion")),
     ],
 )
 def test_a_joint_whose_velocity_or_position_is_dead_is_named(body, dead, speed, count, said):
@@ -470,7 +474,7 @@ def test_a_joint_whose_velocity_or_position_is_dead_is_named(body, dead, speed, 
         return q, speeds
 
     robot.step(count, sensed=sensed)
-    robot.says("IMPLAUSIBLE_STATE", f"joint {robot.model.joints[4]!r} ", *said)
+    robot.says("IMPLAUSIBLE_STATE", f"joint {robot.model.joints[4]!r}: ", *said)
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,7 @@ def test_the_audit_accounts_for_springs_transmissions_and_followers():
         solution = controller.solve(state, board.sample(plant.time))
         plant.apply(solution.tau)
         command = JointCommand(state.stamp, solution.tau, nothing, nothing)
-        report = audit.look(state, controller.dynamics, solution, command)
+        report = audit.check(state, controller.dynamics, solution, command)
         if report is not None and report.throughput > 1.0:
             energies.append(abs(report.energy) / report.throughput)
             torques.append(np.max(np.abs(report.joint_torques) / limits))

@@ -187,7 +187,7 @@ def test_what_holds_the_axes_of_a_mask(mask, points):
 
 @pytest.mark.parametrize("mask", [masked(0, 1), masked(0, 1, 2, 3), masked(3, 4, 5), masked(1, 2, 3, 4, 5)])
 def test_what_the_simulator_cannot_hold_is_refused(mask):
-    with pytest.raises(ConfigurationError, match=r"key = \[.*\]: the mock robot can hold all six axes"):
+    with pytest.raises(ConfigurationError, match=r"key = \[.*\]: not supported by the mock robot; valid: all six axes"):
         points_of(mask, "key")
 
 
@@ -230,7 +230,7 @@ def test_the_audit_counts_on_what_each_contact_exerts(case):
         state = RobotState(1 + robot.plant.stamp, frozen(q), frozen(v))
         tau = robot.result.solution.tau
         command = JointCommand(state.stamp, tau, frozen(np.zeros(model.na)), frozen(np.zeros(model.na)))
-        reports.append(audit.look(state, robot.controller.dynamics, robot.result.solution, command))
+        reports.append(audit.check(state, robot.controller.dynamics, robot.result.solution, command))
 
     robot.controller.set("com", robot.controller.dynamics.com + np.array([0.0, 0.03, 0.0]))
     robot.run(0.5, look)

@@ -51,7 +51,7 @@ def test_clear_ends_every_fault(stand):
         ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
         ("{kind: odom_jump, size: 50.0}", "odom_jump.size = 50.0: input should be less than or equal to 3"),
         ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "unknown joint 'knee'"),
-        ("stop", "'stop' is no mapping"),
+        ("stop", "expected a mapping, got 'stop'"),
     ],
 )
 def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, text, said):
@@ -102,7 +102,7 @@ def test_what_is_sent_is_told_with_the_true_time_of_what_it_tells(stand):
 
 def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
     robot, peer = stand
-    for name in ("pass_time", "spoil", "post", "torques"):
+    for name in ("update", "distort", "deliver", "torques"):
         monkeypatch.setattr(robot.faults, name, lambda *arguments, name=name: pytest.fail(f"{name} was called"))
     peer.effort(np.ones(12))
     step(robot)

@@ -31,7 +31,7 @@ class Bench:
     def run(self, periods: int, damping: float | None = None) -> None:
         """Let faults and physics go on; with a damping, N·m·s/rad, in place of torques."""
         for _ in range(periods):
-            self.faults.pass_time()
+            self.faults.update()
             if damping is not None:
                 self.plant.damp(damping)
             self.pass_period()
@@ -39,7 +39,7 @@ class Bench:
     def measure(self):
         """What is measured now, and what is true."""
         stamp = self.plant.stamp + 1_000_000_000
-        self.faults.pass_time()
+        self.faults.update()
         measured, true = (measure(self.model, self.plant, stamp, self.model.base_link) for _ in range(2))
         time = self.plant.time
         for values in (measured, true):
@@ -47,7 +47,7 @@ class Bench:
             values.velocity = self.true_speed.copy()
             values.pose[:3] = [0.3 * time, 0.2 * time, 0.5]
             values.twist[:] = [0.3, 0.2, 0.0, 0.0, 0.0, 0.0]
-        self.faults.spoil(measured)
+        self.faults.distort(measured)
         return SimpleNamespace(measured=measured, true=true)
 
     def measures(self, periods: int) -> list:
@@ -61,9 +61,9 @@ class Bench:
         """Numbers of the messages that arrive in each period, of those that are sent one per period from 0 on."""
         arrived = []
         for number in range(periods):
-            self.faults.pass_time()
+            self.faults.update()
             payload = str(number).encode() if messages else None
-            arrived.append([int(parcel.payload) for parcel in self.faults.post(stream, number, payload)])
+            arrived.append([int(parcel.payload) for parcel in self.faults.deliver(stream, number, payload)])
             self.pass_period()
         return arrived
 

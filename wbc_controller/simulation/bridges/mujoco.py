@@ -1,4 +1,4 @@
-"""States and torques of a robot in a MuJoCo model of your own. It does not import MuJoCo: you bring model and data."""
+"""States and torques of a robot in your own MuJoCo model; MuJoCo is not imported."""
 
 from typing import Any
 
@@ -10,31 +10,26 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
 
-#: MuJoCo's number of a free joint (``mjtJoint.mjJNT_FREE``).
+#: ``mjtJoint.mjJNT_FREE``.
 _FREE = 0
 
 
 class MujocoInterface:
     """Reads a robot's state from MuJoCo's ``qpos, qvel``, and writes its torques as generalized forces.
 
-    Joints are found by name, wherever they stand, so that the scene may hold other things too. MuJoCo's conventions and
-    Pinocchio's differ for a floating base, and are converted here:
+    Joints are found by name, so that the scene may contain other objects. Conventions of a floating base are converted:
 
     - quaternions: MuJoCo (w, x, y, z), Pinocchio (x, y, z, w);
-    - the base's linear velocity: MuJoCo in world axes, Pinocchio in those of the base; the angular velocity is in those
-      of the base in both.
+    - linear velocity: MuJoCo in world axes, Pinocchio in base axes; the angular velocity is in base axes in both.
 
-    The base body of the MuJoCo model must have the frame of the URDF's root link.
+    The base body must have the frame of the URDF's root link.
     """
 
     def __init__(self, model: RobotModel, mujoco_model: Any) -> None:
-        """Find the robot's joints.
-
-        Args:
-            mujoco_model: an ``mujoco.MjModel`` in which the joints of ``robot.joints`` have their names.
+        """Find the joints of ``robot.joints`` by name in an ``mujoco.MjModel``.
 
         Raises:
-            ConfigurationError: where a joint is missing, or a floating base has no free joint.
+            ConfigurationError: if a joint is missing, or a floating base has no free joint.
         """
         if not isinstance(model, RobotModel) or not hasattr(mujoco_model, "jnt_qposadr"):
             raise ConfigurationError(
@@ -62,7 +57,7 @@ class MujocoInterface:
             self._base_dof = int(mujoco_model.jnt_dofadr[first])
 
     def state(self, data: Any) -> tuple[Array, Array]:
-        """Read q (nq,) and v (nv,), as Pinocchio has them, from an ``mujoco.MjData``."""
+        """Return Pinocchio's q, (nq,), and v, (nv,), from an ``mujoco.MjData``."""
         model = self._model
         joints = data.qpos[self._qpos], data.qvel[self._dof]
         if not model.floating_base:
@@ -74,10 +69,10 @@ class MujocoInterface:
         return model.state(*joints, pose, twist)
 
     def place(self, data: Any, q: Array, v: Array | None = None) -> None:
-        """Write a state, q (nq,) and v (nv,; at rest where it is not given), into an ``mujoco.MjData``.
+        """Write q, (nq,), and v, (nv,) (default zero), into an ``mujoco.MjData``.
 
         Raises:
-            InputRefused: if a value is not a finite number, or an array has another shape.
+            InputRefused: if a value is not finite, or an array has a wrong shape.
         """
         model = self._model
         q = finite(sized(q, model.nq, "q"), "q")
@@ -89,10 +84,10 @@ class MujocoInterface:
             data.qvel[self._base_dof : self._base_dof + 6] = np.concatenate([rotation @ v[:3], v[3:6]])
 
     def apply(self, data: Any, tau: Array) -> None:
-        """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is left alone.
+        """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is unchanged.
 
         Raises:
-            InputRefused: if a value is not a finite number, or the array has another shape.
+            InputRefused: if a value is not finite, or the array has a wrong shape.
         """
         tau = finite(sized(tau, self._model.na, "tau"), "tau")
         data.qfrc_applied[self._dof] = self._model.actuation.at_joints(tau)
