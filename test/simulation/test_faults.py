@@ -112,7 +112,7 @@ def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
 def test_in_lockstep_faults_after_which_no_answer_comes_are_refused(go2, kind):
     model, settings = go2
     robot = MockRobot(model, settings, MockPeer(MemoryBus(), settings).transport, lockstep=True)
-    with pytest.raises(InputRefused, match=f"{kind}: the mock robot waits for an answer"):
+    with pytest.raises(InputRefused, match=f"{kind}: not possible in lockstep"):
         robot.plan(read_faults(f"{{kind: {kind}}}", "x"))
     robot.plan(read_faults("{kind: joint_noise}", "x"))
 

@@ -424,7 +424,7 @@ def test_unusable_torques_are_refused_and_change_nothing(plant, tau):
     ("frame", "wrench", "duration", "said"),
     [
         ("FR_fot", [0.0] * 6, 0.1, "did you mean 'FR_foot'"),
-        ("universe", [0.0] * 6, 0.1, "no moving link"),
+        ("universe", [0.0] * 6, 0.1, "unknown moving link"),
         ("base", [0.0] * 3, 0.1, r"expected \(6,\)"),
         ("base", [math.nan] + [0.0] * 5, 0.1, "finite"),
         ("base", [1e9] + [0.0] * 5, 0.1, "at most"),

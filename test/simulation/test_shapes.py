@@ -125,12 +125,12 @@ def ball(n: int) -> np.ndarray:
 
 
 def test_a_round_tip_is_one_ball_and_an_edge_is_none():
-    balls, rest = shapes._part_tip(ball(300), np.array([0.0, 0.0, -1.0]))
+    balls, rest = shapes._split_tip(ball(300), np.array([0.0, 0.0, -1.0]))
     assert len(rest) == 0
     assert balls[0].size[0] == pytest.approx(0.02, abs=1e-6)
     np.testing.assert_allclose(balls[0].placement.translation, [0.1, 0.0, 0.0], atol=1e-6)
     box = np.array(np.meshgrid([0.0, 0.1], [0.0, 0.1], [0.0, 0.1])).reshape(3, -1).T
-    assert shapes._part_tip(box, np.array([0.0, 0.0, -1.0]))[0] == []
+    assert shapes._split_tip(box, np.array([0.0, 0.0, -1.0]))[0] == []
 
 
 def test_an_uneven_sole_is_its_outline_in_one_plane():
@@ -139,7 +139,7 @@ def test_an_uneven_sole_is_its_outline_in_one_plane():
     sole = np.column_stack([0.1 * np.cos(angle), 0.05 * np.sin(angle), rng.uniform(0.0, 0.0015, 60)])
     sole[0, 2] = 0.0
     down = np.array([0.0, 0.0, -1.0])
-    balls, behind = shapes._part_sole(np.vstack([sole, [[0.0, 0.0, 0.1]]]), down, 0.0)
+    balls, behind = shapes._split_sole(np.vstack([sole, [[0.0, 0.0, 0.1]]]), down, 0.0)
     assert len(balls) == shapes.MOST_CORNERS
     corners = np.array([ball.placement.translation for ball in balls])
     np.testing.assert_allclose(corners[:, 2], shapes.CORNER_RADIUS)
@@ -152,7 +152,7 @@ def test_an_uneven_sole_is_its_outline_in_one_plane():
 def test_contacts_that_share_a_sole_part_it_once():
     down, tilted = np.array([0.0, 0.0, -1.0]), np.array([0.0, np.sin(0.03), -np.cos(0.03)])
     side = np.array([0.0, 1.0, 0.0])
-    assert [normal.tolist() for normal in shapes._different([down, tilted, side])] == [down.tolist(), side.tolist()]
+    assert [normal.tolist() for normal in shapes._distinct_normals([down, tilted, side])] == [down.tolist(), side.tolist()]
 
 
 def test_a_flat_mesh_is_a_thin_box():

@@ -404,7 +404,7 @@ class Plant:
             expected = f"({self._robot.nq},) and ({self._robot.nv},)"
             raise InputRefused(f"a state has the shapes {q.shape} and {v.shape}; expected {expected}")
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
-            raise InputRefused("a state must have finite positions and velocities")
+            raise InputRefused("a state is not finite; expected finite positions and velocities")
         if self._robot.floating_base and not abs(np.linalg.norm(q[3:7]) - 1.0) <= 1e-3:
             raise InputRefused(f"the base's quaternion is {q[3:7].tolist()}; expected length 1, (x, y, z, w)")
         self._write(q, v)

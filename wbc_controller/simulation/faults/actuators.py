@@ -96,7 +96,7 @@ class ActuatorLag(_AllActuators):
 class ActuatorDelay(_AllActuators):
     """All torques are delayed."""
 
-    delay: float = number(0.004, 0.002, 0.05, "s", "rounded to control periods")
+    delay: float = number(0.004, 0.002, 0.05, "s", "delay, rounded to control periods")
 
     def _start(self, context: FaultContext) -> deque[Array]:
         return deque(maxlen=max(1, round(self.delay / context.period)) + 1)

@@ -19,8 +19,8 @@ class _BaseSensor(MeasurementFault):
 class OdomNoise(_BaseSensor):
     """White noise on the base's position and orientation."""
 
-    sigma: float = number(0.001, 1e-5, 0.02, "m", "of the position")
-    turn_sigma: float = number(0.001, 1e-5, 0.02, "rad", "of the orientation")
+    sigma: float = number(0.001, 1e-5, 0.02, "m", "standard deviation of the position")
+    turn_sigma: float = number(0.001, 1e-5, 0.02, "rad", "standard deviation of the orientation")
 
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         measured.pose[:3] += context.rng.normal(0.0, self.sigma, 3)

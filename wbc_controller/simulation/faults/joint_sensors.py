@@ -32,7 +32,7 @@ class JointNoise(_AllJoints):
     """White noise on all joint positions and velocities."""
 
     sigma: float = number(0.001, 1e-5, 0.05, "rad", "standard deviation of positions")
-    velocity_sigma: float = number(0.01, 1e-4, 2.0, "rad/s", "of velocities")
+    velocity_sigma: float = number(0.01, 1e-4, 2.0, "rad/s", "standard deviation of velocities")
 
     def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         measured.position += context.rng.normal(0.0, self.sigma, len(measured.position))
