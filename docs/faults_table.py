@@ -1,4 +1,4 @@
-"""Tables of fault kinds in docs/faults.md, by affected part."""
+"""Lists of fault kinds in docs/faults.md, by affected part."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _COMMON_NAMES = ("joint", "actuator", "stream", "link")
 
 
 def faults_table(kinds: Iterable[type[Fault]]) -> str:
-    """Return the Markdown table of some kinds."""
-    rows = ["| Kind | Effect | Parameters: range (default) |", "|---|---|---|"]
+    """Return the Markdown list of some kinds."""
+    rows = []
     for kind in kinds:
         said = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
         keys = [key for key in kind.model_fields if key not in COMMON]
-        parameters = "; ".join(_describe(key, kind.model_fields[key]) for key in keys) or "none"
-        rows.append(f"| `{kind.kind()}` | {said} | {parameters} |")
+        parameters = "; ".join(_describe(key, kind.model_fields[key]) for key in keys)
+        rows.append(f"- `{kind.kind()}`: {said}" + (f" {parameters}." if parameters else ""))
     return "\n".join(rows) + "\n"
 
 

@@ -54,11 +54,11 @@ TESTS = {
 
 def safety_table() -> str:
     """Return the table as Markdown."""
-    rows = ["| Checked | Threshold | Unit | Response | Code |", "|---|---|---|---|---|"]
+    rows = ["| Checked | Threshold | Response | Code |", "|---|---|---|---|"]
     for check in CHECKS:
         keys = ", ".join(f"`{key}`" for key in check.keys) or "fixed"
         code = f"`{check.code}`" if check.code else "none"
-        rows.append(f"| {check.name} | {keys} | {check.unit} | {check.response} | {code} |")
+        rows.append(f"| {check.name} | {keys} | {check.response} | {code} |")
     return "\n".join(rows) + "\n"
 
 
