@@ -152,7 +152,10 @@ def test_an_uneven_sole_is_its_outline_in_one_plane():
 def test_contacts_that_share_a_sole_part_it_once():
     down, tilted = np.array([0.0, 0.0, -1.0]), np.array([0.0, np.sin(0.03), -np.cos(0.03)])
     side = np.array([0.0, 1.0, 0.0])
-    assert [normal.tolist() for normal in shapes._distinct_normals([down, tilted, side])] == [down.tolist(), side.tolist()]
+    assert [normal.tolist() for normal in shapes._distinct_normals([down, tilted, side])] == [
+        down.tolist(),
+        side.tolist(),
+    ]
 
 
 def test_a_flat_mesh_is_a_thin_box():

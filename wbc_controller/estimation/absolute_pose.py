@@ -5,15 +5,12 @@ A pose from time t is y = p_F + n and Y = exp(n_R) R_F. With the filter's error 
     z = (y - p̂_F, heading of Y R̂_Fᵀ) = -H ξ + n        H = | -p̂_Fₓ  0  I  0 |        columns ξ_R, ξ_v, ξ_p, others
                                                          |   zᵀ    0  0  0 |
 
-Gravity determines the tilt, so that only the heading of Y is used.
-
 **Latency.** The correction X ← T X rotates the world about gravity and translates it. Dynamics and contacts preserve
-such a ξ (Φ ξ = ξ, H_contacts ξ = 0), so that z of time t corrects the present estimate. n grows by creep of the
-contacts and noise of the gyroscope since t. The full gain P Hᵀ S⁻¹ would change the velocity too, and oscillates at 0.2
-s of latency.
+such a ξ, so that z of time t corrects the present estimate; n grows by creep and gyroscope noise since t. The full gain
+P Hᵀ S⁻¹ would oscillate at 0.2 s of latency.
 
 **Jumps.** `PlanarTransform`s map the filter's world to `odometry`, which no correction moves, and to `smoothed`, which
-follows the filter at a bounded rate. Past estimates are stored in `odometry`.
+follows at a bounded rate.
 """
 
 from __future__ import annotations
@@ -83,15 +80,9 @@ class _PastEstimate(NamedTuple):
 class AbsolutePoses:
     """Correction of a filter by absolute poses.
 
-    Poses that agree for `AGREEMENT_TIME` define the world. Later outliers are rejected by a χ² gate. If they agree with
-    each other for that time (relocalization), the world moves to them, unless the robot is under control.
-
-    Attributes:
-        aligned: True if the world is that of the poses.
-        odometry: transform from the filter's world to a world that no pose moves.
-        smoothed: transform from the filter's world to a world without jumps.
-        used: number of accepted poses; likewise `rejected`, and `relocations` of the world.
-        contradiction: message on a persistent contradiction, or empty.
+    Poses that agree for `AGREEMENT_TIME` define the world (`aligned`). Later outliers are rejected by a χ² gate. If
+    they agree with each other for that time (relocalization), the world moves to them, unless the robot is under
+    control. `odometry` and `smoothed` transform from the filter's world.
     """
 
     def __init__(self, sensor: PoseSensor, kinematics: LegKinematics, filter: InvariantFilter) -> None:
@@ -161,8 +152,7 @@ class AbsolutePoses:
     def correct(self, samples: list[PoseSample], *, controlled: bool) -> list[str]:
         """Correct the filter by each pose up to the IMU's stamp, and return the refusals; newer poses wait.
 
-        If `controlled`, contradicting poses do not move the world. Raises LinAlgError if a covariance is not positive
-        definite.
+        If `controlled`, contradicting poses do not move the world.
         """
         refused, newest = [], self._past[-1].stamp
         for sample in samples:
@@ -259,5 +249,4 @@ def _frame_in_odometry(past: _PastEstimate) -> pin.SE3:
 
 
 def _heading(R: Array) -> float:
-    """Return the heading of a rotation (its twist about z), rad."""
     return math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])

@@ -65,23 +65,15 @@ class BaseEstimator:
     The world begins below the base with its heading. Position and heading drift (`anchoring`), unless absolute poses
     define the world (`absolute_pose`).
 
-    Contacts that contradict the estimate by more than noise are excluded until they are at rest, or until no other
-    contact is left. The estimate is lost, and waits for rest again, if all contacts move (`consistency`), the gyroscope
-    contradicts the legs (`sensor_agreement`), the IMU is silent, or the state is not finite.
-
-    Attributes:
-        imu_frame: name of the IMU's frame.
-        lost: reason for the last loss, or empty.
+    Contacts that contradict the estimate are excluded until they rest, or until no other is left. The estimate is lost
+    if all contacts move (`consistency`), the gyroscope contradicts the legs (`sensor_agreement`), the IMU is silent, or
+    the state is not finite; `lost` is the reason. It restarts at rest.
     """
 
     def __init__(
         self, kinematics: LegKinematics, sensors: Sensors, gravity: Array, poses: PoseSensor | None = None
     ) -> None:
-        """Start without data; gravity is in the world, (3,) in m/s².
-
-        Raises:
-            ConfigurationError: if the frame of the poses is unknown.
-        """
+        """Start without data; gravity is in the world, (3,) in m/s²."""
         if poses is not None:
             kinematics.frame(poses.frame, "estimation.pose_frame")
         self._pose_sensor = poses
@@ -161,8 +153,7 @@ class BaseEstimator:
 
         Args:
             samples: IMU samples by increasing stamp.
-            q: joint positions, (nj,) in rad.
-            v: joint velocities, (nj,) in rad/s.
+            q: joint positions, (nj,) in rad; velocities v in rad/s.
             active_contacts: names; contacts without points are ignored.
         """
         self._kinematics.update(q, v)
@@ -185,7 +176,6 @@ class BaseEstimator:
         return refused
 
     def _after_update(self, lost: str | None) -> None:
-        """Restart a lost estimate; otherwise update `waits_for`."""
         if lost is not None:
             self.restart()
             self.lost, self._waits_for = lost, f"the robot has to stand still for {self._sensors.settling:g} s"
@@ -481,7 +471,6 @@ class _RunningEstimate:
         return np.asarray(contact_points.positions @ self.filter.rotation.T + self.filter.position)
 
     def _is_at_rest(self, name: str, contact_points: ContactPoints) -> bool:
-        """Return True if a contact is at rest again."""
         if name not in self._moving:
             return True
         since, there = self._moving[name]

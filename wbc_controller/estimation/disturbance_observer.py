@@ -46,11 +46,8 @@ class DisturbanceLimits:
 class DisturbanceObserver:
     """Estimate of the generalized forces outside the model.
 
-    Attributes:
-        limits: time constant and bounds.
-        forces: d, (nv,) in N and N·m.
-        at_bound: joints, and ``base``, with a saturated component.
-        missing_contact_forces: mean Δf, (k,), and its duration, s; None except at the end of a sum of predicted states.
+    `forces` is d, (nv,); `at_bound` names joints, and ``base``, with saturated components; `missing_contact_forces` is
+    the mean Δf, (k,), with its duration, s, or None.
     """
 
     STATE_FIELDS = ("forces", "at_bound", "_unbounded", "_contacts", "_sum", "_time", "_all_predicted")
@@ -113,7 +110,6 @@ class DisturbanceObserver:
         self.at_bound = ()
 
     def _correct(self, M: Array, J: Array) -> None:
-        """Integrate ḋ over the time of the sum, and clamp d."""
         T, largest = self.limits.time_constant, self.limits.share * self._scale
         residual, contact_impulse = split_force(M, J, self._sum)
         if self._all_predicted:

@@ -38,16 +38,7 @@ class ImuNoise:
 
 
 class InvariantFilter:
-    """Right-invariant extended Kalman filter of an IMU and contact points.
-
-    Attributes:
-        rotation: R, (3, 3), from the IMU's axes to the world.
-        columns: v, p, d₁ … d_N in the world, (3, 2 + N) in m/s and m.
-        gyroscope_bias: b_g, (3,) in rad/s.
-        accelerometer_bias: b_a, (3,) in m/s².
-        P: covariance of (ξ_R, ξ_v, ξ_p, ξ_d₁ …, b_g, b_a), (15 + 3 N, 15 + 3 N).
-        names: names of the points, in order.
-    """
+    """Right-invariant extended Kalman filter of an IMU and contact points."""
 
     def __init__(
         self,
@@ -67,12 +58,12 @@ class InvariantFilter:
             [noise.gyroscope, noise.accelerometer, noise.gyroscope_bias, noise.accelerometer_bias, noise.contact]
         )
         self._gravity = np.array(gravity)
-        self.rotation = np.array(rotation)
-        self.columns = np.ascontiguousarray(np.column_stack([velocity, position]))
-        self.gyroscope_bias = np.array(gyroscope_bias)
-        self.accelerometer_bias = np.array(accelerometer_bias)
-        self.P = np.array(P)
-        self.names: list[str] = []
+        self.rotation = np.array(rotation)  # R, (3, 3), from IMU axes to the world
+        self.columns = np.ascontiguousarray(np.column_stack([velocity, position]))  # v, p, d₁ … d_N, (3, 2 + N)
+        self.gyroscope_bias = np.array(gyroscope_bias)  # b_g, (3,) in rad/s
+        self.accelerometer_bias = np.array(accelerometer_bias)  # b_a, (3,) in m/s²
+        self.P = np.array(P)  # of (ξ_R, ξ_v, ξ_p, ξ_d₁ …, b_g, b_a), (15 + 3 N, 15 + 3 N)
+        self.names: list[str] = []  # of the points
 
     @property
     def velocity(self) -> Array:
@@ -112,17 +103,15 @@ class InvariantFilter:
     ) -> Array:
         """Correct the state by kinematics, X ← exp(K z) X, and return zᵀ S⁻¹ z of each group of points, (c,).
 
-        z = R y + p - d has the covariance S. A square above its limit, or NaN, leaves the state unchanged.
+        z = R y + p - d has the covariance S. A square above its limit, or NaN, leaves the state unchanged. Raises
+        LinAlgError if S is not positive definite.
 
         Args:
             names: names of k points of the filter.
             positions: y, (k, 3) in m in IMU axes.
             covariance: of y, (3 k, 3 k) in m².
-            ends: index after each group's last point, (c,); default: one group.
+            ends: index after each group's last point, (c,).
             limits: largest squares, (c,).
-
-        Raises:
-            LinAlgError: if S is not positive definite.
         """
         ends = np.array([len(names)]) if ends is None else ends
         limits = np.full(len(ends), np.inf) if limits is None else limits
@@ -185,13 +174,8 @@ class InvariantFilter:
         """Express the state in another world with the same vertical: X ← T X, ξ ← Ad_T ξ.
 
         Ad_T maps ξ_R and ξ_v to R_T ξ, and the ξ of p and d to R_T ξ + t × R_T ξ_R. The uncertainty of T, a rotation δψ
-        about z and a translation δ of x, adds z δψ to ξ_R, and δ + x × z δψ to the ξ of p and d.
-
-        Args:
-            rotation: R_T, (3, 3).
-            shift: t, (3,) in m.
-            at: x in the new world, (3,) in m.
-            covariance: of (δ, δψ), (4, 4) in m² and rad².
+        about z and a translation δ of x (`at`, in the new world), adds z δψ to ξ_R, and δ + x × z δψ to the ξ of p and
+        d; its covariance is (4, 4) of (δ, δψ).
         """
         n = len(self.P)
         Ad, G = np.eye(n), self._world_errors(at)

@@ -232,18 +232,9 @@ def correct(
 ) -> int:
     """Write exp(K z) X and P - K H P with K = P Hᵀ S⁻¹, unless a contact exceeds its limit.
 
-    With S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY. The state is that of `InvariantFilter`.
-
-    Args:
-        points: indices of the measured points, by contact, (k,).
-        ends: index after each contact's last point, (c,).
-        positions: y, (k, 3) in m.
-        covariance: C of y, (3 k, 3 k) in m².
-        limits: largest squares, (c,).
-        squares: out: zᵀ S⁻¹ z of each contact, (c,).
-
-    Returns:
-        1 if the state is written, 0 if a square exceeds its limit, -1 if S is not positive definite.
+    With S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY. Arguments as for `InvariantFilter.correct`, with
+    indices of points, (k,); `squares` is an output. Returns 1 if the state is written, 0 if a square exceeds its limit,
+    -1 if S is not positive definite.
     """
     _require_state(R, columns, gyroscope_bias, accelerometer_bias, P)
     _require_state(R_out, columns_out, gyroscope_out, accelerometer_out, P_out)

@@ -80,15 +80,9 @@ class LegKinematics:
         joint_noise: float,
         point_noise: float,
     ) -> None:
-        """Collect the contact points.
+        """Collect the contact points; `frames` are the link frames of the contacts.
 
-        Args:
-            frames: link frame of each contact.
-            joint_noise: standard deviation of joint positions, rad.
-            point_noise: additional one of points (soft soles), m.
-
-        Raises:
-            ConfigurationError: if a frame is unknown.
+        `joint_noise`, rad, and `point_noise`, m (soft soles), are standard deviations.
         """
         self.imu_frame = imu_frame
         self._model = model

@@ -49,14 +49,9 @@ class OdometryAgreement:
         *,
         controlled: bool,
     ) -> None:
-        """Process the newest odometry and joints; repeated messages have no effect.
+        """Process the newest odometry and joints; the vertical is compared until the robot is `controlled`.
 
-        Args:
-            stamp: of the odometry, s.
-            base: pose, (7,), and twist in base axes, (6,).
-            joints: positions and velocities, (nj,) each.
-            active_contacts: their names.
-            controlled: True if the robot is under control; the vertical is compared before.
+        `base` is pose, (7,), and twist in base axes, (6,); `joints` positions and velocities, (nj,) each.
         """
         dt, self._stamp = stamp - self._stamp, stamp
         if not dt > 0.0 or self._is_twist_wrong or (controlled and self._agreed):

@@ -100,9 +100,7 @@ class SensorAgreement:
         """Compare the motion since the last check; return a message on an axis or unit error, or None.
 
         Args:
-            elapsed: time since the last check, s.
             steps: measured rotation and displacement since then in sensor axes, (n, 3) in rad and m.
-            active_contacts: names of contacts with points.
             world: rotation from sensor axes to the world, (3, 3), if its data could be in world axes.
             known_wrong: True lowers the limits.
         """

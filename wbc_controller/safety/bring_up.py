@@ -1,10 +1,9 @@
 """Watch of the first seconds of control: joint motion that the torques sent do not explain.
 
-If torques reach wrong joints, for example by another joint order in a driver, the joints run away within a few cycles.
-Damping would act on wrong joints too: the response is zero torque.
-
-The unexplained velocity of each joint decays, and gains Δv - v̇ Δt per step. v̇ is that of the solution plus N M⁻¹ Sᵀ
-Δτ for torques not sent (`estimation.projection`). The base may be free or held; the better prediction counts.
+If torques reach wrong joints, as by another joint order in a driver, joints run away within a few cycles. Damping would
+act on wrong joints too: the response is zero torque. The unexplained velocity of each joint decays, and gains Δv - v̇
+Δt per step. v̇ is that of the solution plus N M⁻¹ Sᵀ Δτ for torques not sent (`estimation.projection`), with a free or
+a held base.
 """
 
 from __future__ import annotations

@@ -88,10 +88,7 @@ def unusable_torques(
     actuators: Sequence[str],
     tolerance: float = TORQUE_TOLERANCE,
 ) -> Fault:
-    """Return the fault of torques that are not finite, or exceed the available bounds, (na,) in N·m.
-
-    `tolerance` is the share of an effort limit by which a bound may be exceeded.
-    """
+    """Return the fault of torques that are not finite or exceed the available bounds, (na,) in N·m."""
     lower, upper = available
     good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
     bound = np.where(tau < 0.0, -lower, upper)

@@ -45,11 +45,7 @@ class _Search:
         return self._eigen(D, self._mobility(posture)[1])
 
     def fastest(self, D: Array, start: Array) -> Array:
-        """Search the posture with the largest rates within the limits.
-
-        Step sizes by RPROP (Riedmiller, Braun, "A direct adaptive method for faster backpropagation learning: the RPROP
-        algorithm", ICNN 1993).
-        """
+        """Search the posture with the largest rates within the limits by RPROP (Riedmiller, Braun, ICNN 1993)."""
         lower, upper = self.range
         posture, found, largest = start, start, -math.inf
         step, before = 0.1 * (upper - lower), np.zeros(len(start))

@@ -61,10 +61,7 @@ class GuardInputs:
 
 
 class Guard:
-    """Decides when the guard sends torques, and which.
-
-    `reason` explains a takeover, otherwise it is empty; `takeovers` counts them.
-    """
+    """Decides when the guard sends torques, and which; `reason` explains a takeover."""
 
     def __init__(self, limits: GuardLimits) -> None:
         self.mode = GuardMode.IDLE
@@ -82,10 +79,7 @@ class Guard:
         return self.mode in (GuardMode.DAMPING, GuardMode.ZERO)
 
     def deadline(self, inputs: GuardInputs) -> float:
-        """Return the time of the takeover without a new command, s; inf if no command is expected.
-
-        A triggered controller must answer each joint state, and send after `state_timeout` without one.
-        """
+        """Return the time of the takeover without a new command, s; inf if no command is expected."""
         limits = self.limits
         if inputs.command_at == -math.inf or (inputs.mode in _ENDED and not inputs.torques.any()):
             return math.inf

@@ -2,10 +2,7 @@
 
 Between two states, the energy changes by the work of the torques (equation (29) of the note; S6), the momentum by
 gravity and contact forces (equation (26); S5), and every joint accelerates by the equations of motion (S1). A residual
-indicates a wrong model, torques not applied as sent, or an unknown force.
-
-Cycles add work and unpredicted motion to sums, which enter the filter at the end of a span. Balances:
-`mechanics.energy.energy_residual`, `mechanics.momentum.momentum_residual`.
+indicates a wrong model, torques not applied as sent, or an unknown force. Sums over a span of cycles enter the filter.
 """
 
 from collections.abc import Callable, Mapping
@@ -76,7 +73,6 @@ class ModelAudit:
         self._forget()
 
     def _forget(self) -> None:
-        """Restart the comparison."""
         self._before: _Previous | None = None
         self._clear()
         self._lasted = self._stored = 0.0  # duration of the span, s, and energy at its start, J
@@ -94,8 +90,7 @@ class ModelAudit:
     ) -> AuditReport | None:
         """Compare this state with the previous one; return the report of the last span, or None.
 
-        `dynamics` is the snapshot of a solution's state; `solution` is None if missing, or if the controller is not
-        active.
+        Without a solution, or if the controller is not active, `solution` is None.
         """
         before = self._before
         if solution is None or command is None:

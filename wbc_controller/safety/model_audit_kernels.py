@@ -25,8 +25,7 @@ def add_step(
 ) -> None:  # fmt: skip
     """Add a step Δq, (nv,), within `duration`, s, to the sums.
 
-    v and the velocity of the centre of mass, (3,), are after the step. `other` is the known generalized force besides
-    the torques, (nv,). `predicted` is True if the predicted torques were sent.
+    The velocities v and `com_velocity` are those at its end; `other` is the known force besides the torques, (nv,).
     """
     na, nv = memory.S.shape
     if not (len(step) == len(v) == len(other) == len(memory.velocity) == len(memory.v) == len(memory.v_dot) == nv):
@@ -53,10 +52,8 @@ def store_state(
     memory: AuditMemory, v: StridedVector, com_velocity: StridedVector, com_jacobian: StridedMatrix,
     com_drift: StridedVector, v_dot: StridedVector, solved: StridedVector, sent: StridedVector,
 ) -> bool:  # fmt: skip
-    """Store this state for the next step; return True if the torques of the solution were sent.
-
-    `com_jacobian`, (3, nv), and `com_drift`, (3,), are of the centre of mass. `solved` are the torques of the solution,
-    `sent` those sent, (na,) in N·m.
+    """Store this state for the next step; return True if the torques of the solution were sent (`solved` and `sent` are
+    equal).
     """
     na, nv = memory.S.shape
     if not (len(v) == len(v_dot) == com_jacobian.shape[1] == nv and len(solved) == len(sent) == na):

@@ -52,10 +52,7 @@ class PlausibilityLimits:
 
 
 class StateWatch:
-    """Comparison of each state with limits and with the previous state.
-
-    `fault` belongs to the newest state. `any_stuck_motion` is True if a velocity is non-zero at a constant position.
-    """
+    """Comparison of each state with limits and the previous state; `fault` belongs to the newest state."""
 
     STATE_FIELDS = (
         "fault", "_state", "_before", "_v_before", "_mismatch", "_stuck_motion", "any_stuck_motion", "_joint_values",
@@ -260,8 +257,7 @@ class FallLimits:
 class FallWatch:
     """Comparison of the base with its pose at the activation.
 
-    The height is above the lowest end of a limb, which excludes stairs and slopes. `upward` is the vertical in base
-    axes at the activation, (3,).
+    The height is above the lowest end of a limb. `upward` is the vertical in base axes at the activation, (3,).
     """
 
     STATE_FIELDS = ("upward", "_begun", "_height", "_last_check")

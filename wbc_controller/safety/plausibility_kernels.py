@@ -38,7 +38,6 @@ class StateMemory(Struct):
 
 @part
 def _same(a: float, b: float) -> bool:
-    """Return True if two numbers have the same bits."""
     return a == b and math.copysign(1.0, a) == math.copysign(1.0, b)
 
 
@@ -61,7 +60,6 @@ def _repeats_in_motion(memory: StateMemory, q: Array, v: Array, q_index: Indices
 
 @part
 def _is_out_of_range(memory: StateMemory, q: Array, v: Array) -> bool:
-    """Return True if a value is NaN or beyond its limit."""
     for i in range(len(q)):
         if not abs(q[i]) <= memory.magnitude:
             return True
@@ -116,7 +114,6 @@ def _base_change(before: Array, q: Array, change: Array) -> None:
 
 @part
 def _change(memory: StateMemory, q: Array, nv: int) -> Array:
-    """Return the change of the configuration, (nv,)."""
     change, first = np.empty(nv), len(memory.base_v)
     if first:
         _base_change(memory.before, q, change)

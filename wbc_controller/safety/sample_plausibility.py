@@ -1,8 +1,4 @@
-"""Plausibility of single samples: reachable from the last accepted one.
-
-Unreachable samples are rejected. Only consecutive rejections are a fault, so that one corrupt message does not drop a
-robot.
-"""
+"""Plausibility of single samples: reachable from the last accepted one; consecutive rejections are a fault."""
 
 from __future__ import annotations
 
@@ -58,11 +54,7 @@ class SampleCheck:
         return cls(AXES, ("max_base_speed",) * 3 + ("max_base_turn",) * 3, memory)
 
     def check(self, stamp: int, position: Array, velocity: Array) -> str:
-        """Return the reason to reject a sample, or "".
-
-        The position is (nj,) of joints or the base pose (7,); the velocity (nj,), empty if not measured, or the twist
-        (6,).
-        """
+        """Return the reason to reject a sample at a stamp, ns, or ""; velocities are empty if not measured."""
         elapsed = 1.0e-9 * (stamp - self._stamp) if self._stamp else math.nan
         found = compare_sample(self._memory, position, velocity, elapsed)
         if found < 0:

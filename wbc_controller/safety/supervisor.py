@@ -8,11 +8,9 @@
      reset               damping ──────────────> fault (or stopped, after a user's request)
        └─────────────── from damping, stopped and fault
 
-From every mode `estop` leads to fault, and the end of the process to stopped. Both set the torques to zero at once, as
-does unexplained motion (`bring_up`).
-
-In inactive nothing is published after zero torques. Damping opposes the joint velocities; without them the torques ramp
-to zero. Stopped and fault publish zero torques. A fault is latched until `reset`.
+From every mode `estop` leads to fault, and the end of the process to stopped, both with zero torques at once, as does
+unexplained motion (`bring_up`). In inactive nothing is published after zero torques. Damping without velocities is a
+ramp to zero. A fault is latched until `reset`.
 """
 
 import math
@@ -134,19 +132,16 @@ class Supervisor:
         return self.mode is Mode.ACTIVE or self.mode is Mode.HOLDING
 
     def torques_before(self, now: float) -> Array | None:
-        """Return the torques for the rate limit of the QP.
-
-        None during a ramp, and until they are within a rate step of the solution.
-        """
+        """Return the torques for the rate limit of the QP; None during the ramp to the solution."""
         if self.mode is _ACTIVE and self._reached_solution and self._share.sample(now) >= 1.0:
             return self._tau
         return None
 
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
-        """Process a user's request, one of `REQUESTS`; return True if it activates the controller.
+        """Process a request, one of `REQUESTS`; return True if it activates the controller.
 
-        Raises:
-            InputRefused: if the request is unknown, not possible now, or `problem` (fault of the inputs) prevents it.
+        Raises InputRefused if the request is unknown or not possible now, also due to `problem`, the fault of the
+        inputs.
         """
         if word not in REQUESTS:
             raise InputRefused(f"command {word!r} is unknown; {valid_choices(word, REQUESTS)}")
@@ -215,10 +210,7 @@ class Supervisor:
         problem: Fault | None,
         outcome: Solution | NoSolution | Fault | None,
     ) -> JointCommand | None:
-        """Return the command of this cycle, or None.
-
-        `joint_velocity` is fresh, (nj,) in rad/s, or None; `outcome` the solution, or the reason for its absence.
-        """
+        """Return the command of this cycle, or None; `joint_velocity` must be fresh, (nj,) in rad/s, or None."""
         self._update_time(now)
         if self._watch is not None and state is not None:
             fault = self._watch.check(state)
@@ -326,7 +318,6 @@ class Supervisor:
     def _command_without_solution(
         self, now: float, state: RobotState | None, joint_velocity: Array | None
     ) -> JointCommand | None:
-        """Return the command of a cycle without solution, or None."""
         if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
             self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
         if self.mode is Mode.INACTIVE and not self._tau.any():
@@ -359,7 +350,6 @@ class Supervisor:
         return model.actuation.from_joints(np.where(driven, 0.0, held)) if driven.any() else self._held
 
     def _damping_torques(self, joint_velocity: Array | None) -> Array:
-        """Return the damping torques; zero without velocities."""
         if joint_velocity is None:
             return self._no_torque
         return -(self._damping_matrix @ joint_velocity)
@@ -374,6 +364,5 @@ class Supervisor:
         return self._curve.available(self._model.effort_limits, self._model.actuation.rates(trusted))
 
     def _command(self, tau: Array, state: RobotState | None, joint_velocity: Array | None) -> JointCommand:
-        """Return a command without predicted motion."""
         self._tau = self._limited(tau, self._available(joint_velocity))
         return JointCommand(state.stamp if state is not None else 0, self._tau, self._no_motion, self._no_motion)

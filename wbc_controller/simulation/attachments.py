@@ -36,11 +36,7 @@ class Attachment:
 
 
 def points_of(mask: Sequence[bool], key: str) -> Array | None:
-    """Return the points of a frame that hold the axes of a mask; None for all six axes.
-
-    Raises:
-        ConfigurationError: if MuJoCo has no constraint for the mask.
-    """
+    """Return the points of a frame that hold the axes of a mask; None for all six axes."""
     turns = [int(axis) for axis in np.flatnonzero(mask[3:])]
     if all(mask):
         return None

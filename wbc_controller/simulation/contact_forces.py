@@ -19,8 +19,7 @@ _FAR = 1.0e3
 class ContactForces:
     """Geoms of a robot in MuJoCo by contact.
 
-    Contacts with the world have all floor geoms of their link's body; a force belongs to the nearest contact of the
-    body. Contacts with another link have their own geoms.
+    A force on a body belongs to its nearest contact with the world. Contacts with another link have their own geoms.
     """
 
     def __init__(self, model: Any, contacts: Mapping[str, ContactSettings], bodies: Mapping[str, int]) -> None:
@@ -41,7 +40,7 @@ class ContactForces:
                 self._contacts.setdefault(geom, []).append(name)
 
     def forces(self, data: Any, frames: Mapping[str, pin.SE3]) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Return force and moment of each contact about its origin, in world axes, (3,) each in N and N·m, by name."""
+        """Return force and moment of each contact about its origin in world axes, (3,) each, by name."""
         force = {name: np.zeros(3) for name in frames}
         moment = {name: np.zeros(3) for name in frames}
         local = np.zeros(6)

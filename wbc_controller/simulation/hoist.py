@@ -15,10 +15,7 @@ SPEED, TURN = 0.5, 1.0
 
 
 class Hoist:
-    """Weld between world and base with ramps of strength and placement.
-
-    `start` is the held placement in the world.
-    """
+    """Weld between world and base with ramps of strength and placement; `start` is the held placement."""
 
     def __init__(self, model: Any, data: Any, start: pin.SE3) -> None:
         """Hold the base at `start`."""
@@ -68,8 +65,8 @@ class Hoist:
     def _write(self) -> None:
         target = pin.SE3.Interpolate(self._from, self.start, self._progress)
         self._model.eq_data[self._id, 3:10] = position_and_wxyz(target)
-        # The impedance d blends free and spring acceleration, (1 - d) a_free + d (-k r - b dr/dt); a ramp of d to zero
-        # releases without a jerk. MuJoCo divides k and b by d, which is undone here.
+        # The impedance d blends free and spring acceleration, (1 - d) a_free + d (-k r - b dr/dt), without a jerk at
+        # release. MuJoCo divides k and b by d, which is undone here.
         d = IMPEDANCE * self._strength
         time_constant = STIFF_STEPS * self._step
         self._model.eq_solref[self._id] = -d / time_constant**2, -2.0 * d / time_constant

@@ -23,11 +23,7 @@ def add_mimic_joints(spec: Any, followers: Followers, stiff: list[float], impeda
 
 
 def add_rotors(spec: Any, model: RobotModel) -> None:
-    """Add the rotors of transmissions as fixed tendons with inertia.
-
-    Raises:
-        ConfigurationError: if a rotor couples joints of different branches, which MuJoCo neglects.
-    """
+    """Add the rotors of transmissions as fixed tendons with inertia; MuJoCo requires joints of one branch."""
     drive = model.actuation
     for name, ratios, inertia in zip(drive.names, drive.ratios, drive.rotor_inertia.tolist(), strict=True):
         if inertia == 0.0:

@@ -52,11 +52,7 @@ _WORLD, _WORLD_ALIAS = "world", "<world>"
 
 
 def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tuple[int, pin.SE3]:
-    """Return the Pinocchio joint of a contact, and its placement in the joint's frame.
-
-    Raises:
-        ConfigurationError: if the frame is unknown.
-    """
+    """Return the Pinocchio joint of a contact, and its placement in the joint's frame."""
     model.frame_id(contact.frame, f"contacts.{name}.frame")
     joint, placement = frame_on_joint(model, contact.frame)
     return joint, placement * placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0)))
@@ -114,7 +110,6 @@ def position_and_wxyz(placement: pin.SE3) -> Array:
 
 
 def _body_name(link: str) -> str:
-    """Return MuJoCo's name of a moving link."""
     return _WORLD_ALIAS if link == _WORLD else link
 
 
@@ -136,10 +131,7 @@ def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
 
 
 def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
-    """Set the principal inertias of every link.
-
-    MuJoCo 3.3 misreads rotated inertial origins, and is accurate to seven digits.
-    """
+    """Set the principal inertias of links, as MuJoCo 3.3 misreads rotated inertial origins."""
     balanced = []
     for link in tree.findall("link"):
         inertial, body = link.find("inertial"), spec.body(str(link.get("name")))
@@ -178,7 +170,6 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
 
 
 def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
-    """Return the MuJoCo body of a Pinocchio joint."""
     if joint == 0:
         return spec.worldbody
     name = model.pinocchio.names[joint]
@@ -220,14 +211,9 @@ def compile_mechanism(
     shapes: Mapping[int, Sequence[Shape]] = MappingProxyType({}),
     attachments: Mapping[str, Attachment] = MappingProxyType({}),
 ) -> Any:
-    """Build MuJoCo's model.
+    """Build MuJoCo's model; the step is in s.
 
-    Args:
-        step: time step, s.
-        shapes: shapes of links that touch the floor, by Pinocchio joint; other links use the shapes of their contacts.
-
-    Raises:
-        ConfigurationError: if MuJoCo refuses the URDF.
+    `shapes` of links that touch the floor are by Pinocchio joint; other links use the shapes of their contacts.
     """
     tree, root = _mechanism(model)
     stiff = [STIFF_STEPS * step, 1.0]

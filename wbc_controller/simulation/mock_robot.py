@@ -1,13 +1,6 @@
 """Mock robot as a node: a `Plant` on the topics `middleware.topics.MOCK_TOPICS`, over any transport.
 
-Each period publishes the state, receives torques, applies them, and steps the physics::
-
-    robot = MockRobot(model, settings, transport)
-    robot.run(stop)                    # in real time, or in lockstep, until the event is set
-
-    robot.publish()                    # or by hand, on one thread
-    ...                                # the controller runs here
-    robot.advance()
+`MockRobot.run` runs in real time or in lockstep. On one thread, alternate `publish`, the controller, and `advance`.
 """
 
 import gc
@@ -65,11 +58,8 @@ _log = logging.getLogger(__name__)
 class MockRobot:
     """Publishes the plant's state every control period, and applies the controller's torques.
 
-    Attributes:
-        faults: injector of the faults planned by `plan` or by the topic ``fault``.
-        sent: optional callback with stream and true time, ns, of each message sent.
-        rebased: number of restarts of the real-time schedule.
-        speed: simulated time compared with real time.
+    `sent` is an optional callback with stream and true time, ns, of each message. `rebased` counts restarts of the
+    real-time schedule.
     """
 
     def __init__(
@@ -92,10 +82,6 @@ class MockRobot:
             lockstep: wait for the command of each state (``joint_commands``) instead of using the newest ``effort``.
             patient: simulated time waits for a late controller.
             remappings: as in `middleware.topics.resolve`.
-
-        Raises:
-            ConfigurationError: if the plant cannot be built, the factor is not positive, or the IMU's frame is unknown.
-            TransportError: if a topic cannot be opened.
         """
         if not (0.0 < real_time_factor < float("inf")):
             raise ConfigurationError(f"real-time factor {real_time_factor} must be positive and finite")
@@ -147,11 +133,7 @@ class MockRobot:
         return self._first_stamp + self.plant.stamp
 
     def run(self, stop: threading.Event) -> None:
-        """Run until the event is set, with absolute deadlines in real time.
-
-        Raises:
-            WbcError: if the simulation has diverged.
-        """
+        """Run until the event is set, with absolute deadlines in real time."""
         gc.collect()
         gc.freeze()  # avoids long garbage collections
         switch_interval = sys.getswitchinterval()
@@ -223,7 +205,7 @@ class MockRobot:
                 self._publish("contact_wrench", name, wrench_stamped(wrench, frame, stamp))
 
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
-        """Wait in lockstep for the command for the present state, which is republished; return False after `stop`."""
+        """Republish the present state in lockstep until its command arrives; return False after `stop`."""
         due = self._clock() + REPUBLISH_AFTER
         while not self._answered():
             if stop is not None and stop.is_set():
@@ -235,11 +217,7 @@ class MockRobot:
         return True
 
     def advance(self) -> None:
-        """Process requests, apply the newest torques, and simulate one control period.
-
-        Raises:
-            WbcError: if the simulation has diverged.
-        """
+        """Process requests, apply the newest torques, and simulate one control period."""
         uses = {"push": self._push, "hold": self._hold, "fault": self._fault}
         for _ in range(len(self._requests)):
             key, contact, payload = self._requests.popleft()
@@ -266,11 +244,7 @@ class MockRobot:
         self._brakes = []
 
     def plan(self, faults: Sequence[Fault], since: float = 0.0) -> None:
-        """Plan faults; their starts count from the simulated time `since`, s.
-
-        Raises:
-            InputRefused: if a fault does not fit the robot, or is incompatible with lockstep.
-        """
+        """Plan faults; their starts count from the simulated time `since`, s."""
         if self._lockstep:
             late = [fault.kind() for fault in faults if fault.place in _NOT_IN_LOCKSTEP]
             if late:
@@ -302,7 +276,6 @@ class MockRobot:
         self._publishers[key, subject](messages.encode(content))
 
     def _send(self, stream: str, taken: int, payload: bytes) -> None:
-        """Send a message; its content is from `true_time`, ns."""
         self._publishers[stream, ""](payload)
         if self.sent is not None:
             self.sent(stream, taken)

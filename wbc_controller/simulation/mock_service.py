@@ -36,9 +36,6 @@ def run_mock(
     """Run the mock robot until the event is set; arguments as for `MockRobot`.
 
     `faults` is a file with faults, each with the simulated time ``at`` of its start, s.
-
-    Raises:
-        ConfigurationError: if settings, model and faults do not match.
     """
     model = make_model(settings)
     script = read_faults(read_text(faults, str(faults), _LARGEST_SCRIPT), str(faults), script=True) if faults else []

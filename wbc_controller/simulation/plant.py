@@ -1,8 +1,7 @@
 """Physics of the mock robot: MuJoCo, built from the URDF and configuration of the controller.
 
-Physical parameters come from the URDF and from `settings` (armature, step, friction of the floor). Outline and friction
-of the configured contacts apply only without shapes in the URDF, and between two links. Inputs and outputs follow the
-conventions of `wbc_controller.records` (Pinocchio).
+The shapes of configured contacts apply only without shapes in the URDF, and between two links. Inputs and outputs
+follow the conventions of `wbc_controller.records` (Pinocchio).
 """
 
 import logging
@@ -64,24 +63,19 @@ class _Push:
 class Plant:
     """Simulated robot, its floor, and a hoist that holds a floating base at its start.
 
-    All quantities belong to the present state after `step`, `set_state` and `forward`. Equal calls give bit-identical
-    results.
+    Results belong to the present state after `step`, `set_state` and `forward`, and are reproducible bit for bit.
 
     Attributes:
         model: MuJoCo's model, which faults change before `forward`.
-        data: MuJoCo's data in the present state, read only.
-        contact_forces: geoms of each contact, and their forces.
-        steps_per_period: simulation steps per control period.
-        step_seconds: time step, s: the largest divisor of the period up to ``settings.mock.step``.
-        effort_limits: effort limit of each actuator, (na,) in N·m.
+        data: MuJoCo's data, read only.
+        contact_forces: geoms and forces of the contacts.
+        steps_per_period: steps per control period.
+        step_seconds: time step, s: the largest divisor of the period up to `mock.step`.
+        effort_limits: effort limits, (na,) in N·m.
     """
 
     def __init__(self, model: RobotModel, settings: Settings) -> None:
-        """Build the physics, and hold the robot in its posture with its lowest point on the floor.
-
-        Raises:
-            ConfigurationError: if MuJoCo cannot use the URDF, or a contact names an unknown frame.
-        """
+        """Build the physics, and hold the robot in its posture with its lowest point on the floor."""
         self._robot = model
         period = 1.0 / settings.control.rate
         self.steps_per_period = max(1, math.ceil(period / settings.mock.step - 1e-9))
@@ -194,10 +188,7 @@ class Plant:
         return float(np.max(np.abs(self.data.qpos[self._following[0]] - q[followers.q_index])))
 
     def acceleration(self) -> Array:
-        """Return the generalized acceleration, (nv,), in Pinocchio's conventions.
-
-        The base's linear part is v̇ = Rᵀ a − ω × v, with the acceleration a of its origin in world axes.
-        """
+        """Return the generalized acceleration, (nv,), in Pinocchio's conventions: v̇ = Rᵀ a − ω × v of the base."""
         v_dot = np.zeros(self._robot.nv)
         v_dot[self._robot.v_index] = self.data.qacc[self._dof]
         if self._robot.followers is not None:
@@ -212,15 +203,9 @@ class Plant:
     def imu(self, frame: str) -> tuple[Array, Array, Array]:
         """Measure an ideal IMU in the axes of a frame.
 
-        The specific force is the mean of the last control period, as of an integrating IMU; samples would drift by 5 %
-        of a squat's velocity. The first value, also after `set_state`, is instantaneous.
-
-        Returns:
-            Orientation (x, y, z, w), angular velocity in rad/s, and specific force (acceleration minus gravity) in
-            m/s².
-
-        Raises:
-            ConfigurationError: if the frame is unknown.
+        The specific force is the mean of the last control period, as of an integrating IMU; the first value, also after
+        `set_state`, is instantaneous. Returns orientation (x, y, z, w), angular velocity in rad/s, and specific force
+        in m/s².
         """
         if frame not in self._imus:
             self._imus[frame] = self._body_of(frame_on_joint(self._robot, frame))
@@ -256,9 +241,8 @@ class Plant:
     def contact_wrenches(self) -> dict[str, Array]:
         """Return the true force or wrench on the robot at each contact.
 
-        Surface and fixed contacts: wrench about the origin in the contact frame, (6,), force first. Points and wheels:
-        force, (3,), in world axes, or in the frame `against`. Links with several contacts assign each force to the
-        nearest one.
+        Surface and fixed contacts: wrench in the contact frame, (6,), force first. Points and wheels: force, (3,), in
+        world axes, or in the frame `against`. Forces belong to the nearest contact of a link.
         """
         frames = {name: self._placement(foot) for name, foot in self._feet.items()}
         force, moment = self.contact_forces.forces(self.data, frames)
@@ -288,21 +272,13 @@ class Plant:
         return max([0.0, *depths])
 
     def apply(self, tau: npt.ArrayLike) -> None:
-        """Set the torques of the actuators, (na,) in N·m, clamped to the effort limits.
-
-        Raises:
-            InputRefused: if the size is wrong or a value is not finite.
-        """
+        """Set the torques of the actuators, (na,) in N·m, clamped to the effort limits."""
         torques = np.asarray(tau, dtype=np.float64)
         self.check_torques(torques)
         self._tau, self._damps, self._stale = torques.copy(), False, True
 
     def check_torques(self, tau: Array) -> None:
-        """Check torques for `apply`.
-
-        Raises:
-            InputRefused: if the size is wrong or a value is not finite.
-        """
+        """Raise InputRefused for torques of a wrong size, or not finite."""
         if tau.shape != (self._robot.na,):
             raise InputRefused(f"got {tau.size} torques; expected {self._robot.na}, one per actuator in their order")
         if not np.isfinite(tau).all():
@@ -339,12 +315,9 @@ class Plant:
         """Push the robot from now on; overlapping pushes add up.
 
         Args:
-            frame: link or joint of the URDF at whose origin the push acts.
+            frame: moving link or joint at whose origin the push acts.
             wrench: force and torque in world axes, (6,) in N and N·m.
-            duration: s, rounded to steps, at least one.
-
-        Raises:
-            InputRefused: if the frame is unknown or fixed, or a value is invalid.
+            duration: s, rounded to steps.
         """
         values = np.array(array_of_numbers(wrench, "a push"))
         duration = number(duration, "the duration of a push", 0.0, _LONGEST_PUSH)
@@ -376,11 +349,7 @@ class Plant:
         self.forward()
 
     def grip(self, contact: str, held: bool) -> None:
-        """Hold the link of a fixed contact at its present placement, or release it.
-
-        Raises:
-            InputRefused: if the contact is unknown.
-        """
+        """Hold the link of a fixed contact at its present placement, or release it."""
         if contact not in self._grips:
             raise InputRefused(
                 f"a grip at {contact!r}: unknown fixed contact; {valid_choices(contact, list(self._grips))}"
@@ -394,11 +363,7 @@ class Plant:
         self.forward()
 
     def set_state(self, q: npt.ArrayLike, v: npt.ArrayLike) -> None:
-        """Set q, (nq,), and v, (nv,); time, torques, pushes and hoist do not change.
-
-        Raises:
-            InputRefused: if a size is wrong or a value is not finite.
-        """
+        """Set q, (nq,), and v, (nv,); time, torques, pushes and hoist do not change."""
         q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
         if q.shape != (self._robot.nq,) or v.shape != (self._robot.nv,):
             expected = f"({self._robot.nq},) and ({self._robot.nv},)"
@@ -428,17 +393,13 @@ class Plant:
             self.data.qvel[3:6] = v[3:6]
 
     def forward(self) -> None:
-        """Recompute accelerations and contact forces without stepping."""
+        """Recompute accelerations and contact forces."""
         mujoco.mj_fwdPosition(self.model, self.data)
         mujoco.mj_fwdVelocity(self.model, self.data)
         self._respond()
 
     def step(self) -> None:
-        """Simulate one step.
-
-        Raises:
-            WbcError: if the simulation has diverged.
-        """
+        """Simulate one step; raises WbcError if the simulation diverges."""
         if self._stale:
             self._respond()
         mujoco.mj_implicit(self.model, self.data)
@@ -453,7 +414,6 @@ class Plant:
             raise WbcError(f"the physics diverged at {self.time:.3f} s; reduce mock.step")
 
     def _respond(self) -> None:
-        """Compute the accelerations from the present forces."""
         self.data.xfrc_applied[:] = 0.0
         for push in self._pushes:
             arm = self._placement(push.at).translation - self.data.xipos[push.at.id]

@@ -1,7 +1,7 @@
 """Collision shapes of the URDF that touch the floor of the mock robot.
 
-Primitives are used directly, meshes as convex hulls. A sole becomes balls at the corners of its outline, a round tip
-one ball, a wheel a thin rim; the rest of a hull remains a mesh.
+Meshes become convex hulls. A sole becomes balls at the corners of its outline, a round tip one ball, a wheel a thin
+rim.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,11 +24,11 @@ from wbc_controller.records import Array
 CORNER_RADIUS = 0.001
 #: Half thickness of a wheel's rim, m.
 RIM_RADIUS = 0.001
-#: Unevenness of a flat sole, m. As a hull it would rock: MuJoCo uses three contact points per mesh.
+#: Unevenness of a flat sole, m; its hull would rock.
 SOLE_DEPTH = 0.002
 #: Height of the tip to which a ball is fitted, m.
 TIP_DEPTH = 0.008
-#: Unevenness of a round tip, m. A faceted ball would jump from corner to corner.
+#: Unevenness of a round tip, m; its facets would jump.
 TIP_ERROR = 0.001
 #: Largest number of corners of a sole.
 MOST_CORNERS = 12
@@ -58,13 +58,10 @@ def read_shapes(
     """Read the collision shapes of a URDF; return them by Pinocchio joint.
 
     Args:
-        soles: outward normals of the soles of each joint, in its frame, (3,) each.
-        tips: downward direction of each joint with a point foot, in its frame, (3,).
-        wheels: placement of each wheel in its joint's frame, z along the axle.
+        soles: outward normals of soles, by joint, in its frame, (3,) each.
+        tips: downward direction of point feet, by joint, in its frame, (3,).
+        wheels: placement of wheels in the joint's frame, z along the axle.
         folder: folder of meshes with relative paths.
-
-    Raises:
-        ConfigurationError: if a mesh cannot be found or read.
     """
     by_joint: dict[int, list[pin.GeometryObject]] = {}
     for elements in read_collision_elements(model, model.urdf, "robot.urdf", folder).values():
@@ -114,7 +111,6 @@ def _wheel_rim(elements: Sequence[pin.GeometryObject], wheel: pin.SE3) -> Shape:
 
 
 def _distinct_normals(normals: Sequence[Array]) -> list[Array]:
-    """Return the normals without duplicates."""
     found: list[Array] = []
     for normal in normals:
         if all(normal @ other < _PARALLEL for other in found):
@@ -123,7 +119,6 @@ def _distinct_normals(normals: Sequence[Array]) -> list[Array]:
 
 
 def _primitive(element: pin.GeometryObject) -> Shape | None:
-    """Return the shape of an element; None for a mesh."""
     geometry, kinds = element.geometry, mujoco.mjtGeom
     match geometry:
         case coal.Sphere():
@@ -138,7 +133,6 @@ def _primitive(element: pin.GeometryObject) -> Shape | None:
 
 
 def _hull(points: Array) -> Array:
-    """Return the vertices of the convex hull, (n, 3); all points without volume."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:
@@ -146,10 +140,7 @@ def _hull(points: Array) -> Array:
 
 
 def _split_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], Array]:
-    """Split a hull into balls at the corners of its sole, if any, and the vertices behind it.
-
-    `lowest` is the reach of the link's sole along its outward normal, m.
-    """
+    """Split a hull into balls at the corners of its sole, if any, and the vertices behind it."""
     depth = lowest - hull @ normal
     low = depth < SOLE_DEPTH
     flat = hull[low] + np.outer(depth[low], normal)

@@ -24,12 +24,7 @@ _LONGEST_RUN = 86_400.0
 
 
 class Simulation:
-    """Standing robot in MuJoCo with its active controller; its time starts after the torque ramp.
-
-    Attributes:
-        plant: physics with a free base.
-        result: result of the last cycle.
-    """
+    """Standing robot in MuJoCo with its active controller; its time starts after the torque ramp."""
 
     result: CycleResult
 
@@ -42,11 +37,7 @@ class Simulation:
         limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
         preflight: bool = True,
     ) -> None:
-        """Build robot, controller and physics in the nominal posture; arguments as for `load` and `Controller`.
-
-        Raises:
-            ConfigurationError: if the robot cannot be controlled or simulated.
-        """
+        """Build robot, controller and physics in the nominal posture; arguments as for `load` and `Controller`."""
         config = load(config).replace({"safety.activation_ramp": 0.0})
         self.controller = Controller(config, tasks=tasks, contacts=contacts, limits=limits, preflight=preflight)
         self.reset()
@@ -69,9 +60,8 @@ class Simulation:
         """Simulate for a time, s; return the results of the cycles. `each` is called after every cycle.
 
         Raises:
-            InputRefused: if the time is negative, or longer than a day.
             NoSolution: if a cycle has no solution, or the controller is not active.
-            WbcError: if the physics has diverged.
+            WbcError: if the physics diverges.
         """
         results = []
         for _ in range(round(number(seconds, "seconds", 0.0, _LONGEST_RUN) / self.controller.period)):

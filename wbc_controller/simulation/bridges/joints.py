@@ -23,18 +23,15 @@ def state_from_joints(
     base_linear_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
     base_angular_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
 ) -> tuple[Array, Array]:
-    """Assemble Pinocchio's q, (nq,), and v, (nv,), from joints by name and the pose and twist of a floating base.
+    """Return Pinocchio's q, (nq,), and v, (nv,), from joints by name and the pose and twist of a floating base.
 
     Args:
-        positions: of every joint in ``robot.joints``, rad (m for prismatic joints); others are ignored.
-        velocities: of the same joints, rad/s (m/s); default zero.
-        base_position: of the base link's origin in the world, (3,) in m.
-        base_quaternion: orientation of the base link in the world, (x, y, z, w).
-        base_linear_velocity: of its origin in base axes, (3,) in m/s (REP 105).
+        positions: of every joint in ``robot.joints``, rad (m); others are ignored.
+        velocities: rad/s (m/s); default zero.
+        base_position: of the base link in the world, (3,) in m.
+        base_quaternion: of the base link in the world, (x, y, z, w).
+        base_linear_velocity: in base axes, (3,) in m/s (REP 105).
         base_angular_velocity: in base axes, (3,) in rad/s.
-
-    Raises:
-        InputRefused: if a joint is missing, or a value is not finite.
     """
     if not isinstance(model, RobotModel):
         raise InputRefused(f"model is {reprlib.repr(model)}; it must be a RobotModel, such as controller.model")

@@ -17,20 +17,12 @@ _FREE = 0
 class MujocoInterface:
     """Reads a robot's state from MuJoCo's ``qpos, qvel``, and writes its torques as generalized forces.
 
-    Joints are found by name, so that the scene may contain other objects. Conventions of a floating base are converted:
-
-    - quaternions: MuJoCo (w, x, y, z), Pinocchio (x, y, z, w);
-    - linear velocity: MuJoCo in world axes, Pinocchio in base axes; the angular velocity is in base axes in both.
-
-    The base body must have the frame of the URDF's root link.
+    Joints are found by name. Quaternions are converted from (w, x, y, z) to (x, y, z, w), and the base's linear
+    velocity from world to base axes. The base body must have the frame of the URDF's root link.
     """
 
     def __init__(self, model: RobotModel, mujoco_model: Any) -> None:
-        """Find the joints of ``robot.joints`` by name in an ``mujoco.MjModel``.
-
-        Raises:
-            ConfigurationError: if a joint is missing, or a floating base has no free joint.
-        """
+        """Find the joints of ``robot.joints`` by name in an ``mujoco.MjModel``."""
         if not isinstance(model, RobotModel) or not hasattr(mujoco_model, "jnt_qposadr"):
             raise ConfigurationError(
                 "expected a RobotModel, such as controller.model, and a mujoco.MjModel, "
@@ -69,11 +61,7 @@ class MujocoInterface:
         return model.state(*joints, pose, twist)
 
     def place(self, data: Any, q: Array, v: Array | None = None) -> None:
-        """Write q, (nq,), and v, (nv,) (default zero), into an ``mujoco.MjData``.
-
-        Raises:
-            InputRefused: if a value is not finite, or an array has a wrong shape.
-        """
+        """Write q, (nq,), and v, (nv,) (default zero), into an ``mujoco.MjData``."""
         model = self._model
         q = finite(sized(q, model.nq, "q"), "q")
         v = np.zeros(model.nv) if v is None else finite(sized(v, model.nv, "v"), "v")
@@ -84,10 +72,6 @@ class MujocoInterface:
             data.qvel[self._base_dof : self._base_dof + 6] = np.concatenate([rotation @ v[:3], v[3:6]])
 
     def apply(self, data: Any, tau: Array) -> None:
-        """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is unchanged.
-
-        Raises:
-            InputRefused: if a value is not finite, or the array has a wrong shape.
-        """
+        """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is unchanged."""
         tau = finite(sized(tau, self._model.na, "tau"), "tau")
         data.qfrc_applied[self._dof] = self._model.actuation.at_joints(tau)

@@ -28,11 +28,7 @@ COMMON = ("start", "duration", "seed")
 
 
 def read_faults(text: str, source: str, *, script: bool = False) -> list[Fault]:
-    """Read one fault, or a list of faults.
-
-    Entries of a script have ``at``, the simulated time in s, instead of ``start``. Raises ConfigurationError with the
-    invalid value and the valid ones.
-    """
+    """Read one fault, or a list; entries of a script have ``at``, the simulated time in s, instead of ``start``."""
     content = read_yaml(text, source)
     entries = content if isinstance(content, list) else [content]
     if len(entries) > _MOST:
@@ -62,7 +58,6 @@ def _read(entry: Any, source: str, script: bool) -> Fault:
 
 
 def _explain(problem: Any, name: str) -> str:
-    """Describe one mistake: key, value, valid values."""
     key = ".".join(map(str, problem["loc"]))
     if problem["type"] == "extra_forbidden":
         return f"{name}: unknown key {key!r}; {valid_choices(key, KINDS[name].model_fields)}"
@@ -100,7 +95,6 @@ def valid_range(field: FieldInfo) -> str:
 
 
 def _limits(field: FieldInfo) -> tuple[float, float] | None:
-    """Return the range of a number."""
     found: dict[str, float] = {}
     for metadata in field.metadata:
         for end, name in (("low", "ge"), ("low", "gt"), ("high", "le"), ("high", "lt")):

@@ -30,21 +30,13 @@ class QueuedMessage(NamedTuple):
 
 @dataclass(slots=True)
 class Effect:
-    """Effect of a fault.
+    """Effect of a fault."""
 
-    Attributes:
-        measured: changes a measurement.
-        posted: by stream, maps a message to the messages that are delivered.
-        torques: changes the commanded torques, (na,) in N·m.
-        each_period: called once per control period, before the physics.
-        ended: called at the end, and again each period while it returns False.
-    """
-
-    measured: Callable[[Measurement], None] | None = None
+    measured: Callable[[Measurement], None] | None = None  # changes a measurement
     posted: dict[str, Callable[[QueuedMessage], list[QueuedMessage]]] | None = None
-    torques: Callable[[Array], Array] | None = None
-    each_period: Callable[[], None] | None = None
-    ended: Callable[[], bool | None] = lambda: True
+    torques: Callable[[Array], Array] | None = None  # changes commanded torques, (na,) in N·m
+    each_period: Callable[[], None] | None = None  # before the physics
+    ended: Callable[[], bool | None] = lambda: True  # at the end, and again while it returns False
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +81,7 @@ class Fault(Section):
         return re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     def check(self, robot: RobotModel, contacts: Sequence[str]) -> None:
-        """Check the parameters against a robot and its contacts.
-
-        Raises:
-            InputRefused: if a name is unknown.
-        """
+        """Check the parameters against a robot and its contacts; raises InputRefused."""
 
     def begin(self, context: FaultContext) -> Effect:
         """Start the fault and return its effect."""
@@ -155,7 +143,6 @@ class TorqueFault(Fault):
         return Effect(torques=lambda tau: self._change(tau, context, state))
 
     def _start(self, context: FaultContext) -> Any:
-        """Return constant random values, or storage for earlier values."""
         return {}
 
     def _change(self, tau: Array, context: FaultContext, state: Any) -> Array:

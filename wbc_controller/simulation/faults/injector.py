@@ -20,10 +20,7 @@ _SAME = 1e-9
 
 
 class Injector:
-    """Plans faults, and applies active ones to measurements, messages and torques.
-
-    `busy` is False if no fault is planned or active and no message is queued; the injector can then be bypassed.
-    """
+    """Plans faults, and applies active ones to measurements, messages and torques; may be bypassed if not `busy`."""
 
     def __init__(self, robot: RobotModel, plant: Plant, period: float) -> None:
         self.busy = False
@@ -36,11 +33,7 @@ class Injector:
         self._count = itertools.count()  # keeps the order of simultaneous messages
 
     def plan(self, faults: Sequence[Fault], since: float) -> None:
-        """Plan all faults, or none; their starts count from the simulated time `since`, s.
-
-        Raises:
-            InputRefused: if a parameter does not fit the robot, or faults are too many.
-        """
+        """Plan all faults, or none (InputRefused); their starts count from the simulated time `since`, s."""
         if len(self._planned) + len(self._acting) + len(faults) > MOST:
             raise InputRefused(f"{len(faults)} more faults are too many; at most {MOST} may be planned or active")
         for fault in faults:
@@ -85,7 +78,7 @@ class Injector:
                 effect.measured(measured)
 
     def deliver(self, stream: str, taken: int, payload: bytes | None) -> list[QueuedMessage]:
-        """Queue a message of a stream, if any, and return due messages; `true_time` of its content is in ns."""
+        """Queue a message of a stream, if any, and return due messages."""
         now = self._plant.time
         queued = [QueuedMessage(now, taken, payload)] if payload is not None else []
         for _, effect in self._acting:

@@ -198,7 +198,6 @@ def _push(context: FaultContext, link: str, force: Array, duration: float) -> No
 
 
 def _add_masses(plant: Plant, masses: Array) -> Effect:
-    """Add masses to the bodies, (nbody,) in kg, with proportional inertias."""
     model = plant.model
     mass, inertia = model.body_mass.copy(), model.body_inertia.copy()
     factors = np.divide(masses, mass, out=np.zeros_like(mass), where=mass > 0.0)
