@@ -52,9 +52,7 @@ def store_state(
     memory: AuditMemory, v: StridedVector, com_velocity: StridedVector, com_jacobian: StridedMatrix,
     com_drift: StridedVector, v_dot: StridedVector, solved: StridedVector, sent: StridedVector,
 ) -> bool:  # fmt: skip
-    """Store this state for the next step; return True if the torques of the solution were sent (`solved` and `sent` are
-    equal).
-    """
+    """Store this state for the next step; return True if `sent` are the torques `solved` by the QP."""
     na, nv = memory.S.shape
     if not (len(v) == len(v_dot) == com_jacobian.shape[1] == nv and len(solved) == len(sent) == na):
         raise ValueError("store_state: v, v_dot and com_jacobian must have nv columns, torques size na")
