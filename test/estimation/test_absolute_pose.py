@@ -1,4 +1,4 @@
-"""Absolute poses: where they take the estimate, what they observe, and what of them is left out."""
+"""Absolute poses: alignment, innovation, latency and outliers."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME, SPEED, Plana
 from wbc_controller.estimation.base_estimator import ImuSample
 
 PERIOD = 0.004
-#: The true pose of the base in the world of the poses: far off, turned, and on another height.
+#: True pose of the base in the world of the poses.
 THERE = np.array([3.0, -2.0, 0.5, 0.0, 0.0, np.sin(1.0), np.cos(1.0)])
 
 
 class Still:
-    """Go2, which stands still, and its estimator."""
+    """Standing Go2 and its estimator."""
 
     def __init__(self, robot_of, changed, **changes):
         settings, self.model = robot_of("go2")
@@ -29,7 +29,7 @@ class Still:
         self.time, self.contacts, self.refused = 0.0, list(contacts), []
 
     def run(self, seconds, pose=None, *, every=0.05, late=0.0, controlled=False):
-        """Let time pass, with poses that say so, every so often."""
+        """Advance the time, with a pose every `every` seconds."""
         for i in range(round(seconds / PERIOD)):
             self.time += PERIOD
             sample = ImuSample(self.time, np.zeros(3), np.array([0.0, 0.0, 9.81]))
@@ -56,7 +56,7 @@ def still(robot_of, changed):
 
 @pytest.fixture
 def standing(still):
-    """One whose world is that of the poses."""
+    """Estimator with a world defined by poses."""
     return still().run(0.2).run(AGREEMENT_TIME + 0.2, THERE)
 
 
@@ -78,7 +78,7 @@ def test_the_world_is_that_of_the_poses_once_they_have_agreed(still):
     assert estimator.waits_for == ""
     np.testing.assert_allclose(estimator.base[0], THERE, atol=1e-6)
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-6)
-    np.testing.assert_allclose(estimator.odometry[0], own, atol=1e-6)  # which no pose moves
+    np.testing.assert_allclose(estimator.odometry[0], own, atol=1e-6)  # not moved by poses
     back = estimator.poses.odometry.inverse()
     np.testing.assert_allclose(back.point(*own[:3]), THERE[:3], atol=1e-6)
     np.testing.assert_allclose(back.pose[3:], THERE[3:], atol=1e-6)
@@ -101,7 +101,7 @@ def test_poses_that_tilt_do_not_tilt_the_robot(still):
 
 
 def test_what_a_pose_observes_is_its_derivative_by_the_error(still):
-    """z = -H ξ: of X = exp(-ξ) X̂ the frame is seen; by finite differences, far from the origin and turned."""
+    """z = -H ξ for X = exp(-ξ) X̂, by finite differences, far from the origin and rotated."""
     robot = still(pose_frame="FL_calf").run(0.2)
     poses, found, estimator = robot.estimator.poses, robot.estimator.filter, robot.estimator
     turned = pin.exp3(np.array([0.0, 0.0, 2.0]))
@@ -168,7 +168,7 @@ def test_a_small_correction_comes_in_without_a_jump(standing):
         standing.run(PERIOD, off, every=PERIOD)
         path.append(standing.place)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    assert steps.max() <= 1.5 * SPEED * PERIOD  # it follows the filter, which creeps itself
+    assert steps.max() <= 1.5 * SPEED * PERIOD  # follows the creeping filter
     np.testing.assert_allclose(path[-1], off[:3], atol=1e-3)
     np.testing.assert_allclose(estimator.odometry[0], odometry, atol=1e-3)
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-3)
@@ -177,7 +177,7 @@ def test_a_small_correction_comes_in_without_a_jump(standing):
 
 
 def test_poses_that_come_late_do_not_correct_twice(standing):
-    """Ten of them are on their way while the first corrects: each is compared with the estimate as it is by then."""
+    """Ten poses are in transit during the first correction; each uses the estimate at its arrival."""
     standing.run(3.0, beside(THERE, x=0.008), every=0.02, late=0.2)
     far = []
     for _ in range(50):
@@ -194,8 +194,8 @@ def test_under_control_the_world_is_not_moved_to_poses_that_contradict(standing)
     assert "the pose contradicts the estimate by 0.300 m" in first
     assert after.startswith("poses have contradicted the estimate by 0.300 m and 0.000 rad for 1.0")
     assert "rejected while the controller is active" in after
-    assert "for 1.5 s" in standing.estimator.poses.values["pose/contradiction"]  # it is still so
-    standing.run(0.1, off)  # nobody holds it any more
+    assert "for 1.5 s" in standing.estimator.poses.values["pose/contradiction"]  # persists
+    standing.run(0.1, off)  # no longer under control
     np.testing.assert_allclose(standing.place, off[:3], atol=1e-6)
     assert standing.estimator.poses.contradiction == ""
     assert standing.estimator.poses.values["pose/world moved"] == "1 times"
@@ -230,7 +230,7 @@ def test_stamps_that_the_estimate_cannot_follow_are_refused(standing):
     ]
     taken = standing.estimator.poses.used
     standing.take([standing.pose(THERE, standing.time + 0.02)])
-    assert standing.estimator.poses.used == taken  # it waits for the IMU
+    assert standing.estimator.poses.used == taken  # waits for the IMU
     standing.run(0.03)
     assert standing.estimator.poses.used == taken + 1
 

@@ -1,4 +1,4 @@
-"""The base's estimate against the truth of the physics, on standing robots that move, are pushed, and slip."""
+"""Base estimate against the true state of standing robots that move, slip, and are pushed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROBOTS = ("g1", "talos", "go2")
 
 
 class Scene:
-    """A robot that is controlled by its true state, and an estimator beside it that sees its sensors alone."""
+    """Robot controlled by its true state, and an estimator with its sensors only."""
 
     def __init__(self, robot, noise=1.0, **changes):
         self.simulation = Simulation(robot, preflight=False)
@@ -28,7 +28,7 @@ class Scene:
         self.contacts, self.imu_frame = list(settings.contacts), settings.estimation.imu_frame or self.model.base_link
         self.noise, self.rng = noise, np.random.default_rng(0)
         self.biases = noise * 0.005 * self.rng.normal(size=3), noise * 0.05 * self.rng.normal(size=3)
-        self.joints = lambda q: q  # what the encoders make of the joints' positions
+        self.joints = lambda q: q  # encoder errors
         self.errors = []
 
     def sense(self):
@@ -47,7 +47,7 @@ class Scene:
             self.errors.append(self.error())
 
     def error(self):
-        """Position in m, orientation in rad, linear velocity in m/s, angular velocity in rad/s: (12,)."""
+        """Return errors of position, orientation, linear and angular velocity, (12,) in SI units."""
         (pose, twist), (q, v) = self.estimator.base, self.simulation.plant.state()
         turn = pin.log3(pin.Quaternion(q[3:7]).matrix().T @ pin.Quaternion(pose[3:]).matrix())
         return np.concatenate([pose[:3] - q[:3], turn, twist - v[:6]])
@@ -59,7 +59,7 @@ class Scene:
 
 @cache
 def ready(robot):
-    """Drawn once, as it takes seconds: a scene that has stood, swayed and been pushed, and its largest errors."""
+    """Cached scene after standing, swaying and a push, with its largest errors."""
     scene = Scene(robot)
     scene.run(0.7)
     com = scene.controller.dynamics.com.copy()
@@ -88,7 +88,7 @@ def test_the_biases_are_found_as_far_as_they_can_be_seen():
     np.testing.assert_allclose(found.gyroscope_bias, scene.biases[0], atol=5e-4)
     assert found.accelerometer_bias[2] == pytest.approx(scene.biases[1][2], abs=0.01)
     deviation = np.sqrt(np.diag(found.P))
-    assert deviation[2] > 5.0 * 1e-4  # nothing observes the heading: its deviation grows
+    assert deviation[2] > 5.0 * 1e-4  # unobservable heading
     assert (np.abs(found.gyroscope_bias - scene.biases[0]) < 5.0 * deviation[-6:-3]).all()
 
 
@@ -107,7 +107,7 @@ def test_a_foot_that_moves_is_left_out_and_the_base_stays_where_it_is():
     for _ in range(30):
         worst = scene.run(scene.controller.period)
         left_out.append(scene.estimator.slipping)
-    assert left_out == 21 * [("front_left_foot",)] + 9 * [()]  # and it is taken in again where it rests
+    assert left_out == 21 * [("front_left_foot",)] + 9 * [()]  # added again at rest
     assert worst[:3].max() < 0.002
     assert worst[6:9].max() < 0.03
 
@@ -144,7 +144,7 @@ LITTLE_CREEP = {"estimation.contact_noise": 1.0e-3}
 
 
 def standing(robot="g1", **changes):
-    """An estimator that has seen nothing, and the sensors of a robot that stands still."""
+    """Estimator without data, and the sensors of a robot at rest."""
     scene = Scene(robot, noise=0.0, **changes)
     q, v = np.array(scene.model.posture), np.zeros(scene.model.nj)
     return scene, ImuSample(0.0, np.zeros(3), np.array([0.0, 0.0, 9.81])), q, v
@@ -170,7 +170,7 @@ def test_it_begins_when_the_robot_has_stood_still_for_a_while():
     assert fed(scene, stream(sample, 60, 0.4), q, v) == ""
     pose, twist = scene.estimator.base
     np.testing.assert_allclose(pose[[0, 1, 3, 4, 5, 6]], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-9)
-    assert pose[2] == pytest.approx(scene.simulation.plant.state()[0][2], abs=2e-3)  # its soles are on the ground
+    assert pose[2] == pytest.approx(scene.simulation.plant.state()[0][2], abs=2e-3)  # soles on the ground
     np.testing.assert_allclose(twist, 0.0, atol=1e-9)
 
 
@@ -191,7 +191,7 @@ def test_it_says_why_it_does_not_begin(changes, active_contacts, said):
 
 def test_standing_still_tells_no_bias_of_the_accelerometer_from_a_tilt():
     scene, sample, q, v = standing("go2")
-    fed(scene, stream(sample, 1300), q, v)  # 2 s after it has begun
+    fed(scene, stream(sample, 1300), q, v)  # 2 s after the start
     expected = scene.settings.estimation.accelerometer_bias / 9.81
     deviation = np.sqrt(np.diag(scene.estimator.filter.P))
     np.testing.assert_allclose(deviation[:2], expected, rtol=0.05)
@@ -201,7 +201,7 @@ def test_standing_still_tells_no_bias_of_the_accelerometer_from_a_tilt():
 def test_after_a_gap_in_the_imu_data_it_begins_anew():
     scene, sample, q, v = standing()
     fed(scene, stream(sample, 300), q, v)
-    assert fed(scene, stream(sample, 1, 0.598 + 0.02), q, v) == ""  # a short one is bridged
+    assert fed(scene, stream(sample, 1, 0.598 + 0.02), q, v) == ""  # short gaps are bridged
     assert "the IMU was silent for 0.200 s" in fed(scene, stream(sample, 1, 0.618 + 0.2), q, v)
     assert scene.estimator.filter is None
     assert fed(scene, stream(sample, 300, 1.0), q, v) == ""
@@ -217,7 +217,7 @@ def test_samples_that_are_not_newer_change_nothing():
 
 
 def test_the_imu_may_be_on_another_link():
-    """G1's hand, moved by the waist: gravity tells the hand's tilt, and the joints that of the base."""
+    """IMU on G1's hand: gravity gives the tilt of the hand, the joints that of the base."""
     scene = Scene("g1", noise=0.0, **{"estimation.imu_frame": "left_rubber_hand"})
     model, waist = scene.model, scene.model.joints.index("waist_pitch_joint")
     q, v = np.array(model.posture), np.zeros(model.nj)
@@ -244,7 +244,7 @@ def test_the_imu_may_be_on_another_link():
 
 
 def test_the_covariance_of_the_base_is_that_of_the_filter_moved_by_its_errors():
-    scene = Scene("talos")  # whose IMU is neither at the base's origin nor in its axes
+    scene = Scene("talos")  # IMU with offset and rotation
     scene.run(0.8)
     running, found = scene.estimator._running, scene.estimator.filter
     running._interval = np.inf  # without the noise of the last sample
@@ -254,7 +254,7 @@ def test_the_covariance_of_the_base_is_that_of_the_filter_moved_by_its_errors():
     before, step = {name: np.copy(getattr(found, name)) for name in ("rotation", "columns", "gyroscope_bias")}, 1e-7
 
     def moved(error):
-        """Pose and twist of the base where the errors (ξ_R, ξ_v, ξ_p, δb_g) have been added: X̂ = exp(ξ) X."""
+        """Return pose and twist of the base with added errors (ξ_R, ξ_v, ξ_p, δb_g): X̂ = exp(ξ) X."""
         turn = pin.exp3(error[:3])
         found.rotation = turn @ before["rotation"]
         found.columns = turn @ before["columns"]
@@ -293,7 +293,7 @@ def test_an_estimate_has_a_covariance_and_a_stamp_from_its_beginning_on():
 
 
 def test_late_poses_take_away_what_drifts():
-    """Go2 sways on creeping feet, its gyroscope's bias wrongly known; poses at 20 Hz, 0.1 s late, 2 mm and 0.2° off."""
+    """Go2 sways with creeping feet and a wrong gyroscope bias; poses at 20 Hz, 0.1 s late, noise 2 mm and 0.2°."""
     creep = {"estimation.contact_noise": 0.01}
     scene = Scene("go2", **{"estimation.absolute_pose": True, **creep})
     alone = Scene.__new__(Scene)
@@ -358,10 +358,10 @@ def test_a_foot_that_slides_beside_resting_ones_is_excluded_if_contacts_creep_li
 
 
 def test_errors_are_as_large_as_the_covariance_says_if_contacts_creep_little():
-    """Mean of the squared errors of the velocity by the covariance, with sensors of the default noise."""
+    """Mean normalized squared velocity error with sensors of the default noise."""
     known = load("g1").settings.estimation
     scene = Scene("g1", noise=1.0, **LITTLE_CREEP)
-    assert (known.gyroscope_noise, known.accelerometer_noise) == (2e-4, 2e-3)  # those of `Scene.sense`
+    assert (known.gyroscope_noise, known.accelerometer_noise) == (2e-4, 2e-3)  # as in `Scene.sense`
     scene.joints = lambda q: q + np.sqrt(known.joint_position_noise**2 - 5e-4**2) * scene.rng.normal(size=len(q))
     squares = []
 

@@ -1,4 +1,4 @@
-"""Velocities of the contacts in the estimate, against Pinocchio, and which contacts count."""
+"""Velocities of the contacts in the estimate against Pinocchio, and selection of contacts."""
 
 from __future__ import annotations
 

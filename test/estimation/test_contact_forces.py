@@ -1,4 +1,4 @@
-"""Contacts that carry nothing are found by torques and motion, and no others are."""
+"""Detection of unloaded contacts from torques and motion."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def forces():
 
 
 def check(forces, count=20, **missed):
-    """For a while, with forces that are this much off what was predicted."""
+    """Update with forces that differ from the prediction."""
     lacking = np.zeros(9)
     lacking[2], lacking[5] = missed.get("left", 0.0), missed.get("right", 0.0)
     for _ in range(count):

@@ -1,4 +1,4 @@
-"""The filter against the authors' own implementation, and against the definitions of what it computes."""
+"""The filter against the authors' implementation and against its definitions."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def correct(filter, names, positions, covariance):
 
 
 def test_it_is_that_of_the_authors():
-    """Theirs begins a point with the orientation before the correction of that step: so it is seen from there."""
+    """The authors' code adds a point with the orientation before the correction of that step."""
     filter, seen = made(), {}
     for step, (turning, force, active_contacts, positions, covariance) in enumerate(measurements()):
         filter.propagate(turning, force, PERIOD)
@@ -132,7 +132,7 @@ def error(filter, other):
 
 @pytest.mark.parametrize("direction", range(18))
 def test_the_covariance_goes_with_the_error(direction):
-    """An error along one direction of the covariance stays one along the direction that the covariance tells."""
+    """An error along one direction of the covariance follows the covariance."""
     size, still = 1e-6, ImuNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     truth, wrong = made(noise=still), made(noise=still)
     for filter in (truth, wrong):
@@ -189,7 +189,7 @@ def test_a_correction_of_the_world_turns_and_shifts_alone():
     np.testing.assert_allclose(found.accelerometer_bias, accelerometer)
     np.testing.assert_allclose(np.cross(found.gyroscope_bias - gyroscope, level), 0.0, atol=1e-12)
     after, before = np.linalg.eigvalsh(H @ found.P @ H.T), np.linalg.eigvalsh(H @ P @ H.T)
-    np.testing.assert_allclose(  # what is observed is known as after an update of its own
+    np.testing.assert_allclose(  # as after a separate update
         H @ found.P @ H.T, np.linalg.inv(np.linalg.inv(H @ P @ H.T) + np.linalg.inv(noise)), atol=1e-9
     )
     assert (after < before).all()

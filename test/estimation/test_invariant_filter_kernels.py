@@ -1,4 +1,4 @@
-"""Held against the same equations in NumPy, as matrices."""
+"""Kernels against the equations in NumPy."""
 
 import numpy as np
 import pytest

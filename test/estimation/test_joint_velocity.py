@@ -12,7 +12,7 @@ T = 0.004
 
 
 def fed(stamps, position):
-    """What the filter says of a motion, at each of the times, s."""
+    """Return the filter's velocities of a motion at times in s."""
     found = VelocityFilter(T)
     return np.array([found.update(round(1e9 * time), np.array([position(time)]))[0] for time in stamps])
 

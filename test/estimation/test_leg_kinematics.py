@@ -1,4 +1,4 @@
-"""Where the IMU sees the contact points, and how that changes with the joints."""
+"""Contact points relative to the IMU, their covariance and velocities."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_the_covariance_is_that_of_places_that_change_with_the_joints(robot_of, 
     expected = NOISE[0] ** 2 * J @ J.T + NOISE[1] ** 2 * np.eye(len(J))
     np.testing.assert_allclose(legs.contact_points(names).covariance, expected, atol=1e-7)
     start = 0
-    for name in names:  # each by itself is a part of all
+    for name in names:  # single contacts
         alone, end = legs.contact_points((name,)), start + len(legs.points[name])
         assert alone.names == legs.points[name] == legs.contact_points(names).names[start:end]
         np.testing.assert_array_equal(alone.positions, legs.contact_points(names).positions[start:end])

@@ -1,4 +1,4 @@
-"""What acts beside the model: the estimate and known friction, by their equations and on robots that lack them."""
+"""Disturbance observer and friction compensation, by their equations and on robots."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_free_part_does_what_the_force_does_on_the_contacts(seed, nv, rows, 
 
 
 def stood(robot="go2", **changes):
-    """A simulation that stands, without noise."""
+    """Return a standing simulation without noise."""
     return Simulation(robot, preflight=False) if not changes else Simulation(_changed(robot, changes), preflight=False)
 
 
@@ -70,7 +70,7 @@ def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
     fed(observer, model, 10.0 * missed, 5.0)
     assert observer.forces[knee] == pytest.approx(bound)
     assert observer.at_bound == ("FL_calf_joint",)
-    fed(observer, model, 0.0 * missed, 5.0)  # what the bound has cut off is forgotten within a few T, the rest in 25
+    fed(observer, model, 0.0 * missed, 5.0)  # the clamped part decays within a few T, the rest in 25
     rest = observer.forces[knee]
     assert 0.5 * bound < rest < bound
     assert observer.at_bound == ()
@@ -79,7 +79,7 @@ def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
 
 
 def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
-    """On the contacts the motion shows what a bound cuts off along other components too."""
+    """A clamped residual also appears along other components."""
     _, model = robot_of("go2")
     rng, nv, gap = np.random.default_rng(4), model.nv, 0.002
     A, J = rng.normal(size=(nv, nv)), rng.normal(size=(9, nv))
@@ -87,7 +87,7 @@ def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
     observer = DisturbanceObserver(model, DisturbanceLimits(time_constant=0.05, share=0.2))
     most = 0.2 * np.concatenate([np.full(6, np.inf), model.effort_limits])
     lacking = split_force(M, J, rng.normal(size=nv))[0]
-    lacking *= 1.2 * np.min(most / np.abs(lacking))  # one joint lacks more than its bound
+    lacking *= 1.2 * np.min(most / np.abs(lacking))  # one joint above its bound
     for _ in range(5000):
         seen = split_force(M, J, lacking - observer.forces)[0]
         observer.update(M, J, ("feet",), gap, gap * seen)
@@ -115,14 +115,14 @@ def test_what_is_summed_up_over_a_change_of_contacts_is_dropped(robot_of):
     _, model = robot_of("go2")
     observer = DisturbanceObserver(model, LIMITS)
     M, J = np.eye(model.nv), np.zeros((0, model.nv))
-    for contacts in (("a",), ("b",), ("a",), ("b",)):  # each for less than it is summed up
+    for contacts in (("a",), ("b",), ("a",), ("b",)):  # shorter than a sum
         observer.update(M, J, contacts, 0.004, np.ones(model.nv))
         observer.update(M, J, contacts, 0.004, np.ones(model.nv))
     assert not observer.forces.any()
 
 
 def estimated(model, *, rows=(), gap=0.002, sent=1.0, relaxed=(), growing=None):
-    """What is estimated of a velocity that grows, of which the program has predicted nothing, with M = I."""
+    """Return the estimate for a growing velocity without prediction, with M = I."""
     compensation, nv = ModelErrorCompensation(DisturbanceObserver(model, LIMITS), None, None, 0.002), model.nv
     tau, J = np.ones(model.na), np.eye(nv)[list(rows)]
     solution = SimpleNamespace(v_dot=np.zeros(nv), tau=tau, forces={"foot": None}, relaxed=relaxed)
@@ -163,7 +163,7 @@ def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_o
     M, J, v = 10.0 * np.eye(model.nv), np.zeros((0, model.nv)), np.zeros(model.nv)
     friction.update(M, J, (), v, 0.002, np.zeros(model.nv))
     assert not friction.forces.any()
-    for _ in range(200):  # it sticks, and the program wants 1 rad/s²
+    for _ in range(200):  # sticking joint, QP with 1 rad/s²
         friction.update(M, J, (), v, 0.002, np.full(model.nv, 0.002))
     assert friction.forces[index] == pytest.approx(-2.0, rel=0.01)
     assert np.count_nonzero(friction.forces) == 1
@@ -173,7 +173,7 @@ def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_o
     light = FrictionCompensation(model, {joint: 2.0}, {})
     v[index] = 0.02
     light.update(1e-3 * np.eye(model.nv), J, (), v, 0.002, None)
-    assert abs(light.forces[index]) < 0.02  # a light joint gets less: a sampled loop would drive it
+    assert abs(light.forces[index]) < 0.02  # reduced at a light joint
 
 
 def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
@@ -189,7 +189,7 @@ def test_what_is_not_asked_for_costs_nothing(robot_of):
 
 
 def lowered(simulation, depth=0.03):
-    """Squat, and say by how much the centre of mass is off then, m."""
+    """Squat, and return the error of the centre of mass, m."""
     com = simulation.controller.dynamics.com.copy()
     simulation.controller.follow("com", [0.6], [com - [0.0, 0.0, depth]])
     simulation.run(1.2)

@@ -1,4 +1,4 @@
-"""Sensors of the base against the legs: errors of axes and units are found and named, other differences are not."""
+"""Sensors of the base against the legs: detection of axis and unit errors."""
 
 import numpy as np
 import pinocchio as pin
@@ -14,14 +14,14 @@ QUARTER = pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2.0)
 
 
 def motion(time):
-    """A turn in rad and a displacement in m about and along all axes, (2, 3)."""
+    """Return a rotation in rad and a displacement in m along all axes, (2, 3)."""
     return np.array([[0.03, 0.02, 0.015], [0.01, 0.03, 0.02]]) * np.sin(
         time * np.array([[5.0, 8.0, 12.0], [6.0, 11.0, 15.0]])
     )
 
 
 def compared(C, *, world=None, noise=3.0e-4):
-    """Compare a motion with C times it; return the newest sentence, the time of the first in s, and the comparison."""
+    """Compare a motion a with C a; return the last message, the time of the first, s, and the comparison."""
     comparison, rng, first = AxesComparison(with_displacements=True), np.random.default_rng(0), None
     for time in np.arange(PERIOD, 2.0, PERIOD):
         a = motion(time)
@@ -57,7 +57,7 @@ def test_a_twist_in_the_axes_of_the_world_is_named():
 
 @pytest.mark.parametrize("C", [np.eye(3), np.zeros((3, 3)), 0.5 * np.eye(3), np.diag([1.0, 0.0, 1.0])])
 def test_agreement_and_contradictions_with_other_causes_are_not_reported(C):
-    """A robot on a hoist, soft ground, and a foot that slips about one axis."""
+    """Hoist, soft ground, and a foot slipping about one axis."""
     _, first, comparison = compared(C)
     assert first is None
     assert comparison.agreed == np.array_equal(C, np.eye(3))

@@ -1,4 +1,4 @@
-"""Robots with wrong axes or units of a sensor: the activation is refused, or the first motion damps and names it."""
+"""Robots with wrong axes or units of a sensor: refusal of the activation, or damping in the first motion."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def odometry_with_z_down(measured):
 
 
 def sway(robot, spoil, sensors):
-    """Activate a robot with a wrong sensor, let it down, and let it sway; return the refusal or the fault, or None."""
+    """Activate, lower and sway a robot with a wrong sensor; return the refusal or fault, or None."""
 
     class Spoiled(MeasurementFault):
         def _distort(self, measured, context, state):

@@ -1,4 +1,4 @@
-"""The guard's decisions: silent while it should be, damping in time, never a torque that a robot should not get."""
+"""Decisions of the guard: silence, timely damping, bounded torques."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ SPEED = np.array([1.0, -0.5, 0.2])
 
 
 class Rig:
-    """A guard in time, with what it hears; every period it is asked, and what it says is kept."""
+    """Guard with inputs in simulated time; records its torques."""
 
     def __init__(self, **changes):
         self.guard = Guard(dataclasses.replace(LIMITS, **changes))
@@ -49,7 +49,7 @@ class Rig:
         return self.sent[-1]
 
     def run(self, duration, *, states=True, commands=False, velocity=SPEED, torques=HOLDING, mode=Mode.ACTIVE):
-        """Let time pass in periods: a state, an answer, a decision."""
+        """Advance in periods: state, command, decision."""
         for _ in range(round(duration / PERIOD)):
             self.now += PERIOD
             if states:
@@ -68,7 +68,7 @@ def test_it_is_silent_while_commands_flow():
 
 def test_it_is_silent_before_the_first_command_ever():
     rig = Rig()
-    rig.hear(mode=Mode.ACTIVE)  # as latched by a controller that is dead
+    rig.hear(mode=Mode.ACTIVE)  # latched mode of a dead controller
     assert set(rig.run(1.0)) == {None}
     assert rig.guard.mode is GuardMode.IDLE
 
@@ -185,13 +185,13 @@ def test_the_torque_rate_is_per_second_however_often_it_is_asked(often):
     rig.state(np.zeros(3))
     rig.now += PATIENCE
     last = rig.step()
-    np.testing.assert_allclose(last, HOLDING + towards * PERIOD)  # from the last command on
+    np.testing.assert_allclose(last, HOLDING + towards * PERIOD)  # from the last command
     for _ in range(3 * often):
         rig.now += PERIOD / often
         tau = rig.step()
         np.testing.assert_allclose(tau, last + towards * PERIOD / often)
         last = tau
-    rig.now += 10.0 * PERIOD  # late: no more than one period's worth
+    rig.now += 10.0 * PERIOD  # late: at most one period
     np.testing.assert_allclose(rig.step(), last + towards * PERIOD)
     last = rig.sent[-1]
     rig.now -= 1e-3  # the clock went back: no change
@@ -213,7 +213,7 @@ events = st.lists(
 @settings(max_examples=200, deadline=None)
 @given(events, st.booleans())
 def test_whatever_happens(history, triggered):
-    """Finite, bounded, without jumps; never right after a command; always silent in the end, at zero."""
+    """Torques are finite, bounded and without jumps, and end at zero."""
     rig = Rig(triggered=triggered)
     before = None
     for what, pause, values, mode in history:

@@ -1,4 +1,4 @@
-"""States that no robot has, falls, and budgets over time: what the supervisor makes of them."""
+"""Implausible states, falls and time budgets of the supervisor."""
 
 import dataclasses
 import re
@@ -21,7 +21,7 @@ NOTHING = NoSolution("nothing", "infeasible", None)
 
 
 class Body:
-    """A robot that moves as its velocities say, and a supervisor that sees it through `sensed`."""
+    """Robot that integrates its velocities, and a supervisor with the sensor `sensed`."""
 
     def __init__(self, settings, model, **changes):
         self.model = model
@@ -70,7 +70,7 @@ class Body:
 
 @pytest.fixture
 def body(robot_of):
-    """The function that makes a Go2, and lets some steps pass."""
+    """Return a factory of Go2 after some steps."""
 
     def make(steps=0, **changes):
         made = Body(*robot_of("go2"), **changes)
@@ -86,7 +86,7 @@ def joint(model, i):
 
 
 def test_the_torque_rate_is_per_second_however_often_the_states_come(body):
-    """Five states per period: the torques may still change by one period's worth per period."""
+    """Five states per period: the torque rate counts time."""
     robot = body(torque_rate=2.0)
     robot.step(5)
     before = robot.commands[-1].tau
@@ -137,14 +137,14 @@ def test_a_slope_and_turning_about_the_vertical_are_no_fall(body):
 
 
 def fold(robot, thigh=1.0, calf=-1.5):
-    """Let the legs fold, with the velocities of their joints in rad/s."""
+    """Fold the legs at joint velocities, rad/s."""
     for leg in range(4):
         robot.v[joint(robot.model, 3 * leg + 1)[1]] = thigh
         robot.v[joint(robot.model, 3 * leg + 2)[1]] = calf
 
 
 def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
-    """The legs fold; the floor stays where the feet are, and the base's own height does not count."""
+    """The legs fold; the height relative to the feet counts."""
     robot = body(steps=10)
     fold(robot)
     robot.v[2] = 0.3  # the base rises in the world, as on stairs
@@ -154,7 +154,7 @@ def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
             break
     robot.says("FALLEN", "above the lowest limb (limit 0.4 of the ", "safety.min_height")
     height, at_first = map(float, re.findall(r"(\d\.\d+) m ", robot.fault.sentence))
-    assert 0.36 < height / at_first < 0.4  # seen within 10 ms
+    assert 0.36 < height / at_first < 0.4  # detected within 10 ms
 
 
 def test_without_a_smallest_height_a_base_may_sink(body):
@@ -170,7 +170,7 @@ def test_without_a_smallest_height_a_base_may_sink(body):
 
 
 def test_where_the_limbs_are_hardly_below_the_base_its_height_does_not_count(body):
-    """It lies with its feet beside it: 5 cm less are nothing."""
+    """Lying robot: a height below the limit is not checked."""
     robot = body()
     for leg in range(4):
         robot.q[joint(robot.model, 3 * leg + 1)[0]] = 1.57
@@ -326,7 +326,7 @@ def test_relaxing_now_and_then_is_none(body):
 
 
 def test_noise_of_sensors_is_plausible(body):
-    """Encoders with 5e-3 rad, velocities with 0.2 rad/s, a base with 3 mm and 0.1 m/s: a minute at 500 Hz."""
+    """Noise of 5e-3 rad, 0.2 rad/s, 3 mm and 0.1 m/s for a minute at 500 Hz."""
     robot, rng = body(), np.random.default_rng(0)
     model = robot.model
 
@@ -380,7 +380,7 @@ def test_messages_that_are_lost_are_plausible(body):
         robot.step(dt=PERIOD * int(rng.integers(1, 10)))
     robot.v[robot.model.v_index] = -3.0
     robot.step()
-    robot.v[robot.model.v_index] = 3.0  # it turned back while nobody looked
+    robot.v[robot.model.v_index] = 3.0  # turned back during the gap
     robot.step(dt=0.3)
     robot.step(10)
     assert robot.mode is Mode.ACTIVE
@@ -421,7 +421,7 @@ def test_a_joint_that_jumps_is_named(body, jump):
 
 
 def test_what_has_led_to_a_fault_is_forgotten(body):
-    """The next state is plausible by itself, wherever the joint is now."""
+    """After an implausible velocity the next state is accepted."""
     robot = body()
     place, v = joint(robot.model, 4)
     robot.v[:] = 0.01

@@ -24,7 +24,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 class Watched:
-    """Two states of a free flyer with joints in any order and a follower, and what is remembered."""
+    """Two states of a free flyer with unordered joints and a follower, and the memory."""
 
     def __init__(self, seed, *, floating=True):
         rng = self.rng = np.random.default_rng(seed)
@@ -46,7 +46,7 @@ class Watched:
         return np.concatenate([turn, motion[6:]])
 
     def change(self):
-        """As Pinocchio has it."""
+        """Return Pinocchio's order."""
         joints = self.q[-N:] - self.before[-N:]
         if not self.floating:
             return joints
@@ -76,7 +76,7 @@ class Watched:
         return found
 
     def expect(self):
-        """What NumPy makes of it: what is found, mismatches, and what is stuck_motion."""
+        """Return findings, mismatch and stuck motion by NumPy."""
         fastest, tolerance, stuck_limit = self.limits
         x, u = self.mismatch, self.stuck_motion
         if not (np.abs(self.q) <= self.magnitude).all() or not (np.abs(self.v) <= fastest).all():
@@ -111,7 +111,7 @@ class Watched:
         found, mismatch, stuck_motion = self.expect()
         assert self.compare() == found
         np.testing.assert_allclose(self.mismatch, mismatch, rtol=1e-9, atol=1e-11)
-        joints = slice(-N, None)  # where the base's change is zero is a matter of rounding
+        joints = slice(-N, None)  # rounding decides on zeros of the base
         np.testing.assert_allclose(self.stuck_motion[joints], stuck_motion[joints], rtol=1e-9, atol=1e-11)
         return found
 

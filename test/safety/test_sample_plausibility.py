@@ -1,4 +1,4 @@
-"""Single samples: those that the robot cannot reach from the last one are rejected, and a sequence is a fault."""
+"""Rejection of unreachable samples, and the fault of consecutive rejections."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def go2(robot_of):
 
 @pytest.fixture
 def joints(go2):
-    """A check that has accepted the nominal posture at rest."""
+    """Check with the nominal posture at rest as the last sample."""
     model, limits = go2
     check = SampleCheck.of_joints(model, limits, measured=True)
     accept(check, DT, model.posture, np.zeros(model.nj))
@@ -63,7 +63,7 @@ def test_a_sequence_is_a_fault_with_topic_number_and_reason(joints):
     assert fault.code == "IMPLAUSIBLE_STATE"
     assert fault.sentence.startswith("/joint_states: 3 consecutive messages rejected: joint 'FL_thigh_joint' jumps")
     assert fault.sentence.endswith("(limit 0.2, safety.joint_mismatch)")
-    assert check.check(DT * 60, np.zeros(model.nj), np.zeros(model.nj)) == ""  # after 0.1 s it is a new start
+    assert check.check(DT * 60, np.zeros(model.nj), np.zeros(model.nj)) == ""  # restart after 0.1 s
     assert check.fault("/joint_states") is None
 
 

@@ -1,4 +1,4 @@
-"""Faults of the mock robot by topic and by script: what is measured and what arrives passes through them."""
+"""Faults of the mock robot by topic and by script."""
 
 import logging
 import threading

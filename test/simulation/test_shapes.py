@@ -1,4 +1,4 @@
-"""The mock robot touches the floor with the URDF's shapes, and so tells where the configuration is wrong."""
+"""The mock robot touches the floor with the URDF's shapes and reveals wrong configurations."""
 
 import logging
 
@@ -27,7 +27,7 @@ def talos(**feet):
 
 
 def stands(robot: wbc.Simulation, push: list[float]) -> bool:
-    """Whether it comes through a push with its soles within 2 cm of where they were."""
+    """Return True if the soles move by less than 2 cm during a push."""
     places = {name: robot.plant.foot_placement(name).translation for name in robot.plant.contacts}
     try:
         robot.run(0.1)
@@ -49,7 +49,7 @@ def test_on_a_floor_with_less_friction_than_configured_a_push_makes_it_slide():
 
 
 def test_a_sole_that_is_configured_at_the_ankle_is_that_high_above_the_floor():
-    """By 10.7 cm: as configured it would be on it."""
+    """The real sole is 10.7 cm away from the configured one."""
     ankles = {f"contacts.{side}_foot.frame": f"leg_{side}_6_link" for side in SIDES}
     config = wbc.load("talos").replace(ankles)
     plant = Plant(make_model(config.settings), config.settings)
@@ -87,7 +87,7 @@ def test_primitives_touch_as_they_are(shape, height):
 
 
 def test_a_mesh_stands_on_its_hull(tmp_path):
-    """A tetrahedron of 0.1 m, of which one face is down."""
+    """Return a tetrahedron of 0.1 m with one face down."""
     corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.02, 0.02, 0.1]]
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 3 1 4"]
     (tmp_path / "foot.obj").write_text("\n".join(lines))

@@ -1,4 +1,4 @@
-"""States and torques in a MuJoCo scene of a user's own, which holds other things too."""
+"""States and torques in a user's MuJoCo scene with other objects."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ A1 = Path(__file__).parents[3] / "examples" / "a1.yaml"
 
 @pytest.fixture(scope="module")
 def scene():
-    """Unitree A1 in a scene where a free ball comes first, so that no address is what one would guess."""
+    """Unitree A1 in a scene behind a free ball, which shifts all addresses."""
     model = wbc.Controller(A1).model
     spec = mujoco.MjSpec.from_string(model.urdf)
     ball = spec.worldbody.add_body(name="ball", pos=[2.0, 0.0, 1.0])

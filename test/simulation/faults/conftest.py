@@ -1,4 +1,4 @@
-"""A robot on a bench: its measurements, messages and torques pass through the faults, its physics only where asked."""
+"""Robot on a bench whose measurements, messages and torques pass through the faults."""
 
 from types import SimpleNamespace
 
@@ -12,7 +12,7 @@ from wbc_controller.simulation.plant import Plant
 
 
 class Bench:
-    """Go2 that hangs on its hoist, with its joints moving as they are told."""
+    """Go2 on its hoist with prescribed joint motion."""
 
     def __init__(self, model, settings) -> None:
         self.model = model
@@ -29,7 +29,7 @@ class Bench:
             self.plant.step()
 
     def run(self, periods: int, damping: float | None = None) -> None:
-        """Let faults and physics go on; with a damping, N·m·s/rad, in place of torques."""
+        """Advance faults and physics with damping, N·m·s/rad, in place of torques."""
         for _ in range(periods):
             self.faults.update()
             if damping is not None:
@@ -37,7 +37,7 @@ class Bench:
             self.pass_period()
 
     def measure(self):
-        """What is measured now, and what is true."""
+        """Return the measured and the true values."""
         stamp = self.plant.stamp + 1_000_000_000
         self.faults.update()
         measured, true = (measure(self.model, self.plant, stamp, self.model.base_link) for _ in range(2))
@@ -58,7 +58,7 @@ class Bench:
         return found
 
     def arrivals(self, stream: str, periods: int, *, messages: bool = True) -> list[list[int]]:
-        """Numbers of the messages that arrive in each period, of those that are sent one per period from 0 on."""
+        """Return the numbers of the messages that arrive in each period; one is sent per period."""
         arrived = []
         for number in range(periods):
             self.faults.update()

@@ -1,4 +1,4 @@
-"""Faults are read from YAML with sentences about mistakes, drawn within their ranges, and documented."""
+"""Reading of faults from YAML, messages on mistakes, random parameters, and documentation."""
 
 from pathlib import Path
 

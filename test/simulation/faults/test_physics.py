@@ -1,4 +1,4 @@
-"""Each fault of an actuator, or of the world, acts on the physics as it says, and ends."""
+"""Effects and ends of actuator and world faults."""
 
 from pathlib import Path
 
@@ -153,7 +153,7 @@ def test_the_centre_of_mass_of_the_base_is_off_in_the_physics(bench):
 
 
 def test_what_closes_loops_stays_where_it_is_when_masses_change():
-    """MuJoCo would place a connection anew, for the posture of its own zero."""
+    """MuJoCo would recompute the placement of connections."""
     link = '<body name="{}"><joint type="slide"/><geom size="0.1"/></body>'
     model = mujoco.MjModel.from_xml_string(
         f"<mujoco><worldbody>{link.format('a')}{link.format('b')}</worldbody>"

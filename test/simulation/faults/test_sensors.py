@@ -1,4 +1,4 @@
-"""Each fault of a sensor changes what is measured as it says, and nothing else."""
+"""Each sensor fault changes only its own measurements."""
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +18,7 @@ def column(found, quantity: str, joint: int):
 
 
 def changed(found) -> set[str]:
-    """What differs from the truth in any of the measurements."""
+    """Return the names of measurements that differ from the truth."""
     names = {
         name
         for each in found
@@ -35,7 +35,7 @@ def changed(found) -> set[str]:
     return names
 
 
-#: What each kind changes.
+#: Measurements changed by each kind.
 CHANGES = {
     kind: changed
     for kinds, changed in (
