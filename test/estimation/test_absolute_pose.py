@@ -85,7 +85,7 @@ def test_the_world_is_that_of_the_poses_once_they_have_agreed(still):
     assert robot.refused == []
 
 
-def test_a_first_pose_that_is_an_outlier_does_not_begin_the_world(still):
+def test_an_outlier_as_first_pose(still):
     robot = still().run(0.2)
     robot.take([robot.pose(beside(THERE, x=1.0))])
     robot.run(AGREEMENT_TIME + 0.2, THERE)
@@ -100,7 +100,7 @@ def test_poses_that_tilt_do_not_tilt_the_robot(still):
     assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(2.0, abs=0.01)
 
 
-def test_what_a_pose_observes_is_its_derivative_by_the_error(still):
+def test_innovation_jacobian(still):
     """z = -H ξ for X = exp(-ξ) X̂, by finite differences, far from the origin and rotated."""
     robot = still(pose_frame="FL_calf").run(0.2)
     poses, found, estimator = robot.estimator.poses, robot.estimator.filter, robot.estimator
@@ -124,7 +124,7 @@ def test_what_a_pose_observes_is_its_derivative_by_the_error(still):
     assert not H[:, 9:].any()
 
 
-def test_another_world_leaves_what_is_known_of_the_robot_as_it_is(standing):
+def test_a_move_of_the_world_preserves_the_estimate(standing):
     found, estimator = standing.estimator.filter, standing.estimator
     half = np.random.default_rng(1).normal(size=found.P.shape) * 1e-3
     found.P = half @ half.T
@@ -149,7 +149,7 @@ def test_moves_are_a_group():
     np.testing.assert_allclose(pin.Quaternion(a.pose[3:]).matrix(), a.rotation, atol=1e-15)
 
 
-def test_an_outlier_changes_nothing_and_is_said_once(standing):
+def test_an_outlier_is_rejected_and_reported_once(standing):
     before = standing.estimator.filter.columns.copy()
     standing.take([standing.pose(beside(THERE, x=1.0))])
     standing.take([standing.pose(beside(THERE, y=1.0), standing.time - 0.001)])
@@ -186,7 +186,7 @@ def test_poses_that_come_late_do_not_correct_twice(standing):
     np.testing.assert_allclose(far, 0.008, atol=1e-3)
 
 
-def test_under_control_the_world_is_not_moved_to_poses_that_contradict(standing):
+def test_no_relocalization_under_control(standing):
     off = beside(THERE, x=0.3)
     standing.run(AGREEMENT_TIME + 0.5, off, controlled=True)
     np.testing.assert_allclose(standing.place, THERE[:3], atol=2e-3)
@@ -221,7 +221,7 @@ def test_the_covariance_of_a_pose_counts_and_has_a_floor(standing):
     assert standing.estimator.filter.position[0] - THERE[0] < 0.01
 
 
-def test_stamps_that_the_estimate_cannot_follow_are_refused(standing):
+def test_old_and_future_stamps_are_refused(standing):
     standing.take([standing.pose(THERE, standing.time + 0.2)])
     standing.take([standing.pose(THERE, standing.time - 0.6)])
     assert standing.refused == [
@@ -235,7 +235,7 @@ def test_stamps_that_the_estimate_cannot_follow_are_refused(standing):
     assert standing.estimator.poses.used == taken + 1
 
 
-def test_between_two_estimates_it_is_between_them(standing):
+def test_interpolation_between_estimates(standing):
     first, second = list(standing.estimator.poses._past)[-2:]
     shifted = first._replace(position=first.position - [0.1, 0.0, 0.0])
     standing.estimator.poses._past[-2] = shifted

@@ -29,7 +29,7 @@ def reported(anchoring, positions):
     return positions @ anchoring.transform.rotation.T + np.array(anchoring.transform.translation)
 
 
-def test_points_that_hold_stay_where_they_are_while_the_world_drifts():
+def test_anchored_points_stay_while_the_filter_drifts():
     anchoring = Anchoring()
     for i in range(1000):
         now = i * PERIOD

@@ -73,7 +73,7 @@ def ready(robot):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_robot_that_moves_and_is_pushed_is_where_it_is_said_to_be(robot):
+def test_accuracy_during_motion_and_pushes(robot):
     scene, worst = ready(robot)
     assert worst[:2].max() < 0.005
     assert worst[2] < 0.003
@@ -92,7 +92,7 @@ def test_the_biases_are_found_as_far_as_they_can_be_seen():
     assert (np.abs(found.gyroscope_bias - scene.biases[0]) < 5.0 * deviation[-6:-3]).all()
 
 
-def test_a_foot_that_moves_is_left_out_and_the_base_stays_where_it_is():
+def test_a_moving_foot_is_excluded():
     scene = Scene("go2")
     scene.run(0.8)
     knee = scene.model.joints.index("FL_calf_joint")
@@ -183,13 +183,13 @@ def test_it_begins_when_the_robot_has_stood_still_for_a_while():
         ({}, (), "no usable contact is active"),
     ],
 )
-def test_it_says_why_it_does_not_begin(changes, active_contacts, said):
+def test_reasons_against_the_start(changes, active_contacts, said):
     scene, sample, q, v = standing()
     assert said in fed(scene, stream(sample, 300, **changes), q, v, active_contacts)
     assert scene.estimator.filter is None
 
 
-def test_standing_still_tells_no_bias_of_the_accelerometer_from_a_tilt():
+def test_tilt_and_accelerometer_bias_are_correlated_at_rest():
     scene, sample, q, v = standing("go2")
     fed(scene, stream(sample, 1300), q, v)  # 2 s after the start
     expected = scene.settings.estimation.accelerometer_bias / 9.81
@@ -243,7 +243,7 @@ def test_the_imu_may_be_on_another_link():
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-6)
 
 
-def test_the_covariance_of_the_base_is_that_of_the_filter_moved_by_its_errors():
+def test_covariance_of_the_base():
     scene = Scene("talos")  # IMU with offset and rotation
     scene.run(0.8)
     running, found = scene.estimator._running, scene.estimator.filter
@@ -281,7 +281,7 @@ def test_the_covariance_of_the_base_is_that_of_the_filter_moved_by_its_errors():
     assert np.linalg.eigvalsh(noisier).min() > -1e-12
 
 
-def test_an_estimate_has_a_covariance_and_a_stamp_from_its_beginning_on():
+def test_covariance_and_stamp_at_the_start():
     scene = Scene("go2")
     assert (scene.estimator.covariance, scene.estimator.stamp) == (None, -np.inf)
     scene.run(0.7)
@@ -292,7 +292,7 @@ def test_an_estimate_has_a_covariance_and_a_stamp_from_its_beginning_on():
     assert (scene.estimator.covariance, scene.estimator.stamp) == (None, -np.inf)
 
 
-def test_late_poses_take_away_what_drifts():
+def test_delayed_poses_correct_drift():
     """Go2 sways with creeping feet and a wrong gyroscope bias; poses at 20 Hz, 0.1 s late, noise 2 mm and 0.2°."""
     creep = {"estimation.contact_noise": 0.01}
     scene = Scene("go2", **{"estimation.absolute_pose": True, **creep})

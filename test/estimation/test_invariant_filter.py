@@ -35,9 +35,9 @@ START = _start()
 
 
 def measurements() -> Iterator[tuple[np.ndarray, np.ndarray, tuple[bool, ...], np.ndarray, np.ndarray]]:
-    """Of an IMU and three points that come and go, at random: no robot moves like that.
+    """Yield random measurements of an IMU and three intermittent points.
 
-    Gives angular velocity, specific force, which points hold, where they are seen (3, 3), and its covariance (3, 3).
+    Angular velocity, specific force, active points, their positions (3, 3), and covariance (3, 3).
     """
     rng = np.random.default_rng(11)
     up = -START[0].T @ GRAVITY
@@ -98,7 +98,7 @@ def correct(filter, names, positions, covariance):
     filter.correct(names, positions, np.kron(np.eye(len(names)), covariance))
 
 
-def test_it_is_that_of_the_authors():
+def test_equal_to_the_authors_implementation():
     """The authors' code adds a point with the orientation before the correction of that step."""
     filter, seen = made(), {}
     for step, (turning, force, active_contacts, positions, covariance) in enumerate(measurements()):
@@ -148,7 +148,7 @@ def test_the_covariance_goes_with_the_error(direction):
     np.testing.assert_allclose(np.outer(found, found), wrong.P, atol=2e-3 * size**2)
 
 
-def test_a_point_begins_where_it_is_seen_and_ends_without_a_trace():
+def test_adding_and_removing_points():
     filter = made()
     before, P = row(filter), np.array(filter.P)
     covariance = 1e-4 * np.diag([1.0, 2.0, 3.0])

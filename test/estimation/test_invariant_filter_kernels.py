@@ -13,7 +13,7 @@ NAMES = "abcdefgh"
 
 @settings(deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), points=st.integers(0, 8), kept=st.floats(0.0, 1.0))
-def test_it_is_what_numpy_makes_of_the_same_equations(seed, points, kept):
+def test_equal_to_numpy(seed, points, kept):
     rng = np.random.default_rng(seed)
     root, w = rng.normal(size=(15, 15)), rng.normal(size=3)
     begin = {
@@ -65,7 +65,7 @@ def still():
     return found
 
 
-def test_what_no_covariance_is_corrects_nothing():
+def test_indefinite_covariances_are_refused():
     filter = still()
     before = filter.P.copy()
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
@@ -74,7 +74,7 @@ def test_what_no_covariance_is_corrects_nothing():
 
 
 @pytest.mark.parametrize(("place", "noise"), [(np.nan, 1.0), (1.0, np.nan)])
-def test_what_is_not_finite_corrects_nothing(place, noise):
+def test_no_correction_by_non_finite_values(place, noise):
     filter = still()
     before = filter.P.copy()
     squares = filter.correct(["a"], np.full((1, 3), place), np.diag([1.0, noise, 1.0]))

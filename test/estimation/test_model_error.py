@@ -54,7 +54,7 @@ def fed(observer, model, missed, seconds, gap=0.002):
         observer.update(M, J, (), gap, gap * missed)
 
 
-def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
+def test_disturbance_time_constant_and_bound(robot_of):
     _, model = robot_of("go2")
     observer = DisturbanceObserver(model, LIMITS)
     knee = model.v_index[model.joints.index("FL_calf_joint")]
@@ -78,7 +78,7 @@ def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
     assert observer.forces[knee] == pytest.approx(rest * np.exp(-1.0), rel=0.02)
 
 
-def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
+def test_anti_windup(robot_of):
     """A clamped residual also appears along other components."""
     _, model = robot_of("go2")
     rng, nv, gap = np.random.default_rng(4), model.nv, 0.002
@@ -97,7 +97,7 @@ def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
     np.testing.assert_allclose(observer.forces, expected, atol=1e-3 * np.abs(expected).max())
 
 
-def test_switched_off_it_fades_and_rests(robot_of):
+def test_decay_after_switching_off(robot_of):
     _, model = robot_of("go2")
     observer = DisturbanceObserver(model, LIMITS)
     fed(observer, model, np.full(model.nv, 0.5), 0.2)
@@ -111,7 +111,7 @@ def test_switched_off_it_fades_and_rests(robot_of):
     assert 0.5 < 0.01 * len(steps) < 5.0
 
 
-def test_what_is_summed_up_over_a_change_of_contacts_is_dropped(robot_of):
+def test_sums_are_dropped_at_contact_changes(robot_of):
     _, model = robot_of("go2")
     observer = DisturbanceObserver(model, LIMITS)
     M, J = np.eye(model.nv), np.zeros((0, model.nv))
@@ -134,7 +134,7 @@ def estimated(model, *, rows=(), gap=0.002, sent=1.0, relaxed=(), growing=None):
     return compensation.observer.forces
 
 
-def test_only_what_moves_the_robot_on_its_contacts_is_taken_up(robot_of):
+def test_contact_forces_are_not_disturbances(robot_of):
     _, model = robot_of("go2")
     found = estimated(model, rows=[3, 7])
     np.testing.assert_allclose(found[[3, 7]], 0.0, atol=1e-6)
@@ -150,12 +150,12 @@ def test_torques_other_than_the_programs_count_as_they_were_sent(robot_of, sent)
 
 
 @pytest.mark.parametrize("reason", [{"gap": 0.008}, {"sent": None}, {"relaxed": ("limit",)}])
-def test_states_that_were_lost_and_torques_that_were_not_sent_tell_nothing(robot_of, reason):
+def test_no_estimate_after_dropped_states_or_without_torques(robot_of, reason):
     _, model = robot_of("go2")
     assert not estimated(model, **reason).any()
 
 
-def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_of):
+def test_friction_compensation_at_rest_and_in_motion(robot_of):
     _, model = robot_of("go2")
     joint = model.joints[3]
     index = model.v_index[3]
@@ -182,7 +182,7 @@ def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
         make_model_error(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model, {})
 
 
-def test_what_is_not_asked_for_costs_nothing(robot_of):
+def test_no_update_if_switched_off(robot_of):
     simulation = stood()
     simulation.run(0.02)
     assert simulation.result.solution.disturbance is None
@@ -196,7 +196,7 @@ def lowered(simulation, depth=0.03):
     return float(np.abs(simulation.controller.dynamics.com - com + [0.0, 0.0, depth]).max())
 
 
-def test_friction_that_nobody_knows_is_taken_up():
+def test_unknown_friction_is_estimated():
     errors = {}
     for on in ("never", "always"):
         simulation = stood(**{"mock.joint_friction": 1.0, "estimation.disturbance": on})
@@ -208,7 +208,7 @@ def test_friction_that_nobody_knows_is_taken_up():
     assert errors["never"] > 0.005
 
 
-def test_friction_that_is_known_is_made_up_for():
+def test_known_friction_is_compensated():
     known = {joint: {"dry": 2.0} for joint in stood().controller.model.joints}
     simulation = stood(**{"mock.joint_friction": 2.0, "robot.friction": known})
     assert lowered(simulation) < 0.003

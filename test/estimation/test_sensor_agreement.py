@@ -121,7 +121,7 @@ def test_turn_and_displacement_are_those_of_the_legs(legs, robot, monkeypatch):
     assert "in deg/s instead of rad/s" in said
 
 
-def test_legs_that_move_against_each_other_tell_nothing(legs, monkeypatch):
+def test_no_comparison_without_rigid_motion(legs, monkeypatch):
     kinematics, _, contacts = standing(legs, "g1")
     sensor, still = SensorAgreement(kinematics, "the sensor", with_displacements=True), kinematics.positions(contacts)
     for time in np.arange(0.0, 1.0, PERIOD):

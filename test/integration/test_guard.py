@@ -1,7 +1,6 @@
-"""Real processes: the controller stands still or is killed, and the guard damps the robot until another takes over.
+"""Real processes: the controller is stopped or killed, and the guard damps the robot until another takes over.
 
-A busy machine makes every process late, and lateness only adds. So what must be fast is done several times, and the
-fastest counts: by the guard's own record, and by what the user sees.
+A busy machine only adds delays, so that the fastest of several repetitions counts.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ def torques(user, key):
 
 
 def takeover_after(user, last):
-    """Time from the last command to the first torque that is not the controller's, s, as this process sees them.
+    """Return the time from the last command to the guard's first torque, s, observed by this process.
 
     The controller may have been stopped between the torques of a cycle and its command.
     """

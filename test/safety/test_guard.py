@@ -117,7 +117,7 @@ def test_a_controller_that_has_let_go_is_left_alone(mode):
     [(mode, HOLDING) for mode in (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT)]
     + [(mode, np.zeros(3)) for mode in (Mode.ACTIVE, Mode.HOLDING, Mode.DAMPING, None)],
 )
-def test_one_that_dies_on_its_way_to_zero_or_in_a_mode_that_goes_on_is_not(mode, torques):
+def test_death_during_a_ramp_to_zero_is_a_takeover(mode, torques):
     rig = Rig()
     rig.run(0.1, commands=True, torques=torques, mode=mode)
     assert rig.run(0.1)[-1] is not None
@@ -168,7 +168,7 @@ def test_with_stale_velocities_the_torques_sink_to_zero_and_rise_when_they_come_
     assert not rig.guard.velocity_is_stale(rig.now, rig.inputs)
 
 
-def test_a_last_command_that_no_robot_could_follow_is_not_started_from():
+def test_an_infeasible_last_command_is_not_continued():
     rig = Rig()
     rig.run(0.1, commands=True, torques=[np.nan, 1e9, 0.0])
     sent = [tau for tau in rig.run(0.1) if tau is not None]

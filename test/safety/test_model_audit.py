@@ -1,7 +1,7 @@
-"""The live audit on the mock robot: silent with the right model, and a named warning for each thing that is wrong.
+"""Live audit on the mock robot: silent with the right model, a warning for each error.
 
-Acceptance of the audit: the energy residual stays below 2 % of the mechanical power with the right model, and a wrong
-mass, a torque with the wrong sign and an unknown push are each named within a second.
+The energy residual stays below 2 % of the mechanical power. A wrong mass, a torque with the wrong sign and an unknown
+push are detected within a second.
 """
 
 import dataclasses

@@ -386,7 +386,7 @@ def test_messages_that_are_lost_are_plausible(body):
     assert robot.mode is Mode.ACTIVE
 
 
-def test_after_a_pause_a_joint_is_no_further_than_its_largest_velocity_leads(body):
+def test_reach_after_a_gap(body):
     robot = body(fall=None)
     robot.step(10)
     place = joint(robot.model, 4)[0]
@@ -534,7 +534,7 @@ def test_a_small_correction_of_the_odometry_is_plausible(body):
         (8, 1e200, "max_joint_speed"),
     ],
 )
-def test_velocities_that_no_robot_has_are_a_fault(body, place, value, key, sign):
+def test_velocities_out_of_range(body, place, value, key, sign):
     robot = body(steps=10)
 
     def absurd(q, v):
@@ -548,7 +548,7 @@ def test_velocities_that_no_robot_has_are_a_fault(body, place, value, key, sign)
 
 @pytest.mark.parametrize("value", [1e7, -1e200, np.inf, np.nan])
 @pytest.mark.parametrize("place", [0, 9])
-def test_positions_that_no_robot_has_are_a_fault_and_are_not_compared_with(body, place, value):
+def test_positions_out_of_range(body, place, value):
     robot = body(steps=10)
 
     def absurd(q, v):
@@ -571,7 +571,7 @@ def test_activation_is_refused_while_the_state_is_not_plausible(body):
         robot.supervisor.request("activate", robot.now, None)
 
 
-def test_a_velocity_that_no_joint_has_is_not_damped_and_the_others_are(body):
+def test_implausible_velocities_are_not_damped(body):
     robot = body()
     robot.step(100)
     robot.supervisor.request("damp", robot.now, None)

@@ -175,7 +175,7 @@ def test_every_finding_occurs_among_such_cases(bit):
 
 
 @pytest.mark.parametrize("what", ["nothing", "v", "v_before", "stuck_motion", "mismatch", "q", "sign"])
-def test_a_robot_rests_where_nothing_moves_and_nothing_is_left_to_be_compared(what):
+def test_rest_of_a_robot(what):
     case = Watched(1)
     case.before[-1] = 0.0
     case.q = case.before.copy()
@@ -193,7 +193,7 @@ def test_a_robot_rests_where_nothing_moves_and_nothing_is_left_to_be_compared(wh
     assert np.array_equal(case.mismatch, kept) == (what == "nothing")
 
 
-def test_where_a_quaternion_is_zero_the_change_is_not_a_number_and_fails():
+def test_a_zero_quaternion_fails():
     for which in ("before", "q"):
         case = Watched(2)
         getattr(case, which)[3:7] = 0.0

@@ -116,7 +116,7 @@ def test_every_request_in_every_mode(rig, where, word, result):
 
 
 @pytest.mark.parametrize("where", TABLE)
-def test_an_unknown_request_is_refused_with_the_one_that_was_meant(rig, where):
+def test_an_unknown_request_is_refused_with_a_suggestion(rig, where):
     bench = rig().bring(where)
     with pytest.raises(InputRefused, match=r"'actvate' is unknown; did you mean 'activate'\? Valid: activate, damp"):
         bench.request("actvate")
@@ -437,9 +437,7 @@ _cycles = st.lists(
     rate=st.sampled_from([1.0, 50.0, 1e5]),
     slow=st.sampled_from([0.0, 0.006]),
 )
-def test_whatever_happens_commands_are_bounded_and_modes_go_as_drawn(
-    rig_model, cycles, ramp, hold, damping, rate, slow
-):
+def test_commands_are_bounded_and_modes_follow_the_diagram(rig_model, cycles, ramp, hold, damping, rate, slow):
     bench = Rig(
         rig_model, activation_ramp=ramp, hold_time=hold, damping_time=damping, torque_rate=rate, torque_filter=slow
     )
@@ -510,7 +508,7 @@ def test_no_torque_beyond_what_the_motors_have_at_their_speeds(robot_of):
     assert rig.mode is Mode.ACTIVE
 
 
-def test_where_the_speeds_are_not_known_the_motors_count_as_standing(robot_of):
+def test_unknown_speeds_use_stall_torque(robot_of):
     na = robot_of("go2")[1].na
     rig = Rig(robot_of("go2")[1], torque_speed=TorqueSpeedCurve(np.full(na, 5.0), np.full(na, 15.0))).bring("active")
     for velocity in (None, np.nan, np.inf):

@@ -90,7 +90,7 @@ def test_of_commands_that_arrive_together_the_newest_acts(stand):
         assert robot.plant.applied_torques[0] == number
 
 
-def test_what_is_sent_is_told_with_the_true_time_of_what_it_tells(stand):
+def test_sent_reports_the_true_time(stand):
     robot, _ = stand
     sent = []
     robot.sent = lambda stream, taken: sent.append((stream, taken))
@@ -109,7 +109,7 @@ def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
 
 
 @pytest.mark.parametrize("kind", ["message_dropout", "stamp_zero", "command_loss"])
-def test_in_lockstep_faults_after_which_no_answer_comes_are_refused(go2, kind):
+def test_faults_incompatible_with_lockstep_are_refused(go2, kind):
     model, settings = go2
     robot = MockRobot(model, settings, MockPeer(MemoryBus(), settings).transport, lockstep=True)
     with pytest.raises(InputRefused, match=f"{kind}: not possible in lockstep"):

@@ -48,7 +48,7 @@ def test_on_a_floor_with_less_friction_than_configured_a_push_makes_it_slide():
     assert not stands(wbc.Simulation(talos().replace({"mock.friction": 0.07})), PUSH)
 
 
-def test_a_sole_that_is_configured_at_the_ankle_is_that_high_above_the_floor():
+def test_a_sole_configured_at_the_ankle():
     """The real sole is 10.7 cm away from the configured one."""
     ankles = {f"contacts.{side}_foot.frame": f"leg_{side}_6_link" for side in SIDES}
     config = wbc.load("talos").replace(ankles)
@@ -99,7 +99,7 @@ def test_a_mesh_stands_on_its_hull(tmp_path):
     assert plant.state()[0][2] == pytest.approx(0.1, abs=1e-4)
 
 
-def test_where_the_links_have_no_shape_the_log_says_so_and_the_configuration_holds(caplog):
+def test_links_without_shapes_use_the_configuration(caplog):
     with caplog.at_level(logging.WARNING):
         plant = made("")
     assert [record.message for record in caplog.records if "contacts sole have no collision element" in record.message]

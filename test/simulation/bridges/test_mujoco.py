@@ -36,7 +36,7 @@ def random_state(model, seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_is_placed_is_read_again_and_frames_and_their_velocities_are_the_same_in_both(scene, seed):
+def test_states_round_trip_and_frames_agree(scene, seed):
     """Positions, orientations and velocities of a link, by MuJoCo's own kinematics and by Pinocchio's."""
     interface = wbc.MujocoInterface(scene.model, scene.mujoco)
     q, v = random_state(scene.model, seed)

@@ -79,7 +79,7 @@ def test_an_entry_of_a_script_needs_its_time(text):
         ("{kind: floor_hole, contact: left}", "unknown contact 'left'.*front_left_foot"),
     ],
 )
-def test_a_name_that_the_robot_has_not_is_refused_when_it_is_planned_and_nothing_of_the_list_happens(bench, text, said):
+def test_unknown_names_are_refused_with_the_whole_list(bench, text, said):
     faults = [*read_faults("{kind: kick}", "x"), *read_faults(text, "x")]
     with pytest.raises(InputRefused, match=said):
         bench.faults.plan(faults, 0.0)
