@@ -57,8 +57,9 @@ def safety_table() -> str:
     rows = ["| Checked | Threshold | Response | Code |", "|---|---|---|---|"]
     for check in CHECKS:
         keys = ", ".join(f"`{key}`" for key in check.keys) or "fixed"
+        unit = f" ({check.unit})" if check.unit != "none" else ""
         code = f"`{check.code}`" if check.code else "none"
-        rows.append(f"| {check.name} | {keys} | {check.response} | {code} |")
+        rows.append(f"| {check.name} | {keys}{unit} | {check.response} | {code} |")
     return "\n".join(rows) + "\n"
 
 
