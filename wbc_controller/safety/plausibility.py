@@ -20,7 +20,7 @@ from wbc_controller.safety.plausibility_kernels import (
     StateMemory,
     compare,
 )
-from wbc_controller.safety.plausibility_kernels import MEMORY as MEMORY  # exported with the checks that it belongs to
+from wbc_controller.safety.plausibility_kernels import MEMORY as MEMORY  # re-exported
 
 #: Speed times time below which repeated values belong to a robot at rest, rad or m.
 REST = 1.0e-6

@@ -108,7 +108,7 @@ class Plant:
         self._imus: dict[str, _Body] = {}
         self._moved: dict[str, deque[Array]] = {}  # velocities in the world after each step of a period
         self._locks: dict[str, list[object]] = {}
-        self._unlocked: dict[str, tuple[bool, Any]] = {}  # limited, and range, of a joint without lock
+        self._unlocked: dict[str, tuple[bool, Any]] = {}  # limit flag and range without the lock
         self._stale = False
         start = self._initial_base(normal)
         self._fallen_height = self._lowest_base(start) if self.contacts else -math.inf

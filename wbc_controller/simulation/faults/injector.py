@@ -68,7 +68,7 @@ class Injector:
             if effect.each_period is not None:
                 effect.each_period()
         if changed:
-            self._plant.forward()  # of changed physics
+            self._plant.forward()  # changed physics
         self.busy = bool(self._planned or self._acting or any(self._waiting.values()))
 
     def distort(self, measured: Measurement) -> None:
