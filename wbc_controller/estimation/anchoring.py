@@ -1,12 +1,12 @@
 """World frame fixed to the feet, for robots with unobservable position and heading.
 
-The filter's world drifts, and references in it would push a robot off its feet. Therefore the base is reported in a
-frame F. Points in contact for `_CONTACT_TIME` get an anchor aᵢ in F. The transform from the filter's world, a rotation
-ψ about the vertical and a translation t, follows
+References in the drifting world of the filter would push a robot off its feet. Therefore the base is reported in a
+frame F, in which points get an anchor aᵢ after `_CONTACT_TIME`. The transform from the filter's world, a rotation ψ
+about the vertical and a translation t, follows
 
     min over ψ, t of  Σᵢ |R_z(ψ) dᵢ + t - aᵢ|²
 
-with a time constant, without jumps at touchdown, lift-off or slip. During walking F drifts with the filter.
+with a time constant, without jumps. During walking F drifts with the filter.
 """
 
 from __future__ import annotations

@@ -2,11 +2,9 @@
 
 Two sensors measure a and b = C a, (3,). C is 1, or with an error a rotation about one axis, a signed permutation, the
 rotation to the world, or the factor from rad to degrees. C explains the contradiction E(1) if E(C) is a small share of
-it, with means over the last second
+it, with means ⟨ ⟩ over a second
 
     E(C) = ⟨|b - C a|²⟩ = ⟨|b|²⟩ - 2 tr(Cᵀ ⟨b aᵀ⟩) + tr(C ⟨a aᵀ⟩ Cᵀ)
-
-Other contradictions have other causes, such as a slipping foot.
 """
 
 from __future__ import annotations

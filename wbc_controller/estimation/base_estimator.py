@@ -61,13 +61,12 @@ class ImuSample:
 class BaseEstimator:
     """Estimator of the base from an IMU and the active contacts, with an `InvariantFilter`.
 
-    It starts on a robot at rest: the mean specific force is gravity, the mean angular velocity the gyroscope's bias.
-    The world begins below the base with its heading. Position and heading drift (`anchoring`), unless absolute poses
-    define the world (`absolute_pose`).
+    At the start the robot rests: the mean specific force is gravity, the mean angular velocity the gyroscope's bias.
+    The world begins below the base with its heading, and drifts (`anchoring`) without absolute poses (`absolute_pose`).
+    Contradicting contacts are excluded until they rest.
 
-    Contacts that contradict the estimate are excluded until they rest, or until no other is left. The estimate is lost
-    if all contacts move (`consistency`), the gyroscope contradicts the legs (`sensor_agreement`), the IMU is silent, or
-    the state is not finite; `lost` is the reason. It restarts at rest.
+    The estimate is `lost` and restarts at rest if all contacts move (`consistency`), the gyroscope contradicts the legs
+    (`sensor_agreement`), the IMU is silent, or the state is not finite.
     """
 
     def __init__(
@@ -372,7 +371,6 @@ class _RunningEstimate:
         return self._anchoring.transform if self.poses is None else self.poses.odometry
 
     def _points(self) -> dict[str, Array]:
-        """Return the contact points by contact, (k, 3) each in m."""
         found = self.filter
         positions: dict[str, list[Array]] = {}
         for i, point in enumerate(found.names):
@@ -467,7 +465,6 @@ class _RunningEstimate:
         )
 
     def _points_of(self, contact_points: ContactPoints) -> Array:
-        """Return the points of a contact in the world, (k, 3) in m."""
         return np.asarray(contact_points.positions @ self.filter.rotation.T + self.filter.position)
 
     def _is_at_rest(self, name: str, contact_points: ContactPoints) -> bool:

@@ -1,15 +1,12 @@
 """Disturbance observer: slow generalized forces outside the model (friction, weak motors, wrong masses).
 
-The QP has the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. The difference of measured and predicted v̇ corrects d,
-(nv,),
+With d, (nv,), the QP has the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. The prediction error corrects d,
 
     ḋ = Nᵀ M (v̇_measured - v̇_predicted) / T - d / (25 T),      N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J,
 
 as on robot arms (De Luca, Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005).
-Nᵀ (`projection`) removes contact forces and noise that move nothing.
-
-d is stored without bounds, and Nᵀ times the clamped part is subtracted from the residual. Otherwise one clamped
-component would wind up the others.
+Nᵀ (`projection`) removes forces that move nothing. Against windup, d is stored without bounds, and Nᵀ times the clamped
+part is subtracted from the residual.
 """
 
 from __future__ import annotations

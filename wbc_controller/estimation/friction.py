@@ -4,13 +4,12 @@ The torque is
 
     -c tanh(w / w₀) - b v,        ẇ = v̇_QP + (v - w) / T_w.
 
-The intended velocity w equals v with a correct model. In a stuck joint it grows to T_w v̇_QP, which compensates dry
-friction before the joint moves (Armstrong-Hélouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and
-compensation methods for the control of machines with friction", Automatica 1994).
+The intended velocity w of a stuck joint grows to T_w v̇_QP, which compensates dry friction before the joint moves;
+otherwise w = v (Armstrong-Hélouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and compensation
+methods for the control of machines with friction", Automatica 1994).
 
-With an overestimated c, a joint of inertia I accelerates at the rate c / (w₀ I), which must stay below the loop's
-bandwidth: w₀ ≥ c τ / I. I = 1 / (M⁻¹ - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J M⁻¹)ⱼⱼ on the active contacts; light joints get less
-compensation.
+With an overestimated c, a joint accelerates at the rate c / (w₀ I), which must stay below the loop's bandwidth: w₀ ≥ c
+τ / I, with the effective inertia I = 1 / (M⁻¹ - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J M⁻¹)ⱼⱼ on the active contacts.
 """
 
 from __future__ import annotations

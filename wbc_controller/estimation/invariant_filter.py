@@ -129,10 +129,9 @@ class InvariantFilter:
     def correct_world(self, H: Array, z: Array, noise: Array, at: Array) -> tuple[float, Array]:
         """Correct heading and origin of the world, X ← T X; return rotation, rad, and shift, m, of T.
 
-        Both are unobservable on the robot. T rotates by w_ψ about the vertical and moves x to x + w, with (w, w_ψ) = H
-        P Hᵀ S⁻¹ z. The gain is K = G H P Hᵀ S⁻¹, where G ∈ R^{n×4} are these motions as errors, H G = I; contacts and
-        dynamics do not change them. The gyroscope's bias about the vertical uses its rows of P Hᵀ S⁻¹. P ← (I - K H) P
-        (I - K H)ᵀ + K N Kᵀ for any K.
+        T rotates by w_ψ about the vertical and moves x (`at`) to x + w, with (w, w_ψ) = H P Hᵀ S⁻¹ z. The gain is K = G
+        H P Hᵀ S⁻¹, where G ∈ R^{n×4} are these unobservable motions as errors, H G = I. The gyroscope's bias about the
+        vertical uses its rows of P Hᵀ S⁻¹. P ← (I - K H) P (I - K H)ᵀ + K N Kᵀ for any K.
 
         Args:
             H: z = -H ξ + noise, (4, 15 + 3 N).

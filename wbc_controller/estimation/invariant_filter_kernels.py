@@ -54,7 +54,6 @@ def _rotation_errors(R: Array, columns: Array) -> Array:
 
 @part
 def _add_noise(P: Array, G: Array, dt: float, noise: Array) -> None:
-    """Add dt Ad_X Q Ad_Xᵀ to P."""
     n, end, density = len(P), G.shape[1], dt * noise[0] ** 2
     for i in range(end):
         for j in range(end):

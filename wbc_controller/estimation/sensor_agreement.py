@@ -8,8 +8,8 @@ Least squares give a = θ or p, compared with the integral b of the measured ω 
 
     Δy ← exp(-Δt / T) (Δy + δy)        b ← exp(-Δt / T) (b + ω Δt), likewise with v
 
-A difference counts only if an axis or unit error explains it (`axes_comparison`), as slip, moving ground and hoists
-cause differences too.
+Slip and moving ground also cause differences, which count only if an axis or unit error explains them
+(`axes_comparison`).
 """
 
 from __future__ import annotations

@@ -25,9 +25,9 @@ _EXPONENT = 8
 class _Search:
     """Rates T λ at which damping changes the joint velocities, as a function of the posture.
 
-    Torques -D v over a period T change v to (I - T W D) v, where W is the joints' block of M⁻¹ with a free base;
-    contacts only add inertia. T λ are the eigenvalues of T D^½ W D^½. P W P replaces W if actuators drive several
-    joints, with the projection P on damped motions.
+    Torques -D v over a period T change v to (I - T W D) v, where W is the joints' block of M⁻¹ with a free base. T λ
+    are the eigenvalues of T D^½ W D^½. P W P replaces W if actuators drive several joints, with the projection P on
+    damped motions.
     """
 
     def __init__(self, model: RobotModel, period: float) -> None:
@@ -94,9 +94,8 @@ class _Search:
 def stable_damping(model: RobotModel, damping: float, period: float) -> Array:
     """Compute the damping D of each joint, (nj,): as wanted, or less if a posture makes it unstable.
 
-    Searches from the nominal and random postures find the largest T λ (`_Search`); D is reduced until all are below
-    0.9. It remains stable on a free base, in contact, or with a payload. `damping` is in N·m·s/rad, and `period` T
-    includes the delay of the velocities, s.
+    D is reduced until searches from the nominal and random postures find no T λ above 0.9 (`_Search`). `damping` is in
+    N·m·s/rad; `period` T includes the delay of the velocities, s.
     """
     search = _Search(model, period)
     lower, upper = search.range

@@ -127,7 +127,6 @@ class ModelAudit:
         command: JointCommand,
         gap: float,
     ) -> _Previous:
-        """Add a step of Δt = `gap`, s, and return this state."""
         memory = self._memory
         springs = None if self._model.passive is None else self._model.passive_force(state.q, state.v)
         if before is not None:

@@ -152,7 +152,6 @@ class StateWatch:
         )
 
     def _to_fault(self, found: int, state: RobotState) -> Fault | None:
-        """Return the fault of a comparison's findings, the first one."""
         self.any_stuck_motion = bool(found & STUCK_MOTION)
         fault = None
         if found & JUMPED:
@@ -174,7 +173,6 @@ class StateWatch:
         return fault
 
     def _limit_fault(self, what: str, values: Array, limits: Array) -> Fault:
-        """Return the fault of the first value above its limit."""
         i = int((~(np.abs(values) <= limits)).argmax())
         key = "frozen_motion" if what is _STUCK else self._names.mismatch_key(i)
         sentence = what.format(name=self._names.of(i), value=values[i], unit="m" if key == "base_mismatch" else "rad")

@@ -236,7 +236,6 @@ class Supervisor:
         return self._command_without_solution(now, state, joint_velocity)
 
     def _update_time(self, now: float) -> None:
-        """Update the times since the last step, of holding and of relaxation."""
         elapsed, self._last_step = now - self._last_step, now
         if not (elapsed >= 0.0):  # restart of the clock
             elapsed, self._since = 0.0, min(self._since, now)
@@ -291,7 +290,6 @@ class Supervisor:
         return freeze(np.minimum(np.maximum(limited, lower), upper))
 
     def _count_relaxation(self, now: float, solution: Solution) -> Fault | None:
-        """Count the time with relaxed constraints; return a fault, or None."""
         limits = self.limits
         spent = self._relaxed_time.within(now, limits.relax_window)
         if spent == 0.0:

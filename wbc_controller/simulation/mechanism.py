@@ -87,7 +87,6 @@ def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
 
 
 def _axle_frame(contact: ContactSettings) -> Array:
-    """Return the axes of a touching shape in the contact frame."""
     if not isinstance(contact, RollingContact):
         return np.eye(3)
     return rotation_to(np.array(contact.axis))
@@ -196,7 +195,6 @@ def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int
 
 
 def _set_contact_surface(geom: Any, friction: float, solref: list[float], solimp: list[float]) -> None:
-    """Set friction and stiffness of a geom with priority over the other geom."""
     geom.priority = 1
     geom.condim = 3
     geom.friction = [friction, 0.0, 0.0]

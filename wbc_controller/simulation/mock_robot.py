@@ -317,7 +317,6 @@ class MockRobot:
         self._tau, self._tau_time = tau, self.plant.time
 
     def _answered(self) -> bool:
-        """Process the command for the present state, if received; older commands are dropped."""
         self._answer_arrived.clear()
         while self._answers:
             payload = self._answers.popleft()

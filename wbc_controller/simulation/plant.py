@@ -481,7 +481,6 @@ class Plant:
         return pin.SE3(self.data.xmat[body.id].reshape(3, 3), self.data.xpos[body.id]) * body.placement
 
     def _addresses(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the indices of joints in MuJoCo's qpos and qvel, (k,) each."""
         joints = [self.model.joint(name) for name in names]
         qpos, dof = ([int(getattr(joint, key)[0]) for joint in joints] for key in ("qposadr", "dofadr"))
         return np.array(qpos, dtype=np.intp), np.array(dof, dtype=np.intp)

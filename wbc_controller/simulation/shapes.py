@@ -174,7 +174,6 @@ def _split_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
 
 
 def _mesh(hull: Array) -> Shape:
-    """Return the mesh of a hull, or a box around a hull without volume."""
     try:
         vertices = hull[ConvexHull(hull).vertices]
     except QhullError:

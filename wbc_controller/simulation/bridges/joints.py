@@ -26,11 +26,11 @@ def state_from_joints(
     """Return Pinocchio's q, (nq,), and v, (nv,), from joints by name and the pose and twist of a floating base.
 
     Args:
-        positions: of every joint in ``robot.joints``, rad (m); others are ignored.
+        positions: of every joint in ``robot.joints``, rad (m).
         velocities: rad/s (m/s); default zero.
-        base_position: of the base link in the world, (3,) in m.
-        base_quaternion: of the base link in the world, (x, y, z, w).
-        base_linear_velocity: in base axes, (3,) in m/s (REP 105).
+        base_position: in the world, (3,) in m.
+        base_quaternion: in the world, (x, y, z, w).
+        base_linear_velocity: in base axes, (3,) in m/s.
         base_angular_velocity: in base axes, (3,) in rad/s.
     """
     if not isinstance(model, RobotModel):

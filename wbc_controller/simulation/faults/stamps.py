@@ -23,7 +23,6 @@ class _TimeFault(MeasurementFault):
             measured.stamps[stream] = min(max(stamp, _FIRST), _LAST)
 
     def _ahead(self, elapsed: float) -> float:
-        """Return the advance of the stamps, s, after a time, s."""
         raise NotImplementedError
 
 
