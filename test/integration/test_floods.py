@@ -15,7 +15,7 @@ KINDS, TRIALS = ("activate", "update", "large"), 2
 #: Least rate of a flood, messages per second.
 LEAST = {"large": 1.0}
 LEAST_OF_SMALL = 500.0
-#: Inputs whose losses the diagnostics must name.
+#: Inputs with losses that the diagnostics must report.
 NAMED = {"activate", "update", "large"}
 
 

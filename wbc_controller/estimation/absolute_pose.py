@@ -229,12 +229,12 @@ class AbsolutePoses:
         if not lasted >= AGREEMENT_TIME:
             return f"the pose contradicts the estimate {by} and is rejected" if first and self.aligned else ""
         if controlled:
-            said = self.contradiction
+            before = self.contradiction
             self.contradiction = (
                 f"poses have contradicted the estimate {by} for {lasted:.1f} s: they are rejected while the "
                 "controller is active; after the deactivation the world moves to them"
             )
-            return "" if said else self.contradiction
+            return "" if before else self.contradiction
         move = PlanarTransform.mapping(p, sample.pose[:3], float(z[3]))
         self._filter.move(move.rotation, np.array(move.translation), sample.pose[:3], noise)
         self.odometry, self.smoothed = self.odometry.compose(move.inverse()), IDENTITY

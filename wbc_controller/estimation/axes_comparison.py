@@ -87,11 +87,11 @@ class AxesComparison:
             least = min(left for left, _ in causes)
             if least > _SUSPECTED * contradiction:
                 continue
-            alike = [cause for left, cause in causes if left <= least + _ALIKE * contradiction]
+            equal = [cause for left, cause in causes if left <= least + _ALIKE * contradiction]
             motion, unit = ("a turn", "rad") if i == 0 else ("a displacement", "m")
             sentence = (
                 f"{motion} of {vector_text(a[i])} {unit} is measured as {vector_text(b[i])}, "
-                f"as if {' or '.join(alike[:2])}"
+                f"as if {' or '.join(equal[:2])}"
             )
             if least <= _EXPLAINED * contradiction:
                 return sentence

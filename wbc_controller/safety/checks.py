@@ -75,9 +75,9 @@ def stale_inputs(
     parts = []
     for name, age in ages.items():
         if not (age <= limit):
-            said = "has not arrived" if not math.isfinite(age) else f"is {1e3 * age:.0f} ms old"
+            text = "has not arrived" if not math.isfinite(age) else f"is {1e3 * age:.0f} ms old"
             note = notes().get(name)
-            parts.append(f"{name} {said} (limit {1e3 * limit:.0f} ms)" + (f"; {note}" if note else ""))
+            parts.append(f"{name} {text} (limit {1e3 * limit:.0f} ms)" + (f"; {note}" if note else ""))
     return Fault("STALE_INPUT", "; ".join(parts)) if parts else None
 
 

@@ -59,12 +59,12 @@ def run_mock(
         if topic.key == "joint_states"
     )
 
-    def said(others: Others) -> None:
+    def warn(others: Others) -> None:
         names = ", ".join(others["joint_states"])
         if names:
             _log.warning("%s has another publisher, %s: two robots on one topic", joint_states.name, names)
 
-    watch = GraphWatch(transport, [joint_states], said)
+    watch = GraphWatch(transport, [joint_states], warn)
     watch.start()
     try:
         robot.run(stop)

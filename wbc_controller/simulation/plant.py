@@ -38,8 +38,7 @@ _log = logging.getLogger(__name__)
 PUSH_LIMIT = 1.0e5
 #: Longest push, s.
 _LONGEST_PUSH = 86_400.0
-#: Tilt, rad, and share of the initial height of a fallen base; a base below the centre of mass uses the latter's
-#: height.
+#: Tilt, rad, and share of the initial height of a fallen base (of the centre of mass, if higher).
 FALLEN_TILT, FALLEN_HEIGHT = math.radians(60.0), 0.5
 
 
@@ -315,7 +314,7 @@ class Plant:
         """Push the robot from now on; overlapping pushes add up.
 
         Args:
-            frame: moving link or joint at whose origin the push acts.
+            frame: moving link or joint; the push acts at its origin.
             wrench: force and torque in world axes, (6,) in N and N·m.
             duration: s, rounded to steps.
         """

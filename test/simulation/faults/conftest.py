@@ -1,4 +1,4 @@
-"""Robot on a bench whose measurements, messages and torques pass through the faults."""
+"""Robot on a bench with faults on its measurements, messages and torques."""
 
 from types import SimpleNamespace
 

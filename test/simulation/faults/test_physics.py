@@ -142,7 +142,7 @@ def test_a_payload_weighs_what_it_says(bench):
 
 def test_the_centre_of_mass_of_the_base_is_off_in_the_physics(bench):
     base, model = bench.plant.body(bench.model.base_link), bench.plant.model
-    # MuJoCo has a short cut for a body whose centre of mass is its origin.
+    # MuJoCo has a shortcut for a body with its centre of mass at its origin.
     model.body_ipos[base], model.body_iquat[base] = 0.0, [1.0, 0.0, 0.0, 0.0]
     model.body_sameframe[base] = mujoco.mjtSameFrame.mjSAMEFRAME_BODY
     bench.plant.forward()
