@@ -155,8 +155,8 @@ def _update_stuck_motion(memory: StateMemory, change: Array, v: Array, dt: float
 def compare(memory: StateMemory, q: StridedVector, v: StridedVector, dt: float, any_stuck_motion: bool) -> int:
     """Compare a state with the previous one, and store it unless it is out of range or at rest.
 
-    The mismatch x is the difference of Δq and Δt (v₁ + v₂) / 2. The stuck motion u sums the latter at a constant
-    position. Both decay with T; a jump resets u. `any_stuck_motion` is True if u is not zero.
+    The mismatch x is the difference of Δq and Δt (v₁ + v₂) / 2. The stuck motion u is the sum of Δt (v₁ + v₂) / 2 at a
+    constant position. Both decay with T; a jump resets u. `any_stuck_motion` is True if u is not zero.
 
     Returns:
         Bits: ``OUT_OF_RANGE`` (nothing else is compared); ``JUMPED`` and ``STUCK`` (x and u beyond their limits);
