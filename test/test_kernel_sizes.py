@@ -61,8 +61,8 @@ CALLS = {
         (4, 4, 3, 4),
         [(3, 4, 3, 4), (4, 3, 3, 4), (4, 4, 2, 4), (4, 4, 3, 5)],
     ),
-    "keep_state": (
-        lambda v, com, nv, solved, sent: audit.keep_state(
+    "store_state": (
+        lambda v, com, nv, solved, sent: audit.store_state(
             audit_memory(), of(v), of(com), of(com, nv), of(com), of(v), of(solved), of(sent)
         ),
         (4, 3, 4, 2, 2),

@@ -1,4 +1,4 @@
-"""Absolute poses: where they take the estimate, what they observe, and what of them is left out."""
+"""Absolute poses: alignment, innovation, latency and outliers."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import pytest
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.estimation import make_estimator
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.estimation.absolute_pose import AGREED, SPEED, PlanarTransform, PoseSample
+from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME, SPEED, PlanarTransform, PoseSample
 from wbc_controller.estimation.base_estimator import ImuSample
 
 PERIOD = 0.004
-#: The true pose of the base in the world of the poses: far off, turned, and on another height.
+#: True pose of the base in the world of the poses.
 THERE = np.array([3.0, -2.0, 0.5, 0.0, 0.0, np.sin(1.0), np.cos(1.0)])
 
 
 class Still:
-    """Go2, which stands still, and its estimator."""
+    """Standing Go2 and its estimator."""
 
     def __init__(self, robot_of, changed, **changes):
         settings, self.model = robot_of("go2")
@@ -28,18 +28,18 @@ class Still:
         self.estimator = make_estimator(settings, self.model, contacts)
         self.time, self.contacts, self.refused = 0.0, list(contacts), []
 
-    def run(self, seconds, pose=None, *, every=0.05, late=0.0, held=False):
-        """Let time pass, with poses that say so, every so often."""
+    def run(self, seconds, pose=None, *, every=0.05, late=0.0, controlled=False):
+        """Advance the time, with a pose every `every` seconds."""
         for i in range(round(seconds / PERIOD)):
             self.time += PERIOD
             sample = ImuSample(self.time, np.zeros(3), np.array([0.0, 0.0, 9.81]))
             self.estimator.update([sample], self.model.posture, np.zeros(self.model.nj), self.contacts)
             due = i % round(every / PERIOD) == 0
-            self.take([] if pose is None or not due else [self.pose(pose, self.time - late)], held=held)
+            self.take([] if pose is None or not due else [self.pose(pose, self.time - late)], controlled=controlled)
         return self
 
-    def take(self, samples, *, held=False):
-        self.refused += self.estimator.correct(samples, held=held)
+    def take(self, samples, *, controlled=False):
+        self.refused += self.estimator.correct(samples, controlled=controlled)
 
     def pose(self, pose, stamp=None, variance=0.0):
         return PoseSample(self.time if stamp is None else stamp, np.array(pose, dtype=float), variance * np.eye(6))
@@ -56,8 +56,8 @@ def still(robot_of, changed):
 
 @pytest.fixture
 def standing(still):
-    """One whose world is that of the poses."""
-    return still().run(0.2).run(AGREED + 0.2, THERE)
+    """Estimator with a world defined by poses."""
+    return still().run(0.2).run(AGREEMENT_TIME + 0.2, THERE)
 
 
 def beside(pose, **offsets):
@@ -70,38 +70,38 @@ def beside(pose, **offsets):
 def test_the_world_is_that_of_the_poses_once_they_have_agreed(still):
     robot = still().run(0.2)
     estimator = robot.estimator
-    assert (estimator.base, estimator.waits_for) == (None, "no absolute pose has come (estimation.absolute_pose)")
+    assert (estimator.base, estimator.waits_for) == (None, "no absolute pose received (estimation.absolute_pose)")
     own = estimator.odometry[0].copy()
-    robot.run(AGREED - 0.1, THERE)
-    assert (estimator.base, estimator.waits_for) == (None, "the absolute poses have to agree for 1 s")
+    robot.run(AGREEMENT_TIME - 0.1, THERE)
+    assert (estimator.base, estimator.waits_for) == (None, "the absolute poses must agree for 1 s")
     robot.run(0.3, THERE)
     assert estimator.waits_for == ""
     np.testing.assert_allclose(estimator.base[0], THERE, atol=1e-6)
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-6)
-    np.testing.assert_allclose(estimator.odometry[0], own, atol=1e-6)  # which no pose moves
+    np.testing.assert_allclose(estimator.odometry[0], own, atol=1e-6)  # not moved by poses
     back = estimator.poses.odometry.inverse()
     np.testing.assert_allclose(back.point(*own[:3]), THERE[:3], atol=1e-6)
     np.testing.assert_allclose(back.pose[3:], THERE[3:], atol=1e-6)
     assert robot.refused == []
 
 
-def test_a_first_pose_that_is_an_outlier_does_not_begin_the_world(still):
+def test_an_outlier_as_first_pose(still):
     robot = still().run(0.2)
     robot.take([robot.pose(beside(THERE, x=1.0))])
-    robot.run(AGREED + 0.2, THERE)
+    robot.run(AGREEMENT_TIME + 0.2, THERE)
     np.testing.assert_allclose(robot.place, THERE[:3], atol=1e-6)
 
 
 def test_poses_that_tilt_do_not_tilt_the_robot(still):
     tilted = pin.Quaternion(pin.exp3(np.array([0.1, 0.0, 0.0]))) * pin.Quaternion(THERE[3:].copy())
-    robot = still().run(0.2).run(AGREED + 1.0, np.concatenate([THERE[:3], tilted.coeffs()]))
+    robot = still().run(0.2).run(AGREEMENT_TIME + 1.0, np.concatenate([THERE[:3], tilted.coeffs()]))
     R = pin.Quaternion(robot.estimator.base[0][3:]).matrix()
     np.testing.assert_allclose(R[2], [0.0, 0.0, 1.0], atol=1e-6)
     assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(2.0, abs=0.01)
 
 
-def test_what_a_pose_observes_is_its_derivative_by_the_error(still):
-    """z = -H ξ: of X = exp(-ξ) X̂ the frame is seen; by finite differences, far from the origin and turned."""
+def test_innovation_jacobian(still):
+    """z = -H ξ for X = exp(-ξ) X̂, by finite differences, far from the origin and rotated."""
     robot = still(pose_frame="FL_calf").run(0.2)
     poses, found, estimator = robot.estimator.poses, robot.estimator.filter, robot.estimator
     turned = pin.exp3(np.array([0.0, 0.0, 2.0]))
@@ -110,21 +110,21 @@ def test_what_a_pose_observes_is_its_derivative_by_the_error(still):
     frame = estimator._kinematics.from_imu(*poses._frame)
     truth, step = (found.rotation.copy(), found.position.copy()), 1e-7
 
-    def seen(error):
+    def frame_at(error):
         turn = pin.exp3(-error[:3])
         imu = pin.SE3(turn @ truth[0], turn @ truth[1] - error[6:9])
         return pin.SE3ToXYZQUAT(imu * frame)
 
-    z, H, _, p = poses.innovation(robot.pose(seen(np.zeros(9))))
+    z, H, _, p = poses.innovation(robot.pose(frame_at(np.zeros(9))))
     np.testing.assert_allclose(z, 0.0, atol=1e-12)
-    np.testing.assert_allclose(p, seen(np.zeros(9))[:3], atol=1e-12)
+    np.testing.assert_allclose(p, frame_at(np.zeros(9))[:3], atol=1e-12)
     for i in range(9):
-        z, *_ = poses.innovation(robot.pose(seen(step * np.eye(9)[i])))
+        z, *_ = poses.innovation(robot.pose(frame_at(step * np.eye(9)[i])))
         np.testing.assert_allclose(z / step, -H[:, i], atol=1e-5, err_msg=str(i))
     assert not H[:, 9:].any()
 
 
-def test_another_world_leaves_what_is_known_of_the_robot_as_it_is(standing):
+def test_a_move_of_the_world_preserves_the_estimate(standing):
     found, estimator = standing.estimator.filter, standing.estimator
     half = np.random.default_rng(1).normal(size=found.P.shape) * 1e-3
     found.P = half @ half.T
@@ -149,13 +149,13 @@ def test_moves_are_a_group():
     np.testing.assert_allclose(pin.Quaternion(a.pose[3:]).matrix(), a.rotation, atol=1e-15)
 
 
-def test_an_outlier_changes_nothing_and_is_said_once(standing):
+def test_an_outlier_is_rejected_and_reported_once(standing):
     before = standing.estimator.filter.columns.copy()
     standing.take([standing.pose(beside(THERE, x=1.0))])
     standing.take([standing.pose(beside(THERE, y=1.0), standing.time - 0.001)])
     np.testing.assert_array_equal(standing.estimator.filter.columns, before)
     (said,) = standing.refused
-    assert said == "the pose contradicts the estimate by 1.000 m and 0.000 rad, and is left out"
+    assert said == "the pose contradicts the estimate by 1.000 m and 0.000 rad and is rejected"
     assert standing.estimator.poses.values["pose/left out"] == "2, as they contradict the estimate"
     standing.run(0.2, THERE)
     assert standing.estimator.poses.contradiction == ""
@@ -168,7 +168,7 @@ def test_a_small_correction_comes_in_without_a_jump(standing):
         standing.run(PERIOD, off, every=PERIOD)
         path.append(standing.place)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    assert steps.max() <= 1.5 * SPEED * PERIOD  # it follows the filter, which creeps itself
+    assert steps.max() <= 1.5 * SPEED * PERIOD  # follows the creeping filter
     np.testing.assert_allclose(path[-1], off[:3], atol=1e-3)
     np.testing.assert_allclose(estimator.odometry[0], odometry, atol=1e-3)
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-3)
@@ -177,7 +177,7 @@ def test_a_small_correction_comes_in_without_a_jump(standing):
 
 
 def test_poses_that_come_late_do_not_correct_twice(standing):
-    """Ten of them are on their way while the first corrects: each is compared with the estimate as it is by then."""
+    """Ten poses are in transit during the first correction; each uses the estimate at its arrival."""
     standing.run(3.0, beside(THERE, x=0.008), every=0.02, late=0.2)
     far = []
     for _ in range(50):
@@ -186,16 +186,16 @@ def test_poses_that_come_late_do_not_correct_twice(standing):
     np.testing.assert_allclose(far, 0.008, atol=1e-3)
 
 
-def test_under_control_the_world_is_not_moved_to_poses_that_contradict(standing):
+def test_no_relocalization_under_control(standing):
     off = beside(THERE, x=0.3)
-    standing.run(AGREED + 0.5, off, held=True)
+    standing.run(AGREEMENT_TIME + 0.5, off, controlled=True)
     np.testing.assert_allclose(standing.place, THERE[:3], atol=2e-3)
     first, after = standing.refused
     assert "the pose contradicts the estimate by 0.300 m" in first
     assert after.startswith("poses have contradicted the estimate by 0.300 m and 0.000 rad for 1.0")
-    assert "left out as long as the controller is active" in after
-    assert "for 1.5 s" in standing.estimator.poses.values["pose/contradiction"]  # it is still so
-    standing.run(0.1, off)  # nobody holds it any more
+    assert "rejected while the controller is active" in after
+    assert "for 1.5 s" in standing.estimator.poses.values["pose/contradiction"]  # persists
+    standing.run(0.1, off)  # no longer under control
     np.testing.assert_allclose(standing.place, off[:3], atol=1e-6)
     assert standing.estimator.poses.contradiction == ""
     assert standing.estimator.poses.values["pose/world moved"] == "1 times"
@@ -205,7 +205,7 @@ def test_poses_that_contradict_each_other_move_nothing(standing):
     for i in range(60):
         standing.run(0.04, beside(THERE, x=0.5 + 0.3 * (i % 2)), every=0.04)
     np.testing.assert_allclose(standing.place, THERE[:3], atol=2e-3)
-    assert standing.estimator.poses.moved == 0
+    assert standing.estimator.poses.relocations == 0
 
 
 def test_the_covariance_of_a_pose_counts_and_has_a_floor(standing):
@@ -221,25 +221,25 @@ def test_the_covariance_of_a_pose_counts_and_has_a_floor(standing):
     assert standing.estimator.filter.position[0] - THERE[0] < 0.01
 
 
-def test_stamps_that_the_estimate_cannot_follow_are_refused(standing):
+def test_old_and_future_stamps_are_refused(standing):
     standing.take([standing.pose(THERE, standing.time + 0.2)])
     standing.take([standing.pose(THERE, standing.time - 0.6)])
     assert standing.refused == [
-        "header.stamp is 0.200 s ahead of the IMU's (limit 0.1 s): both have to be of the same clock",
-        "header.stamp is 0.600 s before the IMU's; estimates are kept for 0.5 s",
+        "header.stamp is 0.200 s ahead of the IMU's (limit 0.1 s): both sensors must use the same clock",
+        "header.stamp is 0.600 s before the IMU's (limit 0.5 s)",
     ]
-    taken = standing.estimator.poses.taken
+    taken = standing.estimator.poses.used
     standing.take([standing.pose(THERE, standing.time + 0.02)])
-    assert standing.estimator.poses.taken == taken  # it waits for the IMU
+    assert standing.estimator.poses.used == taken  # waits for the IMU
     standing.run(0.03)
-    assert standing.estimator.poses.taken == taken + 1
+    assert standing.estimator.poses.used == taken + 1
 
 
-def test_between_two_estimates_it_is_between_them(standing):
+def test_interpolation_between_estimates(standing):
     first, second = list(standing.estimator.poses._past)[-2:]
     shifted = first._replace(position=first.position - [0.1, 0.0, 0.0])
     standing.estimator.poses._past[-2] = shifted
-    _, p = standing.estimator.poses.seen(0.25 * first.stamp + 0.75 * second.stamp)
+    _, p = standing.estimator.poses.frame_at(0.25 * first.stamp + 0.75 * second.stamp)
     np.testing.assert_allclose(p, THERE[:3] - [0.025, 0.0, 0.0], atol=1e-6)
 
 

@@ -1,4 +1,4 @@
-"""References live with the feet: a filter whose world drifts moves no robot off its feet, and nothing ever jumps."""
+"""The frame of references stays on the feet of a drifting filter, without jumps."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ def turned(heading):
 
 
 def drifting(place, seconds, turn=0.02, speed=(0.01, -0.02, 0.005)):
-    """A point of the true world in that of a filter which drifts."""
+    """Return a point of the true world in the world of a drifting filter."""
     return place @ turned(turn * seconds).T + np.array([3.0, -5.0, 0.1]) + np.array(speed) * seconds
 
 
-def reported(anchoring, places):
-    return places @ anchoring.transform.rotation.T + np.array(anchoring.transform.translation)
+def reported(anchoring, positions):
+    return positions @ anchoring.transform.rotation.T + np.array(anchoring.transform.translation)
 
 
-def test_points_that_hold_stay_where_they_are_while_the_world_drifts():
+def test_anchored_points_stay_while_the_filter_drifts():
     anchoring = Anchoring()
     for i in range(1000):
         now = i * PERIOD
         seen = {name: drifting(place, now) for name, place in FEET.items()}
-        anchoring.follow(now, seen)
+        anchoring.update(now, seen)
         if i == 51:  # anchored after a second
             began = {name: reported(anchoring, place) for name, place in seen.items()}
     for name, place in seen.items():
-        # behind by what drifts in a time constant: 22 mm/s, and 0.02 rad/s at an arm of 0.15 m
+        # lag of one time constant: 22 mm/s, and 0.02 rad/s at an arm of 0.15 m
         np.testing.assert_allclose(reported(anchoring, place), began[name], atol=0.006)
     assert abs(anchoring.transform.heading + 0.02 * 19.0) < 0.01
     assert np.linalg.norm(drifting(FEET["left"], 19.98) - drifting(FEET["left"], 1.02)) > 0.4
@@ -53,25 +53,25 @@ def test_nothing_jumps_when_contacts_begin_end_and_slip():
         if 300 <= i < 400:
             anchoring.release("left")
             del seen["left"]
-        if i >= 700:  # it has slipped by 5 cm, and is taken in again where it is then
+        if i >= 700:  # slipped by 5 cm and added again
             seen["right"] = seen["right"] + np.array([0.05, 0.0, 0.0])
             if i == 700:
                 anchoring.release("right")
-        if i >= 1000:  # and creeps without being seen to, by 1 cm
+        if i >= 1000:  # undetected creep of 1 cm
             seen["left"] = seen["left"] + np.array([0.0, 0.01, 0.0])
-        anchoring.follow(now, {name: place + 1.0e-5 * rng.normal(size=place.shape) for name, place in seen.items()})
+        anchoring.update(now, {name: place + 1.0e-5 * rng.normal(size=place.shape) for name, place in seen.items()})
         base = reported(anchoring, drifting(np.array([[0.0, 0.0, 0.8]]), now))[0]
         if before is not None:
             largest = max(largest, float(np.linalg.norm(base - before)))
         before = base
-    assert largest < 0.002  # in 20 ms: half of a creep of 1 cm, a tenth of it at once
+    assert largest < 0.002  # in 20 ms: a tenth of half of the creep
 
 
 def test_a_single_point_tells_no_heading():
     anchoring = Anchoring()
     for i in range(200):
         point = drifting(np.array([[0.1, 0.2, 0.0]]), i * PERIOD)
-        anchoring.follow(i * PERIOD, {"foot": point})
+        anchoring.update(i * PERIOD, {"foot": point})
     assert anchoring.transform.heading == 0.0
     assert np.linalg.norm(anchoring.transform.translation) > 0.05
 
@@ -82,7 +82,7 @@ def test_a_step_is_too_short_for_an_anchor():
         foot = ("left", "right")[i // 40 % 2]  # 0.8 s each
         for other in set(FEET) - {foot}:
             anchoring.release(other)
-        anchoring.follow(i * PERIOD, {foot: drifting(FEET[foot], i * PERIOD)})
+        anchoring.update(i * PERIOD, {foot: drifting(FEET[foot], i * PERIOD)})
     assert anchoring.transform == IDENTITY
 
 
@@ -95,13 +95,13 @@ def test_a_robot_whose_estimate_drifts_by_3_cm_a_second_keeps_its_feet():
     turn = turned(0.02 * trial.controller.period)
     errors = []
 
-    def look():
+    def check():
         found = trial.estimator.filter
         found.rotation = turn @ found.rotation
         found.columns = turn @ found.columns
         found.columns[:, 1:] += drift[:, None]
         errors.append(np.linalg.norm(trial.com() - began))
 
-    trial.run(2.0, look)
+    trial.run(2.0, check)
     assert np.linalg.norm(trial.estimator.filter.position - trial.mock.plant.state()[0][:3]) > 0.05
-    assert max(errors) < 0.012  # behind by 30 mm/s for a fifth of a second
+    assert max(errors) < 0.012  # lag of 0.2 s at 30 mm/s

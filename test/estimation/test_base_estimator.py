@@ -1,4 +1,4 @@
-"""The base's estimate against the truth of the physics, on standing robots that move, are pushed, and slip."""
+"""Base estimate against the true state of standing robots that move, slip, and are pushed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ROBOTS = ("g1", "talos", "go2")
 
 
 class Scene:
-    """A robot that is controlled by its true state, and an estimator beside it that sees its sensors alone."""
+    """Robot controlled by its true state, and an estimator with its sensors only."""
 
     def __init__(self, robot, noise=1.0, **changes):
         self.simulation = Simulation(robot, preflight=False)
@@ -28,7 +28,7 @@ class Scene:
         self.contacts, self.imu_frame = list(settings.contacts), settings.estimation.imu_frame or self.model.base_link
         self.noise, self.rng = noise, np.random.default_rng(0)
         self.biases = noise * 0.005 * self.rng.normal(size=3), noise * 0.05 * self.rng.normal(size=3)
-        self.joints = lambda q: q  # what the encoders make of the joints' positions
+        self.joints = lambda q: q  # encoder errors
         self.errors = []
 
     def sense(self):
@@ -40,26 +40,26 @@ class Scene:
         joints = self.joints(q[self.model.q_index]) + self.noise * 5e-4 * self.rng.normal(size=self.model.nj)
         return ImuSample(self.simulation.time, turning, force), joints, v[self.model.v_index]
 
-    def look(self, _):
+    def check(self, _):
         sample, q, v = self.sense()
         self.estimator.update([sample], q, v, self.contacts)
         if self.estimator.filter is not None:
             self.errors.append(self.error())
 
     def error(self):
-        """Position in m, orientation in rad, linear velocity in m/s, angular velocity in rad/s: (12,)."""
+        """Return errors of position, orientation, linear and angular velocity, (12,) in SI units."""
         (pose, twist), (q, v) = self.estimator.base, self.simulation.plant.state()
         turn = pin.log3(pin.Quaternion(q[3:7]).matrix().T @ pin.Quaternion(pose[3:]).matrix())
         return np.concatenate([pose[:3] - q[:3], turn, twist - v[:6]])
 
     def run(self, seconds):
-        self.simulation.run(seconds, self.look)
+        self.simulation.run(seconds, self.check)
         return np.abs(self.errors[-round(seconds / self.controller.period) :]).max(axis=0)
 
 
 @cache
 def ready(robot):
-    """Drawn once, as it takes seconds: a scene that has stood, swayed and been pushed, and its largest errors."""
+    """Cached scene after standing, swaying and a push, with its largest errors."""
     scene = Scene(robot)
     scene.run(0.7)
     com = scene.controller.dynamics.com.copy()
@@ -73,7 +73,7 @@ def ready(robot):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_robot_that_moves_and_is_pushed_is_where_it_is_said_to_be(robot):
+def test_accuracy_during_motion_and_pushes(robot):
     scene, worst = ready(robot)
     assert worst[:2].max() < 0.005
     assert worst[2] < 0.003
@@ -88,11 +88,11 @@ def test_the_biases_are_found_as_far_as_they_can_be_seen():
     np.testing.assert_allclose(found.gyroscope_bias, scene.biases[0], atol=5e-4)
     assert found.accelerometer_bias[2] == pytest.approx(scene.biases[1][2], abs=0.01)
     deviation = np.sqrt(np.diag(found.P))
-    assert deviation[2] > 5.0 * 1e-4  # nothing observes the heading: its deviation grows
+    assert deviation[2] > 5.0 * 1e-4  # unobservable heading
     assert (np.abs(found.gyroscope_bias - scene.biases[0]) < 5.0 * deviation[-6:-3]).all()
 
 
-def test_a_foot_that_moves_is_left_out_and_the_base_stays_where_it_is():
+def test_a_moving_foot_is_excluded():
     scene = Scene("go2")
     scene.run(0.8)
     knee = scene.model.joints.index("FL_calf_joint")
@@ -107,7 +107,7 @@ def test_a_foot_that_moves_is_left_out_and_the_base_stays_where_it_is():
     for _ in range(30):
         worst = scene.run(scene.controller.period)
         left_out.append(scene.estimator.slipping)
-    assert left_out == 21 * [("front_left_foot",)] + 9 * [()]  # and it is taken in again where it rests
+    assert left_out == 21 * [("front_left_foot",)] + 9 * [()]  # added again at rest
     assert worst[:3].max() < 0.002
     assert worst[6:9].max() < 0.03
 
@@ -144,15 +144,15 @@ LITTLE_CREEP = {"estimation.contact_noise": 1.0e-3}
 
 
 def standing(robot="g1", **changes):
-    """An estimator that has seen nothing, and the sensors of a robot that stands still."""
+    """Estimator without data, and the sensors of a robot at rest."""
     scene = Scene(robot, noise=0.0, **changes)
     q, v = np.array(scene.model.posture), np.zeros(scene.model.nj)
     return scene, ImuSample(0.0, np.zeros(3), np.array([0.0, 0.0, 9.81])), q, v
 
 
-def fed(scene, samples, q, v, holding=None):
+def fed(scene, samples, q, v, active_contacts=None):
     for sample in samples:
-        scene.estimator.update([sample], q, v, scene.contacts if holding is None else holding)
+        scene.estimator.update([sample], q, v, scene.contacts if active_contacts is None else active_contacts)
     return scene.estimator.waits_for
 
 
@@ -164,34 +164,34 @@ def stream(sample, count, start=0.0, **changes):
 
 def test_it_begins_when_the_robot_has_stood_still_for_a_while():
     scene, sample, q, v = standing()
-    assert scene.estimator.waits_for == "no IMU data have come"
+    assert scene.estimator.waits_for == "no IMU data received"
     assert "has to stand still for 0.5 s" in fed(scene, stream(sample, 200), q, v)
     assert scene.estimator.filter is None
     assert fed(scene, stream(sample, 60, 0.4), q, v) == ""
     pose, twist = scene.estimator.base
     np.testing.assert_allclose(pose[[0, 1, 3, 4, 5, 6]], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0], atol=1e-9)
-    assert pose[2] == pytest.approx(scene.simulation.plant.state()[0][2], abs=2e-3)  # its soles are on the ground
+    assert pose[2] == pytest.approx(scene.simulation.plant.state()[0][2], abs=2e-3)  # soles on the ground
     np.testing.assert_allclose(twist, 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("changes", "holding", "said"),
+    ("changes", "active_contacts", "said"),
     [
         ({"turning": [[0.2 * (-1) ** i, 0.0, 0.0] for i in range(300)]}, None, "varies by 0.2 rad/s (limit 0.05"),
         ({"turning": [[0.0, 0.0, 0.6]] * 300}, None, "the IMU turns at 0.6 rad/s (limit 0.5)"),
-        ({"force": np.array([0.0, 0.0, 1.0])}, None, "the IMU measures 1 m/s² at rest, and gravity is 9.81"),
-        ({}, (), "no contact holds"),
+        ({"force": np.array([0.0, 0.0, 1.0])}, None, "the IMU measures 1 m/s² at rest, but gravity is 9.81"),
+        ({}, (), "no usable contact is active"),
     ],
 )
-def test_it_says_why_it_does_not_begin(changes, holding, said):
+def test_reasons_against_the_start(changes, active_contacts, said):
     scene, sample, q, v = standing()
-    assert said in fed(scene, stream(sample, 300, **changes), q, v, holding)
+    assert said in fed(scene, stream(sample, 300, **changes), q, v, active_contacts)
     assert scene.estimator.filter is None
 
 
-def test_standing_still_tells_no_bias_of_the_accelerometer_from_a_tilt():
+def test_tilt_and_accelerometer_bias_are_correlated_at_rest():
     scene, sample, q, v = standing("go2")
-    fed(scene, stream(sample, 1300), q, v)  # 2 s after it has begun
+    fed(scene, stream(sample, 1300), q, v)  # 2 s after the start
     expected = scene.settings.estimation.accelerometer_bias / 9.81
     deviation = np.sqrt(np.diag(scene.estimator.filter.P))
     np.testing.assert_allclose(deviation[:2], expected, rtol=0.05)
@@ -201,7 +201,7 @@ def test_standing_still_tells_no_bias_of_the_accelerometer_from_a_tilt():
 def test_after_a_gap_in_the_imu_data_it_begins_anew():
     scene, sample, q, v = standing()
     fed(scene, stream(sample, 300), q, v)
-    assert fed(scene, stream(sample, 1, 0.598 + 0.02), q, v) == ""  # a short one is bridged
+    assert fed(scene, stream(sample, 1, 0.598 + 0.02), q, v) == ""  # short gaps are bridged
     assert "the IMU was silent for 0.200 s" in fed(scene, stream(sample, 1, 0.618 + 0.2), q, v)
     assert scene.estimator.filter is None
     assert fed(scene, stream(sample, 300, 1.0), q, v) == ""
@@ -217,7 +217,7 @@ def test_samples_that_are_not_newer_change_nothing():
 
 
 def test_the_imu_may_be_on_another_link():
-    """G1's hand, moved by the waist: gravity tells the hand's tilt, and the joints that of the base."""
+    """IMU on G1's hand: gravity gives the tilt of the hand, the joints that of the base."""
     scene = Scene("g1", noise=0.0, **{"estimation.imu_frame": "left_rubber_hand"})
     model, waist = scene.model, scene.model.joints.index("waist_pitch_joint")
     q, v = np.array(model.posture), np.zeros(model.nj)
@@ -243,8 +243,8 @@ def test_the_imu_may_be_on_another_link():
     np.testing.assert_allclose(estimator.base[1], 0.0, atol=1e-6)
 
 
-def test_the_covariance_of_the_base_is_that_of_the_filter_moved_by_its_errors():
-    scene = Scene("talos")  # whose IMU is neither at the base's origin nor in its axes
+def test_covariance_of_the_base():
+    scene = Scene("talos")  # IMU with offset and rotation
     scene.run(0.8)
     running, found = scene.estimator._running, scene.estimator.filter
     running._interval = np.inf  # without the noise of the last sample
@@ -254,7 +254,7 @@ def test_the_covariance_of_the_base_is_that_of_the_filter_moved_by_its_errors():
     before, step = {name: np.copy(getattr(found, name)) for name in ("rotation", "columns", "gyroscope_bias")}, 1e-7
 
     def moved(error):
-        """Pose and twist of the base where the errors (ξ_R, ξ_v, ξ_p, δb_g) have been added: X̂ = exp(ξ) X."""
+        """Return pose and twist of the base with added errors (ξ_R, ξ_v, ξ_p, δb_g): X̂ = exp(ξ) X."""
         turn = pin.exp3(error[:3])
         found.rotation = turn @ before["rotation"]
         found.columns = turn @ before["columns"]
@@ -281,7 +281,7 @@ def test_the_covariance_of_the_base_is_that_of_the_filter_moved_by_its_errors():
     assert np.linalg.eigvalsh(noisier).min() > -1e-12
 
 
-def test_an_estimate_has_a_covariance_and_a_stamp_from_its_beginning_on():
+def test_covariance_and_stamp_at_the_start():
     scene = Scene("go2")
     assert (scene.estimator.covariance, scene.estimator.stamp) == (None, -np.inf)
     scene.run(0.7)
@@ -292,8 +292,8 @@ def test_an_estimate_has_a_covariance_and_a_stamp_from_its_beginning_on():
     assert (scene.estimator.covariance, scene.estimator.stamp) == (None, -np.inf)
 
 
-def test_late_poses_take_away_what_drifts():
-    """Go2 sways on creeping feet, its gyroscope's bias wrongly known; poses at 20 Hz, 0.1 s late, 2 mm and 0.2° off."""
+def test_delayed_poses_correct_drift():
+    """Go2 sways with creeping feet and a wrong gyroscope bias; poses at 20 Hz, 0.1 s late, noise 2 mm and 0.2°."""
     creep = {"estimation.contact_noise": 0.01}
     scene = Scene("go2", **{"estimation.absolute_pose": True, **creep})
     alone = Scene.__new__(Scene)
@@ -302,7 +302,7 @@ def test_late_poses_take_away_what_drifts():
     alone.estimator = make_estimator(settings, scene.model, scene.controller.contacts)
     rng, on_the_way, every = np.random.default_rng(2), [], round(0.05 / scene.controller.period)
 
-    def look(simulation):
+    def check(simulation):
         sample, q, v = scene.sense()
         for each in (scene, alone):
             each.estimator.update([sample], q, v, scene.contacts)
@@ -312,12 +312,12 @@ def test_late_poses_take_away_what_drifts():
             pose = np.concatenate([truth[:3] + 0.002 * rng.normal(size=3), pin.Quaternion(turned).coeffs()])
             on_the_way.append(PoseSample(simulation.time, pose, np.zeros((6, 6))))
         arrived = [pose for pose in on_the_way if 0.0 <= simulation.time - pose.stamp - 0.1 < scene.controller.period]
-        assert scene.estimator.correct(arrived, held=True) == []
+        assert scene.estimator.correct(arrived, controlled=True) == []
         for each in (scene, alone):
             if each.estimator.base is not None:
                 each.errors.append(each.error())
 
-    scene.simulation.run(0.75, look)
+    scene.simulation.run(0.75, check)
     for each in (scene, alone):
         found = each.estimator.filter
         found.gyroscope_bias = found.gyroscope_bias + [0.0, 0.0, 0.01]
@@ -325,7 +325,7 @@ def test_late_poses_take_away_what_drifts():
     com = scene.controller.dynamics.com.copy()
     for offset in (0.02, -0.02, 0.02, -0.02):
         scene.controller.follow("com", [0.4], [com + [0.0, offset, 0.0]])
-        scene.simulation.run(0.75, look)
+        scene.simulation.run(0.75, check)
     worst = np.abs(scene.errors[-500:]).max(axis=0)
     assert worst[:3].max() < 0.005
     assert worst[5] < np.deg2rad(0.5)
@@ -339,13 +339,13 @@ def test_a_foot_that_slides_beside_resting_ones_is_excluded_if_contacts_creep_li
     scene, sample, q, _ = standing(robot, **LITTLE_CREEP)
     legs, foot, rng = scene.estimator._kinematics, scene.contacts[0], np.random.default_rng(0)
     fed(scene, stream(sample, 300), q, np.zeros(len(q)))
-    jacobian = np.empty((legs.places((foot,)).size, len(q)))
+    jacobian = np.empty((legs.positions((foot,)).size, len(q)))
     excluded, errors = None, []
     for i in range(round(0.06 / (0.002 * speed))):
-        before = legs.places((foot,))
+        before = legs.positions((foot,))
         for j, turn in enumerate(1.0e-6 * np.eye(len(q))):
             legs.update(q + turn, np.zeros(len(q)))
-            jacobian[:, j] = (legs.places((foot,)) - before).ravel() / 1.0e-6
+            jacobian[:, j] = (legs.positions((foot,)) - before).ravel() / 1.0e-6
         v = np.linalg.lstsq(jacobian, np.tile([speed, 0.0, 0.0], len(before)), rcond=1e-6)[0]
         q = q + 0.002 * v
         moved = ImuSample(0.6 + 0.002 * i, sample.angular_velocity, sample.specific_force)
@@ -358,15 +358,15 @@ def test_a_foot_that_slides_beside_resting_ones_is_excluded_if_contacts_creep_li
 
 
 def test_errors_are_as_large_as_the_covariance_says_if_contacts_creep_little():
-    """Mean of the squared errors of the velocity by the covariance, with sensors of the default noise."""
+    """Mean normalized squared velocity error with sensors of the default noise."""
     known = load("g1").settings.estimation
     scene = Scene("g1", noise=1.0, **LITTLE_CREEP)
-    assert (known.gyroscope_noise, known.accelerometer_noise) == (2e-4, 2e-3)  # those of `Scene.sense`
+    assert (known.gyroscope_noise, known.accelerometer_noise) == (2e-4, 2e-3)  # as in `Scene.sense`
     scene.joints = lambda q: q + np.sqrt(known.joint_position_noise**2 - 5e-4**2) * scene.rng.normal(size=len(q))
     squares = []
 
-    def look(_):
-        scene.look(_)
+    def check(_):
+        scene.check(_)
         if scene.estimator.filter is not None and scene.simulation.time > 0.8:
             found, (q, v) = scene.estimator.filter, scene.simulation.plant.state()
             frame = scene.model.frame_id(scene.imu_frame, "")
@@ -377,9 +377,9 @@ def test_errors_are_as_large_as_the_covariance_says_if_contacts_creep_little():
             error = found.velocity - found.rotation @ R.T @ R @ speed
             squares.append(error @ np.linalg.solve(found.P[3:6, 3:6], error) / 3.0)
 
-    scene.simulation.run(1.5, look)
+    scene.simulation.run(1.5, check)
     com = scene.controller.dynamics.com.copy()
     scene.controller.follow("com", [0.5, 1.0, 1.5], [com + [0.0, 0.02, 0.0], com - [0.0, 0.02, 0.0], com])
-    scene.simulation.run(2.0, look)
+    scene.simulation.run(2.0, check)
     anees = (2.0 * 1.0 + 3.0 * np.mean(squares)) / 5.0  # the tilt's error is its bias, drawn from the covariance
     assert 0.7 < anees < 1.3

@@ -1,4 +1,4 @@
-"""Velocities of the contacts in the estimate, against Pinocchio, and which contacts count."""
+"""Velocities of the contacts in the estimate against Pinocchio, and selection of contacts."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def test_the_velocities_are_those_of_the_contact_points(robot_of, robot, frame):
     moving = pin.getFrameVelocity(model.pinocchio, data, imu, pin.LOCAL_WORLD_ALIGNED)
     R = np.ascontiguousarray(placement.rotation)
     consistency.update(names, R, moving.linear, R.T @ moving.angular, np.inf)  # the mean is the present velocity
-    speeds, seen = [], legs.sight(names)
+    speeds, seen = [], legs.contact_points(names)
     for i, name in enumerate(names):
         link = model.frame_id(settings.contacts[name].frame, "test")
         origin = pin.updateFramePlacement(model.pinocchio, data, link).translation
         motion = pin.getFrameVelocity(model.pinocchio, data, link, pin.LOCAL_WORLD_ALIGNED)
-        points = placement.translation + seen.places[slice(*np.append(0, seen.ends)[i : i + 2])] @ R.T
+        points = placement.translation + seen.positions[slice(*np.append(0, seen.ends)[i : i + 2])] @ R.T
         touching = points - legs.rolling.get(name, np.zeros(3))
         expected = motion.linear + np.cross(motion.angular, touching - origin)
         speeds.append(np.linalg.norm(expected.mean(axis=0)))
@@ -54,10 +54,10 @@ def test_a_contact_that_holds_no_longer_counts_until_it_moves(robot_of):
     bent = np.zeros(model.nj)
     bent[model.joints.index("left_hip_pitch_joint")] = 0.5  # the left foot moves at some 0.3 m/s
 
-    def pass_time(seconds, holding, v, velocity=0.0):
+    def pass_time(seconds, active_contacts, v, velocity=0.0):
         legs.update(model.posture, v)
         for _ in range(round(seconds / 0.01)):
-            consistency.update(holding, np.eye(3), np.array([velocity, 0.0, 0.0]), OMEGA, 0.01)
+            consistency.update(active_contacts, np.eye(3), np.array([velocity, 0.0, 0.0]), OMEGA, 0.01)
 
     pass_time(0.5, (left, right), bent)
     assert consistency.speed == 0.0

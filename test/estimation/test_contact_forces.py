@@ -1,4 +1,4 @@
-"""Contacts that carry nothing are found by torques and motion, and no others are."""
+"""Detection of unloaded contacts from torques and motion."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def forces():
     return ContactForces({"left": 2, "right": 2}, on=10.0, off=5.0)
 
 
-def look(forces, count=20, **missed):
-    """For a while, with forces that are this much off what was predicted."""
+def check(forces, count=20, **missed):
+    """Update with forces that differ from the prediction."""
     lacking = np.zeros(9)
     lacking[2], lacking[5] = missed.get("left", 0.0), missed.get("right", 0.0)
     for _ in range(count):
@@ -28,33 +28,33 @@ def look(forces, count=20, **missed):
     return forces.unloaded
 
 
-def test_a_contact_without_its_force_is_lifted_until_it_has_some(forces):
-    assert look(forces) == ()
-    assert look(forces, 1, right=-80.0) == ()  # not at once: noise is filtered
-    assert look(forces, right=-80.0) == ("right",)
-    assert look(forces, right=-73.0) == ("right",)  # between off and on
-    assert look(forces, right=-60.0) == ()
-    assert look(forces, right=-73.0) == ()
+def test_a_contact_without_force_is_unloaded(forces):
+    assert check(forces) == ()
+    assert check(forces, 1, right=-80.0) == ()  # not at once: noise is filtered
+    assert check(forces, right=-80.0) == ("right",)
+    assert check(forces, right=-73.0) == ("right",)  # between off and on
+    assert check(forces, right=-60.0) == ()
+    assert check(forces, right=-73.0) == ()
 
 
-def test_one_that_should_carry_little_and_one_that_can_pull_are_none_of_its_business(forces):
+def test_lightly_loaded_and_bilateral_contacts_are_ignored(forces):
     light = {"left": np.array([0.0, 0.0, 4.0]), "grip": np.array([0.0, 0.0, -50.0])}
     for _ in range(20):
         forces.update(light, np.zeros(6), 0.01)
     assert forces.unloaded == ()
 
 
-def test_one_that_is_switched_off_is_forgotten(forces):
-    assert look(forces, left=-100.0) == ("left",)
+def test_inactive_contacts_are_removed(forces):
+    assert check(forces, left=-100.0) == ("left",)
     forces.update({"right": FEET["right"]}, np.zeros(6), 0.01)
     assert forces.unloaded == ()
-    look(forces, left=-100.0)
+    check(forces, left=-100.0)
     forces.restart()
     assert forces.unloaded == ()
 
 
 @pytest.mark.parametrize("robot", ["g1", "go2"])
-def test_a_foot_whose_floor_vanishes_is_found_and_said_and_a_sway_lifts_none(robot):
+def test_a_foot_without_floor_is_detected(robot):
     trial = EstimationTrial(load(robot).replace({"estimation.base_state": "imu", "mock.sensors": "good"}), {})
     trial.stand()
     trial.follow([0.4, 0.8], [trial.origin + np.array([0.0, 0.03, -0.02]), trial.origin])

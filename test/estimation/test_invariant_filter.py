@@ -1,4 +1,4 @@
-"""The filter against the authors' own implementation, and against the definitions of what it computes."""
+"""The filter against the authors' implementation and against its definitions."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ START = _start()
 
 
 def measurements() -> Iterator[tuple[np.ndarray, np.ndarray, tuple[bool, ...], np.ndarray, np.ndarray]]:
-    """Of an IMU and three points that come and go, at random: no robot moves like that.
+    """Yield random measurements of an IMU and three intermittent points.
 
-    Gives angular velocity, specific force, which points hold, where they are seen (3, 3), and its covariance (3, 3).
+    Angular velocity, specific force, active points, their positions (3, 3), and covariance (3, 3).
     """
     rng = np.random.default_rng(11)
     up = -START[0].T @ GRAVITY
-    holding = ((True, True, False), (False, True, True), (True, False, True))
+    active_contacts = ((True, True, False), (False, True, True), (True, False, True))
     for step in range(STEPS):
-        places = np.array([[0.1 * i, -0.2 + 0.2 * i, -0.9] for i in range(3)]) + 0.01 * rng.normal(size=(3, 3))
+        positions = np.array([[0.1 * i, -0.2 + 0.2 * i, -0.9] for i in range(3)]) + 0.01 * rng.normal(size=(3, 3))
         yield (
             0.5 * rng.normal(size=3),
             up + rng.normal(size=3),
-            holding[step // 100],
-            places,
+            active_contacts[step // 100],
+            positions,
             1e-4 * (np.eye(3) + 0.3 * np.ones((3, 3))),
         )
 
@@ -94,25 +94,25 @@ def row(filter):
     )
 
 
-def correct(filter, names, places, covariance):
-    filter.correct(names, places, np.kron(np.eye(len(names)), covariance))
+def correct(filter, names, positions, covariance):
+    filter.correct(names, positions, np.kron(np.eye(len(names)), covariance))
 
 
-def test_it_is_that_of_the_authors():
-    """Theirs begins a point with the orientation before the correction of that step: so it is seen from there."""
+def test_equal_to_the_authors_implementation():
+    """The authors' code adds a point with the orientation before the correction of that step."""
     filter, seen = made(), {}
-    for step, (turning, force, holding, places, covariance) in enumerate(measurements()):
+    for step, (turning, force, active_contacts, positions, covariance) in enumerate(measurements()):
         filter.propagate(turning, force, PERIOD)
         before = filter.rotation
-        held = [i for i in range(3) if holding[i] and str(i) in filter.names]
+        held = [i for i in range(3) if active_contacts[i] and str(i) in filter.names]
         if held:
-            correct(filter, [str(i) for i in held], places[held], covariance)
+            correct(filter, [str(i) for i in held], positions[held], covariance)
         back = filter.rotation.T @ before
         for i in range(3):
-            if str(i) in filter.names and not holding[i]:
+            if str(i) in filter.names and not active_contacts[i]:
                 filter.remove(str(i))
-            elif holding[i] and str(i) not in filter.names:
-                filter.add(str(i), back @ places[i], back @ covariance @ back.T)
+            elif active_contacts[i] and str(i) not in filter.names:
+                filter.add(str(i), back @ positions[i], back @ covariance @ back.T)
         seen[step] = row(filter)
     for step, theirs in THEIRS.items():
         np.testing.assert_allclose(seen[step], theirs, rtol=0.0, atol=1e-11)
@@ -132,7 +132,7 @@ def error(filter, other):
 
 @pytest.mark.parametrize("direction", range(18))
 def test_the_covariance_goes_with_the_error(direction):
-    """An error along one direction of the covariance stays one along the direction that the covariance tells."""
+    """An error along one direction of the covariance follows the covariance."""
     size, still = 1e-6, ImuNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     truth, wrong = made(noise=still), made(noise=still)
     for filter in (truth, wrong):
@@ -148,7 +148,7 @@ def test_the_covariance_goes_with_the_error(direction):
     np.testing.assert_allclose(np.outer(found, found), wrong.P, atol=2e-3 * size**2)
 
 
-def test_a_point_begins_where_it_is_seen_and_ends_without_a_trace():
+def test_adding_and_removing_points():
     filter = made()
     before, P = row(filter), np.array(filter.P)
     covariance = 1e-4 * np.diag([1.0, 2.0, 3.0])
@@ -189,7 +189,7 @@ def test_a_correction_of_the_world_turns_and_shifts_alone():
     np.testing.assert_allclose(found.accelerometer_bias, accelerometer)
     np.testing.assert_allclose(np.cross(found.gyroscope_bias - gyroscope, level), 0.0, atol=1e-12)
     after, before = np.linalg.eigvalsh(H @ found.P @ H.T), np.linalg.eigvalsh(H @ P @ H.T)
-    np.testing.assert_allclose(  # what is observed is known as after an update of its own
+    np.testing.assert_allclose(  # as after a separate update
         H @ found.P @ H.T, np.linalg.inv(np.linalg.inv(H @ P @ H.T) + np.linalg.inv(noise)), atol=1e-9
     )
     assert (after < before).all()

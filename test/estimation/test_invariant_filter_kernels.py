@@ -1,4 +1,4 @@
-"""Held against the same equations in NumPy, as matrices."""
+"""Kernels against the equations in NumPy."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ NAMES = "abcdefgh"
 
 @settings(deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), points=st.integers(0, 8), kept=st.floats(0.0, 1.0))
-def test_it_is_what_numpy_makes_of_the_same_equations(seed, points, kept):
+def test_equal_to_numpy(seed, points, kept):
     rng = np.random.default_rng(seed)
     root, w = rng.normal(size=(15, 15)), rng.normal(size=3)
     begin = {
@@ -24,14 +24,14 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, points, kept):
     noise = ImuNoise(*rng.uniform(0.01, 1.0, 5))
     found, plain = (kind(noise, np.array([0.0, 0.0, -9.81]), **begin) for kind in (InvariantFilter, PlainFilter))
     noisy = rng.normal(size=(3 * points, 3 * points))
-    covariance, places = 1e-2 * (noisy @ noisy.T + np.eye(3 * points)), rng.normal(size=(points, 3))
+    covariance, positions = 1e-2 * (noisy @ noisy.T + np.eye(3 * points)), rng.normal(size=(points, 3))
     for i, name in enumerate(NAMES[:points]):
         own = covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
-        found.add(name, places[i], own)
-        plain.add(name, places[i], own)
+        found.add(name, positions[i], own)
+        plain.add(name, positions[i], own)
     at = np.flatnonzero(rng.random(points) < kept)
     rows = (3 * at[:, None] + np.arange(3)).ravel()
-    names, moved = [NAMES[i] for i in at], places[at] + 0.1 * rng.normal(size=(len(at), 3))
+    names, moved = [NAMES[i] for i in at], positions[at] + 0.1 * rng.normal(size=(len(at), 3))
     for _ in range(3):
         turning, force = rng.normal(size=(2, 3)) * rng.choice([1e-9, 1.0, 10.0])
         for filter in (found, plain):
@@ -65,7 +65,7 @@ def still():
     return found
 
 
-def test_what_no_covariance_is_corrects_nothing():
+def test_indefinite_covariances_are_refused():
     filter = still()
     before = filter.P.copy()
     with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
@@ -74,7 +74,7 @@ def test_what_no_covariance_is_corrects_nothing():
 
 
 @pytest.mark.parametrize(("place", "noise"), [(np.nan, 1.0), (1.0, np.nan)])
-def test_what_is_not_finite_corrects_nothing(place, noise):
+def test_no_correction_by_non_finite_values(place, noise):
     filter = still()
     before = filter.P.copy()
     squares = filter.correct(["a"], np.full((1, 3), place), np.diag([1.0, noise, 1.0]))

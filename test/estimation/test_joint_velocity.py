@@ -12,7 +12,7 @@ T = 0.004
 
 
 def fed(stamps, position):
-    """What the filter says of a motion, at each of the times, s."""
+    """Return the filter's velocities of a motion at times in s."""
     found = VelocityFilter(T)
     return np.array([found.update(round(1e9 * time), np.array([position(time)]))[0] for time in stamps])
 
@@ -27,7 +27,7 @@ def test_a_steady_velocity_is_told_exactly(stamps):
 
 
 @pytest.mark.parametrize("period", [0.0005, 0.002, 0.01, 0.1])
-def test_a_velocity_that_changes_steadily_is_late_by_the_stated_delay(period):
+def test_delay_of_a_ramp(period):
     stamps = 1.0 + period * np.arange(400)
     velocity = fed(stamps, lambda time: 0.5 * 2.0 * (time - 1.0) ** 2)
     assert (stamps[-1] - 1.0) - velocity[-1] / 2.0 == pytest.approx(delay(T, period), rel=1e-4)
@@ -45,7 +45,7 @@ def test_noise_is_reduced_against_a_plain_difference():
     assert np.std(velocity[100:]) < 0.15 * np.std(np.diff(noise) / 0.002)
 
 
-def test_it_begins_at_rest_keeps_what_it_knows_and_begins_anew_with_the_clock():
+def test_start_repetition_and_restart():
     found = VelocityFilter(T)
     assert math.isinf(found.delay)
     np.testing.assert_array_equal(found.update(5_000_000, np.array([1.0, 2.0])), [0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Where the IMU sees the contact points, and how that changes with the joints."""
+"""Contact points relative to the IMU, their covariance and velocities."""
 
 from __future__ import annotations
 
@@ -30,21 +30,23 @@ def test_the_covariance_is_that_of_places_that_change_with_the_joints(robot_of, 
     assert names
     J = np.empty((3 * sum(map(len, legs.points.values())), model.nj))
     for joint in range(model.nj):
-        places = []
+        positions = []
         for sign in (1.0, -1.0):
             legs.update(q + sign * step * np.eye(model.nj)[joint], v)
-            places.append(legs.sight(names).places)
-        J[:, joint] = (places[0] - places[1]).ravel() / (2.0 * step)
+            positions.append(legs.contact_points(names).positions)
+        J[:, joint] = (positions[0] - positions[1]).ravel() / (2.0 * step)
     legs.update(q, v)
     expected = NOISE[0] ** 2 * J @ J.T + NOISE[1] ** 2 * np.eye(len(J))
-    np.testing.assert_allclose(legs.sight(names).covariance, expected, atol=1e-7)
+    np.testing.assert_allclose(legs.contact_points(names).covariance, expected, atol=1e-7)
     start = 0
-    for name in names:  # each by itself is a part of all
-        alone, end = legs.sight((name,)), start + len(legs.points[name])
-        assert alone.names == legs.points[name] == legs.sight(names).names[start:end]
-        np.testing.assert_array_equal(alone.places, legs.sight(names).places[start:end])
+    for name in names:  # single contacts
+        alone, end = legs.contact_points((name,)), start + len(legs.points[name])
+        assert alone.names == legs.points[name] == legs.contact_points(names).names[start:end]
+        np.testing.assert_array_equal(alone.positions, legs.contact_points(names).positions[start:end])
         own = slice(3 * start, 3 * end)
-        np.testing.assert_allclose(alone.covariance, legs.sight(names).covariance[own, own], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(
+            alone.covariance, legs.contact_points(names).covariance[own, own], rtol=1e-12, atol=1e-12
+        )
         start = end
 
 
@@ -53,12 +55,14 @@ def test_rates_are_the_time_derivatives_of_the_places(robot_of, robot, frame):
     model, legs = legs_of(robot_of, robot, frame)
     rng = np.random.default_rng(5)
     q, v, step = model.posture + 0.2 * rng.uniform(-1, 1, model.nj), rng.normal(size=model.nj), 1e-6
-    names, places = tuple(legs.points), []
+    names, positions = tuple(legs.points), []
     for time in (step, -step):
         legs.update(q + time * v, v)
-        places.append(legs.sight(names).places)
+        positions.append(legs.contact_points(names).positions)
     legs.update(q, v)
-    np.testing.assert_allclose(legs.sight(names).rates, (places[0] - places[1]) / (2.0 * step), atol=1e-7)
+    np.testing.assert_allclose(
+        legs.contact_points(names).velocities, (positions[0] - positions[1]) / (2.0 * step), atol=1e-7
+    )
 
 
 @pytest.mark.parametrize(("robot", "frame"), CASES)
@@ -80,11 +84,11 @@ def test_the_points_are_those_of_the_contacts_and_the_imu_is_where_the_urdf_says
     np.testing.assert_allclose(legs.imu_motion, twist, atol=1e-12)
     for name, points in legs.points.items():
         expected = contacts[name].points(dynamics)[: len(points)] + legs.rolling.get(name, 0.0)
-        seen = legs.sight((name,)).places @ legs.imu_rotation.T + legs.imu_position
+        seen = legs.contact_points((name,)).positions @ legs.imu_rotation.T + legs.imu_position
         np.testing.assert_allclose(seen, expected, atol=1e-12)
         link = model.frame_id(settings.contacts[name].frame, "test")
         turning = dynamics.velocity(link, pin.LOCAL_WORLD_ALIGNED)[3:]
-        np.testing.assert_allclose(legs.sight((name,)).turning[0], turning, atol=1e-12)
+        np.testing.assert_allclose(legs.contact_points((name,)).link_angular_velocities[0], turning, atol=1e-12)
 
 
 def test_wheels_and_contacts_between_links_have_no_points(robot_of):

@@ -1,4 +1,4 @@
-"""What acts beside the model: the estimate and known friction, by their equations and on robots that lack them."""
+"""Disturbance observer and friction compensation, by their equations and on robots."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_free_part_does_what_the_force_does_on_the_contacts(seed, nv, rows, 
 
 
 def stood(robot="go2", **changes):
-    """A simulation that stands, without noise."""
+    """Return a standing simulation without noise."""
     return Simulation(robot, preflight=False) if not changes else Simulation(_changed(robot, changes), preflight=False)
 
 
@@ -54,7 +54,7 @@ def fed(observer, model, missed, seconds, gap=0.002):
         observer.update(M, J, (), gap, gap * missed)
 
 
-def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
+def test_disturbance_time_constant_and_bound(robot_of):
     _, model = robot_of("go2")
     observer = DisturbanceObserver(model, LIMITS)
     knee = model.v_index[model.joints.index("FL_calf_joint")]
@@ -70,7 +70,7 @@ def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
     fed(observer, model, 10.0 * missed, 5.0)
     assert observer.forces[knee] == pytest.approx(bound)
     assert observer.at_bound == ("FL_calf_joint",)
-    fed(observer, model, 0.0 * missed, 5.0)  # what the bound has cut off is forgotten within a few T, the rest in 25
+    fed(observer, model, 0.0 * missed, 5.0)  # the clamped part decays within a few T, the rest in 25
     rest = observer.forces[knee]
     assert 0.5 * bound < rest < bound
     assert observer.at_bound == ()
@@ -78,8 +78,8 @@ def test_it_grows_with_its_time_constant_to_its_bound_and_says_so(robot_of):
     assert observer.forces[knee] == pytest.approx(rest * np.exp(-1.0), rel=0.02)
 
 
-def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
-    """On the contacts the motion shows what a bound cuts off along other components too."""
+def test_anti_windup(robot_of):
+    """A clamped residual also appears along other components."""
     _, model = robot_of("go2")
     rng, nv, gap = np.random.default_rng(4), model.nv, 0.002
     A, J = rng.normal(size=(nv, nv)), rng.normal(size=(9, nv))
@@ -87,7 +87,7 @@ def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
     observer = DisturbanceObserver(model, DisturbanceLimits(time_constant=0.05, share=0.2))
     most = 0.2 * np.concatenate([np.full(6, np.inf), model.effort_limits])
     lacking = split_force(M, J, rng.normal(size=nv))[0]
-    lacking *= 1.2 * np.min(most / np.abs(lacking))  # one joint lacks more than its bound
+    lacking *= 1.2 * np.min(most / np.abs(lacking))  # one joint above its bound
     for _ in range(5000):
         seen = split_force(M, J, lacking - observer.forces)[0]
         observer.update(M, J, ("feet",), gap, gap * seen)
@@ -97,7 +97,7 @@ def test_a_component_at_its_bound_winds_no_other_one_up(robot_of):
     np.testing.assert_allclose(observer.forces, expected, atol=1e-3 * np.abs(expected).max())
 
 
-def test_switched_off_it_fades_and_rests(robot_of):
+def test_decay_after_switching_off(robot_of):
     _, model = robot_of("go2")
     observer = DisturbanceObserver(model, LIMITS)
     fed(observer, model, np.full(model.nv, 0.5), 0.2)
@@ -111,18 +111,18 @@ def test_switched_off_it_fades_and_rests(robot_of):
     assert 0.5 < 0.01 * len(steps) < 5.0
 
 
-def test_what_is_summed_up_over_a_change_of_contacts_is_dropped(robot_of):
+def test_sums_are_dropped_at_contact_changes(robot_of):
     _, model = robot_of("go2")
     observer = DisturbanceObserver(model, LIMITS)
     M, J = np.eye(model.nv), np.zeros((0, model.nv))
-    for contacts in (("a",), ("b",), ("a",), ("b",)):  # each for less than it is summed up
+    for contacts in (("a",), ("b",), ("a",), ("b",)):  # shorter than a sum
         observer.update(M, J, contacts, 0.004, np.ones(model.nv))
         observer.update(M, J, contacts, 0.004, np.ones(model.nv))
     assert not observer.forces.any()
 
 
 def estimated(model, *, rows=(), gap=0.002, sent=1.0, relaxed=(), growing=None):
-    """What is estimated of a velocity that grows, of which the program has predicted nothing, with M = I."""
+    """Return the estimate for a growing velocity without prediction, with M = I."""
     compensation, nv = ModelErrorCompensation(DisturbanceObserver(model, LIMITS), None, None, 0.002), model.nv
     tau, J = np.ones(model.na), np.eye(nv)[list(rows)]
     solution = SimpleNamespace(v_dot=np.zeros(nv), tau=tau, forces={"foot": None}, relaxed=relaxed)
@@ -134,7 +134,7 @@ def estimated(model, *, rows=(), gap=0.002, sent=1.0, relaxed=(), growing=None):
     return compensation.observer.forces
 
 
-def test_only_what_moves_the_robot_on_its_contacts_is_taken_up(robot_of):
+def test_contact_forces_are_not_disturbances(robot_of):
     _, model = robot_of("go2")
     found = estimated(model, rows=[3, 7])
     np.testing.assert_allclose(found[[3, 7]], 0.0, atol=1e-6)
@@ -150,12 +150,12 @@ def test_torques_other_than_the_programs_count_as_they_were_sent(robot_of, sent)
 
 
 @pytest.mark.parametrize("reason", [{"gap": 0.008}, {"sent": None}, {"relaxed": ("limit",)}])
-def test_states_that_were_lost_and_torques_that_were_not_sent_tell_nothing(robot_of, reason):
+def test_no_estimate_after_dropped_states_or_without_torques(robot_of, reason):
     _, model = robot_of("go2")
     assert not estimated(model, **reason).any()
 
 
-def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_of):
+def test_friction_compensation_at_rest_and_in_motion(robot_of):
     _, model = robot_of("go2")
     joint = model.joints[3]
     index = model.v_index[3]
@@ -163,7 +163,7 @@ def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_o
     M, J, v = 10.0 * np.eye(model.nv), np.zeros((0, model.nv)), np.zeros(model.nv)
     friction.update(M, J, (), v, 0.002, np.zeros(model.nv))
     assert not friction.forces.any()
-    for _ in range(200):  # it sticks, and the program wants 1 rad/s²
+    for _ in range(200):  # sticking joint, QP with 1 rad/s²
         friction.update(M, J, (), v, 0.002, np.full(model.nv, 0.002))
     assert friction.forces[index] == pytest.approx(-2.0, rel=0.01)
     assert np.count_nonzero(friction.forces) == 1
@@ -173,7 +173,7 @@ def test_friction_is_made_up_for_before_a_joint_turns_and_where_it_turns(robot_o
     light = FrictionCompensation(model, {joint: 2.0}, {})
     v[index] = 0.02
     light.update(1e-3 * np.eye(model.nv), J, (), v, 0.002, None)
-    assert abs(light.forces[index]) < 0.02  # a light joint gets less: a sampled loop would drive it
+    assert abs(light.forces[index]) < 0.02  # reduced at a light joint
 
 
 def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
@@ -182,21 +182,21 @@ def test_friction_of_an_unknown_joint_is_refused(robot_of, changed):
         make_model_error(changed(config, {"robot": {"friction": {"FL_calf": {"dry": 1.0}}}}), model, {})
 
 
-def test_what_is_not_asked_for_costs_nothing(robot_of):
+def test_no_update_if_switched_off(robot_of):
     simulation = stood()
     simulation.run(0.02)
     assert simulation.result.solution.disturbance is None
 
 
 def lowered(simulation, depth=0.03):
-    """Squat, and say by how much the centre of mass is off then, m."""
+    """Squat, and return the error of the centre of mass, m."""
     com = simulation.controller.dynamics.com.copy()
     simulation.controller.follow("com", [0.6], [com - [0.0, 0.0, depth]])
     simulation.run(1.2)
     return float(np.abs(simulation.controller.dynamics.com - com + [0.0, 0.0, depth]).max())
 
 
-def test_friction_that_nobody_knows_is_taken_up():
+def test_unknown_friction_is_estimated():
     errors = {}
     for on in ("never", "always"):
         simulation = stood(**{"mock.joint_friction": 1.0, "estimation.disturbance": on})
@@ -208,7 +208,7 @@ def test_friction_that_nobody_knows_is_taken_up():
     assert errors["never"] > 0.005
 
 
-def test_friction_that_is_known_is_made_up_for():
+def test_known_friction_is_compensated():
     known = {joint: {"dry": 2.0} for joint in stood().controller.model.joints}
     simulation = stood(**{"mock.joint_friction": 2.0, "robot.friction": known})
     assert lowered(simulation) < 0.003
@@ -220,15 +220,15 @@ def test_switching_it_while_the_robot_stands_makes_no_jump():
     model = simulation.controller.model
     steps, last = [], [simulation.result.tau]
 
-    def look(_):
+    def check(_):
         steps.append(np.abs(simulation.result.tau - last[0]) / model.effort_limits)
         last[0] = simulation.result.tau
 
     simulation.controller.update({"estimation.disturbance": "always"})
-    simulation.run(0.6, look)
+    simulation.run(0.6, check)
     assert simulation.result.solution.disturbance.estimate.any()
     simulation.controller.update({"estimation.disturbance": "never"})
-    simulation.run(0.1, look)
+    simulation.run(0.1, check)
     assert simulation.result.solution.disturbance is not None  # it fades
     assert np.max(steps) < 0.01
     simulation.controller.reset(*simulation.plant.state(), simulation.time)

@@ -1,4 +1,4 @@
-"""Sensors of the base against the legs: errors of axes and units are found and named, other differences are not."""
+"""Sensors of the base against the legs: detection of axis and unit errors."""
 
 import numpy as np
 import pinocchio as pin
@@ -14,15 +14,15 @@ QUARTER = pin.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2.0)
 
 
 def motion(time):
-    """A turn in rad and a displacement in m about and along all axes, (2, 3)."""
+    """Return a rotation in rad and a displacement in m along all axes, (2, 3)."""
     return np.array([[0.03, 0.02, 0.015], [0.01, 0.03, 0.02]]) * np.sin(
         time * np.array([[5.0, 8.0, 12.0], [6.0, 11.0, 15.0]])
     )
 
 
 def compared(C, *, world=None, noise=3.0e-4):
-    """Compare a motion with C times it; return the newest sentence, the time of the first in s, and the comparison."""
-    comparison, rng, first = AxesComparison(moves=True), np.random.default_rng(0), None
+    """Compare a motion a with C a; return the last message, the time of the first, s, and the comparison."""
+    comparison, rng, first = AxesComparison(with_displacements=True), np.random.default_rng(0), None
     for time in np.arange(PERIOD, 2.0, PERIOD):
         a = motion(time)
         said = comparison.update(PERIOD, a, a @ np.transpose(C) + noise * rng.normal(size=(2, 3)), world)
@@ -57,14 +57,14 @@ def test_a_twist_in_the_axes_of_the_world_is_named():
 
 @pytest.mark.parametrize("C", [np.eye(3), np.zeros((3, 3)), 0.5 * np.eye(3), np.diag([1.0, 0.0, 1.0])])
 def test_agreement_and_contradictions_with_other_causes_are_not_reported(C):
-    """A robot on a hoist, soft ground, and a foot that slips about one axis."""
+    """Hoist, soft ground, and a foot slipping about one axis."""
     _, first, comparison = compared(C)
     assert first is None
     assert comparison.agreed == np.array_equal(C, np.eye(3))
 
 
 def test_agreement_about_one_axis_is_not_final():
-    comparison = AxesComparison(moves=False)
+    comparison = AxesComparison(with_displacements=False)
     for time in np.arange(0.0, 2.0, PERIOD):
         a = np.array([[0.05 * np.sin(6.0 * time), 0.0, 0.0]])
         assert comparison.update(PERIOD, a, a, None) is None
@@ -94,7 +94,7 @@ def standing(legs, robot):
 @pytest.mark.parametrize(
     ("roll", "said"),
     [(0.0, None), (0.5, None), (-0.9, None), (np.pi / 2.0, "90° apart: as if rotated about its x axis"),
-     (np.pi, "180° apart: its sign is wrong, or its z axis points down")],
+     (np.pi, "180° apart: wrong sign, or z axis pointing down")],
 )  # fmt: skip
 def test_gravity_is_compared_with_the_contacts(legs, robot, roll, said):
     kinematics, _, contacts = standing(legs, robot)
@@ -107,27 +107,27 @@ def test_gravity_is_compared_with_the_contacts(legs, robot, roll, said):
 def test_turn_and_displacement_are_those_of_the_legs(legs, robot, monkeypatch):
     """The robot bends its legs with its feet at rest; the sensor measures in deg/s."""
     kinematics, _, contacts = standing(legs, robot)
-    sensor = SensorAgreement(kinematics, "the sensor", moves=True)
-    still, before = kinematics.places(contacts), np.zeros((2, 3))
-    sensor.look(PERIOD, before, contacts)
+    sensor = SensorAgreement(kinematics, "the sensor", with_displacements=True)
+    still, before = kinematics.positions(contacts), np.zeros((2, 3))
+    sensor.check(PERIOD, before, contacts)
     said = None
     for time in np.arange(PERIOD, 0.5, PERIOD):
         turn, way = motion(time)
-        places = (still - way) @ pin.exp3(turn)
-        monkeypatch.setattr(kinematics, "places", lambda _, places=places: places)
+        positions = (still - way) @ pin.exp3(turn)
+        monkeypatch.setattr(kinematics, "positions", lambda _, positions=positions: positions)
         steps, before = motion(time) - before, motion(time)
-        said = said or sensor.look(PERIOD, steps * [[np.degrees(1.0)], [1.0]], contacts)
+        said = said or sensor.check(PERIOD, steps * [[np.degrees(1.0)], [1.0]], contacts)
     assert f"the sensor contradicts the legs ({', '.join(contacts)}): a turn of" in said
     assert "in deg/s instead of rad/s" in said
 
 
-def test_legs_that_move_against_each_other_tell_nothing(legs, monkeypatch):
+def test_no_comparison_without_rigid_motion(legs, monkeypatch):
     kinematics, _, contacts = standing(legs, "g1")
-    sensor, still = SensorAgreement(kinematics, "the sensor", moves=True), kinematics.places(contacts)
+    sensor, still = SensorAgreement(kinematics, "the sensor", with_displacements=True), kinematics.positions(contacts)
     for time in np.arange(0.0, 1.0, PERIOD):
         slip = np.where(np.arange(len(still))[:, None] < 3, motion(time)[1], 0.0)
-        monkeypatch.setattr(kinematics, "places", lambda _, slip=slip: still + slip)
-        assert sensor.look(PERIOD, -5.0 * motion(time), contacts) is None
+        monkeypatch.setattr(kinematics, "positions", lambda _, slip=slip: still + slip)
+        assert sensor.check(PERIOD, -5.0 * motion(time), contacts) is None
 
 
 def test_odometry_with_a_wrong_twist_remains_refused_until_a_restart(legs):
@@ -139,7 +139,7 @@ def test_odometry_with_a_wrong_twist_remains_refused_until_a_restart(legs):
         pose[3:], rate = pin.SE3ToXYZQUAT(pin.SE3(pin.exp3(turn), np.zeros(3)))[3:], (turn - before) / 0.002
         before = turn
         twist = np.concatenate([np.zeros(3), np.degrees(rate)])
-        agreement.update(0.002 * i, (pose.copy(), twist), joints, contacts, held=True)
+        agreement.update(0.002 * i, (pose.copy(), twist), joints, contacts, controlled=True)
     assert "the twist of odometry contradicts its pose: a turn of" in agreement.contradiction
     assert "deg/s" in agreement.contradiction
     agreement.restart()

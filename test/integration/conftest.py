@@ -1,4 +1,4 @@
-"""The whole service with the mock robot, on each transport, and the user who talks to both by topics alone."""
+"""Service and mock robot on each transport, and a user of their topics."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from wbc_controller.validation.lockstep import Lockstep
 
 ROBOT = "go2"
 DOMAIN = own_domain()
-#: Wall time after which something that should have happened has not, s, on a computer without other work.
+#: Timeout on an idle computer, s of wall time.
 PATIENCE = 60.0
-#: Topics with one publisher, which this user becomes only when a test sends on them.
+#: Topics with one publisher; advertised only when a test sends on them.
 OF_THE_ROBOT = ("joint_states", "odom", "clock", "robot_description", "effort", "joint_commands")
 
 
 class User:
-    """Opens the other end of every topic of both nodes; keeps all that comes, with the time of its arrival."""
+    """Opens the peer of every topic of both nodes; stores messages with arrival times."""
 
     def __init__(
         self, transport: Any, advance: Callable[[], None], omits: Callable[[Endpoint], bool] = lambda topic: False
@@ -115,7 +115,7 @@ class User:
         return header_time(kept[-1][1]) if kept else 0.0
 
     def run(self, duration: float) -> None:
-        """Let simulated time go on."""
+        """Advance the simulated time."""
         end = self.time + duration
         self.until(lambda: self.time >= end, f"{duration} s of simulated time")
 
@@ -126,7 +126,7 @@ class User:
         again: Callable[[], None] = lambda: None,
         patience: float = PATIENCE,
     ) -> None:
-        """Wait for a condition, doing `again` four times a second: who has just been found may miss a message."""
+        """Wait for a condition; repeat `again` four times per second, as new peers may miss a message."""
         began, due = time.monotonic(), 0.0
         while not condition():
             now = time.monotonic()
@@ -143,7 +143,7 @@ class User:
         self.until(lambda: self.mode == "active", "activation", lambda: self.command("activate"))
 
     def activate_again(self) -> None:
-        """Activate from any mode, again and again until torques carry the robot: a busy machine may end in a fault."""
+        """Activate from any mode until torques carry the robot, also after faults of a busy machine."""
 
         def again() -> None:
             if self.mode.partition(" ")[0] not in ("active", "holding", "inactive"):
@@ -153,7 +153,7 @@ class User:
         self.until(lambda: self.mode == "active" and self.carries(), "torques of an active controller", again)
 
     def carries(self) -> bool:
-        """Whether the newest torques are not zero."""
+        """Return True if the newest torques are non-zero."""
         return bool(self.arrivals["controller", "effort", ""]) and bool(np.any(self.last("controller", "effort").data))
 
     def com(self) -> np.ndarray:
@@ -163,7 +163,7 @@ class User:
         return np.array(pin.centerOfMass(self.model.pinocchio, self._data, q))
 
     def vertical_force(self, owner: str, duration: float) -> np.ndarray:
-        """Sum over the contacts for each stamp of the last `duration`, N."""
+        """Return the summed contact forces by stamp over `duration`, N."""
         since = self.time - duration
         sums: dict[float, float] = {}
         counts: dict[float, int] = {}
@@ -176,14 +176,14 @@ class User:
         return np.array([sums[stamp] for stamp in sums if counts[stamp] == len(self.settings.contacts)])
 
     def efforts(self, since: float = 0.0) -> np.ndarray:
-        """Torques that came after a wall time."""
+        """Return the torques after a wall time."""
         place = "controller", "effort", ""
         return np.array(
             [decode(payload, self._types[place]).data for when, payload in list(self.arrivals[place]) if when > since]
         ).reshape(-1, self.model.na)
 
     def refusals(self) -> list[str]:
-        """Every sentence of /diagnostics about something that was refused."""
+        """Return all refusals on /diagnostics."""
         return [
             value.value
             for content in self.all("controller", "diagnostics")
@@ -193,7 +193,7 @@ class User:
 
 
 class Processes:
-    """Real processes of the command line, on a domain of their own; ended one by one, by their own handles."""
+    """Real processes of the command line on their own domain."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -227,7 +227,7 @@ class Processes:
 
 @pytest.fixture
 def patient_robot(tmp_path: Path) -> str:
-    """A file of `ROBOT`, of which neither the controller nor the robot damps by itself where the machine is busy."""
+    """Return a configuration of `ROBOT` that tolerates a busy machine."""
     return str(patient(ROBOT, tmp_path))
 
 
@@ -236,7 +236,7 @@ def processes(tmp_path: Path) -> Iterator[Processes]:
     running = Processes(tmp_path)
     yield running
     running.stop_all()
-    print(running.logs())  # shown where the test fails
+    print(running.logs())  # shown after a failure
 
 
 @pytest.fixture
@@ -265,7 +265,7 @@ def _on_memory(request: pytest.FixtureRequest) -> Iterator[User]:
 
 @contextlib.contextmanager
 def _on_dds(request: pytest.FixtureRequest) -> Iterator[User]:
-    """Two processes, and this one as the user; on a busy machine simulated time waits."""
+    """Two processes, and this one as the user; simulated time is patient."""
     processes, robot = request.getfixturevalue("processes"), request.getfixturevalue("patient_robot")
     user = request.getfixturevalue("dds_user")
     processes.start("mock", robot, "--patient")
@@ -301,7 +301,7 @@ def _on_ros2(request: pytest.FixtureRequest) -> Iterator[User]:
     thread = threading.Thread(target=spin)
     thread.start()
     environment, robot = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}, request.getfixturevalue("patient_robot")
-    # A user of rclpy hears all topics of both nodes, thousands of messages a second: in slow motion it can keep up.
+    # Slow motion for rclpy, which receives thousands of messages per second.
     services = [
         subprocess.Popen(
             [sys.executable, "-c", f"from wbc_controller.node import {main}; {main}()", "--ros-args", "-p",

@@ -1,4 +1,4 @@
-"""docs/bring-up.md followed by its own commands, without ROS 2, in two real processes: what it says is what happens."""
+"""The commands of docs/bring-up.md in two real processes without ROS 2."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_the_page_has_commands_for_both_robots():
 def test_a_robot_is_brought_up(tmp_path, processes, name):
     path = str(tmp_path / name)
     Path(path).write_text(FILES[name], encoding="utf-8")
-    # In lockstep, on simulated time, a computer that is late changes nothing of what happens.
+    # In lockstep a slow computer has no effect.
     processes.start("mock", path, "--lockstep")
     processes.start("run", path, "--use-sim-time")
     lines = commands(name)

@@ -14,16 +14,16 @@ from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.lockstep import Lockstep
 
 SWITCHES = 100
-#: Sideways from the middle, m; time for the way and on each side, and between two switches of tasks, s.
+#: Lateral amplitude, m; times of motion, on each side, and between task switches, s.
 SWAY, WAY, STAY, PAUSE = 0.1, 2.0, 0.6, 0.06
-#: Largest torque step, as a share of what the configured rate allows: far from it there is no jump to be cut off.
+#: Largest torque step, as a share of the torque rate limit.
 SMOOTH = 0.2
-#: How far a foot that stands may move, m.
+#: Largest motion of a stance foot, m.
 STANDS = 2.0e-3
 
 
 def swaying_settings():
-    """G1, with a task for each sole while it carries nothing."""
+    """G1 with a task for each unloaded sole."""
     content = load_settings(find_configuration("g1")).model_dump()
     content["tasks"]["com"]["setpoint_duration"] = WAY
     for side in ("left", "right"):
@@ -59,7 +59,7 @@ class Robot(Lockstep):
 
 
 def random_task_switch(rng, enabled, weights):
-    """One or two tasks on, off, or with another weight; gives the change and the number of switches in it."""
+    """Return a change of one or two tasks, and its number of switches."""
     kind = rng.integers(3)
     if kind == 0:
         task = str(rng.choice(["left_hand", "right_hand", "torso", "pelvis", "com"]))
@@ -94,7 +94,7 @@ def run():
             changes["tasks"]["com"] = {"setpoint": [float(start[0]), float(start[1] + side * SWAY), float(start[2])]}
         foot = "right" if side > 0 else "left"
         if light is None and arrives <= time < arrives + 0.01:
-            # The foot that carries nothing leaves, for a random while; its task takes over in the same cycle.
+            # The unloaded foot lifts for a random time; its task starts in the same cycle.
             light, back = foot, time + rng.uniform(0.2, STAY - 0.05)
             changes["contacts"][f"{foot}_foot"] = {"enabled": False}
             changes["tasks"] |= {f"{foot}_sole": {"enabled": True}}

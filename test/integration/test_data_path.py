@@ -1,9 +1,8 @@
-"""The calls that a joint state passes in one cycle, from the transport to the torque message, are those of the docs.
+"""The calls on the path of a joint state to the torque message equal the documented ones.
 
-`data_path.DEFINITION` defines the path. Here the data are followed by the identity of the objects: first the serialized
-message; then every object that a function returns, if it has the data among its arguments or from a function that it
-calls. The objects are bytes, arrays, tuples, lists and dataclasses with these, and objects of `inverse_dynamics`, such
-as the quadratic program, with their attributes.
+`data_path.DEFINITION` defines the path. The data are tracked by object identity: the serialized message, then every
+object returned by a function with the data in its arguments or callees. Objects are bytes, arrays, tuples, lists,
+dataclasses, and objects of `inverse_dynamics` with their attributes.
 """
 
 from __future__ import annotations
@@ -37,10 +36,10 @@ class _Call:
 
 
 class DataPath:
-    """Follows the data made from one message, by the identity of the objects, through the calls of the package.
+    """Tracks the data of one message by object identity through the calls of the package.
 
     Attributes:
-        calls: names of the functions on the path, in the order of their first calls; complete after the cycle.
+        calls: names of the functions on the path by first call; complete after the cycle.
     """
 
     def __init__(self, payload: bytes) -> None:

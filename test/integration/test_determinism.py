@@ -1,4 +1,4 @@
-"""In lockstep the run is the same every time, to the last bit: here without odometry, on sensors with noise."""
+"""Lockstep runs are reproducible bit for bit, here without odometry and with sensor noise."""
 
 from __future__ import annotations
 

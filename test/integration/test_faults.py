@@ -1,4 +1,4 @@
-"""Real processes on the wire: a robot that dies in mid-run, and messages that no controller should believe."""
+"""Real processes: a robot that dies during a run, and invalid messages."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from wbc_controller.recording.recording_file import Recording
 
 pytestmark = pytest.mark.live
 
-#: How often the robot stands still.
+#: Number of stops of the robot.
 STOPS = 4
-#: Lateness of the loop with the cycle that notices it, s, in the fastest case.
+#: Largest delay of the detecting cycle in the fastest case, s.
 LATE = 0.01
 
 
@@ -36,7 +36,7 @@ def start(processes, dds_user, tmp_path):
 
 
 def recorded(user, processes):
-    """The commands that the controller sent, by its own record, from which a busy machine loses some."""
+    """Return the recorded commands of the controller; a busy machine drops some."""
     assert processes.stop(user.controller) == 0
     return cycle_arrays(Recording(user.record))
 
@@ -51,7 +51,7 @@ def assert_bounded(user, cycles):
 
 
 def test_a_robot_that_dies_is_damped_and_can_come_back(start, processes, record_property):
-    """A busy machine makes the cycle late that notices it; of several the fastest counts, by the controller's clock."""
+    """The fastest of several detections counts, by the controller's clock."""
     user = start("go2")
     noticed = []
     for _ in range(STOPS):
@@ -76,7 +76,7 @@ def test_a_robot_that_dies_is_damped_and_can_come_back(start, processes, record_
     user.mock.wait()
     user.until(lambda: user.mode.startswith("damping"), "damping")
 
-    # Nobody tells the velocities any more: the torques sink to zero at their rate, and zero goes on being sent.
+    # Without velocities the torques ramp to zero; zero is still sent.
     start = time.monotonic()
     user.until(lambda: len(user.efforts(start)) > 20, "torques while damping")
     assert not user.efforts(start)[10:].any()
@@ -92,12 +92,12 @@ def test_a_robot_that_dies_is_damped_and_can_come_back(start, processes, record_
     user.arrivals["mock", "joint_states", ""].clear()
     user.until(lambda: user.time > 0.0, "the states of the new robot")
 
-    user.activate_again()  # once the graph has forgotten the robot that was killed
+    user.activate_again()  # after the killed robot has left the graph
     user.run(1.2)
     cycles = recorded(user, processes)
     assert_bounded(user, cycles)
     assert {"active", "damping"} <= set(cycles["mode"].tolist())
-    # The command of the shut-down comes after the last cycle, on the wire alone.
+    # The shutdown command follows the last cycle.
     user.until(lambda: not user.efforts()[-1].any(), "the last command of a controller that was told to end")
     user.until(lambda: user.mode.startswith("stopped"), "its last mode")
 
@@ -128,7 +128,7 @@ def test_bad_inputs_over_the_wire_are_refused_and_do_no_harm(start, processes, p
     user.activate()
     user.run(1.2)
     for key, subject, content, said in cases:
-        # A bad state competes with the good ones of the robot for one slot, of which the newest wins: send it again.
+        # Good states may overwrite a bad one: repeat it.
         user.until(
             lambda said=said: any(said in sentence for sentence in user.refusals()),
             f"a refusal with {said!r}",

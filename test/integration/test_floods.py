@@ -1,4 +1,4 @@
-"""Real processes: other participants flood the controller's inputs, and an emergency stop passes all the same."""
+"""Real processes: floods of the controller's inputs do not block an emergency stop."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from domains import own_domain
 
 from wbc_controller.validation.fuzz.floods import CYCLES, STALL, Stop, StopTrial, _gaps, flood_trials
 
-#: Floods here, and stops under each; `wbc fuzz floods` stops a hundred times under each of all.
+#: Floods and stops in each; `wbc fuzz floods` has 100 stops.
 KINDS, TRIALS = ("activate", "update", "large"), 2
-#: Messages per second that a flood has to reach, so that it is one: a busy machine sends fewer than the 10,000.
+#: Least rate of a flood, messages per second.
 LEAST = {"large": 1.0}
 LEAST_OF_SMALL = 500.0
-#: Inputs whose losses the diagnostics must name.
+#: Inputs with losses that the diagnostics must report.
 NAMED = {"activate", "update", "large"}
 
 

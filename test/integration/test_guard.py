@@ -1,7 +1,6 @@
-"""Real processes: the controller stands still or is killed, and the guard damps the robot until another takes over.
+"""Real processes: the controller is stopped or killed, and the guard damps the robot until another takes over.
 
-A busy machine makes every process late, and lateness only adds. So what must be fast is done several times, and the
-fastest counts: by the guard's own record, and by what the user sees.
+A busy machine only adds delays, so that the fastest of several repetitions counts.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from wbc_controller.nodes.guard_service import NODE_NAME
 
 pytestmark = pytest.mark.live
 
-#: How often the controller is stopped.
+#: Number of stops of the controller.
 STOPS = 8
 #: Patiences from the last command to damping torque, in the fastest case: 1.2 on an idle machine, up to 2.6 at load 15.
 AT_MOST = 4.0
@@ -44,7 +43,7 @@ def guard_says(user):
 
 
 def guard_states(user):
-    """Times and texts of everything that the guard has said."""
+    """Return times and texts of the guard's states."""
     return [
         (when, decode(payload, "std_msgs/msg/String").data) for when, payload in user.arrivals["guard", "state", ""]
     ]
@@ -61,7 +60,7 @@ def torques(user, key):
 
 
 def takeover_after(user, last):
-    """Time from the last command to the first torque that is not the controller's, s, as this process sees them.
+    """Return the time from the last command to the guard's first torque, s, observed by this process.
 
     The controller may have been stopped between the torques of a cycle and its command.
     """
@@ -103,12 +102,12 @@ def test_a_controller_that_stands_still_or_dies_is_followed_by_damping(user, pro
     user.run(0.5)
     when, tau = torques(user, "effort")
     damping = [i for i, time_ in enumerate(when) if time_ > last + 1e-3]
-    # Some messages later the torques are those of the damping, as far as they may be.
+    # Some messages later the torques are damping torques within the rate.
     limits, share = user.model.effort_limits, user.settings.guard.torque
     assert (np.abs(tau[damping[6:]]) <= share * limits + 1e-9).all()
-    assert len(damping) > 20  # it goes on: about one in each period of 2 ms, fewer on a busy machine
+    assert len(damping) > 20  # one per period of 2 ms on an idle machine
 
-    # Another controller: it waits, and the guard goes on; it is activated, and the guard is silent.
+    # The guard continues until another controller is activated.
     user.arrivals["controller", "state", ""].clear()
     user.controller = user.start()
     user.until(lambda: user.mode == "inactive", "the new controller")
@@ -122,17 +121,17 @@ def test_a_controller_that_stands_still_or_dies_is_followed_by_damping(user, pro
     step = user.settings.limits.torque_rate / user.settings.control.rate * limits
     taken_over = user.efforts(activated - 0.1)
     again = [said for when_, said in guard_states(user) if when_ > activated and said.startswith("damping")]
-    if again:  # back from a mere gap, the torques are the controller's at once
+    if again:  # after a gap, the controller's torques return at once
         print(f"this machine kept the controller from its commands, and the guard damped again: {again}")
     else:
         assert (np.abs(np.diff(taken_over, axis=0)) <= step + 1e-9).all()
     assert np.isfinite(taken_over).all()
     when, tau = torques(user, "effort")
     commanded = {row.tobytes() for row in torques(user, "joint_commands")[1]}
-    if user.arrivals["guard", "state", ""][-1][0] < since:  # this machine was not so late that it damped again
+    if user.arrivals["guard", "state", ""][-1][0] < since:  # no second takeover
         assert all(row.tobytes() in commanded for time_, row in zip(when, tau, strict=True) if time_ > since)
 
-    # Told to end, the controller leaves zero torques, and there is nothing to guard.
+    # At its end the controller sends zero torques.
     assert processes.stop(user.controller) == 0
     user.until(lambda: guard_says(user) == "idle", "the guard to rest")
     assert not user.efforts()[-1].any()

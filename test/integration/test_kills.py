@@ -1,4 +1,4 @@
-"""Real processes: the controller and the mock robot are killed, hung up and stopped at random moments."""
+"""Real processes: controller and mock robot are killed, hung up and stopped at random times."""
 
 from __future__ import annotations
 

@@ -13,9 +13,9 @@ def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_use
     user = dds_user
     mock = processes.start("mock", "go2")
     processes.start("run", "go2", "--use-sim-time")
-    user.wait_for_service()  # or the second might be there first, and be the only one
+    user.wait_for_service()  # the first must be discovered
     second = processes.start("run", "go2", "--activate", "--use-sim-time")
-    # Each says once, in its log, that the other is there.
+    # Each logs the other once.
     user.until(lambda: processes.logs().count(f"ownership: {RIVAL}") == 2, "both controllers to see each other")
     user.until(
         lambda: any(f"'activate' is refused: {RIVAL}" in said for said in user.refusals()),
@@ -31,14 +31,16 @@ def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_use
     (status,) = user.last("controller", "diagnostics").status
     assert (status.level, RIVAL in status.message) == (1, True)
 
-    # One of them ends: the other one is activated.
+    # After the end of one, the other is activated.
     assert processes.stop(second) == 0
     user.activate_again()
 
-    # A second robot: both say so at once; so does the controller.
+    # Both robots and the controller report a second robot.
     processes.start("mock", "go2")
     user.until(
-        lambda: processes.logs().count("/joint_states is published by /mock_robot too: two robots on one topic") == 2,
+        lambda: (
+            processes.logs().count("/joint_states has another publisher, /mock_robot: two robots on one topic") == 2
+        ),
         "both robots to see each other",
     )
     said = "/odom has several publishers, /mock_robot, /mock_robot: end all but one"

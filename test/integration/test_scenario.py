@@ -37,7 +37,7 @@ def test_stand_move_and_change_by_topics(user, make):
     user.run(2.0)
     assert np.linalg.norm(user.com() - [x, y, z]) < 0.003
 
-    # The centre of mass is over the other three legs: this one may go.
+    # The centre of mass is over the other three legs.
     user.send("controller", "weight", make.float64(45.0), "com")
     user.send("controller", "task_enable", make.bool(False), "base")
     user.send("controller", "contact_enable", make.bool(False), "front_left_foot")
@@ -45,7 +45,7 @@ def test_stand_move_and_change_by_topics(user, make):
     place = "controller", "contact_wrench", "front_left_foot"
     count = len(user.arrivals[place])
     user.run(0.2)
-    assert len(user.arrivals[place]) == count  # the program counts on it no more
+    assert len(user.arrivals[place]) == count  # no longer in the QP
     assert np.linalg.norm(user.com() - [x, y, z]) < 0.005
     user.send("controller", "task_enable", make.bool(True), "base")
     user.send("controller", "contact_enable", make.bool(True), "front_left_foot")

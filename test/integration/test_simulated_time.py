@@ -1,4 +1,4 @@
-"""Processes on simulated time, on a computer that cannot keep up."""
+"""Processes on simulated time on an overloaded computer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 pytestmark = pytest.mark.live
 
-#: Processes that compute without a pause, and the time after which each ends by itself, s.
+#: Number and duration of busy processes, s.
 BUSY, LONGEST = 4, 300
 
 
@@ -33,7 +33,7 @@ def test_on_a_busy_computer_a_controller_stays_active(processes, dds_user, busy,
     processes.start("run", "go2", "--activate", "--use-sim-time")
     user.until(lambda: user.mode not in ("", "inactive"), "activation", patience=120.0)
     user.run(duration)
-    mock.send_signal(signal.SIGSTOP)  # the simulator pauses
+    mock.send_signal(signal.SIGSTOP)  # pauses the simulator
     time.sleep(0.5)
     mock.send_signal(signal.SIGCONT)
     user.run(0.5 * duration)

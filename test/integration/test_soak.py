@@ -1,4 +1,4 @@
-"""Real processes: a minute of controller, mock robot and guard, with flat memory and without a fault of their own."""
+"""Real processes: a minute of controller, mock robot and guard without memory growth or faults."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def test_a_minute_passes_with_flat_memory_and_without_a_fault(tmp_path):
     assert result.own_faults == []
     for name in ("controller", "mock", "guard"):
         assert result.flat(name), (name, result.memory[name])
-    assert result.rate > 50.0  # it was at work; a busy machine leaves it fewer cycles than the 500
+    assert result.rate > 50.0  # 500 on an idle machine
 
 
 def test_memory_that_grows_is_seen_and_noise_is_not():

@@ -58,7 +58,7 @@ def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_withou
     assert robot.cycle().mode is Mode.INACTIVE
     (refusal,) = robot.refused
     assert "base estimate has not arrived" in refusal
-    assert "no absolute pose has come (estimation.absolute_pose)" in refusal
+    assert "no absolute pose received (estimation.absolute_pose)" in refusal
     robot.cycle(600, THERE)
     robot.bench.command("activate")
     assert robot.cycle().mode is Mode.ACTIVE
@@ -73,9 +73,9 @@ def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_withou
     np.testing.assert_allclose(robot.base, before, atol=2e-3)
     said = [sentence for sentence in robot.refused if sentence.startswith("/pose: ")]
     assert len(said) == 2, said
-    assert "left out as long as the controller is active" in report.inputs.estimate["pose/contradiction"]
+    assert "rejected while the controller is active" in report.inputs.estimate["pose/contradiction"]
     statuses = [status for each in robot.bench.received("diagnostics") for status in each.status]
-    assert any("left out as long as the controller is active" in status.message for status in statuses)
+    assert any("rejected while the controller is active" in status.message for status in statuses)
     robot.bench.command("deactivate")
     robot.cycle(600, off)
     np.testing.assert_allclose(robot.base, off, atol=1e-3)

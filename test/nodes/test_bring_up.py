@@ -73,7 +73,7 @@ def test_torques_in_another_order_stop_the_robot_and_name_a_joint(robot_of, capl
     report = robot.run()
     assert report.mode is Mode.FAULT
     assert report.fault.code == "UNEXPLAINED_MOTION"
-    assert any(f"joint {joint!r} moves by" in report.fault.sentence for joint in robot.model.joints)
+    assert any(f"joint {joint!r} deviates by" in report.fault.sentence for joint in robot.model.joints)
     assert not report.command.tau.any()
     assert max(robot.speeds) < 25.0
 

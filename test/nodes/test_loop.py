@@ -335,7 +335,7 @@ def test_single_implausible_samples_are_rejected_and_counted_and_a_sequence_damp
         sample(controller)
         report = controller.loop.cycle()
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "IMPLAUSIBLE_STATE")
-    assert report.fault.sentence.startswith(f"/{key}: 3 messages in a row are out of reach: ")
+    assert report.fault.sentence.startswith(f"/{key}: 3 consecutive messages rejected: ")
 
 
 @pytest.mark.parametrize("velocity", [1e160, 1e200])

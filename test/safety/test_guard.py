@@ -1,4 +1,4 @@
-"""The guard's decisions: silent while it should be, damping in time, never a torque that a robot should not get."""
+"""Decisions of the guard: silence, timely damping, bounded torques."""
 
 import dataclasses
 import math
@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.records import Mode
-from wbc_controller.safety.guard import ZEROS, Guard, GuardLimits, GuardMode, Heard
+from wbc_controller.safety.guard import ZERO_TIME, Guard, GuardInputs, GuardLimits, GuardMode
 
 EFFORT = np.array([100.0, 20.0, 5.0])
 PERIOD = 0.002
@@ -23,16 +23,16 @@ SPEED = np.array([1.0, -0.5, 0.2])
 
 
 class Rig:
-    """A guard in time, with what it hears; every period it is asked, and what it says is kept."""
+    """Guard with inputs in simulated time; records its torques."""
 
     def __init__(self, **changes):
         self.guard = Guard(dataclasses.replace(LIMITS, **changes))
         self.now = 10.0
-        self.heard = Heard(-math.inf, np.zeros(3), math.inf, None, None, -math.inf)
+        self.inputs = GuardInputs(-math.inf, np.zeros(3), math.inf, None, None, -math.inf)
         self.sent = []
 
     def hear(self, **changes):
-        self.heard = dataclasses.replace(self.heard, **changes)
+        self.inputs = dataclasses.replace(self.inputs, **changes)
 
     def command(self, torques=HOLDING, mode=Mode.ACTIVE):
         self.hear(command_at=self.now, torques=np.asarray(torques, dtype=float), unanswered_at=math.inf, mode=mode)
@@ -41,15 +41,15 @@ class Rig:
         self.hear(
             velocity=None if velocity is None else np.asarray(velocity, dtype=float),
             velocity_at=self.now,
-            unanswered_at=min(self.heard.unanswered_at, self.now),
+            unanswered_at=min(self.inputs.unanswered_at, self.now),
         )
 
     def step(self):
-        self.sent.append(self.guard.step(self.now, self.heard))
+        self.sent.append(self.guard.step(self.now, self.inputs))
         return self.sent[-1]
 
     def run(self, duration, *, states=True, commands=False, velocity=SPEED, torques=HOLDING, mode=Mode.ACTIVE):
-        """Let time pass in periods: a state, an answer, a decision."""
+        """Advance in periods: state, command, decision."""
         for _ in range(round(duration / PERIOD)):
             self.now += PERIOD
             if states:
@@ -68,7 +68,7 @@ def test_it_is_silent_while_commands_flow():
 
 def test_it_is_silent_before_the_first_command_ever():
     rig = Rig()
-    rig.hear(mode=Mode.ACTIVE)  # as latched by a controller that is dead
+    rig.hear(mode=Mode.ACTIVE)  # latched mode of a dead controller
     assert set(rig.run(1.0)) == {None}
     assert rig.guard.mode is GuardMode.IDLE
 
@@ -77,7 +77,7 @@ def test_it_is_silent_before_the_first_command_ever():
 def test_it_damps_in_time_then_sends_zero_then_nothing(triggered):
     rig = Rig(triggered=triggered)
     rig.run(0.1, commands=True)
-    sent = rig.run(0.5 + ZEROS + 0.1)
+    sent = rig.run(0.5 + ZERO_TIME + 0.1)
     first = next(i for i, tau in enumerate(sent) if tau is not None)
     late = (first + 1) * PERIOD  # since the last command: the first missed one would have come a period after it
     assert PATIENCE <= late - PERIOD <= PATIENCE + 2 * PERIOD
@@ -87,7 +87,7 @@ def test_it_damps_in_time_then_sends_zero_then_nothing(triggered):
     assert all(np.array_equal(tau, damping) for tau in sent[reached : first + 249])
     zeros = [tau for tau in sent[first + 252 :] if tau is not None]
     assert not np.any(zeros)
-    assert len(zeros) == pytest.approx(ZEROS / PERIOD, abs=5)
+    assert len(zeros) == pytest.approx(ZERO_TIME / PERIOD, abs=5)
     assert sent[-1] is None
     assert rig.guard.mode is GuardMode.RELEASED
     assert rig.guard.reason == "COMMANDS_STOPPED: the last command came 12 ms ago, in mode active"
@@ -117,7 +117,7 @@ def test_a_controller_that_has_let_go_is_left_alone(mode):
     [(mode, HOLDING) for mode in (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT)]
     + [(mode, np.zeros(3)) for mode in (Mode.ACTIVE, Mode.HOLDING, Mode.DAMPING, None)],
 )
-def test_one_that_dies_on_its_way_to_zero_or_in_a_mode_that_goes_on_is_not(mode, torques):
+def test_death_during_a_ramp_to_zero_is_a_takeover(mode, torques):
     rig = Rig()
     rig.run(0.1, commands=True, torques=torques, mode=mode)
     assert rig.run(0.1)[-1] is not None
@@ -155,7 +155,7 @@ def test_without_usable_velocities_the_torques_sink_to_zero(velocity):
     sent = [tau for tau in rig.run(0.1, velocity=velocity) if tau is not None]
     assert np.isfinite(sent).all()
     assert not sent[-1].any()
-    assert rig.guard.blind(rig.now, rig.heard)
+    assert rig.guard.velocity_is_stale(rig.now, rig.inputs)
 
 
 def test_with_stale_velocities_the_torques_sink_to_zero_and_rise_when_they_come_back():
@@ -163,12 +163,12 @@ def test_with_stale_velocities_the_torques_sink_to_zero_and_rise_when_they_come_
     rig.run(0.1, commands=True)
     rig.run(0.1)
     assert not rig.run(0.1, states=False)[-1].any()
-    assert rig.guard.blind(rig.now, rig.heard)
+    assert rig.guard.velocity_is_stale(rig.now, rig.inputs)
     assert np.allclose(rig.run(0.02)[-1], -2.0 * SPEED)
-    assert not rig.guard.blind(rig.now, rig.heard)
+    assert not rig.guard.velocity_is_stale(rig.now, rig.inputs)
 
 
-def test_a_last_command_that_no_robot_could_follow_is_not_started_from():
+def test_an_infeasible_last_command_is_not_continued():
     rig = Rig()
     rig.run(0.1, commands=True, torques=[np.nan, 1e9, 0.0])
     sent = [tau for tau in rig.run(0.1) if tau is not None]
@@ -185,13 +185,13 @@ def test_the_torque_rate_is_per_second_however_often_it_is_asked(often):
     rig.state(np.zeros(3))
     rig.now += PATIENCE
     last = rig.step()
-    np.testing.assert_allclose(last, HOLDING + towards * PERIOD)  # from the last command on
+    np.testing.assert_allclose(last, HOLDING + towards * PERIOD)  # from the last command
     for _ in range(3 * often):
         rig.now += PERIOD / often
         tau = rig.step()
         np.testing.assert_allclose(tau, last + towards * PERIOD / often)
         last = tau
-    rig.now += 10.0 * PERIOD  # late: no more than one period's worth
+    rig.now += 10.0 * PERIOD  # late: at most one period
     np.testing.assert_allclose(rig.step(), last + towards * PERIOD)
     last = rig.sent[-1]
     rig.now -= 1e-3  # the clock went back: no change
@@ -213,7 +213,7 @@ events = st.lists(
 @settings(max_examples=200, deadline=None)
 @given(events, st.booleans())
 def test_whatever_happens(history, triggered):
-    """Finite, bounded, without jumps; never right after a command; always silent in the end, at zero."""
+    """Torques are finite, bounded and without jumps, and end at zero."""
     rig = Rig(triggered=triggered)
     before = None
     for what, pause, values, mode in history:
@@ -226,13 +226,13 @@ def test_whatever_happens(history, triggered):
             rig.hear(mode=mode)
         tau = rig.step()
         if tau is not None:
-            assert rig.now - rig.heard.command_at >= PATIENCE
+            assert rig.now - rig.inputs.command_at >= PATIENCE
             assert np.isfinite(tau).all()
             assert (np.abs(tau) <= EFFORT).all()
             if before is not None:
                 assert (np.abs(tau - before) <= 0.2 * EFFORT + 1e-9).all()
         before = tau
-    end = rig.run(0.5 + ZEROS + 0.2, states=False)
+    end = rig.run(0.5 + ZERO_TIME + 0.2, states=False)
     assert end[-1] is None
     sent = [tau for tau in rig.sent if tau is not None]
     if sent and rig.guard.mode is GuardMode.RELEASED:

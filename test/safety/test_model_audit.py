@@ -1,7 +1,7 @@
-"""The live audit on the mock robot: silent with the right model, and a named warning for each thing that is wrong.
+"""Live audit on the mock robot: silent with the right model, a warning for each error.
 
-Acceptance of the audit: the energy residual stays below 2 % of the mechanical power with the right model, and a wrong
-mass, a torque with the wrong sign and an unknown push are each named within a second.
+The energy residual stays below 2 % of the mechanical power. A wrong mass, a torque with the wrong sign and an unknown
+push are detected within a second.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.simulation import Simulation
 from wbc_controller.validation.lockstep import Lockstep
 
-LET_GO, CALM = 0.2, 0.9  # s: the hoist lets go, and all is quiet
+LET_GO, CALM = 0.2, 0.9  # s: release of the hoist, end of transients
 
 
 def heavier(urdf: str, link: str, factor: float) -> str:
@@ -76,7 +76,7 @@ class Run:
         return [report.audit for report in self.reports if report.audit and report.stamp * 1e-9 > since]
 
     def warned(self, since: float, within: float) -> set[str]:
-        """Names of the warnings in a span of time."""
+        """Return the names of warnings in a time span."""
         return {
             warning.partition(":")[0]
             for report in self.reports
@@ -117,14 +117,14 @@ def test_the_residuals_are_those_of_the_laws_of_motion(robot):
     audit = ModelAudit(controller.model, dataclasses.replace(limits, time_constant=1.0e-15))
     base, known = controller.model.base_link, np.array([5.0, 12.0, -3.0, 0.5, -0.3, 0.2])
     controller.board.apply([SetExternalWrench(base, known)], controller.dynamics, simulation.time)
-    plant.push(base, known + [9.0, 0.0, 4.0, 0.0, 0.0, 0.0], 1.0)  # more than is known: a residual to compare
+    plant.push(base, known + [9.0, 0.0, 4.0, 0.0, 0.0, 0.0], 1.0)  # exceeds the known wrench
     model, seen = controller.model.pinocchio, []
     before = None
 
     def compare(now):
         nonlocal before
         result = now.result
-        report = audit.look(result.state, controller.dynamics, result.solution, result.command)
+        report = audit.check(result.state, controller.dynamics, result.solution, result.command)
         if before is not None and report is not None and np.array_equal(before.solution.tau, before.command.tau):
             wrenches = [ExternalWrench(base, known)]
             force = controller.model.actuation.generalized_force(before.command.tau)
@@ -182,7 +182,7 @@ def test_an_unknown_push_is_named_within_a_second(push):
     run.mock.plant.push(run.model.base_link, np.array([*push, 0.0, 0.0, 0.0]), 1.0)
     run.until(CALM + 1.0)
     assert "UNMODELLED_FORCE" in run.warned(CALM, 1.0)
-    # The ground takes up a part of it, so that the direction is told, and the size only roughly.
+    # The ground supports a part, so that only the direction is accurate.
     force, size = run.audits(CALM)[-1].force, np.linalg.norm(push)
     assert force @ push > 0.9 * np.linalg.norm(force) * size
     assert 0.5 * size < np.linalg.norm(force) < 1.5 * size

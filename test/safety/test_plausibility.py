@@ -1,4 +1,4 @@
-"""States that no robot has, falls, and budgets over time: what the supervisor makes of them."""
+"""Implausible states, falls and time budgets of the supervisor."""
 
 import dataclasses
 import re
@@ -21,7 +21,7 @@ NOTHING = NoSolution("nothing", "infeasible", None)
 
 
 class Body:
-    """A robot that moves as its velocities say, and a supervisor that sees it through `sensed`."""
+    """Robot that integrates its velocities, and a supervisor with the sensor `sensed`."""
 
     def __init__(self, settings, model, **changes):
         self.model = model
@@ -70,7 +70,7 @@ class Body:
 
 @pytest.fixture
 def body(robot_of):
-    """The function that makes a Go2, and lets some steps pass."""
+    """Return a factory of Go2 after some steps."""
 
     def make(steps=0, **changes):
         made = Body(*robot_of("go2"), **changes)
@@ -86,7 +86,7 @@ def joint(model, i):
 
 
 def test_the_torque_rate_is_per_second_however_often_the_states_come(body):
-    """Five states per period: the torques may still change by one period's worth per period."""
+    """Five states per period: the torque rate counts time."""
     robot = body(torque_rate=2.0)
     robot.step(5)
     before = robot.commands[-1].tau
@@ -122,7 +122,7 @@ def test_a_base_that_tilts_too_far_has_fallen(body, rate, falls):
     robot.v[3] = 1.0
     robot.step(round(rate / PERIOD))
     if falls:
-        robot.says("FALLEN", "the base is tilted by 1.00 rad", "limit 1.00 rad, safety.max_tilt")
+        robot.says("FALLEN", "the base has tilted by 1.00 rad", "limit 1.00 rad, safety.max_tilt")
     else:
         assert robot.mode is Mode.ACTIVE
 
@@ -137,14 +137,14 @@ def test_a_slope_and_turning_about_the_vertical_are_no_fall(body):
 
 
 def fold(robot, thigh=1.0, calf=-1.5):
-    """Let the legs fold, with the velocities of their joints in rad/s."""
+    """Fold the legs at joint velocities, rad/s."""
     for leg in range(4):
         robot.v[joint(robot.model, 3 * leg + 1)[1]] = thigh
         robot.v[joint(robot.model, 3 * leg + 2)[1]] = calf
 
 
 def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
-    """The legs fold; the floor stays where the feet are, and the base's own height does not count."""
+    """The legs fold; the height relative to the feet counts."""
     robot = body(steps=10)
     fold(robot)
     robot.v[2] = 0.3  # the base rises in the world, as on stairs
@@ -154,7 +154,7 @@ def test_a_base_that_sinks_between_its_limbs_has_fallen(body):
             break
     robot.says("FALLEN", "above the lowest limb (limit 0.4 of the ", "safety.min_height")
     height, at_first = map(float, re.findall(r"(\d\.\d+) m ", robot.fault.sentence))
-    assert 0.36 < height / at_first < 0.4  # seen within 10 ms
+    assert 0.36 < height / at_first < 0.4  # detected within 10 ms
 
 
 def test_without_a_smallest_height_a_base_may_sink(body):
@@ -170,7 +170,7 @@ def test_without_a_smallest_height_a_base_may_sink(body):
 
 
 def test_where_the_limbs_are_hardly_below_the_base_its_height_does_not_count(body):
-    """It lies with its feet beside it: 5 cm less are nothing."""
+    """Lying robot: a height below the limit is not checked."""
     robot = body()
     for leg in range(4):
         robot.q[joint(robot.model, 3 * leg + 1)[0]] = 1.57
@@ -264,7 +264,7 @@ def test_a_fixed_base_does_not_fall(robot_of, changed):
     watch.begin()
     for i in range(20):  # values 3 to 6 of its configuration are joints, and no quaternion
         q = np.random.default_rng(i).uniform(-1.0, 1.0, 12)
-        assert watch.look(0.1 * i, RobotState(i, q, np.zeros(12))) is None
+        assert watch.check(0.1 * i, RobotState(i, q, np.zeros(12))) is None
 
 
 def test_single_solutions_do_not_renew_the_time_for_holding(body):
@@ -299,7 +299,7 @@ def test_relaxed_for_too_long_is_a_fault_that_names_what_was_relaxed(body):
     robot.step(149)
     assert robot.mode is Mode.ACTIVE
     robot.step(4)
-    robot.says("RELAXED", "self_collision, joint_motion, torque_rate had to be relaxed for 50", "safety.relax_time")
+    robot.says("RELAXED", "self_collision, joint_motion, torque_rate: relaxed for 50", "safety.relax_time")
 
 
 def test_an_activation_begins_with_whole_budgets(body):
@@ -326,7 +326,7 @@ def test_relaxing_now_and_then_is_none(body):
 
 
 def test_noise_of_sensors_is_plausible(body):
-    """Encoders with 5e-3 rad, velocities with 0.2 rad/s, a base with 3 mm and 0.1 m/s: a minute at 500 Hz."""
+    """Noise of 5e-3 rad, 0.2 rad/s, 3 mm and 0.1 m/s for a minute at 500 Hz."""
     robot, rng = body(), np.random.default_rng(0)
     model = robot.model
 
@@ -380,13 +380,13 @@ def test_messages_that_are_lost_are_plausible(body):
         robot.step(dt=PERIOD * int(rng.integers(1, 10)))
     robot.v[robot.model.v_index] = -3.0
     robot.step()
-    robot.v[robot.model.v_index] = 3.0  # it turned back while nobody looked
+    robot.v[robot.model.v_index] = 3.0  # turned back during the gap
     robot.step(dt=0.3)
     robot.step(10)
     assert robot.mode is Mode.ACTIVE
 
 
-def test_after_a_pause_a_joint_is_no_further_than_its_largest_velocity_leads(body):
+def test_reach_after_a_gap(body):
     robot = body(fall=None)
     robot.step(10)
     place = joint(robot.model, 4)[0]
@@ -413,11 +413,15 @@ def test_a_joint_that_jumps_is_named(body, jump):
     robot.q[joint(robot.model, 4)[0]] += jump
     robot.step()
     name = robot.model.joints[4]
-    robot.says("IMPLAUSIBLE_STATE", f"joint {name!r} differs by {jump:.3g} rad", "limit 0.2, safety.joint_mismatch")
+    robot.says(
+        "IMPLAUSIBLE_STATE",
+        f"joint {name!r}: the position differs by {jump:.3g} rad",
+        "limit 0.2, safety.joint_mismatch",
+    )
 
 
 def test_what_has_led_to_a_fault_is_forgotten(body):
-    """The next state is plausible by itself, wherever the joint is now."""
+    """After an implausible velocity the next state is accepted."""
     robot = body()
     place, v = joint(robot.model, 4)
     robot.v[:] = 0.01
@@ -426,7 +430,7 @@ def test_what_has_led_to_a_fault_is_forgotten(body):
     robot.step()
     robot.says("IMPLAUSIBLE_STATE", "safety.joint_mismatch")
     robot.step()
-    assert robot.supervisor._watch.doubt is None
+    assert robot.supervisor._watch.fault is None
     robot.v[v], stays = 3.0, robot.q[place]
 
     def dead(q, speeds):
@@ -436,7 +440,7 @@ def test_what_has_led_to_a_fault_is_forgotten(body):
     watch, doubts = robot.supervisor._watch, []
     for _ in range(8):
         robot.step(sensed=dead)
-        doubts.append(watch.doubt is not None)
+        doubts.append(watch.fault is not None)
     assert doubts == [False] * 5 + [True] + [False] * 2  # 3 mm and then 6 mm a period, 30 mm in all
 
 
@@ -454,7 +458,7 @@ def test_a_fault_of_the_inputs_counts_before_one_of_the_state(body):
     ("dead", "speed", "count", "said"),
     [
         ("velocity", 2.0, 200, ("safety.joint_mismatch",)),
-        ("position", 0.5, 40, ("has stayed at one value", "0.03, safety.frozen_motion")),
+        ("position", 0.5, 40, ("the position is constant", "0.03, safety.frozen_motion")),
     ],
 )
 def test_a_joint_whose_velocity_or_position_is_dead_is_named(body, dead, speed, count, said):
@@ -470,7 +474,7 @@ def test_a_joint_whose_velocity_or_position_is_dead_is_named(body, dead, speed, 
         return q, speeds
 
     robot.step(count, sensed=sensed)
-    robot.says("IMPLAUSIBLE_STATE", f"joint {robot.model.joints[4]!r} ", *said)
+    robot.says("IMPLAUSIBLE_STATE", f"joint {robot.model.joints[4]!r}: ", *said)
 
 
 @pytest.mark.parametrize(
@@ -530,7 +534,7 @@ def test_a_small_correction_of_the_odometry_is_plausible(body):
         (8, 1e200, "max_joint_speed"),
     ],
 )
-def test_velocities_that_no_robot_has_are_a_fault(body, place, value, key, sign):
+def test_velocities_out_of_range(body, place, value, key, sign):
     robot = body(steps=10)
 
     def absurd(q, v):
@@ -544,7 +548,7 @@ def test_velocities_that_no_robot_has_are_a_fault(body, place, value, key, sign)
 
 @pytest.mark.parametrize("value", [1e7, -1e200, np.inf, np.nan])
 @pytest.mark.parametrize("place", [0, 9])
-def test_positions_that_no_robot_has_are_a_fault_and_are_not_compared_with(body, place, value):
+def test_positions_out_of_range(body, place, value):
     robot = body(steps=10)
 
     def absurd(q, v):
@@ -567,7 +571,7 @@ def test_activation_is_refused_while_the_state_is_not_plausible(body):
         robot.supervisor.request("activate", robot.now, None)
 
 
-def test_a_velocity_that_no_joint_has_is_not_damped_and_the_others_are(body):
+def test_implausible_velocities_are_not_damped(body):
     robot = body()
     robot.step(100)
     robot.supervisor.request("damp", robot.now, None)

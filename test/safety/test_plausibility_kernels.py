@@ -7,14 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.safety.plausibility_kernels import (
-    ABSURD,
     BASE_REPEATS,
     GAP,
     JOINTS_REPEAT,
     JUMPED,
     MEMORY,
+    OUT_OF_RANGE,
     STUCK,
-    UNTOLD,
+    STUCK_MOTION,
     StateMemory,
     compare,
 )
@@ -24,7 +24,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 class Watched:
-    """Two states of a free flyer with joints in any order and a follower, and what is remembered."""
+    """Two states of a free flyer with unordered joints and a follower, and the memory."""
 
     def __init__(self, seed, *, floating=True):
         rng = self.rng = np.random.default_rng(seed)
@@ -36,8 +36,8 @@ class Watched:
         self.v_before, self.v = rng.normal(size=(2, self.nv))
         self.dt, self.magnitude = 0.004, 100.0
         self.limits = np.full((3, self.nv), np.inf)
-        self.mismatch, self.untold = rng.normal(size=(2, self.nv))
-        self.some_untold = True
+        self.mismatch, self.stuck_motion = rng.normal(size=(2, self.nv))
+        self.any_stuck_motion = True
 
     def configuration(self, motion):
         if not self.floating:
@@ -46,7 +46,7 @@ class Watched:
         return np.concatenate([turn, motion[6:]])
 
     def change(self):
-        """As Pinocchio has it."""
+        """Return Pinocchio's order."""
         joints = self.q[-N:] - self.before[-N:]
         if not self.floating:
             return joints
@@ -64,40 +64,40 @@ class Watched:
             magnitude=self.magnitude,
             fastest=self.limits[0],
             tolerance=self.limits[1],
-            motionless=self.limits[2],
+            stuck_limit=self.limits[2],
             before=kept[0],
             v_before=kept[1],
             mismatch=self.mismatch,
-            untold=self.untold,
+            stuck_motion=self.stuck_motion,
         )
-        found = compare(memory, self.q, self.v, self.dt, self.some_untold)
-        expected = [self.before, self.v_before] if found & ABSURD else [self.q, self.v]
+        found = compare(memory, self.q, self.v, self.dt, self.any_stuck_motion)
+        expected = [self.before, self.v_before] if found & OUT_OF_RANGE else [self.q, self.v]
         assert all(each.tobytes() == other.tobytes() for each, other in zip(kept, expected, strict=True))
         return found
 
     def expect(self):
-        """What NumPy makes of it: what is found, mismatches, and what is untold."""
-        fastest, tolerance, motionless = self.limits
-        x, u = self.mismatch, self.untold
+        """Return findings, mismatch and stuck motion by NumPy."""
+        fastest, tolerance, stuck_limit = self.limits
+        x, u = self.mismatch, self.stuck_motion
         if not (np.abs(self.q) <= self.magnitude).all() or not (np.abs(self.v) <= fastest).all():
-            return ABSURD, x, u
-        moves = self.v.any() or self.v_before.any() or self.some_untold or (x**2).sum() > 1e-12
+            return OUT_OF_RANGE, x, u
+        moves = self.v.any() or self.v_before.any() or self.any_stuck_motion or (x**2).sum() > 1e-12
         if not moves and self.q.tobytes() == self.before.tobytes():
             return 0, x, u
-        change, told = self.change(), 0.5 * self.dt * (self.v_before + self.v)
+        change, integrated = self.change(), 0.5 * self.dt * (self.v_before + self.v)
         known, keep = 0.0 <= self.dt <= GAP, 1.0 - self.dt / MEMORY
         reach = abs(self.dt) * fastest
-        x = keep * x + (change - told) if known else change - np.clip(change, -reach, reach)
+        x = keep * x + (change - integrated) if known else change - np.clip(change, -reach, reach)
         found = 0
         if not (np.abs(x) <= tolerance).all():
             found, u = found | JUMPED, np.zeros(self.nv)
         if change[self.v_index].all():
             u = np.zeros(self.nv)
         else:
-            found |= UNTOLD if known or self.some_untold else 0
+            found |= STUCK_MOTION if known or self.any_stuck_motion else 0
             if known:
-                u = np.where(change == 0.0, keep * u + told, 0.0)
-                found |= 0 if (np.abs(u) <= motionless).all() else STUCK
+                u = np.where(change == 0.0, keep * u + integrated, 0.0)
+                found |= 0 if (np.abs(u) <= stuck_limit).all() else STUCK
             found |= JOINTS_REPEAT if self.repeats(self.q_index, self.v_index) else 0
         if self.floating and self.q[0] == self.before[0]:
             found |= BASE_REPEATS if self.repeats(slice(7), slice(6)) else 0
@@ -108,15 +108,15 @@ class Watched:
         return same and self.v[v].tobytes() == self.v_before[v].tobytes()
 
     def check(self):
-        found, mismatch, untold = self.expect()
+        found, mismatch, stuck_motion = self.expect()
         assert self.compare() == found
         np.testing.assert_allclose(self.mismatch, mismatch, rtol=1e-9, atol=1e-11)
-        joints = slice(-N, None)  # where the base's change is zero is a matter of rounding
-        np.testing.assert_allclose(self.untold[joints], untold[joints], rtol=1e-9, atol=1e-11)
+        joints = slice(-N, None)  # rounding decides on zeros of the base
+        np.testing.assert_allclose(self.stuck_motion[joints], stuck_motion[joints], rtol=1e-9, atol=1e-11)
         return found
 
 
-BITS = [ABSURD, JUMPED, STUCK, UNTOLD, JOINTS_REPEAT, BASE_REPEATS]
+BITS = [OUT_OF_RANGE, JUMPED, STUCK, STUCK_MOTION, JOINTS_REPEAT, BASE_REPEATS]
 
 
 @settings(deadline=None, max_examples=400)
@@ -127,18 +127,18 @@ BITS = [ABSURD, JUMPED, STUCK, UNTOLD, JOINTS_REPEAT, BASE_REPEATS]
     joints=st.sampled_from(["move", "move", "some", "still", "repeat", "rest"]),
     base=st.sampled_from(["moves", "moves", "still", "repeats", "rests"]),
     size=st.sampled_from([0.3, 2.0, np.inf]),
-    some_untold=st.booleans(),
+    any_stuck_motion=st.booleans(),
     spoilt=st.sampled_from([None] * 6 + ["q", "v"]),
     value=st.sampled_from([np.nan, np.inf, -np.inf, 1e3, -1e3]),
 )
 def test_a_comparison_finds_what_numpy_and_pinocchio_find(
-    seed, floating, dt, joints, base, size, some_untold, spoilt, value
+    seed, floating, dt, joints, base, size, any_stuck_motion, spoilt, value
 ):
     case = Watched(seed, floating=floating)
-    case.dt, case.some_untold = dt, some_untold
+    case.dt, case.any_stuck_motion = dt, any_stuck_motion
     case.limits = np.array([[100.0], [size], [size]]) * case.rng.uniform(1.0, 2.0, (3, case.nv))
-    if not some_untold:
-        case.untold[:] = 0.0
+    if not any_stuck_motion:
+        case.stuck_motion[:] = 0.0
     if joints in ("still", "repeat", "rest"):
         case.q[-N:] = case.before[-N:]
     elif joints == "some":
@@ -163,25 +163,25 @@ def test_a_comparison_finds_what_numpy_and_pinocchio_find(
 def test_every_finding_occurs_among_such_cases(bit):
     case = Watched(0)
     case.limits[:] = 1e3
-    if bit == ABSURD:
+    if bit == OUT_OF_RANGE:
         case.v[4] = np.nan
     if bit in (JUMPED, STUCK):
         case.limits[1 if bit == JUMPED else 2] = 1e-6
-    if bit in (STUCK, UNTOLD, JOINTS_REPEAT):
+    if bit in (STUCK, STUCK_MOTION, JOINTS_REPEAT):
         case.q[-N:], case.v[-N:] = case.before[-N:], case.v_before[-N:]
     if bit == BASE_REPEATS:
         case.q[:7], case.v[:6] = case.before[:7], case.v_before[:6]
     assert case.check() & bit
 
 
-@pytest.mark.parametrize("what", ["nothing", "v", "v_before", "untold", "mismatch", "q", "sign"])
-def test_a_robot_rests_where_nothing_moves_and_nothing_is_left_to_be_compared(what):
+@pytest.mark.parametrize("what", ["nothing", "v", "v_before", "stuck_motion", "mismatch", "q", "sign"])
+def test_rest_of_a_robot(what):
     case = Watched(1)
     case.before[-1] = 0.0
     case.q = case.before.copy()
-    for each in (case.v, case.v_before, case.mismatch, case.untold):
+    for each in (case.v, case.v_before, case.mismatch, case.stuck_motion):
         each[:] = 0.0
-    case.mismatch[4], case.some_untold = 1e-7, what == "untold"
+    case.mismatch[4], case.any_stuck_motion = 1e-7, what == "stuck_motion"
     if what in ("v", "v_before", "mismatch"):
         getattr(case, what)[-1] = 1e-5
     if what == "q":
@@ -193,7 +193,7 @@ def test_a_robot_rests_where_nothing_moves_and_nothing_is_left_to_be_compared(wh
     assert np.array_equal(case.mismatch, kept) == (what == "nothing")
 
 
-def test_where_a_quaternion_is_zero_the_change_is_not_a_number_and_fails():
+def test_a_zero_quaternion_fails():
     for which in ("before", "q"):
         case = Watched(2)
         getattr(case, which)[3:7] = 0.0

@@ -1,4 +1,4 @@
-"""The supervisor: what it does with every request, the ramps, the ladder down, and what can never leave it."""
+"""Supervisor: requests, ramps, holding, damping, and bounds of commands."""
 
 import re
 
@@ -29,7 +29,7 @@ def solution(model, tau):
 
 
 class Rig:
-    """A supervisor in time, with every command that it made."""
+    """Supervisor in simulated time with all its commands."""
 
     def __init__(self, model, **changes):
         self.model = model
@@ -48,7 +48,7 @@ class Rig:
         return self.supervisor.request(word, self.now, problem)
 
     def step(self, outcome="solution", count=1, problem=None, velocity=0.0):
-        """Steps with a period in between; `velocity` of all joints, None where it is not fresh."""
+        """Step with the joint velocity, or None if stale."""
         for _ in range(count):
             self.now += PERIOD
             speeds = None if velocity is None else np.full(self.model.na, velocity)
@@ -58,7 +58,7 @@ class Rig:
         return self.commands[-1]
 
     def bring(self, where):
-        """Into a mode; `damping!`, `fault!` and so on with a fault, the others as a user asked."""
+        """Enter a mode; `damping!`, `fault!` with a fault, others by request."""
         if where == "inactive":
             return self
         self.request("activate")
@@ -86,7 +86,7 @@ def rig(robot_of):
 
 RESET_FIRST = "send 'reset' first"
 TABLE = {
-    # mode: what activate, deactivate, damp, reset and estop lead to: a mode, or a part of the refusal
+    # mode: results of activate, deactivate, damp, reset and estop: a mode, or part of the refusal
     "inactive": (Mode.ACTIVE, "the controller is inactive", "the controller is inactive", Mode.INACTIVE, Mode.FAULT),
     "active": ("active already", Mode.ACTIVE, Mode.DAMPING, "'deactivate' or 'damp' first", Mode.FAULT),
     "holding": ("holding already", Mode.HOLDING, Mode.DAMPING, "'deactivate' or 'damp' first", Mode.FAULT),
@@ -116,7 +116,7 @@ def test_every_request_in_every_mode(rig, where, word, result):
 
 
 @pytest.mark.parametrize("where", TABLE)
-def test_an_unknown_request_is_refused_with_the_one_that_was_meant(rig, where):
+def test_an_unknown_request_is_refused_with_a_suggestion(rig, where):
     bench = rig().bring(where)
     with pytest.raises(InputRefused, match=r"'actvate' is unknown; did you mean 'activate'\? Valid: activate, damp"):
         bench.request("actvate")
@@ -247,7 +247,7 @@ def test_torques_are_not_taken_over_before_the_ramp_has_ended(rig):
     bench = rig(torque_rate=2.0)
     wanted, bench.tau = bench.tau, 0.0 * bench.tau
     bench.request("activate")
-    bench.step(count=10)  # those sent are the solution's
+    bench.step(count=10)  # reaches the solution
     bench.tau = wanted
     bench.step(count=50)
     assert (bench.commands[-1].tau < 0.9 * wanted).all()
@@ -256,13 +256,13 @@ def test_torques_are_not_taken_over_before_the_ramp_has_ended(rig):
 
 def test_filtered_torques_follow_the_solutions_with_their_time_constant(rig):
     bench = rig(torque_filter=0.006, torque_rate=1e5).bring("active")
-    np.testing.assert_allclose(bench.commands[-1].tau, bench.tau, rtol=1e-6)  # it has come on the ramp, unfiltered
+    np.testing.assert_allclose(bench.commands[-1].tau, bench.tau, rtol=1e-6)  # unfiltered on the ramp
     before, bench.tau = bench.tau, -0.4 * bench.model.effort_limits
     for count in range(1, 8):
         sent = bench.step().tau
         np.testing.assert_allclose(sent, bench.tau + np.exp(-count * PERIOD / 0.006) * (before - bench.tau), rtol=1e-6)
         np.testing.assert_array_equal(bench.supervisor.torques_before(bench.now), sent)
-    bench.now += 0.006 - PERIOD  # states that come late: by the time that has passed, not by cycles
+    bench.now += 0.006 - PERIOD  # late states: elapsed time counts
     late = bench.step().tau
     np.testing.assert_allclose(late, bench.tau + np.exp(-1.0) * (sent - bench.tau), rtol=1e-6)
 
@@ -337,13 +337,13 @@ def test_no_torque_is_held_that_drives_a_joint_into_its_stop(rig, side):
     bench.step(count=20)
     q = np.array(bench.state.q)
     end = model.position_upper if side > 0.0 else model.position_lower
-    q[model.q_index[0]] = end[0] - side * 0.2  # it gets there in 40 ms
-    q[model.q_index[1]] = end[1] - side * 0.3  # and this one in 60
+    q[model.q_index[0]] = end[0] - side * 0.2  # reached in 40 ms
+    q[model.q_index[1]] = end[1] - side * 0.3  # reached in 60 ms
     bench.state = RobotState(8, q, bench.state.v)
     bench.step(NOTHING, count=8, velocity=side * 5.0)
     damping = -2.0 * 5.0 * side
     np.testing.assert_allclose(bench.commands[-1].tau[:2], [damping, bench.tau[1] + damping])
-    bench.step(NOTHING, count=12, velocity=-side * 5.0)  # on its way back
+    bench.step(NOTHING, count=12, velocity=-side * 5.0)  # returning
     assert bench.mode is Mode.HOLDING
     np.testing.assert_allclose(bench.commands[-1].tau[0], bench.tau[0] - damping)
 
@@ -437,9 +437,7 @@ _cycles = st.lists(
     rate=st.sampled_from([1.0, 50.0, 1e5]),
     slow=st.sampled_from([0.0, 0.006]),
 )
-def test_whatever_happens_commands_are_bounded_and_modes_go_as_drawn(
-    rig_model, cycles, ramp, hold, damping, rate, slow
-):
+def test_commands_are_bounded_and_modes_follow_the_diagram(rig_model, cycles, ramp, hold, damping, rate, slow):
     bench = Rig(
         rig_model, activation_ramp=ramp, hold_time=hold, damping_time=damping, torque_rate=rate, torque_filter=slow
     )
@@ -500,17 +498,17 @@ def test_no_torque_beyond_what_the_motors_have_at_their_speeds(robot_of):
     rig = Rig(robot_of("go2")[1], torque_speed=TorqueSpeedCurve(np.full(na, 5.0), np.full(na, 15.0)), torque_rate=5.0)
     rig.bring("active")
     assert rig.commands[-1].tau == pytest.approx(rig.tau)
-    rig.step(velocity=9.0)  # 60 % is left, and half is asked for
+    rig.step(velocity=9.0)  # 60 % available, 50 % wanted
     assert rig.mode is Mode.ACTIVE
-    rig.step(velocity=12.0)  # 30 %: refused; what is sent falls to it at once, faster than the rate
+    rig.step(velocity=12.0)  # 30 %: refused; the torque drops at once
     assert rig.mode is Mode.HOLDING
     assert "hip" in rig.supervisor.fault.sentence
     assert (rig.commands[-1].tau <= 0.3 * rig.model.effort_limits + 1e-9).all()
-    rig.step(velocity=-12.0)  # the other way it brakes
+    rig.step(velocity=-12.0)  # braking
     assert rig.mode is Mode.ACTIVE
 
 
-def test_where_the_speeds_are_not_known_the_motors_count_as_standing(robot_of):
+def test_unknown_speeds_use_stall_torque(robot_of):
     na = robot_of("go2")[1].na
     rig = Rig(robot_of("go2")[1], torque_speed=TorqueSpeedCurve(np.full(na, 5.0), np.full(na, 15.0))).bring("active")
     for velocity in (None, np.nan, np.inf):

@@ -1,4 +1,4 @@
-"""The shipped robots, and a controller that lets them stand."""
+"""Shipped robots and a standing controller."""
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,7 @@ ROBOTS = ("g1", "talos", "go2")
 
 
 class Standing:
-    """Torques that carry the robot in its posture, and a spring and damper at each joint around them."""
+    """Gravity compensation with a spring and damper at each joint."""
 
     def __init__(self, model: RobotModel, settings: Settings, q: np.ndarray) -> None:
         data = model.pinocchio.createData()
@@ -54,7 +54,7 @@ def load(robot_of):
 
 @pytest.fixture(scope="session")
 def standing():
-    """The class of controllers that stand."""
+    """Return the class of the standing controller."""
     return Standing
 
 

@@ -16,7 +16,7 @@ from wbc_controller.nodes.audit import joint_efforts, make_audit
 from wbc_controller.records import JointCommand, RobotState, frozen
 from wbc_controller.simulation.plant import Plant
 
-#: Relative difference of accelerations that MuJoCo's soft coupling of a follower may make.
+#: Tolerance of accelerations for MuJoCo's soft coupling of a follower.
 SOFT = 0.02
 
 
@@ -92,7 +92,7 @@ def test_a_rotor_between_two_branches_is_refused():
     model = make_model(settings, MENAGERIE)
     dynamics = Dynamics(model)
     hip, shoulder = (model.v_index[model.joints.index(name)] for name in ("hip", "shoulder"))
-    for _ in range(3):  # the coupling does not add up from cycle to cycle
+    for _ in range(3):  # no accumulation over cycles
         dynamics.update(model.configuration(model.posture), np.zeros(model.nv))
         assert dynamics.M[hip, shoulder] == pytest.approx(-0.1)
     with pytest.raises(
@@ -121,14 +121,14 @@ def test_damping_never_drives_a_joint():
         passive = model.joints.index("ankle")
         np.testing.assert_allclose(at_joints[passive], 0.0)
         others = np.delete(np.arange(model.nj), passive)
-        # R is square at the joints that are driven: each of them is damped by the same.
+        # R is square at the driven joints: equal damping.
         damping = -at_joints[others] / v[model.v_index][others]
         np.testing.assert_allclose(damping, damping[0])
         assert 0.0 < damping[0] <= 2.0
 
 
 def test_the_audit_accounts_for_springs_transmissions_and_followers():
-    """A move of one second under the controller: power and torques are those of the model."""
+    """Controlled motion of 1 s: power and torques equal the model."""
     settings, model, plant = made()
     controller = make_qp(settings, model)
     controller.dynamics.update(*plant.state())
@@ -144,7 +144,7 @@ def test_the_audit_accounts_for_springs_transmissions_and_followers():
         solution = controller.solve(state, board.sample(plant.time))
         plant.apply(solution.tau)
         command = JointCommand(state.stamp, solution.tau, nothing, nothing)
-        report = audit.look(state, controller.dynamics, solution, command)
+        report = audit.check(state, controller.dynamics, solution, command)
         if report is not None and report.throughput > 1.0:
             energies.append(abs(report.energy) / report.throughput)
             torques.append(np.max(np.abs(report.joint_torques) / limits))

@@ -35,7 +35,7 @@ def g1_with(name, contact, **others):
     if name == "left_foot":
         values["contacts"].pop(name)
     values["contacts"][name] = contact
-    if contact["type"] == "fixed":  # what nobody asks for is zero between two links
+    if contact["type"] == "fixed":  # zero between two links
         target = [10.0, -8.0, 6.0, 0.5, -0.4, 0.3]
         values["tasks"]["pull"] = {"type": "contact_wrench", "contact": name, "target": target, "weight": 0.01}
     return Settings.model_validate(values | others)
@@ -187,7 +187,7 @@ def test_what_holds_the_axes_of_a_mask(mask, points):
 
 @pytest.mark.parametrize("mask", [masked(0, 1), masked(0, 1, 2, 3), masked(3, 4, 5), masked(1, 2, 3, 4, 5)])
 def test_what_the_simulator_cannot_hold_is_refused(mask):
-    with pytest.raises(ConfigurationError, match=r"key = \[.*\]: the mock robot can hold all six axes"):
+    with pytest.raises(ConfigurationError, match=r"key = \[.*\]: not supported by the mock robot; valid: all six axes"):
         points_of(mask, "key")
 
 
@@ -219,7 +219,7 @@ def test_of_a_planar_loop_the_axes_out_of_its_plane_are_held_too():
 
 @pytest.mark.parametrize("case", ["polygon", "hinged", "palm", "knob"])
 def test_the_audit_counts_on_what_each_contact_exerts(case):
-    """On the robot as a whole a contact with the world acts, one between two links does not."""
+    """Only contacts with the world act on the robot as a whole."""
     name, contact = CASES[case]
     robot = Simulation(g1_with(name, contact))
     model, reports = robot.controller.model, []
@@ -230,7 +230,7 @@ def test_the_audit_counts_on_what_each_contact_exerts(case):
         state = RobotState(1 + robot.plant.stamp, frozen(q), frozen(v))
         tau = robot.result.solution.tau
         command = JointCommand(state.stamp, tau, frozen(np.zeros(model.na)), frozen(np.zeros(model.na)))
-        reports.append(audit.look(state, robot.controller.dynamics, robot.result.solution, command))
+        reports.append(audit.check(state, robot.controller.dynamics, robot.result.solution, command))
 
     robot.controller.set("com", robot.controller.dynamics.com + np.array([0.0, 0.03, 0.0]))
     robot.run(0.5, look)
@@ -240,7 +240,7 @@ def test_the_audit_counts_on_what_each_contact_exerts(case):
 
 
 def test_grips_and_palms_are_made_and_broken_while_the_robot_sways_without_a_jump():
-    """Several in one cycle, in both directions, over and over."""
+    """Repeated switches in both directions, several per cycle."""
     pinned = {"translation": [0.0] * 3, "mask": masked(0, 1, 2), "max_force": 100.0, "enabled": False}
     contacts = {"grip": GRIP | pinned, "palm": PALM | {"enabled": False}}
     values = load_settings(find_configuration("g1")).model_dump()

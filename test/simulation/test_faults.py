@@ -1,4 +1,4 @@
-"""Faults of the mock robot by topic and by script: what is measured and what arrives passes through them."""
+"""Faults of the mock robot by topic and by script."""
 
 import logging
 import threading
@@ -51,7 +51,7 @@ def test_clear_ends_every_fault(stand):
         ("{kind: odom_jumb}", "did you mean 'odom_jump'?"),
         ("{kind: odom_jump, size: 50.0}", "odom_jump.size = 50.0: input should be less than or equal to 3"),
         ("[{kind: kick}, {kind: joint_locked, joint: knee}]", "unknown joint 'knee'"),
-        ("stop", "'stop' is no mapping"),
+        ("stop", "expected a mapping, got 'stop'"),
     ],
 )
 def test_a_fault_that_cannot_be_used_is_refused_with_a_sentence(stand, caplog, text, said):
@@ -90,7 +90,7 @@ def test_of_commands_that_arrive_together_the_newest_acts(stand):
         assert robot.plant.applied_torques[0] == number
 
 
-def test_what_is_sent_is_told_with_the_true_time_of_what_it_tells(stand):
+def test_sent_reports_the_true_time(stand):
     robot, _ = stand
     sent = []
     robot.sent = lambda stream, taken: sent.append((stream, taken))
@@ -102,17 +102,17 @@ def test_what_is_sent_is_told_with_the_true_time_of_what_it_tells(stand):
 
 def test_without_faults_nothing_passes_through_them(stand, monkeypatch):
     robot, peer = stand
-    for name in ("pass_time", "spoil", "post", "torques"):
+    for name in ("update", "distort", "deliver", "torques"):
         monkeypatch.setattr(robot.faults, name, lambda *arguments, name=name: pytest.fail(f"{name} was called"))
     peer.effort(np.ones(12))
     step(robot)
 
 
 @pytest.mark.parametrize("kind", ["message_dropout", "stamp_zero", "command_loss"])
-def test_in_lockstep_faults_after_which_no_answer_comes_are_refused(go2, kind):
+def test_faults_incompatible_with_lockstep_are_refused(go2, kind):
     model, settings = go2
     robot = MockRobot(model, settings, MockPeer(MemoryBus(), settings).transport, lockstep=True)
-    with pytest.raises(InputRefused, match=f"{kind}: the mock robot waits for an answer"):
+    with pytest.raises(InputRefused, match=f"{kind}: not possible in lockstep"):
         robot.plan(read_faults(f"{{kind: {kind}}}", "x"))
     robot.plan(read_faults("{kind: joint_noise}", "x"))
 

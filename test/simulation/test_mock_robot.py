@@ -22,7 +22,7 @@ from wbc_controller.simulation.mock_robot import MockRobot
 
 
 class Controller(MockPeer):
-    """The other side of the mock robot's topics, with requests and answers."""
+    """Peer on the mock robot's topics."""
 
     def answer(self, stamp: int, names, tau) -> None:
         content = setpoint_message("sensor_msgs/msg/JointState", "torque", tau, frame="", stamp=stamp, joints=names)
@@ -56,7 +56,7 @@ def make(go2):
 
 
 def run_until(robot, peer, count, each, stop=None):
-    """Run until a number of states has come; `each` is called after every state."""
+    """Run until a number of states has arrived; `each` is called after every state."""
     stop = stop or threading.Event()
 
     def receive(content):
@@ -188,7 +188,7 @@ def test_grips_by_topic(make, caplog):
     peer.raw("grip", close, "grip")
     peer.hold(False)
     step(robot, 300)
-    assert robot.plant.state()[0][2] == pytest.approx(0.3333, abs=0.03)  # it hangs from one hip
+    assert robot.plant.state()[0][2] == pytest.approx(0.3333, abs=0.03)  # hangs from one hip
     last = [content for key, subject, content in peer.received if (key, subject) == ("contact_wrench", "grip")][-1]
     assert last.header.frame_id == "grip"
     assert abs(last.wrench.force.z) > 50.0
@@ -243,7 +243,7 @@ def test_lockstep_waits_for_the_answer_to_its_own_state(make, go2):
     try:
         time.sleep(0.18)
         states = peer.all("joint_states")
-        assert 2 <= len(states) <= 5  # published again while nobody answers
+        assert 2 <= len(states) <= 5  # repeated without an answer
         assert {stamp_of(state) for state in states} == {2_000_000}
         peer.answer(1_000_000, model.joints, np.zeros(model.na))
         time.sleep(0.02)
@@ -304,7 +304,7 @@ def test_lockstep_runs_are_the_same_bit_for_bit(make, go2):
 
 
 def test_real_time_keeps_absolute_deadlines(make):
-    """On a clock that only waiting and the controller move: what a period takes is not waited for again."""
+    """On a simulated clock: the duration of a period is not waited for twice."""
     now, took = [0.0], itertools.cycle([0.0, 0.0004, 0.0007])
     robot, peer = make(clock=lambda: now[0], real_time_factor=2.0)
 
@@ -323,7 +323,7 @@ def test_real_time_keeps_absolute_deadlines(make):
 
 
 def test_torques_are_let_in_while_it_computes(make):
-    """The interpreter changes threads often meanwhile, and as before afterwards."""
+    """The switch interval is changed during the run and restored."""
     robot, peer = make(clock=lambda: 0.0)
     seen, before = [], sys.getswitchinterval()
     run_until(robot, peer, 1, lambda: seen.append(sys.getswitchinterval()))
@@ -399,7 +399,7 @@ def test_a_patient_robot_goes_on_where_nobody_sends_torques_any_more(make, monke
 
 
 def test_torques_are_taken_though_the_transport_s_thread_is_starved(make, go2):
-    """Their age is judged in simulated time, which does not wait for that thread."""
+    """The age counts in simulated time."""
     robot, peer = make(transport=StarvedThread)
     tau = np.full(go2[0].na, 0.5)
     for _ in range(2 * round(go2[1].mock.command_timeout * go2[1].control.rate)):

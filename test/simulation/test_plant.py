@@ -40,7 +40,7 @@ def free_acceleration(model, q, v, tau):
 
 
 def in_the_air(model, settings):
-    """A plant that is let go high above the floor, at rest in its posture."""
+    """Return a released plant high above the floor, at rest."""
     plant = Plant(model, settings)
     plant.hold(False, ramp=0.0)
     base = pin.SE3(np.eye(3), np.array([0.0, 0.0, IN_THE_AIR]))
@@ -50,7 +50,7 @@ def in_the_air(model, settings):
 
 @pytest.fixture(scope="module")
 def flying(load):
-    """One plant per robot, let go."""
+    """Return a released plant per robot."""
     plants = {name: Plant(*load(name)) for name in ROBOTS}
     for plant in plants.values():
         plant.hold(False, ramp=0.0)
@@ -154,7 +154,7 @@ def test_standing_the_feet_carry_the_weight_and_the_release_is_smooth(any_robot,
     plant.hold(False)
     assert not plant.held
     run(700)
-    assert max(abs(force - weight) for force in forces) < 0.02 * weight  # neither drop nor kick
+    assert max(abs(force - weight) for force in forces) < 0.02 * weight  # no drop
     assert np.ptp(forces[-100:]) < 1e-3 * weight  # no chatter
     assert abs(forces[-1] - weight) < 1e-3 * weight
     assert depth < 1e-3
@@ -350,7 +350,7 @@ def test_an_imu_on_any_link_measures_what_pinocchio_computes(go2, frame):
         np.testing.assert_allclose(omega, pin.getFrameVelocity(*at).angular, atol=1e-9)
         expected = pin.getFrameClassicalAcceleration(*at).linear - place.rotation.T @ model.pinocchio.gravity.linear
         np.testing.assert_allclose(force, expected, atol=1e-6)
-        plant.set_state(q, v)  # which begins a new period: it measures the force of the instant
+        plant.set_state(q, v)  # restarts the mean: instantaneous force
 
 
 @pytest.mark.parametrize("frame", ["base", "imu"])
@@ -424,7 +424,7 @@ def test_unusable_torques_are_refused_and_change_nothing(plant, tau):
     ("frame", "wrench", "duration", "said"),
     [
         ("FR_fot", [0.0] * 6, 0.1, "did you mean 'FR_foot'"),
-        ("universe", [0.0] * 6, 0.1, "no moving link"),
+        ("universe", [0.0] * 6, 0.1, "unknown moving link"),
         ("base", [0.0] * 3, 0.1, r"expected \(6,\)"),
         ("base", [math.nan] + [0.0] * 5, 0.1, "finite"),
         ("base", [1e9] + [0.0] * 5, 0.1, "at most"),
@@ -461,7 +461,7 @@ ARM = """<robot name="arm"><link name="world"/><link name="upper"><inertial><ori
 
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 def test_a_robot_rooted_in_a_link_called_world(base):
-    joints = ["elbow", "shoulder"]  # not in the order of the tree
+    joints = ["elbow", "shoulder"]  # other order than the tree
     settings = arm_settings(joints, [0.3, 0.2], base)
     urdf = ARM.replace("IXX", "0.1")
     if base == "floating":
@@ -544,7 +544,7 @@ def test_a_planar_joint_moves_in_its_plane_and_turns_about_its_axis(axis):
     assert abs(moved.translation @ normal) < 1e-12
     assert np.linalg.norm(moved.translation) == pytest.approx(math.hypot(2.0, 1.0))
     np.testing.assert_allclose(pin.log3(moved.rotation), 0.7 * normal / np.linalg.norm(normal), atol=1e-12)
-    if axis == "0 0 1":  # as MoveIt has it
+    if axis == "0 0 1":  # as in MoveIt
         np.testing.assert_allclose(moved.translation, [2.0, -1.0, 0.0], atol=1e-12)
 
 
@@ -571,13 +571,13 @@ def test_a_urdf_that_mujoco_refuses_is_a_configuration_error():
 
 
 def test_an_inertia_that_no_body_has_is_balanced_and_named(caplog):
-    """Links that are there for a frame often have one; MuJoCo refuses it, and Pinocchio does not look."""
+    """Links for frames often have an invalid inertia, which MuJoCo refuses."""
     joints = ["shoulder", "elbow"]
     settings = arm_settings(joints, [0.0, 0.0])
     with caplog.at_level("WARNING"):
         Plant(build_model(ARM.replace("IXX", "0.1"), joints, [0.0, 0.0], floating_base=False), settings)
         assert not caplog.text
         plant = Plant(build_model(ARM.replace("IXX", "9"), joints, [0.0, 0.0], floating_base=False), settings)
-    assert "no body has the inertia of lower: " in caplog.text
+    assert "invalid inertia of lower: " in caplog.text
     body = plant.model.body("lower")
     np.testing.assert_allclose(body.inertia, (9.0 + 0.1 + 0.01) / 3.0)

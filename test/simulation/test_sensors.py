@@ -1,4 +1,4 @@
-"""What the mock robot's sensors make of the truth: noise of the stated density, biases, steps, errors of torque."""
+"""Sensor errors of the mock robot: noise densities, biases, resolution, torque errors."""
 
 import math
 from typing import get_args

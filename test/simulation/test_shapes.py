@@ -1,4 +1,4 @@
-"""The mock robot touches the floor with the URDF's shapes, and so tells where the configuration is wrong."""
+"""The mock robot touches the floor with the URDF's shapes and reveals wrong configurations."""
 
 import logging
 
@@ -27,7 +27,7 @@ def talos(**feet):
 
 
 def stands(robot: wbc.Simulation, push: list[float]) -> bool:
-    """Whether it comes through a push with its soles within 2 cm of where they were."""
+    """Return True if the soles move by less than 2 cm during a push."""
     places = {name: robot.plant.foot_placement(name).translation for name in robot.plant.contacts}
     try:
         robot.run(0.1)
@@ -48,8 +48,8 @@ def test_on_a_floor_with_less_friction_than_configured_a_push_makes_it_slide():
     assert not stands(wbc.Simulation(talos().replace({"mock.friction": 0.07})), PUSH)
 
 
-def test_a_sole_that_is_configured_at_the_ankle_is_that_high_above_the_floor():
-    """By 10.7 cm: as configured it would be on it."""
+def test_a_sole_configured_at_the_ankle():
+    """The real sole is 10.7 cm away from the configured one."""
     ankles = {f"contacts.{side}_foot.frame": f"leg_{side}_6_link" for side in SIDES}
     config = wbc.load("talos").replace(ankles)
     plant = Plant(make_model(config.settings), config.settings)
@@ -87,7 +87,7 @@ def test_primitives_touch_as_they_are(shape, height):
 
 
 def test_a_mesh_stands_on_its_hull(tmp_path):
-    """A tetrahedron of 0.1 m, of which one face is down."""
+    """Return a tetrahedron of 0.1 m with one face down."""
     corners = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.02, 0.02, 0.1]]
     lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 3 1 4"]
     (tmp_path / "foot.obj").write_text("\n".join(lines))
@@ -99,7 +99,7 @@ def test_a_mesh_stands_on_its_hull(tmp_path):
     assert plant.state()[0][2] == pytest.approx(0.1, abs=1e-4)
 
 
-def test_where_the_links_have_no_shape_the_log_says_so_and_the_configuration_holds(caplog):
+def test_links_without_shapes_use_the_configuration(caplog):
     with caplog.at_level(logging.WARNING):
         plant = made("")
     assert [record.message for record in caplog.records if "contacts sole have no collision element" in record.message]
@@ -125,12 +125,12 @@ def ball(n: int) -> np.ndarray:
 
 
 def test_a_round_tip_is_one_ball_and_an_edge_is_none():
-    balls, rest = shapes._part_tip(ball(300), np.array([0.0, 0.0, -1.0]))
+    balls, rest = shapes._split_tip(ball(300), np.array([0.0, 0.0, -1.0]))
     assert len(rest) == 0
     assert balls[0].size[0] == pytest.approx(0.02, abs=1e-6)
     np.testing.assert_allclose(balls[0].placement.translation, [0.1, 0.0, 0.0], atol=1e-6)
     box = np.array(np.meshgrid([0.0, 0.1], [0.0, 0.1], [0.0, 0.1])).reshape(3, -1).T
-    assert shapes._part_tip(box, np.array([0.0, 0.0, -1.0]))[0] == []
+    assert shapes._split_tip(box, np.array([0.0, 0.0, -1.0]))[0] == []
 
 
 def test_an_uneven_sole_is_its_outline_in_one_plane():
@@ -139,7 +139,7 @@ def test_an_uneven_sole_is_its_outline_in_one_plane():
     sole = np.column_stack([0.1 * np.cos(angle), 0.05 * np.sin(angle), rng.uniform(0.0, 0.0015, 60)])
     sole[0, 2] = 0.0
     down = np.array([0.0, 0.0, -1.0])
-    balls, behind = shapes._part_sole(np.vstack([sole, [[0.0, 0.0, 0.1]]]), down, 0.0)
+    balls, behind = shapes._split_sole(np.vstack([sole, [[0.0, 0.0, 0.1]]]), down, 0.0)
     assert len(balls) == shapes.MOST_CORNERS
     corners = np.array([ball.placement.translation for ball in balls])
     np.testing.assert_allclose(corners[:, 2], shapes.CORNER_RADIUS)
@@ -152,7 +152,10 @@ def test_an_uneven_sole_is_its_outline_in_one_plane():
 def test_contacts_that_share_a_sole_part_it_once():
     down, tilted = np.array([0.0, 0.0, -1.0]), np.array([0.0, np.sin(0.03), -np.cos(0.03)])
     side = np.array([0.0, 1.0, 0.0])
-    assert [normal.tolist() for normal in shapes._different([down, tilted, side])] == [down.tolist(), side.tolist()]
+    assert [normal.tolist() for normal in shapes._distinct_normals([down, tilted, side])] == [
+        down.tolist(),
+        side.tolist(),
+    ]
 
 
 def test_a_flat_mesh_is_a_thin_box():

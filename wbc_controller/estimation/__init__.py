@@ -1,1 +1,1 @@
-"""The state of the base from an inertial measurement unit (IMU), the joints, and the contacts that hold."""
+"""Estimation of the base state from an IMU, joint states and active contacts."""

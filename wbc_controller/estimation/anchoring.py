@@ -1,14 +1,12 @@
-"""A world frame that stays on the feet, for robots whose position and heading are unobservable.
+"""World frame fixed to the feet, for robots with unobservable position and heading.
 
-The filter's world drifts: its position and heading are unobservable, and all contact points drift with it. References
-in that world would push a robot off its own feet. Therefore the base is reported in a frame F that stays on the feet:
-points that have been in contact for a while have an anchor aᵢ in F, and the transform from the filter's world to F, a
-rotation by ψ about the vertical and a translation t, follows the best fit,
+References in the drifting world of the filter would push a robot off its feet. Therefore the base is reported in a
+frame F, in which points get an anchor aᵢ after `_CONTACT_TIME`. The transform from the filter's world, a rotation ψ
+about the vertical and a translation t, follows
 
     min over ψ, t of  Σᵢ |R_z(ψ) dᵢ + t - aᵢ|²
 
-with a time constant, so that it never jumps: neither at touchdown or lift-off, nor when a contact gets a new anchor
-after a slip. A walking robot holds no contact for that long, and F then drifts with the filter's world.
+with a time constant, without jumps. During walking F drifts with the filter.
 """
 
 from __future__ import annotations
@@ -21,22 +19,18 @@ import numpy as np
 from wbc_controller.estimation.planar_transform import IDENTITY, PlanarTransform
 from wbc_controller.records import Array
 
-#: Duration of a contact before its points get anchors, s: longer than a step and than their settling.
-_HELD = 1.0
-#: Time constant of the frame, s: longer than the noise of the points.
-_FOLLOWS = 0.2
-#: Time between two updates, s: drift is slow.
+#: Duration of a contact before its points get anchors, s.
+_CONTACT_TIME = 1.0
+#: Time constant of F, s.
+_TIME_CONSTANT = 0.2
+#: Time between two updates, s.
 _PERIOD = 0.02
 #: Smallest RMS distance of the points from their mean that determines a heading, m.
-_APART = 0.02
+_LEAST_SPREAD = 0.02
 
 
 class Anchoring:
-    """The transform from the filter's world to the frame on the feet.
-
-    Attributes:
-        transform: the rotation by ψ about the vertical, and the translation t.
-    """
+    """Transform from the filter's world to the frame F."""
 
     def __init__(self) -> None:
         self.transform = IDENTITY
@@ -45,33 +39,33 @@ class Anchoring:
         self._anchors: dict[str, Array] = {}
 
     def release(self, contact: str) -> None:
-        """Forget the anchor of a contact that has ended or slipped."""
+        """Delete the anchor of a contact that has ended or slipped."""
         self._since.pop(contact, None)
         self._anchors.pop(contact, None)
 
-    def due(self, stamp: float) -> bool:
-        """Return whether the next update is due."""
+    def is_due(self, stamp: float) -> bool:
+        """Return True if the next update is due."""
         return stamp >= self._due
 
-    def follow(self, stamp: float, points: Mapping[str, Array]) -> None:
-        """Follow the points dᵢ, (k, 3) in m, of the active contacts in the filter's world; the stamp is in s."""
-        elapsed = min(stamp - self._updated, _FOLLOWS)
+    def update(self, stamp: float, points: Mapping[str, Array]) -> None:
+        """Fit the transform to the points dᵢ of the active contacts, (k, 3) in m in the filter's world; stamp in s."""
+        elapsed = min(stamp - self._updated, _TIME_CONSTANT)
         self._updated, self._due = stamp, stamp + _PERIOD
         R, t = self.transform.rotation, np.array(self.transform.translation)
-        for name, places in points.items():
-            if name not in self._anchors and stamp - self._since.setdefault(name, stamp) >= _HELD:
-                self._anchors[name] = places @ R.T + t
-        held = [name for name in points if name in self._anchors]
-        if not held:
+        for name, positions in points.items():
+            if name not in self._anchors and stamp - self._since.setdefault(name, stamp) >= _CONTACT_TIME:
+                self._anchors[name] = positions @ R.T + t
+        anchored = [name for name in points if name in self._anchors]
+        if not anchored:
             return
-        d, a = (np.vstack([of[name] for name in held]) for of in (points, self._anchors))
+        d, a = (np.vstack([of[name] for name in anchored]) for of in (points, self._anchors))
         d_mean, a_mean = d.mean(axis=0), a.mean(axis=0)
-        gain, heading = elapsed / _FOLLOWS, self.transform.heading
+        gain, heading = elapsed / _TIME_CONSTANT, self.transform.heading
         d_centred, a_centred = d - d_mean, a - a_mean
-        if float(np.mean(d_centred[:, :2] ** 2)) >= _APART**2:
+        if float(np.mean(d_centred[:, :2] ** 2)) >= _LEAST_SPREAD**2:
             sine = float(np.sum(d_centred[:, 0] * a_centred[:, 1] - d_centred[:, 1] * a_centred[:, 0]))
             fit = math.atan2(sine, float(np.sum(d_centred[:, :2] * a_centred[:, :2])))
             heading += gain * math.remainder(fit - heading, math.tau)
-        # The rotation is about the middle of the feet, not about the distant origin of the filter's world.
+        # Rotate about the centroid of the feet: the origin of the filter's world may be far away.
         now = R @ d_mean + t
         self.transform = PlanarTransform.mapping(d_mean, now + gain * (a_mean - now), heading)

@@ -1,4 +1,4 @@
-"""Contact detection from force sensors and contact switches, else from the planned contacts."""
+"""Contact detection from force sensors and contact switches, with planned contacts as the fallback."""
 
 from __future__ import annotations
 
@@ -10,40 +10,25 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class DetectionLimits:
-    """Thresholds of the measured normal force, with hysteresis.
+    """Thresholds of the normal force, with hysteresis."""
 
-    Attributes:
-        on: force along the normal above which an inactive contact becomes active, N.
-        off: force below which an active contact becomes inactive, N; at most `on`.
-        timeout: age from which a force is stale, s.
-    """
-
-    on: float
-    off: float
-    timeout: float
+    on: float  # force that activates a contact, N
+    off: float  # force that deactivates it, N; at most `on`
+    timeout: float  # age of a stale force, s
 
 
 @dataclass(frozen=True, slots=True)
 class ContactSensing:
-    """Parameters of the sensors at the contacts.
-
-    Attributes:
-        normals: of each contact, the unit normal in the axes of each frame in which its force may be given, (3,).
-        limits: thresholds of the force.
-    """
+    """Unit normals of the contacts, (3,), by the frame in which a force may be given, and the thresholds."""
 
     normals: Mapping[str, Mapping[str, Array]]
     limits: DetectionLimits
 
 
 class ContactDetector:
-    """Decides which contacts are active.
+    """Detector of active contacts: by fresh force, else by the last switch message of any age, else as planned.
 
-    The order of precedence, per contact: its force, while it is fresh; the last message of its switch, of any age, as
-    some switches publish changes only; the planned contacts.
-
-    Attributes:
-        silent: contacts whose force was measured and is stale, in the last decision.
+    `silent` contains the contacts with a stale force.
     """
 
     def __init__(self, limits: DetectionLimits) -> None:
@@ -54,7 +39,7 @@ class ContactDetector:
         self._by_switch: dict[str, bool] = {}
 
     def update_force(self, contact: str, force: float) -> None:
-        """Store the force on the robot along the normal of a contact, N; positive if the contact pushes."""
+        """Store the normal force on the robot at a contact, N; positive if the contact pushes."""
         self._by_force[contact] = force > (self.limits.off if self._by_force.get(contact) else self.limits.on)
 
     def update_switch(self, contact: str, active: bool) -> None:
@@ -62,12 +47,12 @@ class ContactDetector:
         self._by_switch[contact] = active
 
     def forget_forces(self) -> None:
-        """Forget the forces, after a restart of the clock."""
+        """Reset the forces after a restart of the clock."""
         self._by_force.clear()
         self.silent = ()
 
     def active(self, planned: Collection[str], ages: Mapping[str, float]) -> frozenset[str]:
-        """Names of the active contacts, from the planned ones and the age in s of each contact's newest force."""
+        """Return the active contacts from the planned ones and the age of each force, s."""
         fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self.limits.timeout}
         self.silent = tuple(name for name in self._by_force if name not in fresh)
         measured = {**self._by_switch, **fresh}

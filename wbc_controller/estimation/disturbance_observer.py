@@ -1,19 +1,12 @@
-"""Disturbance observer: slow generalized forces that the model lacks (friction, weak motors, wrong masses).
+"""Disturbance observer: slow generalized forces outside the model (friction, weak motors, wrong masses).
 
-With a disturbance d, (nv,), the equations of motion of the QP are M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. They predict v̇ from the
-torques sent; the difference to the measured v̇ corrects d,
+With d, (nv,), the QP has the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. The prediction error corrects d,
 
     ḋ = Nᵀ M (v̇_measured - v̇_predicted) / T - d / (25 T),      N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J,
 
-as in the disturbance observer of robot arms (De Luca, Mattone, "Sensorless robot collision detection and hybrid
-force/motion control", ICRA 2005), but with the accelerations of the QP, which chooses its contact forces with d. Nᵀ
-(`projection`) keeps the forces that move the robot on its contacts; contact forces without motion, and noise along
-them, have no effect. The tasks thereby get an integral action, all at once and within all limits. It is slow compared
-with pushes, bounded, and decays.
-
-If a component of d is at its bound, the remaining residual also appears along other components, as Nᵀ couples them.
-Therefore d is stored without its bounds, and Nᵀ times the clamped part is subtracted from the residual. Otherwise one
-saturated component would wind up all others.
+as on robot arms (De Luca, Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005).
+Nᵀ (`projection`) removes forces that move nothing. Against windup, d is stored without bounds, and Nᵀ times the clamped
+part is subtracted from the residual.
 """
 
 from __future__ import annotations
@@ -26,11 +19,11 @@ from wbc_controller.estimation.projection import split_force
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, frozen
 
-#: Time constant of the decay, as a multiple of T: the estimate reaches 24/25 of a constant disturbance.
+#: Time constant of the decay, in T; a constant disturbance is estimated to 24/25.
 _LEAK = 25.0
-#: Lever of the largest moment on the base, for a share of the robot's weight, m.
+#: Lever of the largest moment on the base, m.
 _LEVER = 0.1
-#: Time over which residuals are summed before they are projected, s.
+#: Time over which residuals are summed before the projection, s.
 _SUM_TIME = 0.01
 #: Time constant of the decay after the observer is switched off, s.
 _FADE_TIME = 0.3
@@ -40,13 +33,7 @@ _NEGLIGIBLE = 1.0e-4
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceLimits:
-    """Speed and size of the estimate.
-
-    Attributes:
-        time_constant: T, s.
-        share: largest size, as a share of the joints' torques and of the robot's weight.
-        on: True to observe; otherwise the estimate decays to zero.
-    """
+    """Time constant T, s; largest share of joint torques and weight; False for `on` lets d decay to zero."""
 
     time_constant: float
     share: float
@@ -54,14 +41,10 @@ class DisturbanceLimits:
 
 
 class DisturbanceObserver:
-    """Estimate of the generalized forces that the model lacks.
+    """Estimate of the generalized forces outside the model.
 
-    Attributes:
-        limits: speed and size of the estimate.
-        forces: the present estimate d, (nv,) in N and N·m.
-        at_bound: names of the joints, and ``base``, at which the estimate is saturated.
-        missing_contact_forces: mean difference of the contact forces from their prediction, (k,), and its duration, s;
-            None except at the end of a sum in which every state was predicted.
+    `forces` is d, (nv,); `at_bound` names joints, and ``base``, with saturated components; `missing_contact_forces` is
+    the mean Δf, (k,), with its duration, s, or None.
     """
 
     STATE_FIELDS = ("forces", "at_bound", "_unbounded", "_contacts", "_sum", "_time", "_all_predicted")
@@ -69,7 +52,7 @@ class DisturbanceObserver:
     def __init__(self, model: RobotModel, limits: DisturbanceLimits) -> None:
         """Start with a zero estimate."""
         self.limits = limits
-        self._scale = np.zeros(model.nv)  # size at a share of 1
+        self._scale = np.zeros(model.nv)  # bound at a share of 1
         if model.floating_base:
             weight = model.mass * model.gravity
             self._scale[:3], self._scale[3:6] = weight, _LEVER * weight
@@ -95,15 +78,10 @@ class DisturbanceObserver:
         return not self.limits.on and not self.forces.any()
 
     def update(self, M: Array, J: Array, contacts: tuple[str, ...], gap: float, residual: Array | None) -> None:
-        """Add the residual of a prediction; update the estimate at the end of a sum.
+        """Add the residual of a prediction; update d at the end of a sum.
 
-        Args:
-            M: mass matrix at the state from which the prediction was made, (nv, nv).
-            J: Jacobian of the active contacts, (k, nv).
-            contacts: their names.
-            gap: time from that state to the measured one, s.
-            residual: unpredicted change of the generalized momentum, M Δv, (nv,) in N·s and N·m·s; None without a
-                prediction.
+        M, (nv, nv), and the Jacobian J of the active `contacts`, (k, nv), are from the previous state, `gap` s ago.
+        `residual` is the unpredicted M Δv, (nv,) in N·s and N·m·s; None without a prediction.
         """
         self.missing_contact_forces = None
         if contacts != self._contacts:
@@ -129,7 +107,6 @@ class DisturbanceObserver:
         self.at_bound = ()
 
     def _correct(self, M: Array, J: Array) -> None:
-        """Integrate ḋ over the time of the sum, and clamp d."""
         T, largest = self.limits.time_constant, self.limits.share * self._scale
         residual, contact_impulse = split_force(M, J, self._sum)
         if self._all_predicted:

@@ -1,22 +1,15 @@
-"""Compensation of known joint friction, dry and viscous.
+"""Compensation of known dry friction c and viscous friction b of the joints.
 
-The torque of dry friction c and viscous friction b is
+The torque is
 
-    -c tanh(w / w₀) - b v,
+    -c tanh(w / w₀) - b v,        ẇ = v̇_QP + (v - w) / T_w.
 
-where w is the intended velocity. The measured velocity v does not suffice, as a joint held by friction does not turn.
-Therefore w follows v, ahead of it by the acceleration of the QP,
+The intended velocity w of a stuck joint grows to T_w v̇_QP, which compensates dry friction before the joint moves;
+otherwise w = v (Armstrong-Hélouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and compensation
+methods for the control of machines with friction", Automatica 1994).
 
-    ẇ = v̇_QP + (v - w) / T_w.
-
-With a correct model, w = v. If a joint sticks, w grows to T_w v̇_QP within T_w, and dry friction is compensated before
-the joint turns. w₀ makes the change of sign smooth (Armstrong-Hélouvry, Dupont, Canudas de Wit, "A
-survey of models, analysis tools and compensation methods for the control of machines with friction", Automatica 1994).
-
-Near rest the torque has the slope c / w₀ in w. If the real friction is smaller, this accelerates a joint of inertia I
-at the rate c / (w₀ I), which must stay below the bandwidth of the sampled loop: w₀ is at least c τ / I. I is the
-effective inertia on the active contacts, 1 / (M⁻¹ - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J M⁻¹)ⱼⱼ. Light joints, such as wrists,
-therefore get less compensation.
+With an overestimated c, a joint accelerates at the rate c / (w₀ I), which must stay below the loop's bandwidth: w₀ ≥ c
+τ / I, with the effective inertia I = 1 / (M⁻¹ - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J M⁻¹)ⱼⱼ on the active contacts.
 """
 
 from __future__ import annotations
@@ -36,27 +29,23 @@ _LOOP_TIME = 0.002
 #: Time between two computations of the inertias, s.
 _INERTIA_PERIOD = 0.1
 #: T_w, s.
-_AHEAD = 0.2
+_LEAD_TIME = 0.2
 
 
 class FrictionCompensation:
-    """Friction torques of the joints at their intended velocities.
-
-    Attributes:
-        forces: generalized forces of friction, (nv,) in N·m, N.
-    """
+    """Friction torques of the joints: `forces`, (nv,) in N·m, N."""
 
     STATE_FIELDS = ("forces", "_intended", "_smooth", "_contacts", "_age")
 
     def __init__(self, model: RobotModel, dry: Mapping[str, float], viscous: Mapping[str, float]) -> None:
-        """Begin at rest, with the dry friction c in N·m and the viscous friction b in N·m·s/rad, by joint."""
+        """Start at rest; c in N·m and b in N·m·s/rad by joint."""
         self._dry, self._viscous = np.zeros(model.nv), np.zeros(model.nv)
         for joint, index in zip(model.joints, model.v_index, strict=True):
             self._dry[index], self._viscous[index] = dry.get(joint, 0.0), viscous.get(joint, 0.0)
         self.restart()
 
     def restart(self) -> None:
-        """Forget the intended velocities."""
+        """Reset the intended velocities."""
         self.forces = np.zeros(len(self._dry))
         self._intended = np.zeros(len(self._dry))
         self._smooth = np.full(len(self._dry), np.inf)
@@ -64,17 +53,15 @@ class FrictionCompensation:
         self._age = np.inf
 
     def update(self, M: Array, J: Array, contacts: tuple[str, ...], v: Array, gap: float, change: Array | None) -> None:
-        """Update the torques for a new state; the arguments are those of `DisturbanceObserver.update`.
+        """Update the torques; M, J, contacts and gap as for `DisturbanceObserver.update`.
 
-        Args:
-            v: measured velocity, (nv,).
-            change: predicted change of the velocity since the previous state, (nv,); None if unknown.
+        v is measured, `change` its predicted change since the previous state, (nv,), or None.
         """
         if change is None:
             self._intended = np.array(v)
         else:
             ahead = self._intended + change
-            self._intended = ahead + min(1.0, gap / _AHEAD) * (v - ahead)
+            self._intended = ahead + min(1.0, gap / _LEAD_TIME) * (v - ahead)
         self._age += gap
         if contacts != self._contacts or self._age > _INERTIA_PERIOD:
             self._contacts, self._age = contacts, 0.0

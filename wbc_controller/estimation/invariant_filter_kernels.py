@@ -1,4 +1,4 @@
-"""Prediction and correction of the invariant filter (`estimation.invariant_filter`, which has the symbols)."""
+"""Kernels of the invariant filter: propagation and correction (symbols: `estimation.invariant_filter`)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wbc_controller.compilation import Indices, Matrix, OutMatrix, OutVector, St
 from wbc_controller.inverse_dynamics.robot.placement_kernels import Vector3, add, cross, dot, put, scale, three
 from wbc_controller.records import Array
 
-#: Angle below which series take the place of quotients, rad.
+#: Angle below which quotients are replaced by series, rad.
 _SMALL = 1.0e-6
 
 
@@ -25,28 +25,24 @@ def _series(w: Vector3) -> Vector3:
 
 @part
 def _turned(w: Vector3, a: float, b: float, x: Vector3) -> Vector3:
-    """Return (1 + a W + b W²) x with W = w ×: exp(W) x with a = sin θ / θ and b = (1 - cos θ) / θ²."""
+    """Return (1 + a W + b W²) x with W = w ×; exp(W) x for a = sin θ / θ and b = (1 - cos θ) / θ²."""
     once = cross(w, x)
     return add(x, add(scale(a, once), scale(b, cross(w, once))))
 
 
 @part
 def _require_state(R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array) -> None:
-    """Require the sizes of a state of the filter to agree.
-
-    Raises:
-        ValueError: if they do not.
-    """
+    """Raise ValueError if the sizes of a filter state do not agree."""
     size = 9 + 3 * columns.shape[1]
     if not (R.shape == (3, 3) and columns.shape[0] == 3 and columns.shape[1] >= 2 and P.shape == (size, size)):
-        raise ValueError("invariant filter: R, columns and P have sizes that do not agree")
+        raise ValueError("invariant filter: the sizes of R, columns and P do not agree")
     if not (len(gyroscope_bias) == 3 and len(accelerometer_bias) == 3):
-        raise ValueError("invariant filter: a bias has another size than 3")
+        raise ValueError("invariant filter: a bias must have size 3")
 
 
 @part
 def _rotation_errors(R: Array, columns: Array) -> Array:
-    """Return the transposed errors of rotations of the IMU: R, and x × R for each column x, (3, 3 + 3 (2 + N))."""
+    """Return the transposed errors of rotations: R, and x × R of each column x, (3, 3 + 3 (2 + N))."""
     G = np.empty((3, 3 + 3 * columns.shape[1]))
     for k in range(3):
         axis = R[0, k], R[1, k], R[2, k]
@@ -58,21 +54,20 @@ def _rotation_errors(R: Array, columns: Array) -> Array:
 
 @part
 def _add_noise(P: Array, G: Array, dt: float, noise: Array) -> None:
-    """Add dt Ad_X Q Ad_Xᵀ to P."""
     n, end, density = len(P), G.shape[1], dt * noise[0] ** 2
     for i in range(end):
         for j in range(end):
             for k in range(3):
                 P[i, j] += density * G[k, i] * G[k, j]
     for i in range(3, n):
-        if not 6 <= i < 9:  # nothing drives the position but the velocity
+        if not 6 <= i < 9:  # the position has no noise of its own
             kind = 1 if i < 6 else 4 if i < end else 2 if i < end + 3 else 3
             P[i, i] += dt * noise[kind] ** 2
 
 
 @part
 def _transition(P: Array, G: Array, R: Array, gravity: Array, dt: float, out: Array) -> None:
-    """Write Φ P with Φ = 1 + A dt: rotation, points and position from the gyroscope's bias; velocity; position."""
+    """Write Φ P with Φ = 1 + A dt."""
     n, end = len(P), G.shape[1]
     for i in range(n):
         for j in range(n):
@@ -107,27 +102,14 @@ def propagate(
 ) -> None:
     """Write R exp((ω - b_g) dt), v + a dt, p + v dt + ½ a dt², and Φ (P + dt Ad_X Q Ad_Xᵀ) Φᵀ.
 
-    Args:
-        R: (3, 3).
-        columns: v, p, d₁ … d_N, (3, 2 + N).
-        gyroscope_bias: b_g, (3,).
-        accelerometer_bias: b_a, (3,).
-        P: (15 + 3 N, 15 + 3 N).
-        gravity: (3,) in m/s².
-        angular_velocity: (3,) in rad/s.
-        specific_force: (3,) in m/s².
-        dt: s.
-        noise: densities of gyroscope, accelerometer, their biases, and contact, (5,).
-        R_out: the new R.
-        columns_out: the new columns.
-        P_out: the new P.
+    The state (R, columns, biases, P) is that of `InvariantFilter`; `noise` are its densities in their order, (5,).
     """
     _require_state(R, columns, gyroscope_bias, accelerometer_bias, P)
     _require_state(R_out, columns_out, gyroscope_bias, accelerometer_bias, P_out)
     if not (columns.shape[1] == columns_out.shape[1] and len(gravity) == 3 and len(noise) == 5):
-        raise ValueError("propagate: the new columns, gravity or noise have another size")
+        raise ValueError("propagate: wrong size of columns_out, gravity or noise")
     if not (len(angular_velocity) == 3 and len(specific_force) == 3):
-        raise ValueError("propagate: angular velocity or specific force has another size than 3")
+        raise ValueError("propagate: angular_velocity and specific_force must have size 3")
     G, halfway = _rotation_errors(R, columns), P.copy()
     _add_noise(halfway, G, dt, noise)
     _transition(halfway, G, R, gravity, dt, P_out)
@@ -143,7 +125,7 @@ def propagate(
     )
     a, b, _ = _series(w)
     for i in range(3):
-        put(R_out[i], 0, _turned(w, -a, b, three(R[i], 0)))  # the rows of R exp(W) are exp(-W) of the rows of R
+        put(R_out[i], 0, _turned(w, -a, b, three(R[i], 0)))  # rows of R exp(W) = exp(-W) of the rows of R
         acceleration = gravity[i]
         for k in range(3):
             acceleration += R[i, k] * (specific_force[k] - accelerometer_bias[k])
@@ -155,13 +137,13 @@ def propagate(
 
 @part
 def _innovation(
-    R: Array, columns: Array, P: Array, points: Indices, places: Array, covariance: Array, z: Array, S: Array
+    R: Array, columns: Array, P: Array, points: Indices, positions: Array, covariance: Array, z: Array, S: Array
 ) -> None:
-    """Write z = R y + p - d of points in contact, and S = H P Hᵀ + R C Rᵀ with H = [0 0 -1 … 1 …]."""
+    """Write z = R y + p - d, and S = H P Hᵀ + R C Rᵀ with H = [0 0 -1 … 1 …]."""
     for a in range(len(points)):
         row = 9 + 3 * points[a]
         for i in range(3):
-            z[3 * a + i] = columns[i, 1] - columns[i, 2 + points[a]] + dot(three(R[i], 0), three(places[a], 0))
+            z[3 * a + i] = columns[i, 1] - columns[i, 2 + points[a]] + dot(three(R[i], 0), three(positions[a], 0))
         for b in range(a, len(points)):
             column = 9 + 3 * points[b]
             for i in range(3):
@@ -174,7 +156,7 @@ def _innovation(
 
 @part
 def _square(z: Array, S: Array, start: int, end: int) -> float:
-    """Return zᵀ S⁻¹ z of some rows, by the Cholesky factorization; -1 if S is not positive definite."""
+    """Return zᵀ S⁻¹ z of some rows; -1 if S is not positive definite."""
     m = end - start
     U, y, total = S[start:end, start:end].copy(), z[start:end].copy(), 0.0
     for i in range(m):
@@ -191,7 +173,7 @@ def _square(z: Array, S: Array, start: int, end: int) -> float:
 
 @part
 def _reduce(U: Array, Y: Array, y: Array) -> bool:
-    """Factorize S = UᵀU in place, and write U⁻ᵀ Y and U⁻ᵀ y; return False if S is not positive definite, or NaN."""
+    """Factorize S = UᵀU in place; write U⁻ᵀ Y and U⁻ᵀ y; return False if S is not positive definite."""
     m, n = Y.shape
     for i in range(m):
         if not U[i, i] > 0.0:
@@ -237,7 +219,7 @@ def correct(
     P: Matrix,
     points: Indices,
     ends: Indices,
-    places: Matrix,
+    positions: Matrix,
     covariance: Matrix,
     limits: Vector,
     squares: OutVector,
@@ -247,44 +229,27 @@ def correct(
     accelerometer_out: OutVector,
     P_out: OutMatrix,
 ) -> int:
-    """Write exp(K z) X and P - K H P with K = P Hᵀ S⁻¹, unless some contacts contradict the state by too much.
+    """Write exp(K z) X and P - K H P with K = P Hᵀ S⁻¹, unless a contact exceeds its limit.
 
-    With S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY (`_innovation` has z, H and S).
-
-    Args:
-        R: (3, 3).
-        columns: v, p, d₁ … d_N, (3, 2 + N).
-        gyroscope_bias: b_g, (3,).
-        accelerometer_bias: b_a, (3,).
-        P: (15 + 3 N, 15 + 3 N).
-        points: indices of the seen points among the d, contact by contact, (k,).
-        ends: index after the last point of each contact, (c,).
-        places: y, from the IMU and in its axes, (k, 3) in m.
-        covariance: C, of y, (3 k, 3 k) in m².
-        limits: the largest zᵀ S⁻¹ z of each contact by itself, (c,).
-        squares: out: zᵀ S⁻¹ z of each contact, (c,).
-        R_out: the new R.
-        columns_out: the new columns.
-        gyroscope_out: the new b_g.
-        accelerometer_out: the new b_a.
-        P_out: the new P.
-
-    Returns:
-        1 if the new state is written; 0 if a contact is beyond its limit, -1 if S is not positive definite.
+    With S = UᵀU and Y = U⁻ᵀ H P, K z = Yᵀ U⁻ᵀ z and K H P = YᵀY. Arguments as for `InvariantFilter.correct`, with
+    indices of points, (k,); `squares` is an output. Returns 1 if the state is written, 0 if a square exceeds its limit,
+    -1 if S is not positive definite.
     """
     _require_state(R, columns, gyroscope_bias, accelerometer_bias, P)
     _require_state(R_out, columns_out, gyroscope_out, accelerometer_out, P_out)
     k, c = len(points), len(ends)
-    if not (columns.shape[1] == columns_out.shape[1] and places.shape == (k, 3) and covariance.shape == (3 * k, 3 * k)):
-        raise ValueError("correct: the new columns, places or covariance have another size than the points")
+    if not (
+        columns.shape[1] == columns_out.shape[1] and positions.shape == (k, 3) and covariance.shape == (3 * k, 3 * k)
+    ):
+        raise ValueError("correct: columns_out, positions and covariance must match the points")
     if not (len(limits) == c and len(squares) == c and (c == 0 or ends[c - 1] <= k)):
-        raise ValueError("correct: limits, squares or ends have another size than the contacts")
+        raise ValueError("correct: limits, squares and ends must match the contacts")
     for i in range(k):
         if not 0 <= points[i] < columns.shape[1] - 2:
-            raise IndexError("correct: a point is not below the number of points of the filter")
+            raise IndexError("correct: a point index exceeds the points of the filter")
     n, m = len(P), 3 * k
     y, U, Y, delta = np.empty(m), np.empty((m, m)), np.empty((m, n)), np.zeros(n)
-    _innovation(R, columns, P, points, places, covariance, y, U)
+    _innovation(R, columns, P, points, positions, covariance, y, U)
     start, within = 0, True
     for i in range(c):
         squares[i] = _square(y, U, 3 * start, 3 * ends[i])
@@ -301,7 +266,7 @@ def correct(
     if not _reduce(U, Y, y):
         return -1
     for i in range(n):
-        for j in range(n):  # all of them, so that both halves are the same sums
+        for j in range(n):  # both halves, so that P stays symmetric
             P_out[i, j] = 0.5 * (P[i, j] + P[j, i])
         for r in range(m):
             delta[i] += Y[r, i] * y[r]

@@ -1,4 +1,4 @@
-"""Generalized forces that the model lacks: known joint friction, and the estimate of the disturbance observer."""
+"""Generalized forces outside the model: known joint friction and the estimate of the disturbance observer."""
 
 from __future__ import annotations
 
@@ -12,17 +12,12 @@ from wbc_controller.estimation.friction import FrictionCompensation
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Disturbance, Prediction, RobotState, Solution, frozen
 
-#: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
+#: Largest time between two compared states, in control periods.
 _LARGEST_GAP = 3.5
 
 
 class ModelErrorCompensation:
-    """Compares each state with its prediction, and returns the generalized forces that the model lacks.
-
-    Attributes:
-        observer: the disturbance observer.
-        contact_forces: estimated normal forces, updated while the observer is on; None if they are not needed.
-    """
+    """Compensation of forces outside the model from the prediction error of each state."""
 
     STATE_FIELDS = ("observer", "contact_forces", "_friction", "_prediction")
 
@@ -33,7 +28,7 @@ class ModelErrorCompensation:
         contact_forces: ContactForces | None,
         period: float,
     ) -> None:
-        """Start without a prediction; the period is in s. Friction and contact forces are optional."""
+        """Start without a prediction; the control period is in s."""
         self.observer, self.contact_forces = observer, contact_forces
         self._friction = friction
         self._largest_gap = _LARGEST_GAP * period
@@ -41,7 +36,7 @@ class ModelErrorCompensation:
         self._zero = frozen(np.zeros(len(observer.forces)))
 
     def restart(self) -> None:
-        """Forget all estimates."""
+        """Reset all estimates."""
         self.observer.restart()
         if self.contact_forces is not None:
             self.contact_forces.restart()
@@ -51,30 +46,29 @@ class ModelErrorCompensation:
 
     @property
     def unloaded_contacts(self) -> tuple[str, ...]:
-        """Names of the contacts that carry no load, as far as this is known."""
+        """Names of contacts detected as unloaded."""
         return self.contact_forces.unloaded if self.contact_forces is not None else ()
 
     @property
     def is_idle(self) -> bool:
-        """True if the forces are zero and stay so: a cycle then skips `update` and `record_command`."""
+        """True if the forces are zero and stay zero; a cycle then skips `update` and `record_command`."""
         return self._friction is None and self.observer.is_idle
 
     def update(self, state: RobotState) -> Disturbance | None:
-        """Compare a state with its prediction; returns the forces that the model lacks, None if there are none."""
+        """Compare a state with its prediction; return the forces outside the model, or None."""
         if self.is_idle:
             return None
         before, self._prediction = self._prediction, None
         gap = 1.0e-9 * (state.stamp - before.stamp) if before is not None else 0.0
         if before is not None and 0.0 < gap <= self._largest_gap:
             self._compare(before, state, gap)
-        elif before is not None and gap <= 0.0:  # the same state again
+        elif before is not None and gap <= 0.0:  # repeated state
             self._prediction = before
         estimate, friction = self.observer.forces, self._friction
         forces = estimate if friction is None else frozen(estimate + friction.forces)
         return Disturbance(forces, estimate, self.observer.at_bound)
 
     def _compare(self, before: Prediction, state: RobotState, gap: float) -> None:
-        """Update friction, observer and contact forces with the measured change of velocity."""
         predicted_change = gap * before.v_dot if before.v_dot is not None else None
         contacts = tuple(before.forces)
         if self._friction is not None:
@@ -98,16 +92,14 @@ class ModelErrorCompensation:
     ) -> None:
         """Store the prediction of a cycle.
 
-        Args:
-            tau: torques that were sent, (na,) in N·m; None without torques, or during a ramp, when others hold the
-                robot.
-            jacobian: returns the stacked Jacobian of contacts in that snapshot, (k, nv), by their names.
+        `tau` are the torques sent, (na,); None without torques or during a ramp. `jacobian` returns the stacked contact
+        Jacobian.
         """
         if self.is_idle or (self._prediction is not None and self._prediction.stamp == state.stamp):
-            return  # the torques that were sent first have acted for longer
+            return  # repeated state: keep the first torques
         excess, v_dot = self._zero, None
         forces: dict[str, Array] = {}
-        # A solution that violates its bounds predicts nothing.
+        # A relaxed solution gives no prediction.
         if solution is not None and tau is not None and not solution.relaxed:
             v_dot, forces = solution.v_dot, {name: frozen(force) for name, force in solution.forces.items()}
             if not np.array_equal(tau, solution.tau):

@@ -14,28 +14,27 @@ from wbc_controller.estimation.sensor_agreement import HIGH_PASS, PERIOD, Sensor
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
 
-#: Longest time between two messages over which a twist is integrated, s.
+#: Largest integration step of the twist, s.
 _GAP = 0.1
 
 
 class OdometryAgreement:
-    """Compares the twist with the change of the pose and with the legs, and the vertical with the contacts.
+    """Comparison of the odometry's twist with its pose and the legs, and of its vertical with the contacts.
 
-    Attributes:
-        contradiction: a sentence on an error of axes or units; None without one. A wrong twist remains until `restart`.
+    `contradiction` is a message on an axis or unit error, or None; a wrong twist is latched until `restart`.
     """
 
     def __init__(self, kinematics: LegKinematics) -> None:
-        """Start without data; the kinematics are those from the base link."""
+        """Start without data, with kinematics relative to the base link."""
         self._kinematics = kinematics
         self.restart()
 
     def restart(self) -> None:
-        """Compare anew, as after a change of the sensor."""
+        """Restart the comparison."""
         self.contradiction: str | None = None
-        self._by_legs = SensorAgreement(self._kinematics, "odometry", moves=True)
-        self._by_pose = AxesComparison(moves=True)
-        self._moved, self._measured = np.zeros((2, 3)), np.zeros((2, 3))  # turn and displacement by pose and twist
+        self._by_legs = SensorAgreement(self._kinematics, "odometry", with_displacements=True)
+        self._by_pose = AxesComparison(with_displacements=True)
+        self._moved, self._measured = np.zeros((2, 3)), np.zeros((2, 3))  # rotation and displacement by pose and twist
         self._twist = np.zeros(6)  # integral since the last comparison, m and rad
         self._stamp, self._elapsed = math.inf, 0.0  # of the newest message, and since the last comparison, s
         self._before: tuple[Array, Array] | None = None  # rotation and position at the last comparison
@@ -46,21 +45,16 @@ class OdometryAgreement:
         stamp: float,
         base: tuple[Array, Array],
         joints: tuple[Array, Array],
-        holding: Collection[str],
+        active_contacts: Collection[str],
         *,
-        held: bool,
+        controlled: bool,
     ) -> None:
-        """Take the newest odometry and joints; both may be those of the last update.
+        """Process the newest odometry and joints; the vertical is compared until the robot is `controlled`.
 
-        Args:
-            stamp: of the odometry, s.
-            base: its pose, (7,), and its twist in its axes, (6,) in m/s and rad/s.
-            joints: positions and velocities of the joints, (nj,) each in rad and rad/s.
-            holding: names of the contacts that hold.
-            held: whether the robot is under control: the vertical is compared before that.
+        `base` is pose, (7,), and twist in base axes, (6,); `joints` positions and velocities, (nj,) each.
         """
         dt, self._stamp = stamp - self._stamp, stamp
-        if not dt > 0.0 or self._is_twist_wrong or (held and self._agreed):
+        if not dt > 0.0 or self._is_twist_wrong or (controlled and self._agreed):
             return
         if dt > _GAP:
             self._before = None
@@ -70,8 +64,8 @@ class OdometryAgreement:
         if self._elapsed >= PERIOD:
             elapsed, self._elapsed = self._elapsed, 0.0
             steps, self._twist = self._twist.reshape(2, 3)[::-1], np.zeros(6)
-            contacts = tuple(name for name in self._kinematics.points if name in holding)
-            self._compare(elapsed, base[0], steps, joints, contacts, held=held)
+            contacts = tuple(name for name in self._kinematics.points if name in active_contacts)
+            self._compare(elapsed, base[0], steps, joints, contacts, controlled=controlled)
 
     def _compare(
         self,
@@ -81,9 +75,9 @@ class OdometryAgreement:
         joints: tuple[Array, Array],
         contacts: tuple[str, ...],
         *,
-        held: bool,
+        controlled: bool,
     ) -> None:
-        """Compare turn and displacement by the twist, (2, 3) in rad and m, with the pose and with the legs."""
+        """Compare rotation and displacement by the twist, (2, 3) in rad and m, with pose and legs."""
         R, position, legs = rotation_of(pose[3:]), pose[:3], self._kinematics
         before, self._before = self._before, (R, position)
         if before is None:
@@ -96,10 +90,10 @@ class OdometryAgreement:
         found = found and f"the twist of odometry contradicts its pose: {found}"
         if found is None and contacts:
             legs.update(*joints)
-            found = self._by_legs.look(elapsed, steps, contacts, R)
+            found = self._by_legs.check(elapsed, steps, contacts, R)
         self._is_twist_wrong = found is not None
         self._agreed = found is None and self._by_pose.agreed and self._by_legs.comparison.agreed
-        if found is None and contacts and not held:
+        if found is None and contacts and not controlled:
             found = gravity_contradiction(legs, contacts, R[2])
             found = found and f"the orientation of odometry contradicts the legs: {found}"
         self.contradiction = found

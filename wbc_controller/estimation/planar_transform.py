@@ -1,6 +1,6 @@
 """Transforms between worlds with a common vertical: a rotation about z and a translation.
 
-Without absolute poses, heading and position are unobservable, so that worlds differ by such a transform.
+Worlds without absolute poses differ by such a transform, as heading and position are unobservable.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from wbc_controller.records import Array
 
 
 class PlanarTransform(NamedTuple):
-    """The transform x ↦ Rz(heading) x + translation, in rad and m."""
+    """Transform x ↦ Rz(heading) x + translation, in rad and m."""
 
     heading: float
     translation: tuple[float, float, float]
@@ -47,7 +47,7 @@ class PlanarTransform(NamedTuple):
 
     @staticmethod
     def mapping(x: Array, to: Array, heading: float) -> PlanarTransform:
-        """Return the transform with this heading that maps the point x to another one."""
+        """Return the transform with a given heading that maps x to `to`."""
         a, b = PlanarTransform(heading, (0.0, 0.0, 0.0)).point(*x.tolist()), to.tolist()
         return PlanarTransform(heading, (b[0] - a[0], b[1] - a[1], b[2] - a[2]))
 

@@ -11,17 +11,14 @@ from scipy.linalg.lapack import dposv, dpotrf, dpotri, dpotrs
 
 from wbc_controller.records import Array
 
-#: Regularization of J M⁻¹ Jᵀ, as a share of its mean diagonal: contacts may constrain the same motion twice.
+#: Regularization of J M⁻¹ Jᵀ for redundant contacts, as a share of its mean diagonal.
 _RIDGE = 1.0e-9
 
 
 def split_force(M: Array, J: Array, force: Array) -> tuple[Array, Array]:
-    """Split generalized forces r, (nv,), into the part that moves the robot and the contacts' part: r = Nᵀ r + Jᵀ λ.
+    """Split generalized forces, r = Nᵀ r + Jᵀ λ; return Nᵀ r, (nv,), and λ = (J M⁻¹ Jᵀ)⁻¹ J M⁻¹ r, (k,).
 
-    M is the mass matrix, (nv, nv), and J the Jacobian of the contacts, (k, nv); its rows need not be independent.
-
-    Returns:
-        Nᵀ r, (nv,), and λ = (J M⁻¹ Jᵀ)⁻¹ J M⁻¹ r, (k,).
+    M is the mass matrix, (nv, nv), and J the contact Jacobian, (k, nv), with possibly dependent rows.
     """
     if not len(J):
         return force, np.zeros(0)
@@ -31,10 +28,7 @@ def split_force(M: Array, J: Array, force: Array) -> tuple[Array, Array]:
 
 
 def mobility(M: Array, J: Array) -> Array:
-    """Return the acceleration of each coordinate per unit of force along it: the diagonal of N M⁻¹, (nv,).
-
-    Its inverse is the effective inertia on the contacts. Arguments as for `split_force`.
-    """
+    """Return the diagonal of N M⁻¹, (nv,), the inverse of the effective inertias on the contacts."""
     factor = dpotrf(M)[0]
     free = np.diag(dpotri(factor)[0]).copy()
     if len(J):
@@ -44,7 +38,7 @@ def mobility(M: Array, J: Array) -> Array:
 
 
 def _delassus(J: Array, spread: Array) -> Array:
-    """Return J M⁻¹ Jᵀ, (k, k), regularized."""
+    """Return the regularized Delassus matrix J M⁻¹ Jᵀ, (k, k)."""
     A = np.asarray(J @ spread)
     A[np.diag_indices(len(A))] += _RIDGE * float(np.trace(A)) / len(A)
     return A

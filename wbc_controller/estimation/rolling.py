@@ -1,4 +1,4 @@
-"""Balls that roll on the ground: their points of contact are not fixed to them."""
+"""Displacement of balls that roll on the ground."""
 
 from __future__ import annotations
 
@@ -9,47 +9,40 @@ import numpy as np
 from wbc_controller.estimation.invariant_filter import hat
 from wbc_controller.records import Array
 
-_NO_WAY = np.zeros(3)
+_ZERO = np.zeros(3)
 
 
 class Rolling:
-    """By how far the centres of balls have rolled since their contacts began.
-
-    Attributes:
-        names: of the contacts that are balls and hold.
-    """
+    """Rolling displacements of the centres of active balls, by name in `names`."""
 
     def __init__(self, radii: Mapping[str, Array]) -> None:
-        """Begin without contacts; the radii r n lead from contact point to centre in the world, (3,) in m."""
+        """Start without contacts; the radii r n point from contact point to centre in the world, (3,) in m."""
         self.names: tuple[str, ...] = ()
-        self._turned = {name: hat(radius).T for name, radius in radii.items()}  # ω × r n is this times ω
-        self._ways: dict[str, Array] = {}
+        self._cross_matrices = {name: hat(radius).T for name, radius in radii.items()}  # ω × r n = matrix @ ω
+        self._displacements: dict[str, Array] = {}
 
-    def enter(self, name: str) -> None:
-        """Begin with a contact, if it is a ball."""
-        if name in self._turned:
-            self._ways[name] = _NO_WAY
-            self._remember()
+    def add(self, name: str) -> None:
+        """Start a contact if it is a ball."""
+        if name in self._cross_matrices:
+            self._displacements[name] = _ZERO
+            self._update_stack()
 
-    def leave(self, name: str) -> None:
+    def remove(self, name: str) -> None:
         """End a contact."""
-        if self._ways.pop(name, None) is not None:
-            self._remember()
+        if self._displacements.pop(name, None) is not None:
+            self._update_stack()
 
-    def _remember(self) -> None:
-        self.names = tuple(self._ways)
-        self._stack = np.array([self._turned[name] for name in self.names])
+    def _update_stack(self) -> None:
+        self.names = tuple(self._displacements)
+        self._stack = np.array([self._cross_matrices[name] for name in self.names])
 
-    def turn(self, omega: Array, dt: float) -> None:
-        """Let the balls turn for dt, s: centres move by ω × r n; ω in the world, in the order of `names`, (c, 3)."""
+    def integrate(self, omega: Array, dt: float) -> None:
+        """Integrate ω × r n over dt, s; ω in the world, in the order of `names`, (c, 3)."""
         steps = dt * (self._stack @ omega[:, :, None])[:, :, 0]
         for i, name in enumerate(self.names):
-            self._ways[name] = self._ways[name] + steps[i]
+            self._displacements[name] = self._displacements[name] + steps[i]
 
-    def of(self, contacts: Sequence[str], ends: np.ndarray) -> Array:
-        """How far the points of some contacts have rolled, in the world, (k, 3) in m: zero but for balls.
-
-        `ends` says after which of the points those of each contact end, (c,).
-        """
-        ways = np.array([self._ways.get(name, _NO_WAY) for name in contacts])
+    def displacements(self, contacts: Sequence[str], ends: np.ndarray) -> Array:
+        """Return the displacements of contact points in the world, (k, 3) in m; `ends` as in `ContactPoints`."""
+        ways = np.array([self._displacements.get(name, _ZERO) for name in contacts])
         return ways if ends[-1] == len(ways) else np.repeat(ways, np.diff(ends, prepend=0), axis=0)

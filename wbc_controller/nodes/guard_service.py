@@ -35,7 +35,7 @@ from wbc_controller.middleware.transports.transport import Publish, Stream, Tran
 from wbc_controller.nodes.clock import Clock, MonotonicClock
 from wbc_controller.nodes.urdf import find_urdf
 from wbc_controller.records import Array, Mode
-from wbc_controller.safety.guard import Guard, GuardLimits, GuardMode, Heard
+from wbc_controller.safety.guard import Guard, GuardInputs, GuardLimits, GuardMode
 from wbc_controller.settings import Settings
 
 #: Name of the node, and prefix of its private topics.
@@ -200,7 +200,7 @@ class GuardService:
             )
         self._shared = shared
 
-    def _heard(self) -> Heard:
+    def _heard(self) -> GuardInputs:
         with self._lock:
             newest, self._joint_states = self._joint_states, None
         if newest is not None:
@@ -214,7 +214,7 @@ class GuardService:
                     self._refused.pop("joint_states", None)
         velocity_or_none = self._velocity if len(self._velocity) else None
         with self._lock:
-            return Heard(
+            return GuardInputs(
                 self._command_at, self._torques, self._unanswered_at, self._mode, velocity_or_none, self._velocity_at
             )
 
@@ -248,10 +248,10 @@ class GuardService:
         # The deadline for answering a joint state that arrives from now on is at least the patience away.
         return min(self.guard.deadline(heard), now + self.guard.limits.patience)
 
-    def _say(self, now: float, heard: Heard) -> None:
+    def _say(self, now: float, heard: GuardInputs) -> None:
         """Publish the state if it has changed, and diagnostics if they are due."""
         guard, stale = self.guard, ""
-        if guard.mode is GuardMode.DAMPING and guard.blind(now, heard):
+        if guard.mode is GuardMode.DAMPING and guard.velocity_is_stale(now, heard):
             note = f" ({self._refused['joint_states']})" if "joint_states" in self._refused else ""
             stale = f"; zero torque, as the joint velocities are not fresh{note}"
         text = guard.mode.value + (f" {guard.reason}{stale}" if guard.reason else "")
@@ -270,7 +270,7 @@ class GuardService:
             self._diagnostics_due = now + self._diagnostics_period
             self._publish["diagnostics"](encode(self._diagnostics(now, heard, text)))
 
-    def _diagnostics(self, now: float, heard: Heard, text: str) -> Any:
+    def _diagnostics(self, now: float, heard: GuardInputs, text: str) -> Any:
         values = {
             "mode": self.guard.mode.value,
             "takeovers": str(self.guard.takeovers),

@@ -139,7 +139,7 @@ class Inputs:
             base_check = SampleCheck.of_base(plausibility) if plausibility is not None else None
             self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker(), base_check)
         self._parts = dict(self._sources)  # without one of them there is no state
-        if estimator is not None and estimator.takes_poses:
+        if estimator is not None and estimator.uses_poses:
             self._sources["pose"] = _Source(PoseReader(), self._tracker())
         self._queues: dict[str, _Queue] = {}
         latched = [*self._sources, *(KEYS if sensing is not None else ())]
@@ -225,13 +225,13 @@ class Inputs:
             return StampTracker()
         return StampTracker(self._clock.ahead, self.clock_tolerance)
 
-    def latch(self, holding: Collection[str] = (), *, held: bool = False) -> LatchedInputs:
+    def latch(self, holding: Collection[str] = (), *, controlled: bool = False) -> LatchedInputs:
         """Decode the newest states, assemble the robot's state, and take the requests that have been read.
 
         Args:
             holding: names of the contacts that should hold: an estimate of the base uses them, unless sensors at the
                 contacts measure otherwise.
-            held: whether the robot is under control: absolute poses that contradict must not move its world.
+            controlled: whether the robot is under control: absolute poses that contradict must not move its world.
         """
         refused: list[str] = []
         for queue in self._queues.values():
@@ -243,7 +243,7 @@ class Inputs:
             while queue.pending:
                 self._decode(queue.endpoint, *queue.pending.popleft(), refused)
         if self.estimator is not None:
-            refused += self._estimate(self.estimator, holding, held=held)
+            refused += self._estimate(self.estimator, holding, controlled=controlled)
         joints: JointStates | None = self._sources["joint_states"].newest
         base, state = self._newest_base(), None
         if joints is not None and base is not None:
@@ -261,13 +261,13 @@ class Inputs:
             estimate=self._pose_notes(),
         )
 
-    def compare_odometry(self, holding: Collection[str], *, held: bool) -> None:
+    def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
         """Compare the newest odometry with the legs, after the torques are sent; arguments as for `latch`."""
         joints, odometry = self._sources["joint_states"].newest, self._newest_base()
         if self._agreement is None or joints is None or not odometry:
             return
         stamp = 1.0e-9 * self._sources["odom"].newest.stamp
-        self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, held=held)
+        self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
 
     def _decode(self, endpoint: Endpoint, arrival: float, payload: bytes, refused: list[str]) -> None:
         """Decode one message, judge its timestamp, and keep it; a refused message leaves the last one in force."""
@@ -279,7 +279,7 @@ class Inputs:
             source = self._sources[key]
             newest = source.reader.read(payload)
             check = source.check
-            reason = check.look(*newest[:3]) if check is not None else ""
+            reason = check.check(*newest[:3]) if check is not None else ""
             reason = reason or source.stamps.judge(newest.stamp, arrival) or ""
             if reason:
                 raise InputRefused(reason)
@@ -310,7 +310,7 @@ class Inputs:
         odometry = self._sources["odom"].newest
         return None if odometry is None else (odometry.pose, odometry.twist)
 
-    def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, held: bool) -> list[str]:
+    def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, controlled: bool) -> list[str]:
         """Update the estimate of the base; report each newly silent sensor, left-out contact and refused pose."""
         sentences: list[str] = []
         self.holding = holding
@@ -327,7 +327,7 @@ class Inputs:
         slipping = estimator.slipping
         estimator.update(imu, joints.position, joints.velocity, self.holding)
         poses, self._poses = self._poses, []
-        contradictions = estimator.correct(poses, held=held) if "pose" in self._sources else []
+        contradictions = estimator.correct(poses, controlled=controlled) if "pose" in self._sources else []
         if contradictions:
             self._refusals["pose"] = contradictions[-1]
             (topic,) = [queue.endpoint.name for queue in self._queues.values() if queue.endpoint.key == "pose"]

@@ -92,7 +92,7 @@ class ControlLoop:
         """Run one cycle."""
         timer, clock, controller, outputs = self._timer, self._clock, self.controller, self._outputs
         started = timer()
-        latched = self._inputs.latch(controller.holding, held=controller.mode in _UNDER_CONTROL)
+        latched = self._inputs.latch(controller.holding, controlled=controller.mode in _UNDER_CONTROL)
         timeout, ages, stall = controller.state_timeout, latched.ages, latched.clock_stall
         now = clock.now()
         self._fresh_until = now + timeout - ages["joint_states"]
@@ -141,18 +141,18 @@ class ControlLoop:
         decided = timer()
         outputs.publish_command(result)
         sent = timer()
-        self._inputs.compare_odometry(controller.holding, held=controller.mode in _UNDER_CONTROL)
+        self._inputs.compare_odometry(controller.holding, controlled=controller.mode in _UNDER_CONTROL)
         controller.explain_failure(now)
         state, solution, references = result.state, result.solution, result.references
         audit = None
         if state is not None:
             # While it is not active, the supervisor may have refused the very state.
             trusted = solution if result.mode is Mode.ACTIVE else None
-            audit = self._audit.look(state, controller.qp.dynamics, trusted, result.command)
+            audit = self._audit.check(state, controller.qp.dynamics, trusted, result.command)
             # Impacts of the feet are not explained by torques, and zero torque would drop a robot that walks.
             walks = controller.walker is not None and controller.walker.moves
             explained = None if walks else trusted
-            self._bring_up.look(
+            self._bring_up.check(
                 state, controller.qp.dynamics, explained, result.command, controller.qp.contact_jacobian
             )
         stages = {

@@ -1,1 +1,1 @@
-"""Safety between the controller and the joints: checks, the supervisor that makes every command, and the guard."""
+"""Safety between controller and joints: checks, the supervisor of all commands, and the guard."""

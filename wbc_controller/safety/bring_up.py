@@ -1,12 +1,8 @@
-"""Stops a robot in its first seconds of control if its joints move otherwise than the torques sent explain.
+"""Watch of the first seconds of control: joint motion that the torques sent do not explain.
 
-If torques reach other joints than intended, for example by another joint order in a driver, the joints run away within
-a few cycles. Damping would reach the wrong joints too, and often drives them. Therefore the response is zero torque.
-
-The unexplained velocity u of each joint decays with a time constant, and gains Δv - v̇ Δt in each step. The prediction v̇
-is that of the solution, corrected for torques that are not sent, for example during the activation ramp: N M⁻¹ Sᵀ Δτ,
-with N for the active contacts (`estimation.projection`). A stand or a person may hold the base or not: of both
-predictions, the better one counts.
+Torques at wrong joints let them run away within a few cycles. As damping would act on wrong joints too, the response is
+zero torque. The unexplained velocity of each joint decays, and gains Δv - v̇ Δt per step. v̇ is that of the solution
+plus N M⁻¹ Sᵀ Δτ for torques not sent (`estimation.projection`), with a free or a held base.
 """
 
 from __future__ import annotations
@@ -26,30 +22,21 @@ from wbc_controller.records import Array, Fault, JointCommand, RobotState, Solut
 UNEXPLAINED_MOTION = "UNEXPLAINED_MOTION"
 #: Time constant of the decay, s.
 _MEMORY = 0.1
-#: Largest time between two states that are compared, in control periods; beyond it, states were lost in between.
+#: Largest time between two compared states, in control periods.
 _LARGEST_GAP = 3.5
-#: Speed of a prismatic joint that counts as much as one of 1 rad/s, m/s.
+#: Speed of a prismatic joint equivalent to 1 rad/s, m/s.
 _PRISMATIC = 0.2
-#: Multiple of the limit for joints between the base and an active contact: they also move if the contact is lost.
+#: Factor of the limit for joints between the base and an active contact, which move if the contact is lost.
 _LOADED = 3.0
-#: Torques not sent that are negligible, as a share of the effort limits.
+#: Negligible missing torques, as a share of the effort limits.
 _NEGLIGIBLE = 0.02
 
 
 class BringUpWatch:
-    """Compares the motion of the joints with the torques sent, until the robot has been active for some time.
-
-    Attributes:
-        fault: unexplained motion in the last cycle, or None.
-    """
+    """Watch of the joint motion against the torques sent; `fault` is that of the last cycle, or None."""
 
     def __init__(self, model: RobotModel, time: float, speed: float, period: float) -> None:
-        """Make a watch for the first `time`, s, of active control.
-
-        Args:
-            speed: largest unexplained speed of a joint, rad/s.
-            period: control period, s.
-        """
+        """Start a watch for `time`, s, with the largest unexplained `speed`, rad/s."""
         self.fault: Fault | None = None
         self._model = model
         self._left, self._largest_gap = time, _LARGEST_GAP * period
@@ -61,7 +48,7 @@ class BringUpWatch:
         self._unexplained = np.zeros((2, model.nv))
         self._before: tuple[RobotState, Array] | None = None  # state, and the predictions of v̇ from it
 
-    def look(
+    def check(
         self,
         state: RobotState,
         dynamics: Dynamics,
@@ -69,11 +56,7 @@ class BringUpWatch:
         command: JointCommand | None,
         jacobian: Callable[[tuple[str, ...]], Array],
     ) -> None:
-        """Compare a state with its prediction, and set `fault`; arguments as for `ModelAudit.look`.
-
-        Args:
-            jacobian: returns the stacked Jacobian of contacts at this state, (k, nv), by their names.
-        """
+        """Compare a state with its prediction, and set `fault`; arguments as for `ModelAudit.check`."""
         self.fault = None
         if self._left <= 0.0:
             return
@@ -82,7 +65,7 @@ class BringUpWatch:
             return
         before = self._before
         gap = 1.0e-9 * (state.stamp - before[0].stamp) if before is not None else math.inf
-        if gap <= 0.0:  # the same state again: the torques that were sent first have acted for longer
+        if gap <= 0.0:  # repeated state: keep the first torques
             return
         if before is None or gap > self._largest_gap:
             self._unexplained[:] = 0.0
@@ -101,7 +84,7 @@ class BringUpWatch:
         command: JointCommand,
         jacobian: Callable[[tuple[str, ...]], Array],
     ) -> Array:
-        """Accelerations v̇ with a free and with a held base, (2, nv), or (nv,) if they are equal."""
+        """Return v̇ with a free and with a held base, (2, nv), or (nv,) if they are equal."""
         missing = command.tau - solution.tau
         if all_true(np.abs(missing) <= self._negligible):
             return solution.v_dot
@@ -112,17 +95,12 @@ class BringUpWatch:
         return solution.v_dot + np.array(changes)
 
     def _is_at_stop(self, state: RobotState) -> bool:
-        """Return whether a joint is beyond a position limit, so that forces act that the solution does not know."""
+        """Return True if a joint is beyond a position limit: its stop exerts unknown forces."""
         positions = state.q[self._model.q_places]
         return not all_true((positions >= self._model.position_lower) & (positions <= self._model.position_upper))
 
     def _judge(self, v: Array, J: Array) -> None:
-        """Set the fault if a joint exceeds its limit with both predictions, and does not merely stick.
-
-        Args:
-            v: measured velocity, (nv,).
-            J: Jacobian of the active contacts, (k, nv).
-        """
+        """Set the fault if a joint exceeds its limit with both predictions; J is the contact Jacobian."""
         speeds = np.abs(self._unexplained)
         if all_true(speeds <= self._limits):
             return
@@ -134,7 +112,7 @@ class BringUpWatch:
             unit = f"{model.units[worst]}/s"
             self.fault = Fault(
                 UNEXPLAINED_MOTION,
-                f"joint {model.joints[worst]!r} moves by {speeds[worst]:.2g} {unit} otherwise than the torques sent "
-                f"explain (limit {limit[worst]:g} {unit}, safety.bring_up_speed): they may reach other joints or "
-                "have another sign; compare the effort command's order with robot.actuators, by default robot.joints",
+                f"joint {model.joints[worst]!r} deviates by {speeds[worst]:.2g} {unit} from the motion predicted for "
+                f"the torques sent (limit {limit[worst]:g} {unit}, safety.bring_up_speed): wrong joint order or sign; "
+                "compare the order of the effort command with robot.actuators (default: robot.joints)",
             )

@@ -1,7 +1,4 @@
-"""Safety checks as pure functions: each returns a fault, or None if the check passes.
-
-All comparisons are written so that NaN fails them.
-"""
+"""Safety checks as pure functions that return a fault or None; NaN fails every comparison."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -11,18 +8,18 @@ import numpy as np
 
 from wbc_controller.records import Array, Fault
 
-#: Share of an effort limit by which a solver may exceed the available torque; the supervisor clips the excess.
+#: Share of an effort limit by which a solution may exceed the available torque; the supervisor clips the excess.
 TORQUE_TOLERANCE = 0.01
 
 
 class Check(NamedTuple):
-    """One check of the supervisor, as in the table of docs/safety.md."""
+    """Row of the table of checks in docs/safety.md."""
 
     name: str
-    keys: tuple[str, ...]  # keys of the configuration with its thresholds; empty if they are fixed
+    keys: tuple[str, ...]  # settings of its thresholds; empty if fixed
     unit: str
     response: str
-    code: str = ""  # code of the fault; empty if the check causes none
+    code: str = ""  # code of the fault; empty without a fault
 
 
 CHECKS = (
@@ -43,30 +40,30 @@ CHECKS = (
           "velocity limits, m/s, rad/s", "damping", "IMPLAUSIBLE_STATE"),
     Check("joint positions against joint velocities", ("safety.joint_mismatch",), "rad", "damping",
           "IMPLAUSIBLE_STATE"),
-    Check("a joint position that repeats against its velocity", ("safety.frozen_motion",), "rad", "damping",
+    Check("a constant joint position against its velocity", ("safety.frozen_motion",), "rad", "damping",
           "IMPLAUSIBLE_STATE"),
-    Check("joint states or odometry that repeat bit for bit while moving", ("safety.frozen_time",), "s", "damping",
+    Check("joint states or odometry repeated bit for bit during motion", ("safety.frozen_time",), "s", "damping",
           "IMPLAUSIBLE_STATE"),
     Check("position of the base against its velocity", ("safety.base_mismatch",), "m", "damping", "IMPLAUSIBLE_STATE"),
     Check("orientation of the base against its angular velocity", ("safety.base_turn_mismatch",), "rad", "damping",
           "IMPLAUSIBLE_STATE"),
-    Check("joint motion that the torques do not explain, in the first time of active control",
+    Check("joint motion not explained by the torques, at the start of active control",
           ("safety.bring_up_time", "safety.bring_up_speed"), "s, rad/s", "zero torque at once", "UNEXPLAINED_MOTION"),
     Check("tilt of a floating base since the activation", ("safety.max_tilt",), "rad", "damping", "FALLEN"),
     Check("height of a floating base above the lowest end of a limb", ("safety.min_height",),
-          "share of that at the activation", "damping", "FALLEN"),
-    Check("time without a usable solution, without interruption or in all", ("safety.hold_time", "safety.hold_window"),
+          "share of the height at the activation", "damping", "FALLEN"),
+    Check("time without a usable solution, continuous or in total", ("safety.hold_time", "safety.hold_window"),
           "s", "holding, then damping", "NO_SOLUTION"),
     Check("the solution's torques: finite, and within their limits", ("robot.effort_limit_scale",),
           "share of the effort limits", "holding, then damping", "BAD_TORQUE"),
     Check("time with relaxed constraints", ("safety.relax_time", "safety.relax_window"), "s", "damping", "RELAXED"),
     Check("change of the torques in time", ("limits.torque_rate",), "effort limits per second",
           "the command is clipped"),
-    Check("joint velocities that damping uses", ("safety.max_joint_speed",), "velocity limits",
+    Check("joint velocities used for damping", ("safety.max_joint_speed",), "velocity limits",
           "no damping at that joint"),
     Check("damping in discrete time", ("safety.damping", "control.rate"), "N·m·s/rad, Hz",
           "less damping at light joints"),
-    Check("other nodes that publish torques", ("safety.torque_publishers",), "names",
+    Check("other publishers of torques", ("safety.torque_publishers",), "names",
           "`activate` is refused; a warning while active"),
 )  # fmt: skip
 
@@ -74,18 +71,13 @@ CHECKS = (
 def stale_inputs(
     ages: Mapping[str, float], limit: float, notes: Callable[[], Mapping[str, str]] = dict
 ) -> Fault | None:
-    """Check that no input is older than a limit.
-
-    Args:
-        ages: age of each input, s; infinite where none has arrived.
-        notes: gives for inputs what to know about their age; called where one is too old.
-    """
+    """Check the ages of inputs, s (inf before the first one); `notes` returns remarks by input for the message."""
     parts = []
     for name, age in ages.items():
         if not (age <= limit):
-            said = "has not arrived" if not math.isfinite(age) else f"is {1e3 * age:.0f} ms old"
+            text = "has not arrived" if not math.isfinite(age) else f"is {1e3 * age:.0f} ms old"
             note = notes().get(name)
-            parts.append(f"{name} {said} (limit {1e3 * limit:.0f} ms)" + (f"; {note}" if note else ""))
+            parts.append(f"{name} {text} (limit {1e3 * limit:.0f} ms)" + (f"; {note}" if note else ""))
     return Fault("STALE_INPUT", "; ".join(parts)) if parts else None
 
 
@@ -96,14 +88,7 @@ def unusable_torques(
     actuators: Sequence[str],
     tolerance: float = TORQUE_TOLERANCE,
 ) -> Fault:
-    """Name the torques that are not finite or not available.
-
-    Args:
-        tau: torques of the actuators, (na,) in N·m.
-        available: lower and upper bounds of the torques available at the present speeds, both (na,) in N·m.
-        limits: effort limits, (na,) in N·m.
-        tolerance: share of an effort limit by which a solver may exceed a bound.
-    """
+    """Return the fault of torques that are not finite or exceed the available bounds, (na,) in N·m."""
     lower, upper = available
     good = (tau >= lower - tolerance * limits) & (tau <= upper + tolerance * limits)
     bound = np.where(tau < 0.0, -lower, upper)
@@ -112,12 +97,7 @@ def unusable_torques(
 
 
 def no_solution_for_too_long(reason: Fault, held: float, limit: float, window: float) -> Fault:
-    """Say that holding has used up its budget, in pieces.
-
-    Args:
-        reason: why there is no solution now.
-        held: time of holding within the window, s.
-    """
+    """Return the fault of holding for `held`, s, in total within a window."""
     sentence = (
         f"held the last torques for {1e3 * held:.0f} ms within {window:g} s (limit {1e3 * limit:.0f} ms, "
         f"safety.hold_time): {reason.sentence}"
@@ -126,16 +106,11 @@ def no_solution_for_too_long(reason: Fault, held: float, limit: float, window: f
 
 
 def relaxed_for_too_long(groups: Sequence[str], spent: float, limit: float, window: float) -> Fault | None:
-    """Check the time with relaxed constraints.
-
-    Args:
-        groups: what was relaxed within the window.
-        spent: time with relaxed constraints within the window, s.
-    """
+    """Check the time with relaxed constraints within a window, `spent`, s; `groups` names the relaxed ones."""
     if spent <= limit:
         return None
     return Fault(
         "RELAXED",
-        f"{', '.join(groups)} had to be relaxed for {1e3 * spent:.0f} ms within {window:g} s "
+        f"{', '.join(groups)}: relaxed for {1e3 * spent:.0f} ms within {window:g} s "
         f"(limit {1e3 * limit:.0f} ms, safety.relax_time)",
     )

@@ -1,4 +1,4 @@
-"""The largest joint damping that a sampled controller can apply in every posture of the robot."""
+"""Largest joint damping that is stable in discrete time in every posture."""
 
 import math
 
@@ -10,46 +10,42 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.transmission import Drive
 from wbc_controller.records import Array
 
-#: Largest T λ. A sampled loop is stable below 2, and with one more period of delay below 1.
+#: Largest T λ; a sampled loop is stable below 2, with one more period of delay below 1.
 _LARGEST_RATE = 0.9
-#: Share by which a search may exceed it without a reduction: searches end near a maximum, and not at it.
+#: Tolerance of a search, as a share: searches end near a maximum.
 _TOLERANCE = 0.02
-#: Searches in a row without a reduction, and their number if no rate comes near the largest one.
+#: Consecutive searches without a reduction, and their number if no rate is near the largest.
 _SEARCHES, _FEW_SEARCHES = 6, 2
-#: Steps of a search, and the number of eigenvectors that its direction is made of.
+#: Steps of a search, and number of eigenvectors in its direction.
 _STEPS, _MOTIONS = 20, 6
-#: Exponent p of the norm (Σ λᵢᵖ)^(1/p), the smooth maximum of a search: all limbs move at once.
+#: Exponent p of (Σ λᵢᵖ)^(1/p), the smooth maximum of a search over all limbs.
 _EXPONENT = 8
 
 
 class _Search:
     """Rates T λ at which damping changes the joint velocities, as a function of the posture.
 
-    With torques -D v, held for one period T, the joint velocities go to (I - T W D) v, where W is the block of the
-    joints in the inverse of M with a free base: contacts only add inertia. T λ are the eigenvalues of T D^½ W D^½. If
-    actuators drive several joints, P W P replaces W, where P projects on the motions that actuators can damp.
+    Torques -D v over a period T change v to (I - T W D) v, where W is the joints' block of M⁻¹ with a free base. T λ
+    are the eigenvalues of T D^½ W D^½. P W P replaces W if actuators drive several joints, with the projection P on
+    damped motions.
     """
 
     def __init__(self, model: RobotModel, period: float) -> None:
         self._model, self._period = model, period
         self._data = model.pinocchio.createData()
         coupling = model.actuation.C
-        self._free = null_space(coupling) if len(coupling) else np.eye(model.nv)  # motions of joints and followers
-        self._seen = damped_motions(model.actuation)
+        self._free = null_space(coupling) if len(coupling) else np.eye(model.nv)  # motions with followers
+        self._projection = damped_motions(model.actuation)
         lower = np.minimum(np.maximum(model.position_lower, -math.pi), model.posture)
         upper = np.maximum(np.minimum(model.position_upper, math.pi), model.posture)
         self.range = lower, upper
 
     def rates(self, D: Array, posture: Array) -> tuple[Array, Array]:
-        """Rising rates T λ at a posture, (nj,), and the motions D^½ v, (nj, nj) by columns."""
+        """Return increasing rates T λ at a posture, (nj,), and the motions D^½ v, (nj, nj) by columns."""
         return self._eigen(D, self._mobility(posture)[1])
 
     def fastest(self, D: Array, start: Array) -> Array:
-        """Posture within the limits at which the rates are largest, found from another one.
-
-        Each joint has its own step, which depends on the sign of the gradient alone (Riedmiller, Braun, "A direct
-        adaptive method for faster backpropagation learning: the RPROP algorithm", ICNN 1993).
-        """
+        """Search the posture with the largest rates within the limits by RPROP (Riedmiller, Braun, ICNN 1993)."""
         lower, upper = self.range
         posture, found, largest = start, start, -math.inf
         step, before = 0.1 * (upper - lower), np.zeros(len(start))
@@ -62,14 +58,14 @@ class _Search:
         return found
 
     def _norm(self, D: Array, posture: Array) -> tuple[float, Array]:
-        """(Σ λᵢᵖ)^(1/p), with its gradient, (nj,): dλ = -xᵀ dM x with x = M⁻¹ D^½ u, and ∂(xᵀMx)/∂q = 2 Cᵀ(q, x) x."""
+        """Return (Σ λᵢᵖ)^(1/p) and its gradient: dλ = -xᵀ dM x with x = M⁻¹ D^½ u, ∂(xᵀMx)/∂q = 2 Cᵀ(q, x) x."""
         model = self._model
         q, inverse = self._mobility(posture)
         rates, motions = self._eigen(D, inverse)
         norm = float(np.sum(np.maximum(rates, 0.0) ** _EXPONENT) ** (1.0 / _EXPONENT))
         gradient = np.zeros(model.nv)
         if norm > 0.0:
-            velocities = inverse[:, model.v_index] @ self._seen @ (np.sqrt(self._period * D)[:, None] * motions)
+            velocities = inverse[:, model.v_index] @ self._projection @ (np.sqrt(self._period * D)[:, None] * motions)
             for rate, x in zip(rates[-_MOTIONS:], velocities.T[-_MOTIONS:], strict=True):
                 C = pin.computeCoriolisMatrix(model.pinocchio, self._data, q, np.ascontiguousarray(x))
                 gradient -= 2.0 * (max(rate, 0.0) / norm) ** (_EXPONENT - 1) * (C.T @ x)
@@ -78,13 +74,13 @@ class _Search:
     def _eigen(self, D: Array, inverse: Array) -> tuple[Array, Array]:
         root = np.sqrt(self._period * D)
         joints = self._model.v_index
-        W = self._seen @ inverse[np.ix_(joints, joints)] @ self._seen
-        # This routine, unlike NumPy's, does not start threads for small matrices.
+        W = self._projection @ inverse[np.ix_(joints, joints)] @ self._projection
+        # This routine, unlike NumPy's, starts no threads.
         rates, motions = eigh(root[:, None] * W * root, driver="evr")
         return rates, motions
 
     def _mobility(self, posture: Array) -> tuple[Array, Array]:
-        """Configuration and inverse of M, (nv, nv), in which followers follow."""
+        """Return q and M⁻¹ with followers, (nv, nv)."""
         model = self._model
         q = model.configuration(posture)
         M = np.triu(pin.crba(model.pinocchio, self._data, q))
@@ -96,15 +92,10 @@ class _Search:
 
 
 def stable_damping(model: RobotModel, damping: float, period: float) -> Array:
-    """Compute the damping D of each joint, (nj,): the wanted one, or less if a posture makes it unstable.
+    """Compute the damping D of each joint, (nj,): as wanted, or less if a posture makes it unstable.
 
-    Postures within the joint limits are searched for the largest rate T λ (see `_Search`), beginning with the nominal
-    posture and with random ones. A posture with a larger rate than 0.9 reduces D, until none is found any more. D
-    stays stable if the base is free, in contact, or heavier than the model.
-
-    Args:
-        damping: wanted damping, N·m·s/rad.
-        period: T, s: time between two commands, plus the known delay of the velocities.
+    D is reduced until searches from the nominal and random postures find no T λ above 0.9 (`_Search`). `damping` is in
+    N·m·s/rad; `period` T includes the delay of the velocities, s.
     """
     search = _Search(model, period)
     lower, upper = search.range
@@ -121,7 +112,7 @@ def stable_damping(model: RobotModel, damping: float, period: float) -> Array:
 
 
 def _reduced(search: _Search, D: Array, posture: Array) -> Array:
-    """Reduce D until no rate at a posture exceeds the largest, each joint by its share in the fastest motion."""
+    """Reduce D until no rate exceeds the largest, each joint by its share in the fastest motion."""
     while True:
         rates, motions = search.rates(D, posture)
         if rates[-1] <= _LARGEST_RATE:
@@ -131,10 +122,10 @@ def _reduced(search: _Search, D: Array, posture: Array) -> Array:
 
 
 def damped_motions(drive: Drive) -> Array:
-    """Projection P of joint velocities on those that actuators can damp, (nj, nj): the identity if each has a motor."""
+    """Return the projection P on joint motions that actuators damp, (nj, nj); 1 with one motor per joint."""
     return np.asarray(drive.ratios.T @ drive.from_joints(np.eye(drive.ratios.shape[1])))
 
 
 def damping_matrix(drive: Drive, D: Array) -> Array:
-    """Matrix K, (na, nj), of the torques -K v that damp joint velocities v: their power -vᵀPDPv is never positive."""
+    """Return K, (na, nj), of the torques -K v; their power -vᵀPDPv is never positive."""
     return drive.from_joints(D[:, None] * damped_motions(drive))

@@ -1,4 +1,4 @@
-"""The guard's decisions: it commands torques only while the controller has stopped commanding the robot.
+"""Decisions of the guard, which commands torques only after the controller has stopped commanding.
 
 ::
 
@@ -6,8 +6,7 @@
       ^ <── the controller       ^                            │                          │                │
             has let go           └─────────────── a command comes, in any of these ──────┴────────────────┘
 
-In idle, watching and released the guard sends nothing. It never sends while the controller does: two writers on one
-topic would be a race.
+In idle, watching and released the guard sends nothing, so that one topic never has two writers.
 """
 
 import enum
@@ -18,14 +17,14 @@ import numpy as np
 
 from wbc_controller.records import Array, Mode, frozen
 
-#: Modes in which the controller may stop commanding once its torques are zero.
+#: Modes in which the controller may stop commanding after zero torques.
 _ENDED = (Mode.INACTIVE, Mode.STOPPED, Mode.FAULT)
-#: Time for which zero torques are sent before the guard stops sending, s: long enough that no reader misses all.
-ZEROS = 1.0
+#: Duration of zero torques before the guard stops sending, s.
+ZERO_TIME = 1.0
 
 
 class GuardMode(str, enum.Enum):
-    """Modes of the guard."""
+    """Mode of the guard."""
 
     IDLE = "idle"
     WATCHING = "watching"
@@ -38,114 +37,99 @@ class GuardMode(str, enum.Enum):
 class GuardLimits:
     """Timing and limits of the guard."""
 
-    patience: float  # time by which a command may be late, s
+    patience: float  # largest delay of a command, s
     period: float  # time between the controller's commands, s
-    triggered: bool  # whether the controller sends a command for each joint state, instead of periodically
-    # largest age of joint velocities used for damping, s; also the time after which a triggered controller sends a
-    # command without a new joint state
-    state_timeout: float
-    damping: Array  # K of the damping torques -K v, (na, nj): v are the joint velocities
+    triggered: bool  # True if each joint state triggers a command, False for periodic commands
+    state_timeout: float  # largest age of velocities for damping, and of joint states for a triggered controller, s
+    damping: Array  # K of the damping torques -K v, (na, nj)
     damping_time: float  # time of damping before the torques are zero, s
     damping_torque: Array  # largest damping torque, (na,) in N·m
-    torque_rate: Array  # largest change of a torque, (na,) in N·m/s; by one period's worth at most per message
+    torque_rate: Array  # torque rate limit, (na,) in N·m/s, over at most one period per message
     effort: Array  # largest torque, (na,) in N·m
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """The latched sample of messages that the guard has received; times are arrival times on its own clock."""
+class GuardInputs:
+    """Latched messages of the guard; times are arrival times on its clock."""
 
-    command_at: float  # arrival of the newest command, s; -inf where none has arrived
+    command_at: float  # newest command, s; -inf without any
     torques: Array  # torques of the newest command, (na,) in N·m
-    unanswered_at: float  # arrival of the first joint state after the newest command, s; inf where none has arrived
-    mode: Mode | None  # last mode that the controller has reported; None where it has reported none
-    velocity: Array | None  # newest joint velocities, (nj,) in rad/s; None where none have arrived
-    velocity_at: float  # arrival of the newest joint velocities, s
+    unanswered_at: float  # first joint state after the newest command, s; inf without any
+    mode: Mode | None  # last reported mode of the controller, or None
+    velocity: Array | None  # newest joint velocities, (nj,) in rad/s, or None
+    velocity_at: float  # newest joint velocities, s
 
 
 class Guard:
-    """Decides at each instant whether the guard sends torques, and which.
-
-    Attributes:
-        reason: why the guard has taken over, in words; empty before a takeover, and once the controller is back.
-        takeovers: number of times that the guard has started to damp.
-    """
+    """Decides when the guard sends torques, and which; `reason` explains a takeover."""
 
     def __init__(self, limits: GuardLimits) -> None:
         self.mode = GuardMode.IDLE
         self.reason = ""
         self.takeovers = 0
         self.limits = limits
-        self._since = 0.0  # when the present mode began, s
-        self._command_at = -math.inf  # arrival of the newest command taken into account, s
+        self._since = 0.0  # start of the present mode, s
+        self._command_at = -math.inf  # arrival of the newest processed command, s
         self._tau = np.zeros(len(limits.effort))  # last torques on the topic, the controller's or the guard's
-        self._tau_at = -math.inf  # when these came, or were sent, s
+        self._tau_at = -math.inf  # their time, s
 
     @property
     def sending(self) -> bool:
-        """Whether torques are sent."""
+        """True if the guard sends torques."""
         return self.mode in (GuardMode.DAMPING, GuardMode.ZERO)
 
-    def deadline(self, heard: Heard) -> float:
-        """Time at which the guard takes over if no command arrives, s; inf where no command is expected.
-
-        A triggered controller has to send a command for each joint state, and also when no joint state has arrived for
-        `state_timeout`; any other controller has to send a command in each period.
-        """
+    def deadline(self, inputs: GuardInputs) -> float:
+        """Return the time of the takeover without a new command, s; inf if no command is expected."""
         limits = self.limits
-        if heard.command_at == -math.inf or (heard.mode in _ENDED and not heard.torques.any()):
+        if inputs.command_at == -math.inf or (inputs.mode in _ENDED and not inputs.torques.any()):
             return math.inf
-        due = heard.command_at + limits.period
+        due = inputs.command_at + limits.period
         if limits.triggered:
-            due = min(heard.unanswered_at, due + limits.state_timeout)
+            due = min(inputs.unanswered_at, due + limits.state_timeout)
         return due + limits.patience
 
-    def step(self, now: float, heard: Heard) -> Array | None:
-        """Update the mode, and compute the torques to send.
-
-        Returns:
-            Torques to send, (na,) in N·m; None where nothing is to be sent.
-        """
-        deadline = self.deadline(heard)
-        if heard.command_at > self._command_at or not (self.sending or self.mode is GuardMode.RELEASED):
-            self._command_at = heard.command_at
+    def step(self, now: float, inputs: GuardInputs) -> Array | None:
+        """Update the mode; return the torques to send, (na,) in N·m, or None."""
+        deadline = self.deadline(inputs)
+        if inputs.command_at > self._command_at or not (self.sending or self.mode is GuardMode.RELEASED):
+            self._command_at = inputs.command_at
             self.reason = ""
             if not (now >= deadline):
                 self._enter(GuardMode.IDLE if deadline == math.inf else GuardMode.WATCHING, now)
                 return None
-            self._take_over(now, heard)
+            self._take_over(now, inputs)
         if self.mode is GuardMode.DAMPING and not (now - self._since < self.limits.damping_time):
             self._enter(GuardMode.ZERO, now)
-        if self.mode is GuardMode.ZERO and not (now - self._since < ZEROS) and not self._tau.any():
+        if self.mode is GuardMode.ZERO and not (now - self._since < ZERO_TIME) and not self._tau.any():
             self._enter(GuardMode.RELEASED, now)
-        return self._torques(now, heard) if self.sending else None
+        return self._torques(now, inputs) if self.sending else None
 
-    def blind(self, now: float, heard: Heard) -> bool:
-        """Whether there are no fresh joint velocities for damping."""
-        fresh = now - heard.velocity_at <= self.limits.state_timeout
-        return heard.velocity is None or not fresh or not np.isfinite(heard.velocity).all()
+    def velocity_is_stale(self, now: float, inputs: GuardInputs) -> bool:
+        """Return True without fresh joint velocities for damping."""
+        fresh = now - inputs.velocity_at <= self.limits.state_timeout
+        return inputs.velocity is None or not fresh or not np.isfinite(inputs.velocity).all()
 
-    def _take_over(self, now: float, heard: Heard) -> None:
-        silence = now - heard.command_at
+    def _take_over(self, now: float, inputs: GuardInputs) -> None:
+        silence = now - inputs.command_at
         self.reason = f"COMMANDS_STOPPED: the last command came {1e3 * silence:.0f} ms ago"
-        if heard.mode is not None:
-            self.reason += f", in mode {heard.mode.value}"
+        if inputs.mode is not None:
+            self.reason += f", in mode {inputs.mode.value}"
         self.takeovers += 1
         limits = self.limits
-        usable = np.isfinite(heard.torques).all()
-        self._tau = np.clip(heard.torques, -limits.effort, limits.effort) if usable else np.zeros(len(limits.effort))
-        self._tau_at = heard.command_at
+        usable = np.isfinite(inputs.torques).all()
+        self._tau = np.clip(inputs.torques, -limits.effort, limits.effort) if usable else np.zeros(len(limits.effort))
+        self._tau_at = inputs.command_at
         self._enter(GuardMode.DAMPING, now)
 
     def _enter(self, mode: GuardMode, now: float) -> None:
         if mode is not self.mode:
             self.mode, self._since = mode, now
 
-    def _torques(self, now: float, heard: Heard) -> Array:
+    def _torques(self, now: float, inputs: GuardInputs) -> Array:
         limits = self.limits
         wanted = np.zeros(len(limits.effort))
-        if self.mode is GuardMode.DAMPING and heard.velocity is not None and not self.blind(now, heard):
-            wanted = np.clip(-(limits.damping @ heard.velocity), -limits.damping_torque, limits.damping_torque)
+        if self.mode is GuardMode.DAMPING and inputs.velocity is not None and not self.velocity_is_stale(now, inputs):
+            wanted = np.clip(-(limits.damping @ inputs.velocity), -limits.damping_torque, limits.damping_torque)
         step = limits.torque_rate * max(0.0, min(now - self._tau_at, limits.period))
         self._tau, self._tau_at = np.clip(wanted, self._tau - step, self._tau + step), now
         return frozen(self._tau)

@@ -1,8 +1,4 @@
-"""Plausibility of single samples: the robot can reach each one from the last accepted one.
-
-A sample out of reach is rejected, as one that is not finite; the last accepted one stays in force. Only a sequence of
-rejected samples is a fault, so that one corrupt message does not drop a standing robot.
-"""
+"""Plausibility of single samples: reachable from the last accepted one; consecutive rejections are a fault."""
 
 from __future__ import annotations
 
@@ -21,27 +17,21 @@ from wbc_controller.safety.plausibility_kernels import (
     compare_sample,
 )
 
-#: Setting of the tolerance of positions, by setting of the speed.
+#: Setting of the position tolerance, by setting of the speed.
 _MISMATCH = {
     "max_joint_speed": "joint_mismatch", "max_base_speed": "base_mismatch", "max_base_turn": "base_turn_mismatch",
 }  # fmt: skip
-#: Change of a velocity by an impact, as a share of the largest one: a joint that hits its stop may turn back.
-_KICK_OF_JOINT, _KICK_OF_BASE = 1.5, 0.25
-#: Number of rejected samples in a row that is a fault.
+#: Velocity change by an impact, as a share of the largest velocity; a joint may bounce off its stop.
+_JOINT_STEP, _BASE_STEP = 1.5, 0.25
+#: Number of consecutive rejections that is a fault.
 SEQUENCE = 3
 
 
 class SampleCheck:
-    """Compares each sample of one topic with the last accepted one.
-
-    Attributes:
-        rejected: number of rejected samples.
-        in_row: number of rejected samples since the last accepted one.
-        reason: reason of the last rejection.
-    """
+    """Comparison of each sample of one topic with the last accepted one; counts and explains rejections."""
 
     def __init__(self, names: tuple[str, ...], keys: tuple[str, ...], memory: SampleMemory) -> None:
-        """Make a check; `names` and `keys` name each value and its setting for the speed, for sentences, (n,)."""
+        """Start a check; `names` and `keys` (settings of the speeds) appear in messages, (n,)."""
         self.rejected = self.in_row = 0
         self.reason = ""
         self._names, self._keys, self._memory = names, keys, memory
@@ -49,28 +39,22 @@ class SampleCheck:
 
     @classmethod
     def of_joints(cls, model: RobotModel, limits: PlausibilityLimits, *, measured: bool) -> SampleCheck:
-        """Make the check of joint states; `measured` is False if velocities are computed from positions."""
+        """Return the check of joint states; `measured` is False for computed velocities."""
         n = model.nj
-        memory = _memory(n, limits, joint_speed_limits(model, limits.joint_speed), _KICK_OF_JOINT, measured)
+        memory = _memory(n, limits, joint_speed_limits(model, limits.joint_speed), _JOINT_STEP, measured)
         memory.tolerance[:] = limits.joint_mismatch
         return cls(tuple(f"joint {name!r}" for name in model.joints), ("max_joint_speed",) * n, memory)
 
     @classmethod
     def of_base(cls, limits: PlausibilityLimits) -> SampleCheck:
-        """Make the check of odometry."""
+        """Return the check of odometry."""
         fastest = np.repeat([limits.base_speed, limits.base_turn], 3)
-        memory = _memory(7, limits, fastest, _KICK_OF_BASE, measured=True)
+        memory = _memory(7, limits, fastest, _BASE_STEP, measured=True)
         memory.tolerance[:] = np.repeat([limits.base_mismatch, limits.base_turn_mismatch], 3)
         return cls(AXES, ("max_base_speed",) * 3 + ("max_base_turn",) * 3, memory)
 
-    def look(self, stamp: int, position: Array, velocity: Array) -> str:
-        """Return why a sample is out of reach of the last accepted one; empty if it is within reach, and accepted.
-
-        Args:
-            stamp: its timestamp, ns.
-            position: joint positions, (nj,), or the base's pose, (7,).
-            velocity: joint velocities, (nj,), empty if they are not measured, or the base's twist, (6,).
-        """
+    def check(self, stamp: int, position: Array, velocity: Array) -> str:
+        """Return the reason to reject a sample at a stamp, ns, or ""; velocities are empty if not measured."""
         elapsed = 1.0e-9 * (stamp - self._stamp) if self._stamp else math.nan
         found = compare_sample(self._memory, position, velocity, elapsed)
         if found < 0:
@@ -82,14 +66,14 @@ class SampleCheck:
         return self.reason
 
     def restart(self) -> None:
-        """Accept the next sample whatever the last one was: the time starts anew."""
+        """Accept any next sample."""
         self._stamp = self.in_row = 0
 
     def fault(self, topic: str) -> Fault | None:
-        """Return the fault of a sequence of rejected samples, or None."""
+        """Return the fault of consecutive rejections, or None."""
         if self.in_row < SEQUENCE:
             return None
-        return Fault("IMPLAUSIBLE_STATE", f"{topic}: {self.in_row} messages in a row are out of reach: {self.reason}")
+        return Fault("IMPLAUSIBLE_STATE", f"{topic}: {self.in_row} consecutive messages rejected: {self.reason}")
 
     def _sentence(self, kind: int, i: int, position: Array, velocity: Array, elapsed: float) -> str:
         memory, name = self._memory, self._names[i] if i < len(self._names) else "the base's orientation"
@@ -107,17 +91,22 @@ class SampleCheck:
         change = float(memory.change[i])
         hint = "" if memory.floating else wrap_hint(change)
         limit = f"limit {memory.tolerance[i]:.3g}, safety.{_MISMATCH[self._keys[i]]}"
-        return f"{name} jumps by {change:.3g} {unit.removesuffix('/s')} {since}, unlike its velocity ({limit}){hint}"
+        return (
+            f"{name} jumps by {change:.3g} {unit.removesuffix('/s')} {since}, inconsistent with its velocity "
+            f"({limit}){hint}"
+        )
 
 
-def _memory(size: int, limits: PlausibilityLimits, fastest: Array, kick: float, measured: bool) -> SampleMemory:
+def _memory(
+    size: int, limits: PlausibilityLimits, fastest: Array, velocity_step: float, measured: bool
+) -> SampleMemory:
     n = len(fastest)
     return SampleMemory(
         floating=size != n,
         measured=measured,
         magnitude=limits.magnitude,
         fastest=fastest,
-        kick=kick * fastest,
+        velocity_step=velocity_step * fastest,
         tolerance=np.zeros(n),
         position=np.zeros(size),
         velocity=np.zeros(n),

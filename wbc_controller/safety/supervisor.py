@@ -1,18 +1,16 @@
-"""The supervisor: the modes of the controller, and the only maker of a `JointCommand`.
+"""Supervisor: modes of the controller, and the only source of a `JointCommand`.
 
 ::
 
     inactive ── activate ──> active <──> holding        no solution: last torques plus damping, for `hold_time` in all
        ^ ^ <── deactivate ──   │            │
        │                       v            v
-     reset               damping ──────────────> fault (or stopped, where a user asked for it)
+     reset               damping ──────────────> fault (or stopped, after a user's request)
        └─────────────── from damping, stopped and fault
 
-From every mode `estop` leads to fault, and the end of the process to stopped; both set the torques to zero at once, as
-unexplained motion during bring-up does (`bring_up`).
-
-In inactive nothing is published once the torques are zero. Damping opposes the joint velocities; where these are not
-known, the torques ramp to zero. In stopped and fault zero torques are published. A fault is latched until `reset`.
+From every mode `estop` leads to fault, and the end of the process to stopped, both with zero torques at once, as does
+unexplained motion (`bring_up`). In inactive nothing is published after zero torques. Damping without velocities is a
+ramp to zero. A fault is latched until `reset`.
 """
 
 import math
@@ -38,7 +36,7 @@ from wbc_controller.safety.plausibility import Budget, FallLimits, FallWatch, Pl
 from wbc_controller.safety.supervisor_kernels import CommandLimits, follow
 
 _ACTIVE, _HOLDING = Mode.ACTIVE, Mode.HOLDING
-#: Time within which a joint would reach its position limit that is held without its torque, s.
+#: Look-ahead to position limits during holding, s.
 _AHEAD = 0.05
 
 
@@ -46,37 +44,32 @@ _AHEAD = 0.05
 class SupervisorLimits:
     """Timing and limits of the supervisor."""
 
-    activation_ramp: float  # time in which the torques ramp in, s
+    activation_ramp: float  # s
     hold_time: float  # longest time without a solution within `hold_window` before damping, s
     damping_time: float  # time of damping before zero torque, s
-    damping: float
+    damping: float  # N·m·s/rad
     torque_rate: float  # torque rate limit, in effort limits per second
-    period: float
-    # torque-speed curve of the motors; None for their effort limits at every speed
-    torque_speed: TorqueSpeedCurve | None = None
-    # window over which the time without a solution adds up, s; 0 counts only without interruption
-    hold_window: float = 0.0
+    period: float  # s
+    torque_speed: TorqueSpeedCurve | None = None  # None for effort limits at every speed
+    hold_window: float = 0.0  # window of `hold_time`, s; 0 for continuous times only
     relax_time: float = math.inf  # longest time with relaxed constraints within `relax_window` before damping, s
-    relax_window: float = 0.0  # window over which that time adds up, s
-    plausibility: PlausibilityLimits | None = None  # limits of plausible states; None checks nothing
-    fall: FallLimits | None = None  # limits beyond which the robot has fallen; None checks nothing
-    velocity_delay: float = 0.0  # by how much the joint velocities are late, s; damping bears it
-    # time constant with which the torques sent follow those of the solutions, s; 0 for at once
-    torque_filter: float = 0.0
+    relax_window: float = 0.0  # window of `relax_time`, s
+    plausibility: PlausibilityLimits | None = None  # None for no check
+    fall: FallLimits | None = None  # None for no check
+    velocity_delay: float = 0.0  # delay of the joint velocities, s
+    torque_filter: float = 0.0  # time constant of the low-pass on torques, s; 0 for none
 
 
 class Supervisor:
-    """Decides in every cycle which command goes to the joints.
+    """Decides in every cycle which command is sent to the joints.
 
-    Attributes:
-        fault: why the active mode was left; latched until `reset`.
-        limits: timing and limits; may be replaced between cycles.
+    `fault` is the reason for leaving the active mode, latched until `reset`. `limits` may be replaced between cycles.
     """
 
-    #: What outlives a cycle, beside the limits.
+    #: State between cycles.
     STATE_FIELDS = (
-        "mode", "fault", "_since", "_stepped", "_activated", "_held_time", "_relaxed_time", "_relaxed", "_was_relaxed",
-        "_share", "_tau", "_held", "_taken_over", "_watch", "_fall",
+        "mode", "fault", "_since", "_last_step", "_activated", "_held_time", "_relaxed_time", "_relaxed",
+        "_was_relaxed", "_share", "_tau", "_held", "_reached_solution", "_watch", "_fall",
     )  # fmt: skip
 
     def __init__(self, model: RobotModel, limits: SupervisorLimits) -> None:
@@ -87,21 +80,21 @@ class Supervisor:
         self._torques_available = np.array(self._effort_limits)
         self._limits: SupervisorLimits | None = None
         self.limits = limits
-        self._since = 0.0  # when the present mode began, s
-        self._stepped = -math.inf  # when the last step was, s
-        self._activated = -math.inf  # when the last activation was, s
+        self._since = 0.0  # start of the present mode, s
+        self._last_step = -math.inf  # time of the last step, s
+        self._activated = -math.inf  # time of the last activation, s
         self._held_time, self._relaxed_time = Budget(), Budget()
-        self._relaxed: dict[str, None] = {}  # what was relaxed within the window
-        self._was_relaxed = False  # whether the last solution was
-        self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # share of the solution's torques that is sent: ramps in and out
+        self._relaxed: dict[str, None] = {}  # constraints relaxed within the window
+        self._was_relaxed = False  # of the last solution
+        self._share = Ramp(0.0, 0.0, 0.0, 0.0)  # sent share of the solution's torques
         self._no_torque = frozen(np.zeros(model.na))
         self._tau = self._no_torque  # last torques sent
-        self._held = self._no_torque  # the torques at the start of holding
-        self._taken_over = False  # whether the torques have reached the solution's since activation
+        self._held = self._no_torque  # torques at the start of holding
+        self._reached_solution = False  # since the activation
         self._no_state = RobotState(0, frozen(np.full(model.nq, np.nan)), frozen(np.full(model.nv, np.nan)))
         na, nj = model.na, model.nj
-        self._parts = slice(0, na), slice(na, na + nj), slice(na + nj, na + 2 * nj)  # of a command
-        self._nowhere = frozen(np.full(model.nj, np.nan))
+        self._slices = slice(0, na), slice(na, na + nj), slice(na + nj, na + 2 * nj)  # of a command
+        self._no_motion = frozen(np.full(model.nj, np.nan))
 
     @property
     def limits(self) -> SupervisorLimits:
@@ -111,12 +104,12 @@ class Supervisor:
     @limits.setter
     def limits(self, limits: SupervisorLimits) -> None:
         old, self._limits = self._limits, limits
-        self._period = self._passed = limits.period  # what passes until a command, s
+        self._period = self._elapsed = limits.period  # s
         self._rate = limits.torque_rate * self._model.effort_limits  # N·m/s
         self._filter = limits.torque_filter
         self._curve = limits.torque_speed
-        # What takes time, or remembers, is made anew only where its own limits are other ones.
-        if old is None or (old.damping, old.period) != (limits.damping, limits.period):  # a delay is for good
+        # Rebuild slow and stateful parts only if needed.
+        if old is None or (old.damping, old.period) != (limits.damping, limits.period):  # the delay is constant
             D = stable_damping(self._model, limits.damping, limits.period + limits.velocity_delay)
             self._damping_matrix = damping_matrix(self._model.actuation, D)  # (na, nj)
         if old is None or old.plausibility != limits.plausibility:
@@ -135,26 +128,20 @@ class Supervisor:
 
     @property
     def solving(self) -> bool:
-        """Whether this cycle needs a solution."""
+        """True if this cycle needs a solution."""
         return self.mode is Mode.ACTIVE or self.mode is Mode.HOLDING
 
     def torques_before(self, now: float) -> Array | None:
-        """The present torques, for the torque rate limit of the program; None while they ramp in or out.
-
-        It stays None after a short ramp until the torques sent are within one rate step of the solution's.
-        """
-        if self.mode is _ACTIVE and self._taken_over and self._share.sample(now) >= 1.0:
+        """Return the torques for the rate limit of the QP; None during the ramp to the solution."""
+        if self.mode is _ACTIVE and self._reached_solution and self._share.sample(now) >= 1.0:
             return self._tau
         return None
 
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
-        """Take a user's request, one of `REQUESTS`, at a time, s; `problem` is the fault of the inputs, if any.
+        """Process a request, one of `REQUESTS`; return True if it activates the controller.
 
-        Returns:
-            Whether this activates the controller, which then has to start from the present state.
-
-        Raises:
-            InputRefused: where the request is unknown, or not possible now.
+        Raises InputRefused if the request is unknown or not possible now, also due to `problem`, the fault of the
+        inputs.
         """
         if word not in REQUESTS:
             raise InputRefused(f"command {word!r} is unknown; {valid_choices(word, REQUESTS)}")
@@ -176,16 +163,16 @@ class Supervisor:
         return False
 
     def explain(self, failure: NoSolution) -> None:
-        """Add the conflicting constraints to the present fault, if its code is ``NO_SOLUTION``."""
+        """Add the conflicting constraints to a present ``NO_SOLUTION`` fault."""
         if self.fault is not None and self.fault.code == "NO_SOLUTION":
             self.fault = Fault("NO_SOLUTION", str(failure), failure.infeasibility)
 
     def shut_down(self, now: float) -> JointCommand | None:
-        """Make a last command with zero torques when the process ends; None where nothing was being sent."""
+        """Return a last command with zero torques at the end of the process; None if nothing was sent."""
         if self.mode is Mode.INACTIVE and not self._tau.any():
             return None
         self._enter(Mode.STOPPED, now, self.fault)
-        self._tau = self._no_torque  # at once: there is no next cycle
+        self._tau = self._no_torque  # at once
         return self._command(self._tau, None, None)
 
     def _reset(self, now: float) -> None:
@@ -199,7 +186,7 @@ class Supervisor:
         if self.mode is not Mode.INACTIVE:
             code = f" ({self.fault.code})" if self.fault is not None else ""
             raise InputRefused(f"command 'activate' is refused in {self.mode.value}{code}; send 'reset' first")
-        problem = problem or (self._watch.doubt if self._watch is not None else None)
+        problem = problem or (self._watch.fault if self._watch is not None else None)
         if problem is not None:
             raise InputRefused(f"command 'activate' is refused: {problem.sentence}")
         self._enter(Mode.ACTIVE, now, None)
@@ -209,7 +196,7 @@ class Supervisor:
         self._held_time, self._relaxed_time = Budget(), Budget()
         self._relaxed, self._was_relaxed = {}, False
         self._share = Ramp(now, self.limits.activation_ramp, 0.0, 1.0)
-        self._taken_over = False
+        self._reached_solution = False
         return True
 
     def _enter(self, mode: Mode, now: float, fault: Fault | None) -> None:
@@ -223,23 +210,14 @@ class Supervisor:
         problem: Fault | None,
         outcome: Solution | NoSolution | Fault | None,
     ) -> JointCommand | None:
-        """Make this cycle's command.
-
-        Args:
-            now: s, on the clock of the loop.
-            joint_velocity: joint velocities, (nj,) in rad/s; None where they are not fresh.
-            outcome: the solution, or why there is none.
-
-        Returns:
-            The command; None where nothing is to be sent.
-        """
-        self._pass(now)
+        """Return the command of this cycle, or None; `joint_velocity` must be fresh, (nj,) in rad/s, or None."""
+        self._update_time(now)
         if self._watch is not None and state is not None:
-            doubt = self._watch.look(state)
-            problem = problem or doubt
+            fault = self._watch.check(state)
+            problem = problem or fault
         if self.solving:
             if self._fall is not None and state is not None and problem is None:
-                problem = self._fall.look(now, state)
+                problem = self._fall.check(now, state)
             if problem is not None and problem.code == UNEXPLAINED_MOTION:
                 self._enter(Mode.FAULT, now, problem)
                 self._tau = self._no_torque  # at once, and without damping: it may drive other joints
@@ -255,16 +233,15 @@ class Supervisor:
                 self._hold(now, Fault("NO_SOLUTION", str(outcome), outcome.infeasibility))
             else:
                 self._hold(now, Fault("NO_SOLUTION", "no solution was computed"))
-        return self._do_without(now, state, joint_velocity)
+        return self._command_without_solution(now, state, joint_velocity)
 
-    def _pass(self, now: float) -> None:
-        """Let time pass: what the torques change by depends on it, and how long holding and relaxing have lasted."""
-        elapsed, self._stepped = now - self._stepped, now
-        if not (elapsed >= 0.0):  # the clock went back: its times begin anew
+    def _update_time(self, now: float) -> None:
+        elapsed, self._last_step = now - self._last_step, now
+        if not (elapsed >= 0.0):  # restart of the clock
             elapsed, self._since = 0.0, min(self._since, now)
-        # A simulation may settle its torques before it begins: its time stands still from the activation on.
+        # Simulations settle their torques at a constant time before they start.
         settling = now == self._activated and self.mode is _ACTIVE
-        self._passed = self._period if settling else elapsed
+        self._elapsed = self._period if settling else elapsed
         if self.mode is _HOLDING:
             self._held_time.spend(now, elapsed)
         if self._was_relaxed:
@@ -274,13 +251,13 @@ class Supervisor:
     def _follow(
         self, now: float, state: RobotState | None, joint_velocity: Array | None, solution: Solution
     ) -> JointCommand | None:
-        """Make the command that follows a solution; None if it cannot be followed: the mode is another one now."""
+        """Return the command of a solution; None, after a change of mode, if not usable."""
         share, kept, seen = self._share.sample(now), 0.0, self._no_state if state is None else state
-        if self._filter > 0.0 and self._taken_over and share >= 1.0:
-            kept = math.exp(-self._passed / self._filter)
+        if self._filter > 0.0 and self._reached_solution and share >= 1.0:
+            kept = math.exp(-self._elapsed / self._filter)
         if self._curve is not None:
             self._torques_available[:] = self._available(joint_velocity)
-        made, passed = np.empty(self._parts[-1].stop), self._passed
+        made, passed = np.empty(self._slices[-1].stop), self._elapsed
         usable = follow(
             self._command_limits, solution.tau, solution.v_dot, seen.q, seen.v, self._tau, share, kept,
             passed if passed < self._period else self._period, made,
@@ -289,31 +266,30 @@ class Supervisor:
             model, (lower, upper) = self._model, self._torques_available
             self._hold(now, unusable_torques(solution.tau, (lower, upper), model.effort_limits, model.actuators))
             return None
-        fault = self._relaxing(now, solution) if solution.relaxed else None
+        fault = self._count_relaxation(now, solution) if solution.relaxed else None
         if fault is not None:
             self._enter(Mode.DAMPING, now, fault)
             return None
         if self.mode is _HOLDING:
-            self._enter(Mode.ACTIVE, now, None)  # the ramp continues: holding interrupts neither ramping in nor out
+            self._enter(Mode.ACTIVE, now, None)  # the ramp continues
         if share <= 0.0 and self._share.after <= 0.0:
             self._enter(Mode.INACTIVE, now, None)
             return None
-        if share >= 1.0 and not self._taken_over:
-            self._taken_over = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
-        made.setflags(write=False)  # and so the parts
-        torques, positions, velocities = self._parts
+        if share >= 1.0 and not self._reached_solution:
+            self._reached_solution = all_true(np.abs(solution.tau - self._tau) <= self._period * self._rate)
+        made.setflags(write=False)
+        torques, positions, velocities = self._slices
         self._tau = made[torques]
         return JointCommand(seen.stamp, self._tau, made[positions], made[velocities])
 
     def _limited(self, tau: Array, available: tuple[Array, Array]) -> Array:
-        """Limit torques by the rate from the last ones and, last, by the available ones, (na,) each in N·m."""
-        step = min(self._passed, self._period) * self._rate
+        """Clamp torques by the rate limit, then by the available torques, (na,) each in N·m."""
+        step = min(self._elapsed, self._period) * self._rate
         lower, upper = available
         limited = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
         return freeze(np.minimum(np.maximum(limited, lower), upper))
 
-    def _relaxing(self, now: float, solution: Solution) -> Fault | None:
-        """Count the time with relaxed constraints."""
+    def _count_relaxation(self, now: float, solution: Solution) -> Fault | None:
         limits = self.limits
         spent = self._relaxed_time.within(now, limits.relax_window)
         if spent == 0.0:
@@ -323,7 +299,7 @@ class Supervisor:
         return relaxed_for_too_long(tuple(self._relaxed), spent, limits.relax_time, limits.relax_window)
 
     def _hold(self, now: float, reason: Fault) -> None:
-        """Hold the last torques, for want of a solution; damp where that has taken too long."""
+        """Hold the last torques without a solution; damp after `hold_time`."""
         if self.mode is Mode.ACTIVE:
             self._enter(Mode.HOLDING, now, reason)
             self._held = self._tau
@@ -333,34 +309,35 @@ class Supervisor:
             return
         if lasted <= limits.hold_time:
             reason = no_solution_for_too_long(reason, held, limits.hold_time, limits.hold_window)
-        # Only the first failure of a series is explained: keep its explanation.
+        # Keep the explanation of the first failure.
         explained = self.fault is not None and self.fault.infeasibility is not None
         self._enter(Mode.DAMPING, now, self.fault if explained else reason)
 
-    def _do_without(self, now: float, state: RobotState | None, joint_velocity: Array | None) -> JointCommand | None:
-        """Make the command of a cycle that follows no solution; None where nothing is to be sent."""
+    def _command_without_solution(
+        self, now: float, state: RobotState | None, joint_velocity: Array | None
+    ) -> JointCommand | None:
         if self.mode is Mode.DAMPING and now - self._since > self.limits.damping_time:
             self._enter(Mode.FAULT if self.fault else Mode.STOPPED, now, self.fault)
         if self.mode is Mode.INACTIVE and not self._tau.any():
             return None
         if joint_velocity is not None:
-            joint_velocity = self._trusted(joint_velocity)
+            joint_velocity = self._plausible_velocity(joint_velocity)
         if self.mode is Mode.HOLDING:
-            tau = self._holding(state, joint_velocity) + self._damping(joint_velocity)
+            tau = self._holding_torques(state, joint_velocity) + self._damping_torques(joint_velocity)
         elif self.mode is Mode.DAMPING:
-            tau = self._damping(joint_velocity)
+            tau = self._damping_torques(joint_velocity)
         else:
             tau = self._no_torque
         return self._command(tau, state, joint_velocity)
 
-    def _trusted(self, joint_velocity: Array) -> Array | None:
-        """Joint velocities, (nj,), without those that are not plausible; None where one is not finite."""
+    def _plausible_velocity(self, joint_velocity: Array) -> Array | None:
+        """Return the plausible joint velocities, (nj,); None if one is not finite."""
         if self._watch is not None:
-            return self._watch.damped(joint_velocity)
+            return self._watch.plausible_velocities(joint_velocity)
         return joint_velocity if all_finite(joint_velocity) else None
 
-    def _holding(self, state: RobotState | None, joint_velocity: Array | None) -> Array:
-        """The torques at the start of holding, (na,) in N·m, but for what drives a joint into its stop."""
+    def _holding_torques(self, state: RobotState | None, joint_velocity: Array | None) -> Array:
+        """Return the torques held, (na,) in N·m, without torques that drive a joint into its stop."""
         model = self._model
         if state is None or joint_velocity is None:
             return self._held
@@ -370,22 +347,20 @@ class Supervisor:
         driven &= held * joint_velocity > 0.0
         return model.actuation.from_joints(np.where(driven, 0.0, held)) if driven.any() else self._held
 
-    def _damping(self, joint_velocity: Array | None) -> Array:
-        """Torques that damp every joint, as far as the actuators can; zero where the velocities are not known."""
+    def _damping_torques(self, joint_velocity: Array | None) -> Array:
         if joint_velocity is None:
             return self._no_torque
         return -(self._damping_matrix @ joint_velocity)
 
     def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
-        """Lower and upper bounds of the torques, both (na,) in N·m: the effort limits where no speed lowers them."""
+        """Return lower and upper bounds of the torques, (na,) each in N·m."""
         if self._curve is None or joint_velocity is None:
             return self._effort_limits
-        trusted = self._trusted(joint_velocity)
+        trusted = self._plausible_velocity(joint_velocity)
         if trusted is None:
             return self._effort_limits
         return self._curve.available(self._model.effort_limits, self._model.actuation.rates(trusted))
 
     def _command(self, tau: Array, state: RobotState | None, joint_velocity: Array | None) -> JointCommand:
-        """Make a command that says nothing about where it leads."""
         self._tau = self._limited(tau, self._available(joint_velocity))
-        return JointCommand(state.stamp if state is not None else 0, self._tau, self._nowhere, self._nowhere)
+        return JointCommand(state.stamp if state is not None else 0, self._tau, self._no_motion, self._no_motion)

@@ -1,29 +1,19 @@
-"""The command that follows a solution (`safety.supervisor`)."""
+"""Command that follows a solution (`safety.supervisor`)."""
 
 from wbc_controller.compilation import Indices, Matrix, OutVector, StridedVector, Struct, Vector, compiled
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import clipped
 
 
 class CommandLimits(Struct):
-    """Limits of commands.
+    """Limits of commands."""
 
-    Attributes:
-        limits: effort limits, (na,) in N·m.
-        rate: torque rate limit, (na,) in N·m/s.
-        available: least and largest available torques, (2, na) in N·m.
-        tolerance: share of an effort limit by which a solution may exceed the available torques.
-        q_index: index in q of each joint, (nj,).
-        v_index: index in v of each joint, (nj,).
-        period: time between cycles, s.
-    """
-
-    limits: Vector
-    rate: Vector
-    available: Matrix
-    tolerance: float
-    q_index: Indices
-    v_index: Indices
-    period: float
+    limits: Vector  # effort limits, (na,) in N·m
+    rate: Vector  # torque rate limits, (na,) in N·m/s
+    available: Matrix  # lower and upper available torques, (2, na) in N·m
+    tolerance: float  # share of an effort limit by which a solution may exceed `available`
+    q_index: Indices  # of the joints, (nj,)
+    v_index: Indices  # (nj,)
+    period: float  # control period T, s
 
 
 @compiled
@@ -39,26 +29,18 @@ def follow(
     dt: float,
     out: OutVector,
 ) -> bool:
-    """Write the command that follows a solution, if its torques are usable: available within a tolerance, and not NaN.
+    """Write the command of a solution; return False if its torques are NaN or exceed `available` and the tolerance.
 
     Args:
-        tau: torques of the solution, (na,) in N·m.
-        v_dot: its generalized acceleration v̇, (nv,).
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        before: torques sent before, (na,) in N·m.
-        share: share of the solution's torques that is sent.
-        kept: share of the torques before in those sent.
-        dt: time for which the torque rate limit counts, s.
-        out: the torques, (na,) in N·m; the joint positions a period T ahead, q + T (v + T v̇), and velocities, (nj,)
-            each.
-
-    Returns:
-        True if the torques are usable; otherwise nothing in `out` counts.
+        tau: torques of the solution, (na,) in N·m; v_dot is its acceleration, (nv,).
+        before: previous torques, (na,), with the weight `kept` in the new ones.
+        share: share of the solution's torques to send.
+        dt: time step of the rate limit, s.
+        out: torques, (na,); joint positions q + T (v + T v̇) and velocities a period ahead, (nj,) each.
     """
     na, nj = len(command.limits), len(command.q_index)
     if not (len(tau) == len(before) == na and len(out) == na + 2 * nj and len(v_dot) == len(v)):
-        raise ValueError("follow: torques, accelerations or command have another size than actuators and joints")
+        raise ValueError("follow: tau and before must have size na, v_dot size nv, out size na + 2 nj")
     for i in range(na):
         lower, upper = command.available[0, i], command.available[1, i]
         excess = command.tolerance * command.limits[i]
@@ -70,7 +52,7 @@ def follow(
     for i in range(nj):
         row, column = command.q_index[i], command.v_index[i]
         if not (0 <= row < len(q) and 0 <= column < len(v)):
-            raise IndexError("the index of a joint is not below the size of q or v")
+            raise IndexError("follow: a joint index exceeds the size of q or v")
         velocity = v[column] + command.period * v_dot[column]
         out[na + i] = q[row] + command.period * velocity
         out[na + nj + i] = velocity

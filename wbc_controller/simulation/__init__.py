@@ -1,1 +1,1 @@
-"""A mock robot: a MuJoCo plant behind the topics of a real one. The only part that imports mujoco."""
+"""Mock robot: a MuJoCo plant with the topics of a real robot; only this package imports mujoco."""

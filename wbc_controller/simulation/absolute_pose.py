@@ -1,4 +1,4 @@
-"""Absolute poses of motion capture or SLAM: at a rate of their own, noisy, and late."""
+"""Absolute poses of motion capture or SLAM: at their own rate, noisy and delayed."""
 
 from collections import deque
 
@@ -12,19 +12,15 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.measurement import Measurement
 
-#: Times closer than this are the same, s.
+#: Resolution of times, s.
 _SAME = 1e-9
 
 
 class PoseSource:
-    """Measures a frame of the robot at the rate of `mock.pose_rate`, and keeps each message until it is due."""
+    """Measures a robot frame at the rate `mock.pose_rate`, and queues each message until it is due."""
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
-        """Find the frame.
-
-        Raises:
-            ConfigurationError: if the robot has no such frame.
-        """
+        """Find the frame."""
         mock = settings.mock
         self._pinocchio, self._data = model.pinocchio, model.pinocchio.createData()
         self._frame = model.frame_id(pose_frame(settings, model), "estimation.pose_frame")
@@ -32,10 +28,10 @@ class PoseSource:
         self._noise = mock.pose_noise, mock.pose_turn_noise
         self._rng = np.random.default_rng(mock.sensor_seed)
         self._due = 0.0
-        self._late: deque[tuple[float, int, bytes]] = deque()
+        self._queue: deque[tuple[float, int, bytes]] = deque()
 
     def measure(self, measured: Measurement, q: Array, time: float) -> None:
-        """Measure the frame in a true configuration, (nq,), if it is due at the simulated time, s."""
+        """Measure the frame in the true configuration, (nq,), if due at the simulated time, s."""
         if time < self._due - _SAME:
             return
         self._due = max(self._due + self._period, time)
@@ -45,14 +41,14 @@ class PoseSource:
         turned = pin.exp3(self._noise[1] * noise[3:]) @ placed.rotation
         place = placed.translation + self._noise[0] * noise[:3]
         measured.absolute = np.concatenate([place, quaternion_of(turned)])
-        measured.vagueness = self._noise
+        measured.pose_sigma = self._noise
         measured.silent.discard("pose")
 
-    def late(self, time: float, taken: int, payload: bytes | None) -> list[tuple[int, bytes]]:
-        """Keep a new message, if any, and return the due ones, each with the true time of its content, ns."""
+    def due_messages(self, time: float, taken: int, payload: bytes | None) -> list[tuple[int, bytes]]:
+        """Queue a new message, if any; return due messages with the true time of their content, ns."""
         if payload is not None:
-            self._late.append((time + self._delay, taken, payload))
+            self._queue.append((time + self._delay, taken, payload))
         due = []
-        while self._late and self._late[0][0] <= time + _SAME:
-            due.append(self._late.popleft()[1:])
+        while self._queue and self._queue[0][0] <= time + _SAME:
+            due.append(self._queue.popleft()[1:])
         return due

@@ -17,31 +17,26 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings, FixedContact, LoopSettings
 
-#: Distance between the two points that make a hinge, m.
+#: Distance between the two points of a hinge, m.
 HINGE_LENGTH = 0.1
-#: Length that makes MuJoCo hold a rotation as stiffly as a translation, m.
+#: Torque scale of welds, m: equal stiffness of rotation and translation.
 _TORQUE_SCALE = 1.0
-#: A row is redundant if its part outside the span of the other rows is smaller.
+#: Largest part of a redundant row outside the span of other rows.
 _REDUNDANT = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """The attachment of a link to another link, or to the world."""
+    """Attachment of a link to another link, or to the world."""
 
-    names: tuple[str, ...]  # names of its equality constraints in MuJoCo: one weld, or one or two points held together
-    points: Array | None  # these points in the attached frame, (n, 3) in m; None for a weld
-    joints: tuple[int, int]  # Pinocchio joints that move the holder and the held link; 0 for the world
-    # placements of the attached frame on these joints; the first is its target on the holder
-    placements: tuple[pin.SE3, pin.SE3]
+    names: tuple[str, ...]  # equality constraints in MuJoCo: one weld, or one or two points
+    points: Array | None  # in the attached frame, (n, 3) in m; None for a weld
+    joints: tuple[int, int]  # Pinocchio joints of holder and held link; 0 for the world
+    placements: tuple[pin.SE3, pin.SE3]  # of the attached frame: target on the holder, and on the link
 
 
 def points_of(mask: Sequence[bool], key: str) -> Array | None:
-    """Return the points of a frame that must be fixed to hold the axes of a mask; None for all six axes.
-
-    Raises:
-        ConfigurationError: if MuJoCo has no constraint for the mask.
-    """
+    """Return the points of a frame that hold the axes of a mask; None for all six axes."""
     turns = [int(axis) for axis in np.flatnonzero(mask[3:])]
     if all(mask):
         return None
@@ -51,13 +46,13 @@ def points_of(mask: Sequence[bool], key: str) -> Array | None:
         free = ({0, 1, 2} - set(turns)).pop()
         return np.vstack([np.zeros(3), HINGE_LENGTH * np.eye(3)[free]])
     raise ConfigurationError(
-        f"{key} = {list(mask)}: the mock robot can hold all six axes, all three translations, or those and two "
-        "rotations; not these"
+        f"{key} = {list(mask)}: not supported by the mock robot; valid: all six axes, three translations, or three "
+        "translations and two rotations"
     )
 
 
 def grips_of(model: RobotModel, contacts: Mapping[str, ContactSettings]) -> dict[str, Attachment]:
-    """Return the grips that hold the links of fixed contacts, by the contact's name."""
+    """Return the grips of fixed contacts by name."""
     grips = {}
     for name, contact in contacts.items():
         if not isinstance(contact, FixedContact):
@@ -72,7 +67,7 @@ def grips_of(model: RobotModel, contacts: Mapping[str, ContactSettings]) -> dict
 
 
 def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[str, Attachment]:
-    """Return the joints that close loops, by the loop's name: frame_b is held in frame_a."""
+    """Return the joints that close loops by name; frame_b is held in frame_a."""
     closures = {}
     for name, loop in loops.items():
         points = points_of(_effective_mask(model, name, loop), f"loops.{name}.mask")
@@ -87,16 +82,16 @@ def closures_of(model: RobotModel, loops: Mapping[str, LoopSettings]) -> dict[st
 
 
 def frame_on_joint(model: RobotModel, name: str) -> tuple[int, pin.SE3]:
-    """Return the Pinocchio joint that moves a frame of the robot, and the frame's placement in that joint's frame."""
+    """Return the Pinocchio joint of a robot frame, and the frame's placement on it."""
     frame = model.pinocchio.frames[model.frame_id(name, "frame")]
     return int(frame.parentJoint), frame.placement
 
 
 def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bool]:
-    """Extend a loop's mask by the axes along which it cannot move anyway, such as those out of a planar loop."""
+    """Add the axes along which a loop cannot move anyway, such as out of a planar loop."""
     whole = make_loop_closure(name, loop.model_copy(update={"mask": [True] * 6}), model)
     dynamics = Dynamics(model)
-    # Away from the nominal posture, which may be singular.
+    # Leave the nominal posture, which may be singular.
     step = 0.3 * np.cos(np.arange(model.nv))
     dynamics.update(pin.integrate(model.pinocchio, dynamics.q, step), np.zeros(model.nv))
     J = whole.jacobian(dynamics)
@@ -108,7 +103,7 @@ def _effective_mask(model: RobotModel, name: str, loop: LoopSettings) -> list[bo
 def add_attachment(
     spec: Any, attachment: Attachment, bodies: tuple[str, str], solref: list[float], solimp: list[float]
 ) -> None:
-    """Add the constraints of an attachment to MuJoCo's specification; `place` sets their placement."""
+    """Add the constraints of an attachment to a MuJoCo specification, without placement."""
     for constraint in attachment.names:
         equality = spec.add_equality()
         equality.name = constraint
@@ -121,12 +116,12 @@ def add_attachment(
 
 
 def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
-    """Set the target placement of an attachment's frame, in the holder's frame."""
+    """Set the target placement of an attachment in the holder's frame."""
     link = attachment.placements[1]
     for index, constraint in enumerate(attachment.names):
         data = model.eq_data[model.equality(constraint).id]
         if attachment.points is None:
-            # The common point in the second body, then in the first, then the second body's orientation in the first.
+            # Point in the second and first body, then the second body's orientation in the first.
             data[:3], data[3:6] = link.translation, holder.translation
             turn = pin.SE3((holder * link.inverse()).rotation, np.zeros(3))
             data[6:10] = np.array(pin.SE3ToXYZQUAT(turn))[[6, 3, 4, 5]]
@@ -136,7 +131,7 @@ def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
 
 
 def wrench(model: Any, data: Any, attachment: Attachment) -> Array:
-    """Return the wrench of an attachment on its link, about the attached frame's origin, world axes, (6,)."""
+    """Return the wrench of an attachment on its link about the attached frame's origin, world axes, (6,)."""
     body = int(model.eq_obj2id[model.equality(attachment.names[0]).id])
     link = pin.SE3(data.xmat[body].reshape(3, 3), data.xpos[body])
     origin = link.act(attachment.placements[1].translation)
@@ -146,10 +141,10 @@ def wrench(model: Any, data: Any, attachment: Attachment) -> Array:
         rows = np.flatnonzero(equality & (data.efc_id[: data.nefc] == model.equality(constraint).id))
         if not len(rows):
             continue
-        force = -data.efc_force[rows]  # MuJoCo's rows are those of the first body minus the second
+        force = -data.efc_force[rows]  # MuJoCo: first body minus second
         total[:3] += force[:3]
         if attachment.points is None:
-            # The rotation rows are half the difference of the angular velocities, in the second body's axes.
+            # Rotation rows are half the relative angular velocity in the second body's axes.
             total[3:] += 0.5 * _TORQUE_SCALE * link.rotation @ force[3:]
         else:
             arm = link.act(attachment.placements[1].act(attachment.points[index])) - origin

@@ -1,4 +1,4 @@
-"""The geoms of each contact of the configuration in MuJoCo, and the forces on them."""
+"""Geoms of each contact in MuJoCo, and the forces on them."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -12,23 +12,22 @@ from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings
 from wbc_controller.simulation.mechanism import FLOOR, ON_THE_FLOOR, geom_names
 
-#: Farther than any geom is from the floor, m.
+#: Distance beyond any geom, m.
 _FAR = 1.0e3
 
 
 class ContactForces:
-    """The geoms of a robot in MuJoCo, by the contacts of its configuration.
+    """Geoms of a robot in MuJoCo by contact.
 
-    A contact with the world has all geoms on the body of its link that can touch the floor. A force on a body with
-    several contacts belongs to the contact with the nearest origin. A contact with another link has geoms of its own.
+    A force on a body belongs to its nearest contact with the world. Contacts with another link have their own geoms.
     """
 
     def __init__(self, model: Any, contacts: Mapping[str, ContactSettings], bodies: Mapping[str, int]) -> None:
-        """Find the geoms of the contacts, given MuJoCo's body of each."""
+        """Find the geoms of the contacts from the MuJoCo body of each."""
         self._model = model
         #: Geoms that can touch the floor.
         self.on_the_floor = [int(geom) for geom in np.flatnonzero(model.geom_conaffinity & ON_THE_FLOOR)]
-        #: Geoms with which each contact can touch.
+        #: Geoms of each contact.
         self.geoms = {
             name: [geom for geom in self.on_the_floor if model.geom_bodyid[geom] == bodies[name]]
             if contact.against is None
@@ -41,11 +40,7 @@ class ContactForces:
                 self._contacts.setdefault(geom, []).append(name)
 
     def forces(self, data: Any, frames: Mapping[str, pin.SE3]) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Add up the forces at each contact, given the placements of the contacts in the world.
-
-        Returns:
-            By contact, force and moment about the contact's origin in world axes, (3,) each, in N and N·m.
-        """
+        """Return force and moment of each contact about its origin in world axes, (3,) each, by name."""
         force = {name: np.zeros(3) for name in frames}
         moment = {name: np.zeros(3) for name in frames}
         local = np.zeros(6)
@@ -57,14 +52,14 @@ class ContactForces:
                     continue
                 name = min(names, key=lambda name: float(np.linalg.norm(touch.pos - frames[name].translation)))
                 mujoco.mj_contactForce(self._model, data, index, local)
-                # The rows of a contact's frame are its axes, the normal first; the force acts on the second geom.
+                # The rows of MuJoCo's contact frame are its axes, normal first; the force acts on the second geom.
                 at_point = sign * touch.frame.reshape(3, 3).T @ local[:3]
                 force[name] += at_point
                 moment[name] += cross(touch.pos - frames[name].translation, at_point)
         return force, moment
 
-    def bodies_elsewhere(self, data: Any) -> frozenset[int]:
-        """Return MuJoCo's bodies that touch the floor with geoms of no contact."""
+    def bodies_without_contact(self, data: Any) -> frozenset[int]:
+        """Return the bodies that touch the floor without a contact."""
         geoms = (int(geom) for touch in data.contact for geom in touch.geom)
         floor = self._model.geom(FLOOR).id
         return frozenset(
@@ -72,7 +67,7 @@ class ContactForces:
         )
 
     def height(self, data: Any, geoms: Iterable[int]) -> float:
-        """Return the height of the lowest geom above the floor, m: negative inside it, infinite without geoms."""
+        """Return the height of the lowest geom above the floor, m; inf without geoms."""
         floor = self._model.geom(FLOOR).id
         heights = [mujoco.mj_geomDistance(self._model, data, floor, geom, _FAR, None) for geom in geoms]
         return min(heights, default=float("inf"))

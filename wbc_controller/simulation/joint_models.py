@@ -1,4 +1,4 @@
-"""Joints of MuJoCo's model that are more than a motor: locked, passive, geared and mimic joints."""
+"""Joints of MuJoCo's model besides motors: passive, geared and mimic joints."""
 
 from typing import Any
 
@@ -10,8 +10,8 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveForces
 
 
-def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
-    """Couple mimic joints to their leaders, with MuJoCo's solref and solimp."""
+def add_mimic_joints(spec: Any, followers: Followers, stiff: list[float], impedance: list[float]) -> None:
+    """Couple mimic joints to their leaders."""
     for name, mimic in followers.mimics.items():
         equality = spec.add_equality()
         equality.type = mujoco.mjtEq.mjEQ_JOINT
@@ -22,24 +22,20 @@ def couple(spec: Any, followers: Followers, stiff: list[float], impedance: list[
         equality.solimp = impedance
 
 
-def gear(spec: Any, model: RobotModel) -> None:
-    """Add the rotors of transmissions, as fixed tendons over their joints with the rotors' inertia.
-
-    Raises:
-        ConfigurationError: if a rotor couples joints of different branches, a coupling that MuJoCo neglects.
-    """
+def add_rotors(spec: Any, model: RobotModel) -> None:
+    """Add the rotors of transmissions as fixed tendons with inertia; MuJoCo requires joints of one branch."""
     drive = model.actuation
     for name, ratios, inertia in zip(drive.names, drive.ratios, drive.rotor_inertia.tolist(), strict=True):
         if inertia == 0.0:
             continue
         joints = [joint for joint, ratio in zip(model.joints, ratios.tolist(), strict=True) if ratio != 0.0]
         numbers = [model.pinocchio.getJointId(joint) for joint in joints]
-        last = max(numbers)  # joints are numbered from the root outwards
+        last = max(numbers)
         apart = [joint for joint, i in zip(joints, numbers, strict=True) if i not in model.pinocchio.supports[last]]
         if apart:
             raise ConfigurationError(
                 f"robot.transmission.{name}.rotor_inertia = {inertia}: it couples {', '.join(apart)} with "
-                f"{model.pinocchio.names[last]}, and MuJoCo knows rotors along one branch only; use 0 for the mock"
+                f"{model.pinocchio.names[last]} on another branch, which MuJoCo does not support; use 0 for the mock"
             )
         tendon = spec.add_tendon()
         tendon.name = f"{name}/rotor"
@@ -48,8 +44,8 @@ def gear(spec: Any, model: RobotModel) -> None:
             tendon.wrap_joint(joint, ratios[model.joints.index(joint)])
 
 
-def spring(model: Any, passive: PassiveForces) -> None:
-    """Add springs and dampers to the compiled model: in MuJoCo 4's specification, stiffness is a polynomial."""
+def add_springs(model: Any, passive: PassiveForces) -> None:
+    """Add springs and dampers to the compiled model; MuJoCo 4's specification has polynomial stiffness."""
     for name, given in passive.joints.items():
         joint = model.joint(name)
         model.jnt_stiffness[joint.id] = given.stiffness

@@ -1,4 +1,4 @@
-"""The measurements of the mock robot's sensors at one instant, and their messages."""
+"""Measurements of the mock robot's sensors at one instant, and their messages."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,35 +13,35 @@ from wbc_controller.simulation.plant import Plant
 
 #: Reference frame of poses.
 WORLD_FRAME = "world"
-#: The streams of a robot, in the order in which they are sent: the joint states are last, as they trigger a cycle.
+#: Streams in the order of sending; joint states are last, as they trigger a cycle.
 STREAMS = ("clock", "odom", "imu", "pose", "joint_states")
 
 
 @dataclass(slots=True)
 class Measurement:
-    """The values of all sensors at one instant. Faults change them before they are sent."""
+    """Values of all sensors at one instant, before faults change them."""
 
-    taken: int  # true simulated time, ns
-    stamps: dict[str, int]  # stamp of each stream's message, ns; of the clock, its time
+    true_time: int  # true simulated time, ns
+    stamps: dict[str, int]  # stamp of each stream, ns
     names: list[str]
-    position: Array  # of the joints, (nj,) in rad
-    velocity: Array  # of the joints, (nj,) in rad/s
-    effort: Array  # of the joints, (nj,) in N·m
-    base: str  # name of the link of the odometry
-    pose: Array  # its position and quaternion in the world, (7,)
-    twist: Array  # its twist in its own axes, (6,)
-    imu_frame: str  # frame of the inertial measurement unit
-    orientation: Array  # of that frame, quaternion, (4,)
-    angular_velocity: Array  # likewise, (3,) in rad/s
-    specific_force: Array  # likewise, (3,) in m/s²
-    absolute: Array  # absolute pose of the robot, position and quaternion in the world, (7,)
-    silent: set[str]  # streams without a message at this instant
-    vagueness: tuple[float, float] = (0.0, 0.0)  # standard deviations of its position and its turns, m and rad
-    absent: set[str] = field(default_factory=set)  # names of joints that are missing in the joint states
-    tells_velocity: bool = True  # True if the joint states have velocities
+    position: Array  # joints, (nj,) in rad
+    velocity: Array  # joints, (nj,) in rad/s
+    effort: Array  # joints, (nj,) in N·m
+    base: str  # link of the odometry
+    pose: Array  # in the world, (7,)
+    twist: Array  # in base axes, (6,)
+    imu_frame: str
+    orientation: Array  # of the IMU, quaternion, (4,)
+    angular_velocity: Array  # (3,) in rad/s
+    specific_force: Array  # (3,) in m/s²
+    absolute: Array  # absolute pose in the world, (7,)
+    silent: set[str]  # streams without a message
+    pose_sigma: tuple[float, float] = (0.0, 0.0)  # standard deviations of `absolute`, m and rad
+    absent: set[str] = field(default_factory=set)  # joints missing in the joint states
+    has_velocity: bool = True  # of the joint states
 
     def message(self, stream: str) -> Any:
-        """Make the message of one of the `STREAMS`."""
+        """Return the message of a stream."""
         stamp = self.stamps[stream]
         if stream == "clock":
             return messages.message("rosgraph_msgs/msg/Clock", clock=messages.stamp(stamp))
@@ -50,25 +50,25 @@ class Measurement:
         if stream == "imu":
             return imu_message(stamp, self.imu_frame, self.orientation, self.angular_velocity, self.specific_force)
         if stream == "pose":
-            return pose_with_covariance(stamp, WORLD_FRAME, self.absolute, *self.vagueness)
+            return pose_with_covariance(stamp, WORLD_FRAME, self.absolute, *self.pose_sigma)
         values = {"position": self.position, "velocity": self.velocity, "effort": self.effort}
         names = self.names
         if self.absent:
             there = [name not in self.absent for name in names]
             names = [name for name in names if name not in self.absent]
             values = {quantity: of_all[there] for quantity, of_all in values.items()}
-        if not self.tells_velocity:
+        if not self.has_velocity:
             values["velocity"] = np.zeros(0)
         return messages.message("sensor_msgs/msg/JointState", header=messages.header(stamp), name=names, **values)
 
 
 def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Measurement:
-    """Measure the present state exactly, at a simulated time, ns."""
+    """Measure the present state exactly; the stamp is in ns."""
     q, v = plant.state()
     orientation, angular_velocity, specific_force = plant.imu(imu_frame)
-    silent = {"pose"} if robot.floating_base else {"odom", "pose"}  # absolute poses are measured more rarely
+    silent = {"pose"} if robot.floating_base else {"odom", "pose"}  # poses have a lower rate
     return Measurement(
-        taken=stamp,
+        true_time=stamp,
         stamps=dict.fromkeys(STREAMS, stamp),
         names=list(robot.joints),
         position=q[robot.q_index],
@@ -87,7 +87,7 @@ def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Meas
 
 
 def imu_message(stamp: int, frame: str, attitude: Array, angular_velocity: Array, specific_force: Array) -> Any:
-    """Make an Imu message without covariances."""
+    """Return an Imu message without covariances."""
     exact = np.zeros(9)
     return messages.message(
         "sensor_msgs/msg/Imu",

@@ -1,4 +1,4 @@
-"""Builds MuJoCo's model of the robot from the URDF and the configuration: mechanism, floor, shapes and hoist."""
+"""MuJoCo's model of the robot: mechanism, floor, shapes and hoist."""
 
 import logging
 import math
@@ -27,60 +27,47 @@ from wbc_controller.settings import (
     SurfaceContact,
 )
 from wbc_controller.simulation.attachments import Attachment, add_attachment, frame_on_joint
-from wbc_controller.simulation.joint_models import couple, gear, spring
+from wbc_controller.simulation.joint_models import add_mimic_joints, add_rotors, add_springs
 from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape
 
 _log = logging.getLogger(__name__)
 
-#: Name of the equality constraint that holds the base.
+#: Name of the hoist's equality constraint.
 HOIST = "hoist"
 #: Name of the floor's geom.
 FLOOR = "floor"
-#: Time constant of contacts, joint stops and hoist, in simulation steps; MuJoCo requires at least two.
+#: Time constant of contacts, joint stops and hoist, in simulation steps, at least two.
 STIFF_STEPS = 4.0
-#: Share of a constraint that is enforced rigidly (MuJoCo's impedance): the remaining compliance keeps redundant
-#: contacts well posed.
+#: MuJoCo's impedance; below 1, redundant contacts are well posed.
 IMPEDANCE = 0.98
-#: Half side and half thickness of the slab that a contact between two links touches, m.
+#: Half side and half thickness of the slab of a contact between two links, m.
 SLAB, SLAB_DEPTH = 0.15, 0.01
-#: Mass of a link between two joints at one place, as a share of the robot's, and its moments of inertia over its mass,
-#: m²: MuJoCo refuses none.
+#: Mass of a link without inertia, as a share of the robot's, and its inertia per mass, m²; MuJoCo refuses zero.
 _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
-#: Collision bit of the floor and the geoms that touch it.
+#: Collision bit of the floor.
 ON_THE_FLOOR = 1
-#: Stiffness of friction relative to the normal direction: soft friction would let a standing foot creep.
+#: Stiffness of friction relative to the normal direction, against creep.
 FRICTION_STIFFNESS = 10.0
 _WORLD, _WORLD_ALIAS = "world", "<world>"
 
 
 def contact_frame(model: RobotModel, name: str, contact: ContactSettings) -> tuple[int, pin.SE3]:
-    """Find a contact of the configuration on the robot.
-
-    Returns:
-        The Pinocchio joint that moves it, and its placement in that joint's frame.
-
-    Raises:
-        ConfigurationError: if it does not name a frame of the robot.
-    """
+    """Return the Pinocchio joint of a contact, and its placement in the joint's frame."""
     model.frame_id(contact.frame, f"contacts.{name}.frame")
     joint, placement = frame_on_joint(model, contact.frame)
     return joint, placement * placement_of(contact.translation, getattr(contact, "rpy", (0.0, 0.0, 0.0)))
 
 
-def rub(model: Any, dof: Any, friction: float, step: float) -> None:
-    """Give joints of a compiled model, by their velocity indices, dry friction, N·m, which also holds them at rest."""
+def add_friction(model: Any, dof: Any, friction: float, step: float) -> None:
+    """Add dry friction, N·m, to joints of a compiled model, by their velocity indices."""
     model.dof_frictionloss[dof] = friction
-    # MuJoCo's own friction is soft: a joint that rests would creep.
+    # Default friction is soft: joints at rest would creep.
     model.dof_solref[dof] = STIFF_STEPS * step, 1.0
     model.dof_solimp[dof, :2] = IMPEDANCE
 
 
 def balls_of(contact: ContactSettings) -> tuple[Array, Array]:
-    """Return the balls, or the wheel, of a contact: centres in the contact frame, and their half-axes.
-
-    Returns:
-        Centres (n, 3), and half-axes in m, the one along a wheel's axle last, (3,).
-    """
+    """Return centres, (n, 3), and half-axes, (3,), of a contact's balls or wheel, m, with z along the axle."""
     if isinstance(contact, SurfaceContact):
         corners = contact.corners
         return np.column_stack([corners, np.full(len(corners), CORNER_RADIUS)]), np.full(3, CORNER_RADIUS)
@@ -92,7 +79,7 @@ def balls_of(contact: ContactSettings) -> tuple[Array, Array]:
 
 
 def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
-    """Return the height of a contact's lowest point along a normal, m, for a placement of its frame in the world."""
+    """Return the height of a contact's lowest point along a normal, m."""
     centres, axes = balls_of(contact)
     rotation = frame.rotation @ _axle_frame(contact)
     reach = np.linalg.norm(axes * (rotation.T @ normal))
@@ -100,60 +87,50 @@ def lowest(contact: ContactSettings, frame: pin.SE3, normal: Array) -> float:
 
 
 def _axle_frame(contact: ContactSettings) -> Array:
-    """Return the axes of the touching shape in the contact frame: z along a wheel's axle."""
     if not isinstance(contact, RollingContact):
         return np.eye(3)
     return rotation_to(np.array(contact.axis))
 
 
 def rotation_to(direction: Array) -> Array:
-    """Return a rotation that takes z to a direction of any length, (3, 3)."""
+    """Return a rotation from z to a direction, (3, 3)."""
     rotation: Array = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).toRotationMatrix()
     return rotation
 
 
 def geom_names(name: str, contacts: Mapping[str, ContactSettings]) -> list[str]:
-    """Name the balls of a contact in MuJoCo's model."""
+    """Return the geom names of a contact's balls."""
     return [f"{name}/{index}" for index in range(len(balls_of(contacts[name])[0]))]
 
 
 def position_and_wxyz(placement: pin.SE3) -> Array:
-    """Write a placement as MuJoCo does: position, then the quaternion with its real part first, (7,)."""
+    """Return a placement in MuJoCo's order, position and quaternion (w, x, y, z), (7,)."""
     return np.array(pin.SE3ToXYZQUAT(placement))[[0, 1, 2, 6, 3, 4, 5]]
 
 
 def _body_name(link: str) -> str:
-    """Return MuJoCo's name of a link that moves."""
     return _WORLD_ALIAS if link == _WORLD else link
 
 
 def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
-    """Return the URDF that MuJoCo reads, with the mechanism of Pinocchio's model, and the name of its root link.
-
-    Shapes are not part of it: those that touch are added by `shapes`.
-    """
+    """Return the URDF for MuJoCo, without shapes, and the name of its root link."""
     tree = bare_mechanism(ET.fromstring(model.urdf), model.moving_joints, model.locked)  # noqa: S314 - read before
     children = {element.get("link") for element in tree.iterfind("joint/child")}
     root = next(str(link.get("name")) for link in tree.findall("link") if link.get("name") not in children)
     if root != _WORLD or model.floating_base:
-        # MuJoCo would use a link of this name as the world itself.
+        # MuJoCo reserves this name for the world.
         for tag, key in (("link", "name"), ("joint/parent", "link"), ("joint/child", "link")):
             for element in tree.findall(tag):
                 element.set(key, _body_name(str(element.get(key))))
         root = _body_name(root)
     extension = ET.SubElement(tree, "mujoco")
-    # Masses and inertias stay exactly those of the URDF. Links without a joint stay separate bodies, since MuJoCo 3.3
-    # computes a wrong inertia when it fuses them.
+    # Keep the masses of the URDF. Links without joint stay separate: MuJoCo 3.3 fuses inertias incorrectly.
     ET.SubElement(extension, "compiler", balanceinertia="false", boundmass="0", boundinertia="0", fusestatic="false")
     return tree, root
 
 
 def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
-    """Give MuJoCo the principal inertias of every link.
-
-    MuJoCo 3.3's own URDF reader gives a wrong inertia to a link whose inertial origin is rotated, and its principal
-    axes are accurate to seven digits only.
-    """
+    """Set the principal inertias of links, as MuJoCo 3.3 misreads rotated inertial origins."""
     balanced = []
     for link in tree.findall("link"):
         inertial, body = link.find("inertial"), spec.body(str(link.get("name")))
@@ -166,10 +143,10 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
             rotation = pin.rpy.rpyToMatrix(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
         moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia))
         axes[:, 2] *= np.linalg.det(axes)  # right-handed
-        if not some_body_has(moments):  # common in links that only carry frames; MuJoCo refuses it
+        if not some_body_has(moments):  # MuJoCo refuses it
             balanced.append(str(link.get("name")))
             moments = np.full(3, moments.mean())
-        # A flat link's largest moment is the sum of the others; rounding must not push it beyond.
+        # Rounding must not violate the triangle inequality of a flat link.
         moments[2] = min(moments[2], moments[0] + moments[1])
         body.explicitinertial = True
         body.mass = 0.0 if mass is None else float(mass.get("value", "0"))
@@ -179,8 +156,8 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
         body.fullinertia = np.full(6, np.nan)  # not given
     if balanced:
         _log.warning(
-            "robot.urdf: no body has the inertia of %s: its largest principal moment is more than the other two "
-            "together; the mock robot takes the mean of the three",
+            "robot.urdf: invalid inertia of %s: the largest principal moment exceeds the sum of the others; the mock "
+            "robot uses the mean of the three",
             ", ".join(balanced),
         )
     for name in bare_links(model):
@@ -192,7 +169,6 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
 
 
 def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
-    """Find the body of MuJoCo's specification that a Pinocchio joint moves."""
     if joint == 0:
         return spec.worldbody
     name = model.pinocchio.names[joint]
@@ -200,7 +176,7 @@ def _body(spec: Any, model: RobotModel, joint: int, root: str) -> Any:
 
 
 def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int, placement: pin.SE3, root: str) -> Any:
-    """Add the slab that a contact touches to its link, with its face at the contact in the nominal posture."""
+    """Add the slab that a contact touches to its link, at the contact in the nominal posture."""
     data = model.pinocchio.createData()
     pin.forwardKinematics(model.pinocchio, data, model.configuration(model.posture))
     other, frame = frame_on_joint(model, str(contact.against))
@@ -218,8 +194,7 @@ def _add_slab(spec: Any, model: RobotModel, contact: ContactSettings, joint: int
     return slab
 
 
-def _touch(geom: Any, friction: float, solref: list[float], solimp: list[float]) -> None:
-    """Give a geom's friction and stiffness priority: without it MuJoCo takes the larger friction of both geoms."""
+def _set_contact_surface(geom: Any, friction: float, solref: list[float], solimp: list[float]) -> None:
     geom.priority = 1
     geom.condim = 3
     geom.friction = [friction, 0.0, 0.0]
@@ -234,15 +209,9 @@ def compile_mechanism(
     shapes: Mapping[int, Sequence[Shape]] = MappingProxyType({}),
     attachments: Mapping[str, Attachment] = MappingProxyType({}),
 ) -> Any:
-    """Build MuJoCo's model: mechanism, free joint, floor, shapes, hoist, grips and the joints that close loops.
+    """Build MuJoCo's model; the step is in s.
 
-    Args:
-        step: time step of the simulation, s.
-        shapes: by Pinocchio joint, what its links touch the floor with. Contacts of other links have the shapes of the
-            configuration.
-
-    Raises:
-        ConfigurationError: if MuJoCo refuses the URDF.
+    `shapes` of links that touch the floor are by Pinocchio joint; other links use the shapes of their contacts.
     """
     tree, root = _mechanism(model)
     stiff = [STIFF_STEPS * step, 1.0]
@@ -261,9 +230,9 @@ def compile_mechanism(
         joint = spec.joint(name)
         joint.armature = float(model.pinocchio.armature[index])
         joint.solref_limit = stiff
-    gear(spec, model)
+    add_rotors(spec, model)
     if model.followers is not None:
-        couple(spec, model.followers, stiff, impedance)
+        add_mimic_joints(spec, model.followers, stiff, impedance)
     if model.floating_base:
         base = spec.body(root)
         base.add_freejoint()
@@ -272,13 +241,13 @@ def compile_mechanism(
         hoist.type = mujoco.mjtEq.mjEQ_WELD
         hoist.objtype = mujoco.mjtObj.mjOBJ_BODY
         hoist.name1, hoist.name2 = "world", root
-        # Anchor at the base's origin; the pose is written at run time; one metre makes rotation as stiff.
+        # Anchor at the base's origin, pose at run time, torque scale 1 m.
         hoist.data[:11] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     if contacts:
         floor = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], name=FLOOR)
         floor.quat = position_and_wxyz(pin.SE3(rotation_to(np.array(mock.floor_normal)), np.zeros(3)))[3:]
         floor.contype, floor.conaffinity = ON_THE_FLOOR, 0
-        _touch(floor, mock.friction, stiff, impedance)
+        _set_contact_surface(floor, mock.friction, stiff, impedance)
         for joint, own in shapes.items():
             body = _body(spec, model, joint, root)
             for index, shape in enumerate(own):
@@ -289,7 +258,7 @@ def compile_mechanism(
         body = _body(spec, model, joint, root)
         if contact.against is None and joint in shapes:
             continue
-        # Each contact touches only its own slab, or the floor: matched by a collision bit of their own.
+        # A collision bit per slab.
         bit = ON_THE_FLOOR
         if contact.against is not None and not isinstance(contact, FixedContact):
             bit = 2 << (1 + number % 28)
@@ -306,7 +275,7 @@ def compile_mechanism(
             geom.mass = 0.0
             geom.contype, geom.conaffinity = 0, bit
             if bit != ON_THE_FLOOR:
-                _touch(geom, getattr(contact, "friction", 0.0), stiff, impedance)
+                _set_contact_surface(geom, getattr(contact, "friction", 0.0), stiff, impedance)
     for attachment in attachments.values():
         holder, link = (_body(spec, model, joint, root).name for joint in attachment.joints)
         add_attachment(spec, attachment, (holder, link), stiff, impedance)
@@ -315,5 +284,5 @@ def compile_mechanism(
     except (ValueError, RuntimeError) as error:
         raise ConfigurationError(f"robot.urdf: MuJoCo cannot use it: {error}") from error
     if model.passive is not None:
-        spring(compiled, model.passive)
+        add_springs(compiled, model.passive)
     return compiled

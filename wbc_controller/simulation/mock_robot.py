@@ -1,13 +1,6 @@
-"""The mock robot as a node: a `Plant` on the topics of `middleware.topics.MOCK_TOPICS`, over any transport.
+"""Mock robot as a node: a `Plant` on the topics `middleware.topics.MOCK_TOPICS`, over any transport.
 
-In one period it publishes the state, receives the controller's torques, applies them, and steps the physics::
-
-    robot = MockRobot(model, settings, transport)
-    robot.run(stop)                    # in real time, or in lockstep, until the event is set
-
-    robot.publish()                    # or by hand, on one thread
-    ...                                # the controller runs here
-    robot.advance()
+`MockRobot.run` runs in real time or in lockstep. On one thread, alternate `publish`, the controller, and `advance`.
 """
 
 import gc
@@ -43,21 +36,20 @@ from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
 from wbc_controller.simulation.speed import Speed
 
-#: Name of the node, and prefix of its private topics.
+#: Name of the node.
 NODE_NAME = MOCK_NODE
-#: Rate of the contact wrenches and the transform, Hz of simulated time; they are for viewers only.
+#: Rate of contact wrenches and transform for viewers, Hz of simulated time.
 SLOW_RATE = 100.0
-#: Wall time after which lockstep publishes an unanswered state again, s.
+#: Wall time between repetitions of an unanswered state in lockstep, s.
 REPUBLISH_AFTER = 0.05
-#: Lateness at which the real-time schedule restarts, s: catching up on more would flood the controller.
+#: Lateness that restarts the real-time schedule, s.
 MAX_LATE = 0.2
-#: Longest time for which the interpreter leaves the physics running while torques wait to be stored, s.
+#: Switch interval of the interpreter, s: torques must not wait for the physics.
 _SWITCH_INTERVAL = 1.0e-4
-#: Simulated time, at least, for which a patient robot goes on without new torques, s, and wall time for which it then
-#: waits for them: whoever has sent them may have ended.
-AHEAD, PATIENCE = 0.01, 0.5
+#: Simulated time without torques before a patient robot waits, s, and wall time of the wait, s.
+LEAST_LEAD, PATIENCE = 0.01, 0.5
 
-#: Places of faults after which a state may never be answered.
+#: Places of faults that are incompatible with lockstep.
 _NOT_IN_LOCKSTEP = ("delivery", "delivery of commands", "stamps and clock")
 
 _log = logging.getLogger(__name__)
@@ -66,14 +58,8 @@ _log = logging.getLogger(__name__)
 class MockRobot:
     """Publishes the plant's state every control period, and applies the controller's torques.
 
-    The caller's thread takes the torques: their age is compared with the simulated time, and no other thread may delay
-    them. The transport's callbacks only store the other serialized messages.
-
-    Attributes:
-        faults: the faults; planned by `plan`, or on the topic ``fault``.
-        sent: if set, called with the stream of each message sent and the true time of its content, ns.
-        rebased: how often the real-time schedule was late by more than `MAX_LATE`, and restarted.
-        speed: the simulated time compared with real time, which lockstep does not follow.
+    `sent` is an optional callback with stream and true time, ns, of each message. `rebased` counts restarts of the
+    real-time schedule.
     """
 
     def __init__(
@@ -89,22 +75,16 @@ class MockRobot:
         namespace: str = "/",
         remappings: Mapping[str, str] | None = None,
     ) -> None:
-        """Build the plant, open the topics and publish the robot's description. The base is held.
+        """Build the plant with a held base, open the topics and publish the robot's description.
 
         Args:
             real_time_factor: simulated seconds per second; unused in lockstep.
-            lockstep: wait in each period for the command for its state, on the topic ``joint_commands``; otherwise use
-                the newest torques on the topic ``effort``.
-            patient: let simulated time wait for a controller that is late.
+            lockstep: wait for the command of each state (``joint_commands``) instead of using the newest ``effort``.
+            patient: simulated time waits for a late controller.
             remappings: as in `middleware.topics.resolve`.
-
-        Raises:
-            ConfigurationError: if the plant cannot be built, the real-time factor is not positive, or the robot has no
-                frame with the name of the IMU's.
-            TransportError: if a topic cannot be opened.
         """
         if not (0.0 < real_time_factor < float("inf")):
-            raise ConfigurationError(f"real-time factor {real_time_factor}: it must be positive and finite")
+            raise ConfigurationError(f"real-time factor {real_time_factor} must be positive and finite")
         self.plant = Plant(model, settings)
         self.faults = Injector(model, self.plant, 1.0 / settings.control.rate)
         self.sent: Callable[[str, int], None] | None = None
@@ -119,25 +99,25 @@ class MockRobot:
         self._wall_period = self._period / real_time_factor
         self._first_stamp = round(self._period * 1e9)
         self._periods = 0
-        # As on a real robot, its joints are braked until the first torques come, or until it is let down.
+        # Brakes hold the joints until the first torques, or until the base is lowered.
         self._brakes = [self.plant.lock(joint) for joint in model.joints]
         parts = PARTS.get(settings.mock.sensors)
         seed = settings.mock.sensor_seed
         self._sensors = ImperfectSensors(parts, model, self._period, seed) if parts is not None else None
         self._imu_frame = imu_frame(settings, model)
-        self.plant.body(self._imu_frame)  # there has to be such a frame
+        self.plant.body(self._imu_frame)  # raises for an unknown frame
         self._poses = PoseSource(settings, model) if settings.mock.pose_rate > 0.0 and model.floating_base else None
         self._slow_decimation = max(1, round(settings.control.rate / SLOW_RATE))
         self._tau: Array | None = None
         self._tau_time = 0.0
-        self._heard = math.inf  # simulated time when torques came last; infinite where nobody sends any
+        self._last_torques = math.inf  # simulated time of the last torques; inf without a sender
         self._last_refusal: dict[str, str] = {}
         self._limit = LogLimit()
-        # Stored by the transport's threads; bounded, because they are not emptied while the robot waits.
+        # Filled by the transport's threads; bounded for a robot that waits.
         self._answers: deque[bytes] = deque(maxlen=10)
         self._requests: deque[tuple[str, str, bytes]] = deque(maxlen=100)
         self._answer_arrived = threading.Event()
-        self._efforts: Stream | None = None  # torques, which lockstep does not read
+        self._efforts: Stream | None = None  # unused in lockstep
         self._types: dict[str, str] = {}
         self._publishers: dict[tuple[str, str], Publish] = {}
         opened = endpoints(
@@ -149,23 +129,13 @@ class MockRobot:
 
     @property
     def stamp(self) -> int:
-        """Time of the present state, ns of simulated time.
-
-        It starts at one control period, as a zero stamp means "no stamp" in ROS.
-        """
+        """Stamp of the present state, ns; starts at one period, as ROS reserves 0."""
         return self._first_stamp + self.plant.stamp
 
     def run(self, stop: threading.Event) -> None:
-        """Run until the event is set.
-
-        In real time, periods end at absolute deadlines, so that lateness does not accumulate. Torques that arrive
-        before the end of a period act from the state at its beginning.
-
-        Raises:
-            WbcError: if the simulation has diverged.
-        """
+        """Run until the event is set, with absolute deadlines in real time."""
         gc.collect()
-        gc.freeze()  # as in the control loop: a full garbage collection takes longer than the largest age of a state
+        gc.freeze()  # avoids long garbage collections
         switch_interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_INTERVAL)
         try:
@@ -191,40 +161,40 @@ class MockRobot:
                     stop.wait(-late)
                 if self._patient:
                     self._wait_for_torques()
-                self.speed.look(self.plant.time)
+                self.speed.check(self.plant.time)
             self.advance()
 
     def _wait_for_torques(self) -> None:
-        """Stop simulated time while a controller that has sent torques is late."""
-        late = self.plant.time - self._heard >= max(AHEAD, 2.0 * self._period)
+        """Pause simulated time while an active controller is late."""
+        late = self.plant.time - self._last_torques >= max(LEAST_LEAD, 2.0 * self._period)
         if self._efforts is not None and self._efforts.wait(PATIENCE if late else 0.0):
-            self._heard = self.plant.time
+            self._last_torques = self.plant.time
         elif late:
-            self._heard = math.inf
+            self._last_torques = math.inf
 
     def publish(self) -> None:
-        """Publish the time and the present state. The joint states come last, as they trigger a control cycle."""
+        """Publish time and present state; the joint states are last, as they trigger a control cycle."""
         stamp, base = self.stamp, self._robot.base_link
         if self.faults.busy:
-            self.faults.pass_time()
+            self.faults.update()
         measured = measure(self._robot, self.plant, stamp, self._imu_frame)
-        measured.tells_velocity = self._mock.joint_velocity
+        measured.has_velocity = self._mock.joint_velocity
         if self._sensors is not None:
             self._sensors.measure(measured)
         if self._poses is not None:
             self._poses.measure(measured, self.plant.state()[0], self.plant.time)
         if self.faults.busy:
-            self.faults.spoil(measured)
+            self.faults.distort(measured)
         for stream in STREAMS:
             payload = messages.encode(measured.message(stream)) if stream not in measured.silent else None
             if stream == "pose":
                 if self._poses is not None:
-                    for taken, late in self._poses.late(self.plant.time, stamp, payload):
+                    for taken, late in self._poses.due_messages(self.plant.time, stamp, payload):
                         self._send(stream, taken, late)
                 continue
             if self.faults.busy:
-                for parcel in self.faults.post(stream, stamp, payload):
-                    self._send(stream, parcel.taken, parcel.payload)
+                for message in self.faults.deliver(stream, stamp, payload):
+                    self._send(stream, message.true_time, message.payload)
             elif payload is not None:
                 self._send(stream, stamp, payload)
         if self._periods % self._slow_decimation == 0:
@@ -235,10 +205,7 @@ class MockRobot:
                 self._publish("contact_wrench", name, wrench_stamped(wrench, frame, stamp))
 
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
-        """Wait, in lockstep, for the command for the present state, and publish the state again until it arrives.
-
-        Returns False if `stop` was set before a command arrived, which is noticed within `REPUBLISH_AFTER`.
-        """
+        """Republish the present state in lockstep until its command arrives; return False after `stop`."""
         due = self._clock() + REPUBLISH_AFTER
         while not self._answered():
             if stop is not None and stop.is_set():
@@ -250,11 +217,7 @@ class MockRobot:
         return True
 
     def advance(self) -> None:
-        """Process the requests, apply the newest torques, and simulate one control period.
-
-        Raises:
-            WbcError: if the simulation has diverged.
-        """
+        """Process requests, apply the newest torques, and simulate one control period."""
         uses = {"push": self._push, "hold": self._hold, "fault": self._fault}
         for _ in range(len(self._requests)):
             key, contact, payload = self._requests.popleft()
@@ -262,11 +225,11 @@ class MockRobot:
         if self._efforts is not None:
             newest = next(iter(self._efforts.take()), None)
             if self.faults.busy:
-                newest = next((parcel.payload for parcel in self.faults.post("effort", 0, newest)[-1:]), None)
+                newest = next((message.payload for message in self.faults.deliver("effort", 0, newest)[-1:]), None)
             if newest is not None and not self._try("effort", newest, self._take_effort):
                 self._tau = None
         if self._tau is not None and self.plant.time - self._tau_time <= self._mock.command_timeout:
-            self._let_go()
+            self._release_brakes()
             tau = self._tau if self._sensors is None else self._sensors.torques(self._tau)
             self.plant.apply(self.faults.torques(tau) if self.faults.busy else tau)
         else:
@@ -275,24 +238,19 @@ class MockRobot:
             self.plant.step()
         self._periods += 1
 
-    def _let_go(self) -> None:
-        """Release the brakes."""
+    def _release_brakes(self) -> None:
         for unlock in self._brakes:
             unlock()
         self._brakes = []
 
     def plan(self, faults: Sequence[Fault], since: float = 0.0) -> None:
-        """Plan faults; `since` is the simulated time from which their starts count, s.
-
-        Raises:
-            InputRefused: if they do not fit the robot, or cannot happen in lockstep.
-        """
+        """Plan faults; their starts count from the simulated time `since`, s."""
         if self._lockstep:
             late = [fault.kind() for fault in faults if fault.place in _NOT_IN_LOCKSTEP]
             if late:
                 raise InputRefused(
-                    f"{', '.join(late)}: the mock robot waits for an answer to each of its states (lockstep); faults "
-                    f"of {', '.join(_NOT_IN_LOCKSTEP)} need a robot that goes on"
+                    f"{', '.join(late)}: not possible in lockstep, which waits for an answer to each state; run faults "
+                    f"of {', '.join(_NOT_IN_LOCKSTEP)} in real time"
                 )
         self.faults.plan(faults, since)
 
@@ -318,17 +276,16 @@ class MockRobot:
         self._publishers[key, subject](messages.encode(content))
 
     def _send(self, stream: str, taken: int, payload: bytes) -> None:
-        """Send a message of a stream whose content was measured at a time, ns."""
         self._publishers[stream, ""](payload)
         if self.sent is not None:
             self.sent(stream, taken)
 
     def _try(self, key: str, payload: bytes, use: Callable[[Any], None]) -> bool:
-        """Decode and use a message; a refusal is logged only when its text changes."""
+        """Decode and process a message; log new refusals only."""
         try:
             use(messages.decode(payload, self._types[key]))
         except InputRefused as error:
-            torques = key in ("effort", "joint_commands")  # each period; users send the others
+            torques = key in ("effort", "joint_commands")  # sent each period
             if self._last_refusal.get(key) != str(error) and (not torques or self._limit.passes(key)):
                 self._last_refusal[key] = str(error)
                 _log.warning("%s refused: %s", key, error)
@@ -360,7 +317,6 @@ class MockRobot:
         self._tau, self._tau_time = tau, self.plant.time
 
     def _answered(self) -> bool:
-        """Use the command for the present state, if it has arrived; older commands are dropped."""
         self._answer_arrived.clear()
         while self._answers:
             payload = self._answers.popleft()
@@ -382,13 +338,13 @@ class MockRobot:
     def _hold(self, content: Any) -> None:
         self.plant.hold(bool(content.data))
         if not content.data:
-            self._let_go()
+            self._release_brakes()
 
     def _grip(self, contact: str, content: Any) -> None:
         self.plant.grip(contact, bool(content.data))
 
     def _fault(self, content: Any) -> None:
-        """Plan faults from now on, or end all of them."""
+        """Plan faults from now on, or end all faults."""
         if content.data.strip() == "clear":
             self.faults.clear()
             return

@@ -1,4 +1,4 @@
-"""The service of the mock robot, on any transport."""
+"""Service of the mock robot on any transport."""
 
 import logging
 import threading
@@ -15,7 +15,7 @@ from wbc_controller.settings.resources import read_text
 from wbc_controller.simulation.faults.catalogue import read_faults
 from wbc_controller.simulation.mock_robot import NODE_NAME, MockRobot
 
-#: Longest file with faults, in characters.
+#: Largest file of faults, characters.
 _LARGEST_SCRIPT = 1_000_000
 
 _log = logging.getLogger(__name__)
@@ -35,10 +35,7 @@ def run_mock(
 ) -> None:
     """Run the mock robot until the event is set; arguments as for `MockRobot`.
 
-    `faults` is a file with a list of faults, each with the simulated time ``at`` which it starts, in s.
-
-    Raises:
-        ConfigurationError: if settings and model do not fit together, or the faults cannot be used.
+    `faults` is a file with faults, each with the simulated time ``at`` of its start, s.
     """
     model = make_model(settings)
     script = read_faults(read_text(faults, str(faults), _LARGEST_SCRIPT), str(faults), script=True) if faults else []
@@ -62,12 +59,12 @@ def run_mock(
         if topic.key == "joint_states"
     )
 
-    def said(others: Others) -> None:
+    def warn(others: Others) -> None:
         names = ", ".join(others["joint_states"])
         if names:
-            _log.warning("%s is published by %s too: two robots on one topic", joint_states.name, names)
+            _log.warning("%s has another publisher, %s: two robots on one topic", joint_states.name, names)
 
-    watch = GraphWatch(transport, [joint_states], said)
+    watch = GraphWatch(transport, [joint_states], warn)
     watch.start()
     try:
         robot.run(stop)
@@ -75,4 +72,4 @@ def run_mock(
         watch.stop()
     if robot.rebased:
         speed = 100.0 * robot.speed.mean(robot.plant.time)
-        _log.warning("fell behind real time %d times, and ran at %.0f %% of it on average", robot.rebased, speed)
+        _log.warning("fell behind real time %d times; mean speed %.0f %% of real time", robot.rebased, speed)

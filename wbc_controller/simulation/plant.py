@@ -1,9 +1,7 @@
-"""The physics of the mock robot: MuJoCo, built from the same URDF and configuration as the controller's own model.
+"""Physics of the mock robot: MuJoCo, built from the URDF and configuration of the controller.
 
-All physical parameters come from the URDF (links, inertias, collision shapes, joints, effort and position limits) and
-from `settings` (armature, step, friction of the floor). What the controller assumes of its contacts, their outline and
-their friction, holds here only where the URDF has no shapes, and between two links. All inputs and outputs follow the
-conventions of `wbc_controller.records`, which are Pinocchio's; the conversions to MuJoCo's are made here.
+The shapes of configured contacts apply only without shapes in the URDF, and between two links. Inputs and outputs
+follow the conventions of `wbc_controller.records` (Pinocchio).
 """
 
 import logging
@@ -31,23 +29,22 @@ from wbc_controller.settings.resources import locate
 from wbc_controller.simulation.attachments import closures_of, frame_on_joint, grips_of, place, wrench
 from wbc_controller.simulation.contact_forces import ContactForces
 from wbc_controller.simulation.hoist import RAMP, Hoist
-from wbc_controller.simulation.mechanism import compile_mechanism, contact_frame, rotation_to, rub
+from wbc_controller.simulation.mechanism import add_friction, compile_mechanism, contact_frame, rotation_to
 from wbc_controller.simulation.shapes import Shape, read_shapes
 
 _log = logging.getLogger(__name__)
 
-#: Largest force or torque of a push, N or N·m: a larger value is a mistaken unit, and would break the simulation.
+#: Largest force or torque of a push, N or N·m.
 PUSH_LIMIT = 1.0e5
 #: Longest push, s.
 _LONGEST_PUSH = 86_400.0
-#: A robot has fallen if its base is tilted by more, rad, or is below this share of its initial height; of a base below
-#: the centre of mass, as one at the feet, the height of the latter counts.
+#: Tilt, rad, and share of the initial height of a fallen base (of the centre of mass, if higher).
 FALLEN_TILT, FALLEN_HEIGHT = math.radians(60.0), 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class _Body:
-    """A MuJoCo body, and the placement of a URDF frame on it."""
+    """MuJoCo body and the placement of a URDF frame on it."""
 
     id: int
     placement: pin.SE3
@@ -55,7 +52,7 @@ class _Body:
 
 @dataclass(frozen=True, slots=True)
 class _Push:
-    """A wrench at a frame's origin, world axes, acting before the step `end`."""
+    """Wrench at a frame's origin in world axes, until the step `end`."""
 
     at: _Body
     wrench: Array
@@ -63,29 +60,21 @@ class _Push:
 
 
 class Plant:
-    """The simulated robot, its floor, and a hoist that holds a floating base at its start.
+    """Simulated robot, its floor, and a hoist that holds a floating base at its start.
 
-    After construction, `step`, `set_state` and `forward`, all quantities belong to the present state: accelerations and
-    contact forces are those caused in it by the present torques, pushes and hoist. Equal calls give bit-identical
-    results.
+    Results belong to the present state after `step`, `set_state` and `forward`, and are reproducible bit for bit.
 
     Attributes:
-        model: MuJoCo's model, which faults change; its dependent quantities are up to date after `forward`.
-        data: MuJoCo's data in the present state, to be read only.
-        contact_forces: the geoms of each contact, and their forces.
-        steps_per_period: number of simulation steps in one control period.
-        step_seconds: time step of the simulation, s: the largest divisor of the period up to ``settings.mock.step``.
-        effort_limits: effort limit of each actuator, (na,) in N·m, regardless of the share that a controller may use.
+        model: MuJoCo's model, which faults change before `forward`.
+        data: MuJoCo's data, read only.
+        contact_forces: geoms and forces of the contacts.
+        steps_per_period: steps per control period.
+        step_seconds: time step, s: the largest divisor of the period up to `mock.step`.
+        effort_limits: effort limits, (na,) in N·m.
     """
 
     def __init__(self, model: RobotModel, settings: Settings) -> None:
-        """Build the physics, stand the robot in its posture with its lowest point on the floor, and hold it there.
-
-        The settings are those from which the model was built.
-
-        Raises:
-            ConfigurationError: if MuJoCo cannot use the URDF, or a contact names an unknown frame.
-        """
+        """Build the physics, and hold the robot in its posture with its lowest point on the floor."""
         self._robot = model
         period = 1.0 / settings.control.rate
         self.steps_per_period = max(1, math.ceil(period / settings.mock.step - 1e-9))
@@ -102,7 +91,7 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         self._qpos, self._dof = self._addresses(model.joints)
         if settings.mock.joint_friction > 0.0:
-            rub(self.model, self._dof, settings.mock.joint_friction, self.step_seconds)
+            add_friction(self.model, self._dof, settings.mock.joint_friction, self.step_seconds)
         self.model.dof_damping[self._dof] += settings.mock.joint_viscosity
         self._following = self._addresses(model.followers.names) if model.followers is not None else None
         self._feet = {name: self._body_of(contact_frame(model, name, c)) for name, c in self.contacts.items()}
@@ -116,12 +105,11 @@ class Plant:
         self._damps = False
         self._pushes: list[_Push] = []
         self._imus: dict[str, _Body] = {}
-        self._moved: dict[str, deque[Array]] = {}  # velocity of each of them in the world after each step of a period
+        self._moved: dict[str, deque[Array]] = {}  # velocities in the world after each step of a period
         self._locks: dict[str, list[object]] = {}
-        self._unlocked: dict[str, tuple[bool, Any]] = {}  # whether a locked joint is limited otherwise, and its range
+        self._unlocked: dict[str, tuple[bool, Any]] = {}  # limit flag and range without the lock
         self._stale = False
         start = self._initial_base(normal)
-        # Without contacts there is no floor.
         self._fallen_height = self._lowest_base(start) if self.contacts else -math.inf
         self._hoist = Hoist(self.model, self.data, start) if model.floating_base else None
         for closure in self._closures.values():
@@ -131,18 +119,18 @@ class Plant:
             self.grip(name, self.contacts[name].enabled)
 
     def _lowest_base(self, start: pin.SE3) -> float:
-        """Return the height of the base below which the robot has fallen, m, for its initial placement."""
+        """Return the height of the base of a fallen robot, m, for its initial placement."""
         model = self._robot
         com = pin.centerOfMass(model.pinocchio, model.pinocchio.createData(), model.configuration(model.posture, start))
         base = float(start.translation[2])
         return base - (1.0 - FALLEN_HEIGHT) * max(base, float(com[2]))
 
     def body(self, frame: str) -> int:
-        """Return the index of the MuJoCo body that carries a frame of the URDF."""
+        """Return the index of the MuJoCo body of a URDF frame."""
         return self._body_of(frame_on_joint(self._robot, frame)).id
 
     def foot_placement(self, contact: str) -> pin.SE3:
-        """Place the frame of a contact in the world."""
+        """Return the placement of a contact's frame in the world."""
         return self._placement(self._feet[contact])
 
     @property
@@ -152,7 +140,7 @@ class Plant:
 
     @property
     def stamp(self) -> int:
-        """Simulated time, ns; counted in steps, so that no error accumulates."""
+        """Simulated time, ns, counted in steps."""
         return round(self._count * self.step_seconds * 1e9)
 
     @property
@@ -166,32 +154,32 @@ class Plant:
         if not self._robot.floating_base:
             return False
         base = self._base()
-        # Written this way round so that NaN counts as fallen.
+        # NaN counts as fallen.
         upright = base.rotation[2, 2] >= math.cos(FALLEN_TILT)
         high = base.translation[2] >= self._fallen_height
         return not (upright and high)
 
     @property
     def applied_torques(self) -> Array:
-        """Torques of the actuators, (na,) in N·m: the commanded torques within the limits, or the damping torques."""
+        """Torques of the actuators within their limits, (na,) in N·m, commanded or damping."""
         tau = self._tau
         if self._damps:
             tau = -(self._damping_matrix @ self.data.qvel[self._dof])
         return np.array(np.clip(tau, -self.effort_limits, self.effort_limits))
 
     def state(self) -> tuple[Array, Array]:
-        """Return the configuration q, (nq,), and the generalized velocity v, (nv,), in Pinocchio's conventions."""
+        """Return q, (nq,), and v, (nv,), in Pinocchio's conventions."""
         q, v = self._robot.state(self.data.qpos[self._qpos], self.data.qvel[self._dof])
         if self._robot.floating_base:
             q[:3] = self.data.qpos[:3]
             q[3:7] = self._quaternion()
-            # MuJoCo's free joint has the linear velocity in world axes and the angular one in the body's.
+            # MuJoCo's free joint: linear velocity in world axes, angular velocity in body axes.
             v[:3] = self._base().rotation.T @ self.data.qvel[:3]
             v[3:6] = self.data.qvel[3:6]
         return q, v
 
     def coupling_error(self) -> float:
-        """Return the largest error of a mimic joint's position relative to its leader, rad or m; 0 without any."""
+        """Return the largest position error of a mimic joint, rad or m."""
         followers = self._robot.followers
         if followers is None or self._following is None:
             return 0.0
@@ -199,11 +187,7 @@ class Plant:
         return float(np.max(np.abs(self.data.qpos[self._following[0]] - q[followers.q_index])))
 
     def acceleration(self) -> Array:
-        """Return the generalized acceleration, (nv,), in Pinocchio's conventions.
-
-        The base's linear part is the derivative of a velocity that is expressed in a rotating frame:
-        v̇ = Rᵀ a − ω × v, with a the acceleration of the base's origin in world axes.
-        """
+        """Return the generalized acceleration, (nv,), in Pinocchio's conventions: v̇ = Rᵀ a − ω × v of the base."""
         v_dot = np.zeros(self._robot.nv)
         v_dot[self._robot.v_index] = self.data.qacc[self._dof]
         if self._robot.followers is not None:
@@ -216,18 +200,11 @@ class Plant:
         return v_dot
 
     def imu(self, frame: str) -> tuple[Array, Array, Array]:
-        """Read an ideal inertial measurement unit at the origin of a frame of the URDF, in the axes of the frame.
+        """Measure an ideal IMU in the axes of a frame.
 
-        Like a unit that integrates inside, it measures the mean specific force of the last control period: the force of
-        the floor changes within a period, and samples of it drift by 5 % of a squat's velocity. The first value, and
-        the first after `set_state`, is that of the instant.
-
-        Returns:
-            The frame's orientation in the world, (4,) as (x, y, z, w); its angular velocity, (3,) in rad/s, and the
-            specific force (acceleration minus gravity) at its origin, (3,) in m/s², both in its axes.
-
-        Raises:
-            ConfigurationError: if the robot has no such frame.
+        The specific force is the mean of the last control period, as of an integrating IMU; the first value, also after
+        `set_state`, is instantaneous. Returns orientation (x, y, z, w), angular velocity in rad/s, and specific force
+        in m/s².
         """
         if frame not in self._imus:
             self._imus[frame] = self._body_of(frame_on_joint(self._robot, frame))
@@ -241,7 +218,7 @@ class Plant:
         steps = len(moved) - 1
         if steps:
             duration = steps * self.step_seconds
-            middle = pin.exp3(0.5 * duration * turning)  # from the axes of the middle of the period to those of now
+            middle = pin.exp3(0.5 * duration * turning)  # half a period
             force = middle @ ((moved[-1] - moved[0]) / duration - self.model.opt.gravity)
         else:
             acceleration = np.zeros(6)
@@ -249,24 +226,22 @@ class Plant:
             kind = mujoco.mjtObj.mjOBJ_XBODY
             mujoco.mj_objectAcceleration(self.model, self.data, kind, body.id, acceleration, 0)
             arm = placement.translation - self.data.xpos[body.id]
-            # In MuJoCo the world accelerates upwards instead of gravity: its acceleration is the specific force.
+            # MuJoCo accelerates the world upwards instead of gravity: its acceleration is the specific force.
             force = acceleration[3:] + cross(acceleration[:3], arm) + cross(turning, cross(turning, arm))
         return quaternion_of(placement.rotation), to_local @ turning, to_local @ force
 
     def _motion(self, body: _Body) -> tuple[Array, Array]:
-        """Angular velocity and velocity of the origin of a frame on a body, in world axes, (3,) each."""
+        """Return angular velocity and velocity of a frame's origin in world axes, (3,) each."""
         motion = np.zeros(6)
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body.id, motion, 0)
         arm = self._placement(body).translation - self.data.xpos[body.id]
         return motion[:3], motion[3:] + cross(motion[:3], arm)
 
     def contact_wrenches(self) -> dict[str, Array]:
-        """Return the true force or wrench on the robot at each contact of the configuration.
+        """Return the true force or wrench on the robot at each contact.
 
-        Returns:
-            For a surface or fixed contact, the wrench about the contact's origin in the contact frame, (6,) in N and
-            N·m, force first; for a point or wheel, the force in N, (3,), in world axes, or in the axes of the frame
-            `against`. Forces on links without a contact belong to none; on a link with several, to the nearest.
+        Surface and fixed contacts: wrench in the contact frame, (6,), force first. Points and wheels: force, (3,), in
+        world axes, or in the frame `against`. Forces belong to the nearest contact of a link.
         """
         frames = {name: self._placement(foot) for name, foot in self._feet.items()}
         force, moment = self.contact_forces.forces(self.data, frames)
@@ -287,30 +262,22 @@ class Plant:
         return wrenches
 
     def links_on_the_floor(self) -> frozenset[str]:
-        """Return the names of the links that touch the floor without a contact, such as those of a fallen robot."""
-        return frozenset(self.model.body(body).name for body in self.contact_forces.bodies_elsewhere(self.data))
+        """Return the names of links that touch the floor without a contact."""
+        return frozenset(self.model.body(body).name for body in self.contact_forces.bodies_without_contact(self.data))
 
     def penetration(self) -> float:
-        """Return the largest penetration of the robot into the floor, m; 0 if it does not touch it."""
+        """Return the largest penetration of the floor, m."""
         depths = [-float(self.data.contact[index].dist) for index in range(self.data.ncon)]
         return max([0.0, *depths])
 
     def apply(self, tau: npt.ArrayLike) -> None:
-        """Set the torques of the actuators, (na,) in N·m, from now on. They saturate at their effort limits.
-
-        Raises:
-            InputRefused: if the size is wrong or a value is not finite; the torques are then unchanged.
-        """
+        """Set the torques of the actuators, (na,) in N·m, clamped to the effort limits."""
         torques = np.asarray(tau, dtype=np.float64)
         self.check_torques(torques)
         self._tau, self._damps, self._stale = torques.copy(), False, True
 
     def check_torques(self, tau: Array) -> None:
-        """Refuse torques that `apply` would refuse.
-
-        Raises:
-            InputRefused: if the size is wrong or a value is not finite.
-        """
+        """Raise InputRefused for torques of a wrong size, or not finite."""
         if tau.shape != (self._robot.na,):
             raise InputRefused(f"got {tau.size} torques; expected {self._robot.na}, one per actuator in their order")
         if not np.isfinite(tau).all():
@@ -320,21 +287,14 @@ class Plant:
             raise InputRefused(f"got torques that are not finite ({', '.join(bad)}); expected finite ones, in N·m")
 
     def damp(self, damping: float) -> None:
-        """Damp every joint instead of applying torques, as its drive would; this saturates too.
-
-        The damping, in N·m·s/rad, is reduced if it would be unstable with the simulation's time step.
-        """
+        """Damp every joint instead of applying torques; N·m·s/rad, reduced if unstable."""
         if damping != self._wanted_damping:
             D = stable_damping(self._robot, damping, self.step_seconds)
             self._wanted_damping, self._damping_matrix = damping, damping_matrix(self._robot.actuation, D)
         self._damps = self._stale = True
 
     def lock(self, joint: str) -> Callable[[], None]:
-        """Lock a joint at its present position, as a brake does.
-
-        Returns:
-            The function that removes this lock; the joint moves again without any lock.
-        """
+        """Lock a joint at its present position, and return the function that removes this lock."""
         locked, lock = self.model.joint(joint), object()
         if not self._locks.setdefault(joint, []):
             self._unlocked[joint] = bool(locked.limited[0]), locked.range.copy()
@@ -351,15 +311,12 @@ class Plant:
         return unlock
 
     def push(self, frame: str, wrench: npt.ArrayLike, duration: float) -> None:
-        """Push the robot from now on. Pushes may overlap; they add up.
+        """Push the robot from now on; overlapping pushes add up.
 
         Args:
-            frame: link or joint of the URDF at whose origin the push acts; the push moves with it.
+            frame: moving link or joint; the push acts at its origin.
             wrench: force and torque in world axes, (6,) in N and N·m.
-            duration: duration, s; rounded to steps, at least one.
-
-        Raises:
-            InputRefused: if the frame is unknown or does not move, or a value is not usable.
+            duration: s, rounded to steps.
         """
         values = np.array(array_of_numbers(wrench, "a push"))
         duration = number(duration, "the duration of a push", 0.0, _LONGEST_PUSH)
@@ -368,41 +325,34 @@ class Plant:
         if not (np.abs(values) <= PUSH_LIMIT).all():
             raise InputRefused(f"a push of {values.tolist()} N, N·m; every value must be finite, at most {PUSH_LIMIT}")
         if not duration > 0.0:
-            raise InputRefused("the duration of a push must be positive, not 0")
+            raise InputRefused("the duration of a push must be positive, got 0")
         pinocchio = self._robot.pinocchio
         moving = [f.name for f in pinocchio.frames if f.type == pin.BODY and f.parentJoint > 0]
         known = isinstance(frame, str) and frame.isprintable() and pinocchio.existFrame(frame)
         known = known and pinocchio.frames[self._robot.frame_id(frame, "push")].parentJoint > 0
         if not known:
-            raise InputRefused(
-                f"a push on {frame!r}: no moving link has this name; {valid_choices(str_of(frame), moving)}"
-            )
+            raise InputRefused(f"a push on {frame!r}: unknown moving link; {valid_choices(str_of(frame), moving)}")
         steps = max(1, round(duration / self.step_seconds))
         at = self._body_of(frame_on_joint(self._robot, frame))
         self._pushes.append(_Push(at, values, self._count + steps))
         self._stale = True
 
     def hold(self, held: bool, ramp: float = RAMP) -> None:
-        """Hold the base at its start, or release it, within `ramp`, s; without effect on a fixed base.
-
-        A displaced base is carried back at a bounded speed.
-        """
+        """Hold the base at its start, or release it, within `ramp`, s; a displaced base returns at a bounded speed."""
         if self._hoist is None or held == self._hoist.held:
             return
         if held:
-            self._hoist.take(self._base(), ramp)
+            self._hoist.engage(self._base(), ramp)
         else:
-            self._hoist.let_go(ramp)
+            self._hoist.release(ramp)
         self.forward()
 
     def grip(self, contact: str, held: bool) -> None:
-        """Hold the link of a fixed contact at its present placement, or release it.
-
-        Raises:
-            InputRefused: if there is no fixed contact of this name.
-        """
+        """Hold the link of a fixed contact at its present placement, or release it."""
         if contact not in self._grips:
-            raise InputRefused(f"a grip at {contact!r}: {valid_choices(contact, list(self._grips))}")
+            raise InputRefused(
+                f"a grip at {contact!r}: unknown fixed contact; {valid_choices(contact, list(self._grips))}"
+            )
         grip = self._grips[contact]
         if held:
             holder = self._placement(self._body_of((grip.joints[0], pin.SE3.Identity())))
@@ -412,11 +362,7 @@ class Plant:
         self.forward()
 
     def set_state(self, q: npt.ArrayLike, v: npt.ArrayLike) -> None:
-        """Set the configuration, (nq,), and the generalized velocity, (nv,); time, torques, pushes and hoist stay.
-
-        Raises:
-            InputRefused: if a size is wrong or a value is not finite.
-        """
+        """Set q, (nq,), and v, (nv,); time, torques, pushes and hoist do not change."""
         q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
         if q.shape != (self._robot.nq,) or v.shape != (self._robot.nv,):
             expected = f"({self._robot.nq},) and ({self._robot.nv},)"
@@ -431,7 +377,6 @@ class Plant:
         self.forward()
 
     def _write(self, q: Array, v: Array) -> None:
-        """Write a state to MuJoCo's data, in its conventions."""
         self.data.qpos[self._qpos] = q[self._robot.q_index]
         self.data.qvel[self._dof] = v[self._robot.v_index]
         if self._robot.followers is not None and self._following is not None:
@@ -447,17 +392,13 @@ class Plant:
             self.data.qvel[3:6] = v[3:6]
 
     def forward(self) -> None:
-        """Recompute accelerations and contact forces in the present state, without stepping."""
+        """Recompute accelerations and contact forces."""
         mujoco.mj_fwdPosition(self.model, self.data)
         mujoco.mj_fwdVelocity(self.model, self.data)
         self._respond()
 
     def step(self) -> None:
-        """Simulate one step of `step_seconds`.
-
-        Raises:
-            WbcError: if the simulation has diverged.
-        """
+        """Simulate one step; raises WbcError if the simulation diverges."""
         if self._stale:
             self._respond()
         mujoco.mj_implicit(self.model, self.data)
@@ -469,10 +410,9 @@ class Plant:
         for frame, moved in self._moved.items():
             moved.append(self._motion(self._imus[frame])[1])
         if not np.isfinite(self.data.qacc).all():
-            raise WbcError(f"the physics diverged at {self.time:.3f} s; a smaller mock.step may help")
+            raise WbcError(f"the physics diverged at {self.time:.3f} s; reduce mock.step")
 
     def _respond(self) -> None:
-        """Compute the accelerations from the present forces; positions and velocities are already computed."""
         self.data.xfrc_applied[:] = 0.0
         for push in self._pushes:
             arm = self._placement(push.at).translation - self.data.xipos[push.at.id]
@@ -486,7 +426,7 @@ class Plant:
         self._stale = False
 
     def _shapes(self, folder: Path | None, normal: Array) -> dict[int, list[Shape]]:
-        """Read the shapes with which the robot touches the floor; warn of contacts without any."""
+        """Read the shapes that touch the floor; warn of contacts without any."""
         if not self.contacts:
             return {}
         soles: dict[int, list[Array]] = {}
@@ -507,19 +447,19 @@ class Plant:
                     wheels[joint] = placement * pin.SE3(rotation_to(np.array(contact.axis)), np.zeros(3))
         try:
             shapes, why = read_shapes(self._robot, soles, tips, wheels, folder), "have no collision element in the URDF"
-        except ConfigurationError as error:  # the controller, too, can do without the meshes
+        except ConfigurationError as error:  # meshes are optional
             shapes, why = {}, f"have no shapes ({error})"
         bare = [name for name, joint in standing.items() if joint not in shapes]
         if bare:
             _log.warning(
-                "the links of the contacts %s %s: in the mock robot they touch with the shapes of the configuration",
+                "the links of the contacts %s %s: the mock robot uses the contact shapes of the configuration",
                 ", ".join(bare),
                 why,
             )
         return shapes
 
     def _initial_base(self, normal: Array) -> pin.SE3:
-        """Place the base upright at the height where the robot's lowest point is on the floor."""
+        """Return the upright base placement with the robot's lowest point on the floor."""
         if not (self._robot.floating_base and self.contacts):
             return pin.SE3.Identity()
         self._write(self._robot.configuration(self._robot.posture), np.zeros(self._robot.nv))
@@ -533,16 +473,13 @@ class Plant:
         return pin.XYZQUATToSE3(np.concatenate([self.data.qpos[:3], self._quaternion()]))
 
     def _quaternion(self) -> Array:
-        """Return the base's orientation, (4,) as (x, y, z, w)."""
         quaternion = self.data.qpos[[4, 5, 6, 3]]
         return np.array(quaternion / np.linalg.norm(quaternion))
 
     def _placement(self, body: _Body) -> pin.SE3:
-        """Place a frame on a body in the world."""
         return pin.SE3(self.data.xmat[body.id].reshape(3, 3), self.data.xpos[body.id]) * body.placement
 
     def _addresses(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the indices of joints in MuJoCo's qpos and qvel, (k,) each."""
         joints = [self.model.joint(name) for name in names]
         qpos, dof = ([int(getattr(joint, key)[0]) for joint in joints] for key in ("qposadr", "dofadr"))
         return np.array(qpos, dtype=np.intp), np.array(dof, dtype=np.intp)

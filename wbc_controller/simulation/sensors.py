@@ -1,7 +1,4 @@
-"""Imperfections of sensors and motors: noise, biases, resolution, offsets, and errors of torque.
-
-The figures of each preset are those of parts that such robots carry (docs/estimation.md names them).
-"""
+"""Errors of sensors and motors: noise, biases, resolution, offsets and torque errors (sources: docs/estimation.md)."""
 
 import math
 from collections.abc import Mapping
@@ -19,19 +16,19 @@ _DEGREE, _G = math.pi / 180.0, 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Figures of an inertial measurement unit, encoders and motors; biases and offsets are standard deviations."""
+    """Errors of IMU, encoders and motors; biases and offsets are standard deviations."""
 
-    gyroscope_noise: float  # density, rad/s/√Hz
-    gyroscope_bias: float  # at the start, rad/s
-    gyroscope_walk: float  # density of the walk of the bias, rad/s²/√Hz
-    accelerometer_noise: float  # density, m/s²/√Hz
-    accelerometer_bias: float  # at the start, m/s²
-    accelerometer_walk: float  # density of the walk of the bias, m/s³/√Hz
-    encoder_resolution: float  # step of the joint positions, rad; m for joints that slide, likewise below
-    encoder_noise: float  # of the joint positions, standard deviation, rad
-    encoder_offset: float  # of each joint, rad
-    velocity_noise: float  # of the joint velocities, standard deviation, rad/s
-    torque_error: float  # of each motor's torque, as a share of it
+    gyroscope_noise: float  # rad/s/√Hz
+    gyroscope_bias: float  # initial, rad/s
+    gyroscope_walk: float  # rad/s²/√Hz
+    accelerometer_noise: float  # m/s²/√Hz
+    accelerometer_bias: float  # initial, m/s²
+    accelerometer_walk: float  # m/s³/√Hz
+    encoder_resolution: float  # rad (m for prismatic joints, likewise below)
+    encoder_noise: float  # standard deviation, rad
+    encoder_offset: float  # per joint, rad
+    velocity_noise: float  # standard deviation, rad/s
+    torque_error: float  # share of each motor's torque
 
 
 #: Parts by preset; ``ideal`` has none.
@@ -66,10 +63,10 @@ PARTS: Mapping[SensorQuality, Parts] = {
 
 
 class ImperfectSensors:
-    """Measures as parts do: draws their biases and offsets once, and their noise in every period."""
+    """Sensors with constant errors, drawn once, and noise, drawn in every period."""
 
     def __init__(self, parts: Parts, robot: RobotModel, period: float, seed: int) -> None:
-        """Draw the constant errors; `period` is the time between two measurements, s."""
+        """Draw the constant errors; the sample period is in s."""
         self._parts = parts
         self._rng = rng = np.random.default_rng(seed)
         self._gyroscope_bias = parts.gyroscope_bias * rng.standard_normal(3)
@@ -77,14 +74,14 @@ class ImperfectSensors:
         self._offsets = parts.encoder_offset * rng.standard_normal(robot.nj)
         self._gains = 1.0 + parts.torque_error * rng.standard_normal(robot.na)
         self._noise, self._drawn = np.zeros(12 + 2 * robot.nj), -1
-        # A density becomes that of samples, each of which is the mean of a period; a walk becomes steps.
+        # From densities to samples (means over a period) and steps of random walks.
         self._per_sample, self._per_step = 1.0 / math.sqrt(period), math.sqrt(period)
 
     def measure(self, measured: Measurement) -> None:
-        """Replace the true values by measured ones; the same again for the same time."""
+        """Replace true values by measured ones, reproducibly for each time."""
         parts, count = self._parts, len(measured.position)
-        if measured.taken != self._drawn:
-            self._drawn, self._noise = measured.taken, self._rng.standard_normal(len(self._noise))
+        if measured.true_time != self._drawn:
+            self._drawn, self._noise = measured.true_time, self._rng.standard_normal(len(self._noise))
             self._gyroscope_bias += parts.gyroscope_walk * self._per_step * self._noise[:3]
             self._accelerometer_bias += parts.accelerometer_walk * self._per_step * self._noise[3:6]
         turning, force, seen, speed = np.split(self._noise[6:], (3, 6, 6 + count))
@@ -99,5 +96,5 @@ class ImperfectSensors:
         measured.velocity = measured.velocity + parts.velocity_noise * speed
 
     def torques(self, tau: Array) -> Array:
-        """Return the torques of the motors for commanded ones, (na,) in N·m."""
+        """Return the motor torques for commanded ones, (na,) in N·m."""
         return self._gains * tau

@@ -1,8 +1,7 @@
-"""The collision shapes of the URDF, with which the mock robot touches the floor.
+"""Collision shapes of the URDF that touch the floor of the mock robot.
 
-Boxes, spheres, cylinders and capsules are taken as they are, meshes by their convex hulls. A floor touches a hull at
-its vertices, so that a hull may be taken apart: a sole becomes balls at the corners of its outline, a round tip one
-ball, and the rest of the hull stays a mesh. A wheel becomes a thin rim.
+Meshes become convex hulls. A sole becomes balls at the corners of its outline, a round tip one ball, a wheel a thin
+rim.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,35 +20,32 @@ from wbc_controller.controller.build.footprint import fewer_corners, fitted_ball
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Radius of the balls at the corners of a sole, m: small, so that its outline stays where it is.
+#: Radius of the balls at the corners of a sole, m.
 CORNER_RADIUS = 0.001
-#: Half the thickness of a wheel, m: it touches with its rim.
+#: Half thickness of a wheel's rim, m.
 RIM_RADIUS = 0.001
-#: Unevenness of a mesh that is still a flat sole, m: thinned-out meshes of flat soles have a millimetre or two. As it
-#: is, such a hull would rock on three points; MuJoCo gives a mesh on a plane three points in any case, and where they
-#: change, a standing robot shakes.
+#: Unevenness of a flat sole, m; its hull would rock.
 SOLE_DEPTH = 0.002
-#: Part of a foot to which a ball is fitted, from its lowest point up, m.
+#: Height of the tip to which a ball is fitted, m.
 TIP_DEPTH = 0.008
-#: Unevenness of a mesh that is still a round tip, m. A thinned-out ball has facets: it would stand on the corner of
-#: one, up to half a facet beside the point where the ball itself does, and jump from corner to corner as it rolls.
+#: Unevenness of a round tip, m; its facets would jump.
 TIP_ERROR = 0.001
-#: Corners of a sole's outline at most: each costs the physics a contact.
+#: Largest number of corners of a sole.
 MOST_CORNERS = 12
-#: Cosine of the angle between the normals of one sole, at most 3°.
+#: Least cosine between equal sole normals, 3°.
 _PARALLEL = 0.9986
-#: Smallest radius, and half the smallest thickness, of a shape without a volume, m.
-_THINNEST = 0.0005
+#: Least radius and half thickness of a shape, m.
+_LEAST_SIZE = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """A convex shape on the link of a Pinocchio joint."""
+    """Convex shape on the link of a Pinocchio joint."""
 
     kind: Any
-    placement: pin.SE3  # of the shape in the joint's frame
-    size: tuple[float, ...] = ()  # MuJoCo's sizes of that type, m; empty for a mesh
-    points: Array | None = None  # vertices of a mesh in the joint's frame, (n, 3) in m; None for others
+    placement: pin.SE3  # in the joint's frame
+    size: tuple[float, ...] = ()  # MuJoCo's sizes, m; empty for a mesh
+    points: Array | None = None  # vertices of a mesh in the joint's frame, (n, 3) in m
 
 
 def read_shapes(
@@ -59,20 +55,13 @@ def read_shapes(
     wheels: Mapping[int, pin.SE3],
     folder: Path | None = None,
 ) -> dict[int, list[Shape]]:
-    """Read the collision shapes of a robot's URDF.
+    """Read the collision shapes of a URDF; return them by Pinocchio joint.
 
     Args:
-        soles: by Pinocchio joint, the outward normals of the soles of its links, in the joint's frame, (3,) each.
-        tips: by Pinocchio joint whose links stand on a point, the direction downwards in the nominal posture, in the
-            joint's frame, (3,).
-        wheels: by Pinocchio joint, the placement of a wheel in the joint's frame, with z along the axle.
-        folder: folder of meshes that are named by a relative path.
-
-    Returns:
-        By Pinocchio joint, the shapes of the links that it moves; without those that nothing moves.
-
-    Raises:
-        ConfigurationError: if a mesh cannot be found or read.
+        soles: outward normals of soles, by joint, in its frame, (3,) each.
+        tips: downward direction of point feet, by joint, in its frame, (3,).
+        wheels: placement of wheels in the joint's frame, z along the axle.
+        folder: folder of meshes with relative paths.
     """
     by_joint: dict[int, list[pin.GeometryObject]] = {}
     for elements in read_collision_elements(model, model.urdf, "robot.urdf", folder).values():
@@ -82,28 +71,28 @@ def read_shapes(
     shapes: dict[int, list[Shape]] = {}
     for joint, elements in by_joint.items():
         if joint in wheels:
-            shapes[joint] = [_rim(elements, wheels[joint])]
+            shapes[joint] = [_wheel_rim(elements, wheels[joint])]
             continue
         shapes[joint] = [shape for shape in map(_primitive, elements) if shape is not None]
         hulls = [_hull(enclosing_points(element)) for element in elements if _primitive(element) is None]
-        for normal in _different(soles.get(joint, ())) if hulls else ():
+        for normal in _distinct_normals(soles.get(joint, ())) if hulls else ():
             lowest = max(float(np.max(hull @ normal)) for hull in hulls)
             for index, hull in enumerate(hulls):
-                balls, hulls[index] = _part_sole(hull, normal, lowest)
+                balls, hulls[index] = _split_sole(hull, normal, lowest)
                 shapes[joint] += balls
         if joint in tips and hulls:
             index = int(np.argmax([np.max(hull @ tips[joint]) for hull in hulls]))
-            balls, hulls[index] = _part_tip(hulls[index], tips[joint])
+            balls, hulls[index] = _split_tip(hulls[index], tips[joint])
             shapes[joint] += balls
         shapes[joint] += [_mesh(hull) for hull in hulls if len(hull)]
     return shapes
 
 
 def add_shape(spec: Any, body: Any, shape: Shape, name: str) -> Any:
-    """Add a shape to a body of MuJoCo's specification, without mass, and return its geom."""
+    """Add a massless shape to a body of a MuJoCo specification; return its geom."""
     geom = body.add_geom(type=shape.kind, name=name, mass=0.0)
     if shape.points is None:
-        geom.size = [*(max(size, _THINNEST) for size in shape.size), 0.0, 0.0, 0.0][:3]  # MuJoCo refuses 0
+        geom.size = [*(max(size, _LEAST_SIZE) for size in shape.size), 0.0, 0.0, 0.0][:3]  # MuJoCo refuses 0
         geom.pos = shape.placement.translation
         geom.quat = np.array(pin.SE3ToXYZQUAT(shape.placement))[[6, 3, 4, 5]]
     else:
@@ -113,16 +102,15 @@ def add_shape(spec: Any, body: Any, shape: Shape, name: str) -> Any:
     return geom
 
 
-def _rim(elements: Sequence[pin.GeometryObject], wheel: pin.SE3) -> Shape:
-    """Return the rim of a wheel with the radius of its elements: a tyre has no edges on which it tilts, a tread has."""
+def _wheel_rim(elements: Sequence[pin.GeometryObject], wheel: pin.SE3) -> Shape:
+    """Return the rim of a wheel with the radius of its elements; tyres and treads have edges."""
     points = np.vstack([outline(element) for element in elements])
     across = ((points - wheel.translation) @ wheel.rotation)[:, :2]
     radius = float(np.linalg.norm(across, axis=1).max())
     return Shape(mujoco.mjtGeom.mjGEOM_ELLIPSOID, wheel, (radius, radius, RIM_RADIUS))
 
 
-def _different(normals: Sequence[Array]) -> list[Array]:
-    """Return the normals, (3,) each, without duplicates of a sole that several contacts share."""
+def _distinct_normals(normals: Sequence[Array]) -> list[Array]:
     found: list[Array] = []
     for normal in normals:
         if all(normal @ other < _PARALLEL for other in found):
@@ -131,7 +119,6 @@ def _different(normals: Sequence[Array]) -> list[Array]:
 
 
 def _primitive(element: pin.GeometryObject) -> Shape | None:
-    """Return the shape of an element; None for a mesh."""
     geometry, kinds = element.geometry, mujoco.mjtGeom
     match geometry:
         case coal.Sphere():
@@ -146,27 +133,23 @@ def _primitive(element: pin.GeometryObject) -> Shape | None:
 
 
 def _hull(points: Array) -> Array:
-    """Return the vertices of the convex hull of points, (n, 3); all points if they have no volume."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:
         return points
 
 
-def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], Array]:
-    """Split a hull into balls at the corners of its sole, if it has one, and the vertices behind them.
-
-    The sole of the whole link reaches `lowest` along the outward normal of the sole, m.
-    """
+def _split_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], Array]:
+    """Split a hull into balls at the corners of its sole, if any, and the vertices behind it."""
     depth = lowest - hull @ normal
     low = depth < SOLE_DEPTH
     flat = hull[low] + np.outer(depth[low], normal)
     try:
         outline = ConvexHull(flat @ np.linalg.svd(normal[None, :])[2][1:].T)
-    except (QhullError, ValueError):  # less than three corners, or all in a line: an edge or a tip, which is no sole
+    except (QhullError, ValueError):  # an edge or a tip
         return [], hull
     corners = fewer_corners(flat[outline.vertices], MOST_CORNERS)
-    # The mesh keeps off the floor as long as the sole is on it.
+    # Keep the mesh off the floor.
     behind = np.where(low[:, None], hull - np.outer(SOLE_DEPTH - depth, normal), hull)
     balls = [
         Shape(mujoco.mjtGeom.mjGEOM_SPHERE, pin.SE3(np.eye(3), corner - CORNER_RADIUS * normal), (CORNER_RADIUS,))
@@ -175,12 +158,12 @@ def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], 
     return balls, behind
 
 
-def _part_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
-    """Split a hull into the ball of its tip, if it is round in the direction `down`, and the vertices outside of it."""
+def _split_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
+    """Split a hull into the ball of its tip, if round in the direction `down`, and the vertices outside."""
     reach = hull @ down
     tip = hull[reach > reach.max() - TIP_DEPTH]
     fitted = fitted_ball(tip)
-    if fitted is None or len(tip) <= 4:  # four points make a ball, more tell whether there is one
+    if fitted is None or len(tip) <= 4:  # four points always fit a ball
         return [], hull
     centre, radius = fitted
     off = np.linalg.norm(hull - centre, axis=1) - radius
@@ -191,11 +174,10 @@ def _part_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
 
 
 def _mesh(hull: Array) -> Shape:
-    """Return the mesh of a hull, or a box around a hull without volume, which MuJoCo does not accept as a mesh."""
     try:
         vertices = hull[ConvexHull(hull).vertices]
     except QhullError:
         low, high = hull.min(axis=0), hull.max(axis=0)
-        half = np.maximum(0.5 * (high - low), _THINNEST)
+        half = np.maximum(0.5 * (high - low), _LEAST_SIZE)
         return Shape(mujoco.mjtGeom.mjGEOM_BOX, pin.SE3(np.eye(3), 0.5 * (low + high)), tuple(half))
     return Shape(mujoco.mjtGeom.mjGEOM_MESH, pin.SE3.Identity(), points=vertices)

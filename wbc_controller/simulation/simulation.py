@@ -1,4 +1,4 @@
-"""A controller and the mock robot's physics, cycle by cycle, on one thread, without topics between."""
+"""Controller and physics of the mock robot in one thread, without topics."""
 
 from __future__ import annotations
 
@@ -24,12 +24,7 @@ _LONGEST_RUN = 86_400.0
 
 
 class Simulation:
-    """A standing robot in MuJoCo with its active controller. Its time begins after the ramp of the torques.
-
-    Attributes:
-        plant: the physics; its base is not held.
-        result: of the last cycle.
-    """
+    """Standing robot in MuJoCo with its active controller; its time starts after the torque ramp."""
 
     result: CycleResult
 
@@ -42,25 +37,19 @@ class Simulation:
         limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
         preflight: bool = True,
     ) -> None:
-        """Build the robot, its controller and the physics, in the nominal posture.
-
-        The configuration is as for `load`, your own tasks, contacts and limits, and `preflight`, as for `Controller`.
-
-        Raises:
-            ConfigurationError: if the robot cannot be controlled or simulated.
-        """
+        """Build robot, controller and physics in the nominal posture; arguments as for `load` and `Controller`."""
         config = load(config).replace({"safety.activation_ramp": 0.0})
         self.controller = Controller(config, tasks=tasks, contacts=contacts, limits=limits, preflight=preflight)
         self.reset()
 
     def reset(self) -> None:
-        """Restart at time 0, in the nominal posture; settings that were changed by `Controller.update` stay."""
+        """Restart at time 0 in the nominal posture; updated settings remain."""
         settings = self.controller.config.settings
         self.plant = Plant(self.controller.model, settings)
         self.plant.hold(False, ramp=0.0)
         self.controller.reset(*self.plant.state())
         for _ in range(round(1.0 / (settings.limits.torque_rate * self.controller.period)) + 2):
-            self._cycle()  # each comes nearer to the solution's torques by a step of the torque rate
+            self._cycle()  # ramps the torques at the torque rate
 
     @property
     def time(self) -> float:
@@ -68,12 +57,11 @@ class Simulation:
         return self.plant.time
 
     def run(self, seconds: float, each: Callable[[Simulation], None] = lambda simulation: None) -> list[CycleResult]:
-        """Simulate for a time, s, and return the results of the cycles; `each` is called after every cycle.
+        """Simulate for a time, s; return the results of the cycles. `each` is called after every cycle.
 
         Raises:
-            InputRefused: if the time is negative, or longer than a day.
-            NoSolution: if a cycle has no solution, or the controller has left its active mode.
-            WbcError: if the physics has diverged.
+            NoSolution: if a cycle has no solution, or the controller is not active.
+            WbcError: if the physics diverges.
         """
         results = []
         for _ in range(round(number(seconds, "seconds", 0.0, _LONGEST_RUN) / self.controller.period)):

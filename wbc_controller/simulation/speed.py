@@ -1,37 +1,32 @@
-"""The speed of a simulation compared with real time: logged when it becomes too low, and when it is enough again."""
+"""Speed of a simulation relative to real time, with log lines on changes."""
 
 import logging
 from collections.abc import Callable
 
-#: Wall time over which the speed is measured, s.
+#: Averaging time, s of wall time.
 _WINDOW = 5.0
-#: Share of the requested speed below which it is too low, and above which it is enough again.
+#: Shares of the requested speed with hysteresis: too low, sufficient again.
 _LOW, _ENOUGH = 0.9, 0.95
 
 _log = logging.getLogger(__name__)
 
 
 class Speed:
-    """Compares the simulated time with the wall time.
-
-    Args:
-        factor: requested simulated seconds per second.
-        clock: returns the wall time, s.
-    """
+    """Comparison of simulated time and wall time; `factor` is the requested speed."""
 
     def __init__(self, factor: float, clock: Callable[[], float]) -> None:
         self._factor, self._clock = factor, clock
         self._low = False
         self._began = self._since = clock()
-        self._first = self._simulated = 0.0  # simulated time at the start, and at the start of the window, s
+        self._first = self._simulated = 0.0  # simulated time at the start, and of the window, s
 
     def begin(self, simulated: float) -> None:
-        """Begin to measure, at a simulated time, s."""
+        """Start the measurement at a simulated time, s."""
         self._began = self._since = self._clock()
         self._first = self._simulated = simulated
 
-    def look(self, simulated: float) -> None:
-        """Log a change of the speed; called in each period with the simulated time, s."""
+    def check(self, simulated: float) -> None:
+        """Log a change of the speed; called in each period."""
         now = self._clock()
         if now - self._since < _WINDOW:
             return
@@ -50,5 +45,5 @@ class Speed:
             _log.info("the simulation runs at %.0f %% of real time again", 100.0 * speed)
 
     def mean(self, simulated: float) -> float:
-        """Return the mean speed up to a simulated time, as a share of real time."""
+        """Return the mean speed as a share of real time."""
         return (simulated - self._first) / max(self._clock() - self._began, 1.0e-9)

@@ -153,13 +153,13 @@ def test_the_audit_is_silent_on_wheels_that_lean(drafted):
     controller, plant = simulation.controller, simulation.plant
     audit, reports = make_audit(settings, controller.model), []
 
-    def look(simulation):
+    def check(simulation):
         state = RobotState(round(1.0e9 * simulation.time), *map(frozen, plant.state()))
         result = simulation.result
-        reports.append(audit.look(state, controller.dynamics, result.solution, result.command))
+        reports.append(audit.check(state, controller.dynamics, result.solution, result.command))
 
     controller.set("com", np.array(controller.dynamics.com) + [0.0, 0.03, 0.0], duration=0.5)
-    simulation.run(1.2, look)
+    simulation.run(1.2, check)
     reports = [report for report in reports if report is not None]
     assert len(reports) > 500
     assert not [warning for report in reports for warning in report.warnings]

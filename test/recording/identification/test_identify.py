@@ -17,7 +17,7 @@ from wbc_controller.recording.identification.equations import Equations, moments
 from wbc_controller.recording.identification.fit import fit
 from wbc_controller.recording.identification.identify_command import fitted, identify, report
 from wbc_controller.settings.config import load
-from wbc_controller.simulation.faults.fault import Site
+from wbc_controller.simulation.faults.fault import FaultContext
 from wbc_controller.simulation.faults.world import MassError
 
 HEAVIER, DRY, VISCOUS, SECONDS = 0.15, 0.8, 0.3, 6
@@ -33,7 +33,7 @@ def moved(robot, heavier, seconds, **friction):
     controller = simulation.controller
     rng, rows = np.random.default_rng(0), []
     MassError(share=heavier).begin(
-        Site(controller.model, simulation.plant, controller.period, began=0.0, end=np.inf, rng=rng)
+        FaultContext(controller.model, simulation.plant, controller.period, began=0.0, end=np.inf, rng=rng)
     )
 
     def record(_):

@@ -1,4 +1,4 @@
-"""States and torques in a MuJoCo scene of a user's own, which holds other things too."""
+"""States and torques in a user's MuJoCo scene with other objects."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ A1 = Path(__file__).parents[3] / "examples" / "a1.yaml"
 
 @pytest.fixture(scope="module")
 def scene():
-    """Unitree A1 in a scene where a free ball comes first, so that no address is what one would guess."""
+    """Unitree A1 in a scene behind a free ball, which shifts all addresses."""
     model = wbc.Controller(A1).model
     spec = mujoco.MjSpec.from_string(model.urdf)
     ball = spec.worldbody.add_body(name="ball", pos=[2.0, 0.0, 1.0])
@@ -36,7 +36,7 @@ def random_state(model, seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_is_placed_is_read_again_and_frames_and_their_velocities_are_the_same_in_both(scene, seed):
+def test_states_round_trip_and_frames_agree(scene, seed):
     """Positions, orientations and velocities of a link, by MuJoCo's own kinematics and by Pinocchio's."""
     interface = wbc.MujocoInterface(scene.model, scene.mujoco)
     q, v = random_state(scene.model, seed)

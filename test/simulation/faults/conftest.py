@@ -1,4 +1,4 @@
-"""A robot on a bench: its measurements, messages and torques pass through the faults, its physics only where asked."""
+"""Robot on a bench with faults on its measurements, messages and torques."""
 
 from types import SimpleNamespace
 
@@ -12,7 +12,7 @@ from wbc_controller.simulation.plant import Plant
 
 
 class Bench:
-    """Go2 that hangs on its hoist, with its joints moving as they are told."""
+    """Go2 on its hoist with prescribed joint motion."""
 
     def __init__(self, model, settings) -> None:
         self.model = model
@@ -29,17 +29,17 @@ class Bench:
             self.plant.step()
 
     def run(self, periods: int, damping: float | None = None) -> None:
-        """Let faults and physics go on; with a damping, N·m·s/rad, in place of torques."""
+        """Advance faults and physics with damping, N·m·s/rad, in place of torques."""
         for _ in range(periods):
-            self.faults.pass_time()
+            self.faults.update()
             if damping is not None:
                 self.plant.damp(damping)
             self.pass_period()
 
     def measure(self):
-        """What is measured now, and what is true."""
+        """Return the measured and the true values."""
         stamp = self.plant.stamp + 1_000_000_000
-        self.faults.pass_time()
+        self.faults.update()
         measured, true = (measure(self.model, self.plant, stamp, self.model.base_link) for _ in range(2))
         time = self.plant.time
         for values in (measured, true):
@@ -47,7 +47,7 @@ class Bench:
             values.velocity = self.true_speed.copy()
             values.pose[:3] = [0.3 * time, 0.2 * time, 0.5]
             values.twist[:] = [0.3, 0.2, 0.0, 0.0, 0.0, 0.0]
-        self.faults.spoil(measured)
+        self.faults.distort(measured)
         return SimpleNamespace(measured=measured, true=true)
 
     def measures(self, periods: int) -> list:
@@ -58,12 +58,12 @@ class Bench:
         return found
 
     def arrivals(self, stream: str, periods: int, *, messages: bool = True) -> list[list[int]]:
-        """Numbers of the messages that arrive in each period, of those that are sent one per period from 0 on."""
+        """Return the numbers of the messages that arrive in each period; one is sent per period."""
         arrived = []
         for number in range(periods):
-            self.faults.pass_time()
+            self.faults.update()
             payload = str(number).encode() if messages else None
-            arrived.append([int(parcel.payload) for parcel in self.faults.post(stream, number, payload)])
+            arrived.append([int(parcel.payload) for parcel in self.faults.deliver(stream, number, payload)])
             self.pass_period()
         return arrived
 

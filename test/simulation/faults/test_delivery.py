@@ -1,4 +1,4 @@
-"""Each fault of the delivery lets messages arrive as it says."""
+"""Arrival of messages under each delivery fault."""
 
 import numpy as np
 import pytest

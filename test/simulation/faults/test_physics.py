@@ -1,4 +1,4 @@
-"""Each fault of an actuator, or of the world, acts on the physics as it says, and ends."""
+"""Effects and ends of actuator and world faults."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ def torques(bench, kind, periods=1, **given):
     bench.plan(kind, duration=1.0, **given)
     found = []
     for number in range(periods):
-        bench.faults.pass_time()
+        bench.faults.update()
         found.append(bench.faults.torques((1.0 + number) * TAU))
         bench.pass_period()
     return np.array(found)
@@ -58,7 +58,7 @@ def test_a_bias_is_a_share_of_the_effort_limit(bench):
 
 def test_noise_of_the_torques_is_a_share_of_the_effort_limits(bench):
     bench.plan("actuator_noise", share=0.02, duration=1.0)
-    bench.faults.pass_time()
+    bench.faults.update()
     noise = np.array([bench.faults.torques(TAU) - TAU for _ in range(300)]) / bench.plant.effort_limits
     assert np.std(noise) == pytest.approx(0.02, rel=0.05)
 
@@ -85,7 +85,7 @@ def test_a_joint_that_is_held_does_not_move_until_the_end(bench, kind, given):
     bench.plan(kind, joint=ACTUATOR, duration=0.02, **given)
     places = []
     for _ in range(20):
-        bench.faults.pass_time()
+        bench.faults.update()
         places.append(bench.plant.state()[0][bench.model.q_index][joint])
         bench.pass_period()
     assert np.ptp(places[:10]) < 2e-3
@@ -119,13 +119,13 @@ def changes_of_the_model(bench):
 def test_the_model_is_changed_and_at_the_end_it_is_as_before(bench, kind, given, changed):
     before = changes_of_the_model(bench)
     bench.plan(kind, duration=0.004, **given)
-    bench.faults.pass_time()
+    bench.faults.update()
     during = changes_of_the_model(bench)
     assert {key for key in before if not np.array_equal(before[key], during[key])} - {"jnt_limited"} == (
         changed - {"jnt_limited"}
     )
     bench.pass_period(), bench.pass_period()
-    bench.faults.pass_time()
+    bench.faults.update()
     after = changes_of_the_model(bench)
     assert {key for key in before if not np.allclose(before[key], after[key], rtol=1e-12)} == set()
     assert not bench.faults.busy
@@ -134,7 +134,7 @@ def test_the_model_is_changed_and_at_the_end_it_is_as_before(bench, kind, given,
 def test_a_payload_weighs_what_it_says(bench):
     mass = bench.plant.model.body_mass.sum()
     bench.plan("payload", link="FL_calf", share=0.2, duration=1.0)
-    bench.faults.pass_time()
+    bench.faults.update()
     added = bench.plant.model.body_mass.sum() - mass
     assert added == pytest.approx(0.2 * bench.model.mass)
     assert bench.plant.model.body_subtreemass[1] == pytest.approx(mass + added, rel=1e-6)
@@ -142,18 +142,18 @@ def test_a_payload_weighs_what_it_says(bench):
 
 def test_the_centre_of_mass_of_the_base_is_off_in_the_physics(bench):
     base, model = bench.plant.body(bench.model.base_link), bench.plant.model
-    # MuJoCo has a short cut for a body whose centre of mass is its origin.
+    # MuJoCo has a shortcut for a body with its centre of mass at its origin.
     model.body_ipos[base], model.body_iquat[base] = 0.0, [1.0, 0.0, 0.0, 0.0]
     model.body_sameframe[base] = mujoco.mjtSameFrame.mjSAMEFRAME_BODY
     bench.plant.forward()
     before = bench.plant.data.xipos[base].copy()
     bench.plan("center_of_mass_error", offset=0.1, duration=1.0)
-    bench.faults.pass_time()
+    bench.faults.update()
     assert np.linalg.norm(bench.plant.data.xipos[base] - before) == pytest.approx(0.1)
 
 
 def test_what_closes_loops_stays_where_it_is_when_masses_change():
-    """MuJoCo would place a connection anew, for the posture of its own zero."""
+    """MuJoCo would recompute the placement of connections."""
     link = '<body name="{}"><joint type="slide"/><geom size="0.1"/></body>'
     model = mujoco.MjModel.from_xml_string(
         f"<mujoco><worldbody>{link.format('a')}{link.format('b')}</worldbody>"

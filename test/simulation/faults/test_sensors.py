@@ -1,4 +1,4 @@
-"""Each fault of a sensor changes what is measured as it says, and nothing else."""
+"""Each sensor fault changes only its own measurements."""
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +18,7 @@ def column(found, quantity: str, joint: int):
 
 
 def changed(found) -> set[str]:
-    """What differs from the truth in any of the measurements."""
+    """Return the names of measurements that differ from the truth."""
     names = {
         name
         for each in found
@@ -35,7 +35,7 @@ def changed(found) -> set[str]:
     return names
 
 
-#: What each kind changes.
+#: Measurements changed by each kind.
 CHANGES = {
     kind: changed
     for kinds, changed in (
@@ -200,7 +200,7 @@ def test_slow_odometry_comes_at_its_period(bench):
     assert np.flatnonzero(sent).tolist() == [0, 5, 10, 15]
 
 
-def test_a_missing_joint_is_missing_from_the_message_whatever_else_happens_to_the_joints(bench):
+def test_a_missing_joint_is_missing_in_the_message(bench):
     bench.plan("joint_missing", joint=bench.model.joints[0], duration=1.0)
     bench.plan("joint_bias", joint=bench.model.joints[-1], bias=0.5, ramp=0.0, duration=1.0)
     found = bench.measures(1)[0]

@@ -1,1 +1,1 @@
-"""States and torques in the conventions of others: by joint name, and as MuJoCo has them."""
+"""States and torques by joint name, and in MuJoCo's conventions."""

@@ -1,4 +1,4 @@
-"""States by the names of the joints."""
+"""States by joint name."""
 
 import reprlib
 from collections.abc import Mapping
@@ -23,22 +23,15 @@ def state_from_joints(
     base_linear_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
     base_angular_velocity: npt.ArrayLike = (0.0, 0.0, 0.0),
 ) -> tuple[Array, Array]:
-    """Assemble Pinocchio's q and v from joints by name and, for a floating base, its pose and twist.
+    """Return Pinocchio's q, (nq,), and v, (nv,), from joints by name and the pose and twist of a floating base.
 
     Args:
-        positions: of every joint in ``robot.joints``, rad (m for sliding joints); others are ignored.
-        velocities: of the same joints, rad/s (m/s); zero where none are given.
-        base_position: of the base link's origin in the world, (3,) in m.
-        base_quaternion: orientation of the base link in the world, (x, y, z, w).
-        base_linear_velocity: of the base link's origin, in the axes of the base link, (3,) in m/s: the twist of a
-            nav_msgs/Odometry after REP 105, and Pinocchio's.
-        base_angular_velocity: in the same axes, (3,) in rad/s.
-
-    Returns:
-        q (nq,) and v (nv,).
-
-    Raises:
-        InputRefused: where a joint is missing, or a value is not finite.
+        positions: of every joint in ``robot.joints``, rad (m).
+        velocities: rad/s (m/s); default zero.
+        base_position: in the world, (3,) in m.
+        base_quaternion: in the world, (x, y, z, w).
+        base_linear_velocity: in base axes, (3,) in m/s.
+        base_angular_velocity: in base axes, (3,) in rad/s.
     """
     if not isinstance(model, RobotModel):
         raise InputRefused(f"model is {reprlib.repr(model)}; it must be a RobotModel, such as controller.model")

@@ -1,4 +1,4 @@
-"""States and torques of a robot in a MuJoCo model of your own. It does not import MuJoCo: you bring model and data."""
+"""States and torques of a robot in your own MuJoCo model; MuJoCo is not imported."""
 
 from typing import Any
 
@@ -10,32 +10,19 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.records import Array
 
-#: MuJoCo's number of a free joint (``mjtJoint.mjJNT_FREE``).
+#: ``mjtJoint.mjJNT_FREE``.
 _FREE = 0
 
 
 class MujocoInterface:
     """Reads a robot's state from MuJoCo's ``qpos, qvel``, and writes its torques as generalized forces.
 
-    Joints are found by name, wherever they stand, so that the scene may hold other things too. MuJoCo's conventions and
-    Pinocchio's differ for a floating base, and are converted here:
-
-    - quaternions: MuJoCo (w, x, y, z), Pinocchio (x, y, z, w);
-    - the base's linear velocity: MuJoCo in world axes, Pinocchio in those of the base; the angular velocity is in those
-      of the base in both.
-
-    The base body of the MuJoCo model must have the frame of the URDF's root link.
+    Joints are found by name. Quaternions are converted from (w, x, y, z) to (x, y, z, w), and the base's linear
+    velocity from world to base axes. The base body must have the frame of the URDF's root link.
     """
 
     def __init__(self, model: RobotModel, mujoco_model: Any) -> None:
-        """Find the robot's joints.
-
-        Args:
-            mujoco_model: an ``mujoco.MjModel`` in which the joints of ``robot.joints`` have their names.
-
-        Raises:
-            ConfigurationError: where a joint is missing, or a floating base has no free joint.
-        """
+        """Find the joints of ``robot.joints`` by name in an ``mujoco.MjModel``."""
         if not isinstance(model, RobotModel) or not hasattr(mujoco_model, "jnt_qposadr"):
             raise ConfigurationError(
                 "expected a RobotModel, such as controller.model, and a mujoco.MjModel, "
@@ -62,7 +49,7 @@ class MujocoInterface:
             self._base_dof = int(mujoco_model.jnt_dofadr[first])
 
     def state(self, data: Any) -> tuple[Array, Array]:
-        """Read q (nq,) and v (nv,), as Pinocchio has them, from an ``mujoco.MjData``."""
+        """Return Pinocchio's q, (nq,), and v, (nv,), from an ``mujoco.MjData``."""
         model = self._model
         joints = data.qpos[self._qpos], data.qvel[self._dof]
         if not model.floating_base:
@@ -74,11 +61,7 @@ class MujocoInterface:
         return model.state(*joints, pose, twist)
 
     def place(self, data: Any, q: Array, v: Array | None = None) -> None:
-        """Write a state, q (nq,) and v (nv,; at rest where it is not given), into an ``mujoco.MjData``.
-
-        Raises:
-            InputRefused: if a value is not a finite number, or an array has another shape.
-        """
+        """Write q, (nq,), and v, (nv,) (default zero), into an ``mujoco.MjData``."""
         model = self._model
         q = finite(sized(q, model.nq, "q"), "q")
         v = np.zeros(model.nv) if v is None else finite(sized(v, model.nv, "v"), "v")
@@ -89,10 +72,6 @@ class MujocoInterface:
             data.qvel[self._base_dof : self._base_dof + 6] = np.concatenate([rotation @ v[:3], v[3:6]])
 
     def apply(self, data: Any, tau: Array) -> None:
-        """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is left alone.
-
-        Raises:
-            InputRefused: if a value is not a finite number, or the array has another shape.
-        """
+        """Write torques of the actuators, (na,) in N·m, into ``data.qfrc_applied``; ``data.ctrl`` is unchanged."""
         tau = finite(sized(tau, self._model.na, "tau"), "tau")
         data.qfrc_applied[self._dof] = self._model.actuation.at_joints(tau)

@@ -1,1 +1,1 @@
-"""Faults of the mock robot: in its sensors, in the delivery of its messages, in its actuators and in its world."""
+"""Faults of the mock robot: sensors, message delivery, stamps, actuators, world."""

@@ -1,4 +1,4 @@
-"""Faults of the actuators: the torques at the joints differ from the commanded ones."""
+"""Actuator faults: torques at the joints differ from commanded torques."""
 
 from collections import deque
 from typing import Any
@@ -10,16 +10,16 @@ from wbc_controller.simulation.faults.fault import (
     ActuatorFault,
     Effect,
     Fault,
+    FaultContext,
     JointFault,
-    Site,
     TorqueFault,
     low_pass,
     number,
 )
-from wbc_controller.simulation.mechanism import rub
+from wbc_controller.simulation.mechanism import add_friction
 
 _PLACE = "actuators"
-#: Torque to which the share of friction refers at joints without an actuator, N·m.
+#: Reference torque of joints without actuator, N·m.
 _NO_LIMIT = 100.0
 
 
@@ -32,94 +32,94 @@ class _OneActuator(ActuatorFault, TorqueFault):
 
 
 class ActuatorDead(_OneActuator):
-    """An actuator gives no torque."""
+    """An actuator has no torque."""
 
-    def _change(self, tau: Array, site: Site, kept: int) -> Array:
-        return _scaled(tau, kept, 0.0)
+    def _change(self, tau: Array, context: FaultContext, state: int) -> Array:
+        return _scaled(tau, state, 0.0)
 
 
 class ActuatorReversed(_OneActuator):
-    """An actuator turns the wrong way."""
+    """The torque of an actuator has the wrong sign."""
 
-    def _change(self, tau: Array, site: Site, kept: int) -> Array:
-        return _scaled(tau, kept, -1.0)
+    def _change(self, tau: Array, context: FaultContext, state: int) -> Array:
+        return _scaled(tau, state, -1.0)
 
 
 class ActuatorGain(_OneActuator):
-    """An actuator gives another share of what is commanded, as with a wrong torque constant."""
+    """The torque of an actuator is scaled, as by a wrong torque constant."""
 
-    factor: float = number(0.8, 0.2, 2.0, "", "by which its torque is multiplied")
+    factor: float = number(0.8, 0.2, 2.0, "", "scale of the torque")
 
-    def _change(self, tau: Array, site: Site, kept: int) -> Array:
-        return _scaled(tau, kept, self.factor)
+    def _change(self, tau: Array, context: FaultContext, state: int) -> Array:
+        return _scaled(tau, state, self.factor)
 
 
 class ActuatorWeak(_AllActuators):
     """All actuators saturate below their effort limits, as with a weak battery."""
 
-    share: float = number(0.5, 0.02, 0.95, "", "of the effort limits that is left")
+    share: float = number(0.5, 0.02, 0.95, "", "remaining share of the effort limits")
 
-    def _change(self, tau: Array, site: Site, kept: Any) -> Array:
-        most = self.share * site.plant.effort_limits
+    def _change(self, tau: Array, context: FaultContext, state: Any) -> Array:
+        most = self.share * context.plant.effort_limits
         return np.asarray(np.clip(tau, -most, most))
 
 
 class ActuatorBias(_OneActuator):
-    """An actuator gives a torque beside what is commanded."""
+    """The torque of an actuator has an offset."""
 
-    share: float = number(0.05, -0.5, 0.5, "", "of its effort limit that is added")
+    share: float = number(0.05, -0.5, 0.5, "", "offset as a share of the effort limit")
 
-    def _change(self, tau: Array, site: Site, kept: int) -> Array:
+    def _change(self, tau: Array, context: FaultContext, state: int) -> Array:
         changed: Array = tau.copy()
-        changed[kept] += self.share * site.plant.effort_limits[kept]
+        changed[state] += self.share * context.plant.effort_limits[state]
         return changed
 
 
 class ActuatorNoise(_AllActuators):
     """White noise on the torques of all actuators."""
 
-    share: float = number(0.01, 0.001, 0.2, "", "of the effort limits, the standard deviation")
+    share: float = number(0.01, 0.001, 0.2, "", "standard deviation as a share of the effort limits")
 
-    def _change(self, tau: Array, site: Site, kept: Any) -> Array:
-        return tau + site.rng.normal(0.0, self.share * site.plant.effort_limits)
+    def _change(self, tau: Array, context: FaultContext, state: Any) -> Array:
+        return tau + context.rng.normal(0.0, self.share * context.plant.effort_limits)
 
 
 class ActuatorLag(_AllActuators):
-    """The torques of all actuators pass through a low-pass filter of first order."""
+    """First-order low-pass on the torques of all actuators."""
 
-    time_constant: float = number(0.005, 0.001, 0.05, "s", "of the filter")
+    time_constant: float = number(0.005, 0.001, 0.05, "s", "time constant")
 
-    def _change(self, tau: Array, site: Site, kept: dict[str, Array]) -> Array:
-        return low_pass(site, self.time_constant, kept, "torques", tau)
+    def _change(self, tau: Array, context: FaultContext, state: dict[str, Array]) -> Array:
+        return low_pass(context, self.time_constant, state, "torques", tau)
 
 
 class ActuatorDelay(_AllActuators):
-    """The torques of all actuators act later."""
+    """All torques are delayed."""
 
-    delay: float = number(0.004, 0.002, 0.05, "s", "until they act, rounded to control periods")
+    delay: float = number(0.004, 0.002, 0.05, "s", "delay, rounded to control periods")
 
-    def _start(self, site: Site) -> deque[Array]:
-        return deque(maxlen=max(1, round(self.delay / site.period)) + 1)
+    def _start(self, context: FaultContext) -> deque[Array]:
+        return deque(maxlen=max(1, round(self.delay / context.period)) + 1)
 
-    def _change(self, tau: Array, site: Site, kept: deque[Array]) -> Array:
-        kept.append(tau)
-        return kept[0]
+    def _change(self, tau: Array, context: FaultContext, state: deque[Array]) -> Array:
+        state.append(tau)
+        return state[0]
 
 
 class JointFriction(JointFault):
     """A joint has dry friction."""
 
     place = _PLACE
-    share: float = number(0.05, 0.005, 0.8, "", "of its effort limit, or of 100 N·m where it has none")
+    share: float = number(0.05, 0.005, 0.8, "", "share of the effort limit, or of 100 N·m without limit")
 
-    def begin(self, site: Site) -> Effect:
+    def begin(self, context: FaultContext) -> Effect:
         """Add the friction to the physics."""
-        joint, model = self._start(site), site.plant.model
-        limits = site.robot.actuation.at_joints(site.plant.effort_limits)
-        dof = int(model.joint(site.robot.joints[joint]).dofadr[0])
+        joint, model = self._start(context), context.plant.model
+        limits = context.robot.actuation.at_joints(context.plant.effort_limits)
+        dof = int(model.joint(context.robot.joints[joint]).dofadr[0])
         friction, stiffness, impedance = model.dof_frictionloss, model.dof_solref, model.dof_solimp
         before = float(friction[dof]), stiffness[dof].copy(), impedance[dof].copy()
-        rub(model, dof, self.share * (abs(float(limits[joint])) or _NO_LIMIT), site.plant.step_seconds)
+        add_friction(model, dof, self.share * (abs(float(limits[joint])) or _NO_LIMIT), context.plant.step_seconds)
 
         def end() -> None:
             friction[dof], stiffness[dof], impedance[dof] = before
@@ -128,17 +128,16 @@ class JointFriction(JointFault):
 
 
 class JointLocked(JointFault):
-    """A joint does not move any more."""
+    """A joint is locked at its position."""
 
     place = _PLACE
 
-    def begin(self, site: Site) -> Effect:
-        """Lock it at its present position."""
-        return Effect(ended=site.plant.lock(site.robot.joints[self._start(site)]))
+    def begin(self, context: FaultContext) -> Effect:
+        """Lock the joint."""
+        return Effect(ended=context.plant.lock(context.robot.joints[self._start(context)]))
 
 
 def _scaled(tau: Array, actuator: int, factor: float) -> Array:
-    """Multiply the torque of one actuator."""
     changed: Array = tau.copy()
     changed[actuator] *= factor
     return changed

@@ -1,4 +1,4 @@
-"""All kinds of fault: reads them from YAML, and draws them at random."""
+"""All kinds of fault: read from YAML, or drawn at random."""
 
 import reprlib
 from collections.abc import Mapping
@@ -13,47 +13,42 @@ from wbc_controller.settings.files import read_yaml
 from wbc_controller.simulation.faults import actuators, base_sensors, delivery, joint_sensors, stamps, world
 from wbc_controller.simulation.faults.fault import Fault
 
-#: Every kind of fault of the mock robot, by name.
+#: Kinds of fault by name.
 KINDS: Mapping[str, type[Fault]] = {
     kind.kind(): kind
     for room in (joint_sensors, base_sensors, delivery, stamps, actuators, world)
     for kind in room.KINDS
 }
-#: Ratio of a range's ends above which its logarithm is drawn, since its small values matter as much.
+#: Ratio of a range's ends above which its logarithm is drawn.
 _WIDE = 15.0
-#: Faults in one text, at most.
+#: Largest number of faults in one text.
 _MOST = 100
 _FORM = "a fault is a mapping such as {kind: joint_noise, sigma: 0.01, start: 0.0, duration: 2.0}"
 COMMON = ("start", "duration", "seed")
 
 
 def read_faults(text: str, source: str, *, script: bool = False) -> list[Fault]:
-    """Read one fault, or a list of them.
-
-    Args:
-        script: whether each entry has the key ``at``, the simulated time at which it starts, in place of ``start``.
-
-    Raises:
-        ConfigurationError: with the value that is wrong, and the valid ones.
-    """
+    """Read one fault, or a list; entries of a script have ``at``, the simulated time in s, instead of ``start``."""
     content = read_yaml(text, source)
     entries = content if isinstance(content, list) else [content]
     if len(entries) > _MOST:
-        raise ConfigurationError(f"{source}: {len(entries)} faults; it takes at most {_MOST}")
+        raise ConfigurationError(f"{source}: {len(entries)} faults; at most {_MOST} are allowed")
     return [_read(entry, source if len(entries) == 1 else f"{source}: fault {i}", script)
             for i, entry in enumerate(entries, 1)]  # fmt: skip
 
 
 def _read(entry: Any, source: str, script: bool) -> Fault:
     if not isinstance(entry, dict):
-        raise ConfigurationError(f"{source}: {reprlib.repr(entry)} is no mapping; {_FORM}")
+        raise ConfigurationError(f"{source}: expected a mapping, got {reprlib.repr(entry)}; {_FORM}")
     parameters = {str(key): value for key, value in entry.items()}
     name = parameters.pop("kind", None)
     if not isinstance(name, str) or name not in KINDS:
-        raise ConfigurationError(f"{source}: kind {reprlib.repr(name)} is unknown; {valid_choices(str(name), KINDS)}")
+        raise ConfigurationError(f"{source}: unknown kind {reprlib.repr(name)}; {valid_choices(str(name), KINDS)}")
     if script:
         if "at" not in parameters or "start" in parameters:
-            raise ConfigurationError(f"{source}: {name}: a script says 'at', the simulated time in s, and no 'start'")
+            raise ConfigurationError(
+                f"{source}: {name}: a script requires 'at', the simulated time in s, instead of 'start'"
+            )
         parameters["start"] = parameters.pop("at")
     try:
         return KINDS[name].model_validate(parameters)
@@ -63,7 +58,6 @@ def _read(entry: Any, source: str, script: bool) -> Fault:
 
 
 def _explain(problem: Any, name: str) -> str:
-    """One mistake in words: the key, its value, and what is valid."""
     key = ".".join(map(str, problem["loc"]))
     if problem["type"] == "extra_forbidden":
         return f"{name}: unknown key {key!r}; {valid_choices(key, KINDS[name].model_fields)}"
@@ -74,7 +68,7 @@ def _explain(problem: Any, name: str) -> str:
 
 
 def draw(kind: type[Fault], rng: np.random.Generator, **given: Any) -> Fault:
-    """Make a fault with random parameters from the ranges of its kind; wide ones are drawn by their logarithm."""
+    """Return a fault with random parameters from the ranges of its kind."""
     values: dict[str, Any] = {}
     for key, field in kind.model_fields.items():
         if key in given or key in COMMON:
@@ -91,7 +85,7 @@ def draw(kind: type[Fault], rng: np.random.Generator, **given: Any) -> Fault:
 
 
 def valid_range(field: FieldInfo) -> str:
-    """The valid values of a parameter in words; empty for a name."""
+    """Return the valid values of a parameter as text; empty for a name."""
     if get_origin(field.annotation) is Literal:
         return ", ".join(map(str, get_args(field.annotation)))
     bounds = _limits(field)
@@ -101,7 +95,6 @@ def valid_range(field: FieldInfo) -> str:
 
 
 def _limits(field: FieldInfo) -> tuple[float, float] | None:
-    """Lowest and highest value of a number."""
     found: dict[str, float] = {}
     for metadata in field.metadata:
         for end, name in (("low", "ge"), ("low", "gt"), ("high", "le"), ("high", "lt")):

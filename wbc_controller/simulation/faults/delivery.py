@@ -1,4 +1,4 @@
-"""Faults of the delivery: messages of the robot, or commands to it, arrive late, twice, out of order or not at all."""
+"""Delivery faults: robot messages or commands are delayed, duplicated, reordered or lost."""
 
 from collections import deque
 from collections.abc import Callable
@@ -6,32 +6,32 @@ from typing import Literal
 
 from pydantic import Field
 
-from wbc_controller.simulation.faults.fault import Effect, Fault, Parcel, Site, number
+from wbc_controller.simulation.faults.fault import Effect, Fault, FaultContext, QueuedMessage, number
 
-#: The stream of the torques that the robot receives.
+#: Stream of the received torques.
 COMMAND = "effort"
-#: Turns the parcel of one message into the parcels that are delivered.
-_Post = Callable[[Parcel], list[Parcel]]
-#: Largest number of messages that a replay keeps.
+#: Maps one message to the delivered messages.
+_Post = Callable[[QueuedMessage], list[QueuedMessage]]
+#: Largest number of stored messages of a replay.
 _MOST_KEPT = 1000
 
 
 class _DeliveryFault(Fault):
-    def begin(self, site: Site) -> Effect:
-        """Begin on each stream by itself."""
-        return Effect(posted={stream: self._post(site) for stream in self._streams()})
+    def begin(self, context: FaultContext) -> Effect:
+        """Start the fault on each stream."""
+        return Effect(posted={stream: self._post(context) for stream in self._streams()})
 
     def _streams(self) -> tuple[str, ...]:
         raise NotImplementedError
 
-    def _post(self, site: Site) -> _Post:
+    def _post(self, context: FaultContext) -> _Post:
         raise NotImplementedError
 
 
 class _StreamFault(_DeliveryFault):
     place = "delivery"
     stream: Literal["joint_states", "odom", "imu", "both"] = Field(
-        "both", description="whose messages; `both` are joint states and odometry"
+        "both", description="affected stream; `both`: joint states and odometry"
     )
 
     def _streams(self) -> tuple[str, ...]:
@@ -46,124 +46,124 @@ class _CommandFault(_DeliveryFault):
 
 
 class MessageDelay(_StreamFault):
-    """Messages come late, all by the same time."""
+    """Constant delay of all messages."""
 
-    delay: float = number(0.02, 0.002, 0.5, "s", "of each message")
+    delay: float = number(0.02, 0.002, 0.5, "s", "delay")
 
-    def _post(self, site: Site) -> _Post:
-        return lambda parcel: [_later(parcel, self.delay)]
+    def _post(self, context: FaultContext) -> _Post:
+        return lambda message: [_delayed(message, self.delay)]
 
 
 class MessageGrowingDelay(_StreamFault):
-    """Messages come later and later, as from a queue that is filled faster than it is emptied."""
+    """Growing delay, as of an overloaded queue."""
 
-    growth: float = number(0.2, 0.02, 3.0, "s/s", "by which the delay grows in time")
+    growth: float = number(0.2, 0.02, 3.0, "s/s", "growth rate")
 
-    def _post(self, site: Site) -> _Post:
-        began = site.plant.time
-        return lambda parcel: [_later(parcel, self.growth * (site.plant.time - began))]
+    def _post(self, context: FaultContext) -> _Post:
+        began = context.plant.time
+        return lambda message: [_delayed(message, self.growth * (context.plant.time - began))]
 
 
 class MessageJitter(_StreamFault):
-    """Messages come late by random times, so that they overtake each other."""
+    """Random delays, so that messages overtake each other."""
 
-    jitter: float = number(0.01, 0.002, 0.2, "s", "longest delay; all up to it are equally likely")
+    jitter: float = number(0.01, 0.002, 0.2, "s", "largest delay, uniformly distributed")
 
-    def _post(self, site: Site) -> _Post:
-        return lambda parcel: [_later(parcel, site.rng.uniform(0.0, self.jitter))]
+    def _post(self, context: FaultContext) -> _Post:
+        return lambda message: [_delayed(message, context.rng.uniform(0.0, self.jitter))]
 
 
 class MessageLoss(_StreamFault):
     """A share of the messages is lost."""
 
-    share: float = number(0.1, 0.01, 1.0, "", "of the messages")
+    share: float = number(0.1, 0.01, 1.0, "", "share of messages")
 
-    def _post(self, site: Site) -> _Post:
-        return lambda parcel: [] if site.rng.random() < self.share else [parcel]
+    def _post(self, context: FaultContext) -> _Post:
+        return lambda message: [] if context.rng.random() < self.share else [message]
 
 
 class MessageDropout(_StreamFault):
-    """No message comes."""
+    """All messages are lost."""
 
-    def _post(self, site: Site) -> _Post:
-        return lambda parcel: []
+    def _post(self, context: FaultContext) -> _Post:
+        return lambda message: []
 
 
 class MessageDuplication(_StreamFault):
-    """Each message comes twice."""
+    """Each message is delivered twice."""
 
-    gap: float = number(0.002, 0.0, 0.2, "s", "between the two")
+    gap: float = number(0.002, 0.0, 0.2, "s", "time between duplicates")
 
-    def _post(self, site: Site) -> _Post:
-        return lambda parcel: [parcel, _later(parcel, self.gap)]
+    def _post(self, context: FaultContext) -> _Post:
+        return lambda message: [message, _delayed(message, self.gap)]
 
 
 class MessageReordering(_StreamFault):
-    """Some messages are overtaken by those after them."""
+    """Some messages are overtaken by later ones."""
 
-    share: float = number(0.2, 0.01, 1.0, "", "of the messages that are overtaken")
-    periods: int = number(2, 1, 20, "periods", "by which they are late")
+    share: float = number(0.2, 0.01, 1.0, "", "share of overtaken messages")
+    periods: int = number(2, 1, 20, "periods", "delay")
 
-    def _post(self, site: Site) -> _Post:
-        late = self.periods * site.period
-        return lambda parcel: [_later(parcel, late) if site.rng.random() < self.share else parcel]
+    def _post(self, context: FaultContext) -> _Post:
+        late = self.periods * context.period
+        return lambda message: [_delayed(message, late) if context.rng.random() < self.share else message]
 
 
 class MessageReplay(_StreamFault):
-    """The messages since the beginning of the fault come again and again in place of new ones."""
+    """The first messages after the start repeat in place of new ones."""
 
-    length: float = number(0.1, 0.002, 1.0, "s", "of what is repeated")
+    length: float = number(0.1, 0.002, 1.0, "s", "length of the repeated part")
 
-    def _post(self, site: Site) -> _Post:
-        kept: deque[Parcel] = deque()
-        began = site.plant.time
+    def _post(self, context: FaultContext) -> _Post:
+        kept: deque[QueuedMessage] = deque()
+        began = context.plant.time
 
-        def replay(parcel: Parcel) -> list[Parcel]:
-            if (not kept or site.plant.time - began < self.length) and len(kept) < _MOST_KEPT:
-                kept.append(parcel)
-                return [parcel]
+        def replay(message: QueuedMessage) -> list[QueuedMessage]:
+            if (not kept or context.plant.time - began < self.length) and len(kept) < _MOST_KEPT:
+                kept.append(message)
+                return [message]
             kept.rotate(-1)
-            return [kept[-1]._replace(due=parcel.due)]
+            return [kept[-1]._replace(due=message.due)]
 
         return replay
 
 
 class MessageQueue(_StreamFault):
-    """Messages are held back, and all are delivered at once at the end."""
+    """Messages are queued, and delivered together at the end."""
 
-    def _post(self, site: Site) -> _Post:
-        return lambda parcel: [parcel._replace(due=max(parcel.due, site.end))]
+    def _post(self, context: FaultContext) -> _Post:
+        return lambda message: [message._replace(due=max(message.due, context.end))]
 
 
 class CommandLoss(_CommandFault):
     """A share of the commands is lost."""
 
-    share: float = number(0.1, 0.01, 1.0, "", "of the commands")
+    share: float = number(0.1, 0.01, 1.0, "", "share of commands")
 
-    def _post(self, site: Site) -> _Post:
-        return lambda parcel: [] if site.rng.random() < self.share else [parcel]
+    def _post(self, context: FaultContext) -> _Post:
+        return lambda message: [] if context.rng.random() < self.share else [message]
 
 
 class CommandDelay(_CommandFault):
-    """Commands come late, all by the same time."""
+    """Constant delay of all commands."""
 
-    delay: float = number(0.004, 0.002, 0.2, "s", "of each command")
+    delay: float = number(0.004, 0.002, 0.2, "s", "delay")
 
-    def _post(self, site: Site) -> _Post:
-        return lambda parcel: [_later(parcel, self.delay)]
+    def _post(self, context: FaultContext) -> _Post:
+        return lambda message: [_delayed(message, self.delay)]
 
 
 class CommandTwice(_CommandFault):
-    """Each command comes twice."""
+    """Each command is delivered twice."""
 
-    gap: float = number(0.002, 0.0, 0.1, "s", "between the two")
+    gap: float = number(0.002, 0.0, 0.1, "s", "time between duplicates")
 
-    def _post(self, site: Site) -> _Post:
-        return lambda parcel: [parcel, _later(parcel, self.gap)]
+    def _post(self, context: FaultContext) -> _Post:
+        return lambda message: [message, _delayed(message, self.gap)]
 
 
-def _later(parcel: Parcel, seconds: float) -> Parcel:
-    return parcel._replace(due=parcel.due + seconds)
+def _delayed(message: QueuedMessage, seconds: float) -> QueuedMessage:
+    return message._replace(due=message.due + seconds)
 
 
 KINDS: tuple[type[Fault], ...] = (

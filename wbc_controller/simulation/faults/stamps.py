@@ -1,13 +1,13 @@
-"""Faults of stamps and of the simulator's clock: they differ from the times of the measurements."""
+"""Faults of stamps and of the simulated clock."""
 
 from typing import Any, Literal
 
 from pydantic import Field
 
-from wbc_controller.simulation.faults.fault import Fault, MeasurementFault, Site, number
+from wbc_controller.simulation.faults.fault import Fault, FaultContext, MeasurementFault, number
 from wbc_controller.simulation.measurement import Measurement
 
-#: The largest time that a ROS stamp can hold, ns, and the smallest that the mock robot sends.
+#: Largest ROS stamp, ns, and smallest stamp of the mock robot.
 _LAST, _FIRST = (2**31 - 1) * 1_000_000_000, 0
 
 
@@ -17,18 +17,17 @@ class _TimeFault(MeasurementFault):
     def _streams(self) -> tuple[str, ...]:
         raise NotImplementedError
 
-    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         for stream in self._streams():
-            stamp = measured.stamps[stream] + round(self._ahead(site.passed) * 1e9)
+            stamp = measured.stamps[stream] + round(self._ahead(context.elapsed) * 1e9)
             measured.stamps[stream] = min(max(stamp, _FIRST), _LAST)
 
-    def _ahead(self, passed: float) -> float:
-        """Return the advance of the stamps, s, at a time since the beginning, s."""
+    def _ahead(self, elapsed: float) -> float:
         raise NotImplementedError
 
 
 class _StampFault(_TimeFault):
-    stream: Literal["joint_states", "odom", "both"] = Field("both", description="whose stamps")
+    stream: Literal["joint_states", "odom", "both"] = Field("both", description="affected stream")
 
     def _streams(self) -> tuple[str, ...]:
         return ("joint_states", "odom") if self.stream == "both" else (self.stream,)
@@ -40,70 +39,70 @@ class _ClockFault(_TimeFault):
 
 
 class _Frozen(_TimeFault):
-    def _spoil(self, measured: Measurement, site: Site, kept: dict[str, int]) -> None:
+    def _distort(self, measured: Measurement, context: FaultContext, state: dict[str, int]) -> None:
         for stream in self._streams():
-            measured.stamps[stream] = kept.setdefault(stream, measured.stamps[stream])
+            measured.stamps[stream] = state.setdefault(stream, measured.stamps[stream])
 
 
 class StampZero(_StampFault):
     """Stamps are zero."""
 
-    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         for stream in self._streams():
             measured.stamps[stream] = 0
 
 
 class StampFrozen(_Frozen, _StampFault):
-    """Stamps stand still, while the values go on."""
+    """Stamps are constant while values change."""
 
 
 class StampBack(_StampFault):
-    """Stamps are behind by a constant time."""
+    """Stamps have a constant lag."""
 
-    by: float = number(0.1, 0.003, 100.0, "s", "how far")
+    by: float = number(0.1, 0.003, 100.0, "s", "size")
 
-    def _ahead(self, passed: float) -> float:
+    def _ahead(self, elapsed: float) -> float:
         return -self.by
 
 
 class StampAhead(_StampFault):
-    """Stamps are ahead by a constant time."""
+    """Stamps have a constant advance."""
 
-    by: float = number(0.1, 0.003, 100.0, "s", "how far")
+    by: float = number(0.1, 0.003, 100.0, "s", "size")
 
-    def _ahead(self, passed: float) -> float:
+    def _ahead(self, elapsed: float) -> float:
         return self.by
 
 
 class StampDrift(_StampFault):
     """Stamps run too fast or too slowly."""
 
-    rate: float = number(1e-4, -0.3, 0.3, "s/s", "by how much they gain in time")
+    rate: float = number(1e-4, -0.3, 0.3, "s/s", "clock rate error")
 
-    def _ahead(self, passed: float) -> float:
-        return self.rate * passed
+    def _ahead(self, elapsed: float) -> float:
+        return self.rate * elapsed
 
 
 class ClockJump(_ClockFault):
-    """The time on /clock jumps; at the end it jumps back. Stamps stay."""
+    """The time on /clock jumps until the end; stamps do not."""
 
-    by: float = number(-1.0, -10.0, 10.0, "s", "how far ahead")
+    by: float = number(-1.0, -10.0, 10.0, "s", "advance")
 
-    def _ahead(self, passed: float) -> float:
+    def _ahead(self, elapsed: float) -> float:
         return self.by
 
 
 class ClockFrozen(_Frozen, _ClockFault):
-    """The time on /clock stands still, while the robot goes on."""
+    """The time on /clock is constant while the robot continues."""
 
 
 class ClockDrift(_ClockFault):
     """The time on /clock runs too fast or too slowly."""
 
-    rate: float = number(0.01, -0.5, 0.5, "s/s", "by how much it gains in time")
+    rate: float = number(0.01, -0.5, 0.5, "s/s", "clock rate error")
 
-    def _ahead(self, passed: float) -> float:
-        return self.rate * passed
+    def _ahead(self, elapsed: float) -> float:
+        return self.rate * elapsed
 
 
 KINDS: tuple[type[Fault], ...] = (

@@ -20,7 +20,7 @@ from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Mode
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.catalogue import KINDS, draw
-from wbc_controller.simulation.faults.fault import Fault, MeasurementFault, Site, number
+from wbc_controller.simulation.faults.fault import Fault, FaultContext, MeasurementFault, number
 from wbc_controller.simulation.measurement import Measurement
 from wbc_controller.validation.campaign.fall import TrueFall
 from wbc_controller.validation.campaign.monitor import OutputMonitor
@@ -46,7 +46,7 @@ class ClockSteps(MeasurementFault):
     place = "stamps and clock"
     step: float = number(0.02, 0.002, 0.5, "s", "between two times")
 
-    def _spoil(self, measured: Measurement, site: Site, kept: Any) -> None:
+    def _distort(self, measured: Measurement, context: FaultContext, state: Any) -> None:
         measured.stamps["clock"] -= measured.stamps["clock"] % round(1.0e9 * self.step)
 
 

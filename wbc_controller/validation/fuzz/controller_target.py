@@ -47,9 +47,9 @@ class _Gate:
         """Read the messages since the last call."""
         return self._inputs.latch()
 
-    def latch(self, holding: Collection[str], *, held: bool) -> LatchedInputs:
+    def latch(self, holding: Collection[str], *, controlled: bool) -> LatchedInputs:
         """Return the newest state and the passed requests; as `Inputs.latch`."""
-        passed, self.passed = [*self.passed, self._inputs.latch(holding, held=held)], []
+        passed, self.passed = [*self.passed, self._inputs.latch(holding, controlled=controlled)], []
         requests = [latched.requests for latched in passed]
         return dataclasses.replace(
             passed[-1],

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.estimation.absolute_pose import AGREED
+from wbc_controller.estimation.absolute_pose import AGREEMENT_TIME
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, Endpoint, endpoints
 from wbc_controller.nodes.estimator_service import EstimatorService
@@ -42,7 +42,7 @@ class EstimatorTarget(Target):
         self._standing = measure(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
         for _ in range(round(2.0 * _SETTLING / self._period)):
             self._go_on("the start")
-        for _ in range(round(AGREED / _STRIDE) + 2):
+        for _ in range(round(AGREEMENT_TIME / _STRIDE) + 2):
             self.clock.time += _STRIDE - self._period
             self.send("pose", self._sensed("pose"))
             self._go_on("the start of poses")
