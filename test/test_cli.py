@@ -117,7 +117,7 @@ def test_a_robot_that_is_not_shipped_suggests_one(command, tmp_path, monkeypatch
 def test_a_remapping_of_another_form_is_refused_before_anything_starts(command, remapping):
     result = invoke(command, "go2", "--remap", remapping)
     assert result.exit_code == 2
-    assert result.stderr.startswith(f"error: remapping {remapping!r} does not have the form from:=to")
+    assert result.stderr.startswith(f"error: invalid remapping {remapping!r}; valid: from:=to")
 
 
 def test_a_domain_that_is_none_is_refused_in_words(monkeypatch):

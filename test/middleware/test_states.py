@@ -127,17 +127,17 @@ def test_imu_data_have_the_numbers_of_the_codec(rows, time):
 def test_an_imu_that_does_not_measure_is_refused(what):
     content = decode(imu([0.0] * 24), "sensor_msgs/msg/Imu")
     setattr(content, f"{what}_covariance", np.array([-1.0, *np.zeros(8)]))
-    with refused(f"{what}_covariance begins with -1: the IMU does not measure it"):
+    with refused(f"{what}_covariance begins with -1: the IMU does not measure {what}"):
         ImuReader("pelvis").read(encode(content))
 
 
 def test_data_in_a_wrong_frame_are_refused():
-    with refused("header.frame_id is 'torso'; the IMU's frame is 'pelvis'"):
+    with refused("header.frame_id is 'torso'; it must be the IMU's frame 'pelvis'"):
         ImuReader("pelvis").read(imu([0.0] * 24, frame="torso"))
-    with refused("header.frame_id is 'camera'; an absolute pose is given in world, map"):
+    with refused("header.frame_id is 'camera'; valid for an absolute pose: world, map"):
         PoseReader().read(encode(pose_with_covariance(1, "camera", np.array([0, 0, 0, 0, 0, 0, 1.0]), 0.1, 0.1)))
     reader = ContactForceReader("foot", {"foot_link": np.array([0, 0, 1.0]), "": np.array([0, 1.0, 0])})
-    with refused("header.frame_id is 'hand'; the force at contact 'foot' is given in the axes of one of foot_link"):
+    with refused("header.frame_id is 'hand'; valid for the force at contact 'foot': foot_link"):
         reader.read(encode(wrench_stamped(np.zeros(6), "hand")))
 
 
@@ -219,14 +219,14 @@ class TestJointStates:
         with refused("2 of 3 joints are missing: knee, ankle; unknown joints: finger"):
             self.read(make.joint_state(["hip", "finger"], [0] * 2, [0] * 2), reader)
         sentence = (
-            "1 of 3 joints are missing: hip; all joints arrive, but split over several messages: publish them in one, "
+            "1 of 3 joints are missing: hip; the joints are split over several messages: publish them in one, "
             "for example with the source_list of joint_state_publisher"
         )
         with refused(sentence):
             self.read(make.joint_state(["knee", "ankle"], [0] * 2, [0] * 2), reader)
 
     def test_velocities_that_are_all_not_a_number_lead_to_the_setting(self, make):
-        setting = "for a robot that measures no velocities, estimation.joint_velocity has to be differentiated"
+        setting = "for a robot without velocity sensors set estimation.joint_velocity to differentiated"
         with refused(f"velocity of 'hip' is nan rad/s; every value must be finite; {setting}"):
             self.read(make.joint_state(JOINTS, [0] * 3, [NAN] * 3))
         with refused(f"velocity has 0 values for 3 names; {setting}"):
@@ -253,7 +253,7 @@ class TestJointStates:
     def test_an_invalid_time(self, make, seconds, nanoseconds):
         content = make.joint_state(JOINTS, [0] * 3, [0] * 3)
         content.header.stamp.sec, content.header.stamp.nanosec = seconds, nanoseconds
-        with refused(f"header.stamp has sec = {seconds}, nanosec = {nanoseconds}; sec is not negative"):
+        with refused(f"header.stamp has sec = {seconds}, nanosec = {nanoseconds}; valid: sec from 0"):
             self.read(content)
 
     def test_a_refused_message_changes_nothing_for_the_next(self, make):

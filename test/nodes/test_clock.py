@@ -17,7 +17,7 @@ from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTranspo
 from wbc_controller.nodes import simulated_clock
 from wbc_controller.nodes.clock import ManualClock, MonotonicClock
 from wbc_controller.nodes.controller_service import make_clock
-from wbc_controller.nodes.simulated_clock import clock_of
+from wbc_controller.nodes.simulated_clock import make_simulated_clock
 from wbc_controller.records import Mode
 
 
@@ -30,7 +30,7 @@ def clock_and_bytes():
     """A simulated clock, and a function that publishes bytes on its topic."""
     bus = MemoryBus()
     topics = list(endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "clock"], "controller"))
-    return clock_of(topics, MemoryTransport(bus)), MemoryTransport(bus).advertise(counterpart(topics[0]))
+    return make_simulated_clock(topics, MemoryTransport(bus)), MemoryTransport(bus).advertise(counterpart(topics[0]))
 
 
 @pytest.fixture
@@ -44,16 +44,16 @@ def test_a_simulated_clock_shows_the_messages_and_never_goes_back(clock_and_time
     clock, publish = clock_and_time
     clock.refresh()
     assert (clock.now(), clock.stamp()) == (0.0, 0)
-    assert clock.trouble() == "use_sim_time is set, and no time has arrived on /clock"
+    assert clock.clock_fault() == "use_sim_time is set, but no time was received on /clock"
     publish(5_000_000_000)
     assert clock.now() == 0.0  # until it is read
     clock.refresh()
-    assert (clock.now(), clock.stamp(), clock.trouble()) == (5.0, 5_000_000_000, None)
+    assert (clock.now(), clock.stamp(), clock.clock_fault()) == (5.0, 5_000_000_000, None)
     publish(1_000_000_000)
     clock.refresh()
-    assert (clock.now(), clock.stamp(), clock.ahead()) == (5.0, 1_000_000_000, -4.0)
-    assert clock.trouble() == "the simulated time went back from 5.000 to 1.000 s"
-    assert clock.trouble() is None
+    assert (clock.now(), clock.stamp(), clock.clock_offset()) == (5.0, 1_000_000_000, -4.0)
+    assert clock.clock_fault() == "the simulated time went back from 5.000 to 1.000 s"
+    assert clock.clock_fault() is None
     publish(1_500_000_000)
     clock.refresh()
     assert clock.now() == pytest.approx(5.5)
@@ -64,7 +64,7 @@ def test_a_jump_back_is_seen_though_the_time_has_passed_the_old_one_when_it_is_r
     for time_ns in (5_000_000_000, 5_002_000_000, 1_000_000_000, 6_000_000_000):
         publish(time_ns)
     clock.refresh()
-    assert clock.trouble() == "the simulated time went back from 5.002 to 1.000 s"
+    assert clock.clock_fault() == "the simulated time went back from 5.002 to 1.000 s"
     assert clock.now() == pytest.approx(10.002)
 
 
@@ -140,7 +140,7 @@ def test_the_others_have_no_trouble_and_end_their_waiting(clock):
     clock.wait(stop, 0.001)
     stop.set()
     clock.wait(stop, 60.0)
-    assert clock.trouble() is None
+    assert clock.clock_fault() is None
     assert clock.stamp() > 0
 
 
@@ -148,7 +148,7 @@ def test_the_others_have_no_trouble_and_end_their_waiting(clock):
 def simulated(bench):
     """A controller on a bench, and a function that gives it a time, a state of it, and a cycle."""
     controller = bench()
-    clock = clock_of(controller.topics, controller.transport)
+    clock = make_simulated_clock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
 
     def cycle(seconds, **parts):
@@ -169,7 +169,7 @@ def test_without_a_clock_there_is_no_activation(simulated):
     controller.base()
     controller.joints()
     (sentence,) = controller.loop.cycle().refused
-    assert "use_sim_time is set, and no time has arrived on /clock" in sentence
+    assert "use_sim_time is set, but no time was received on /clock" in sentence
     controller.command("activate")
     assert cycle(1.0).mode is Mode.ACTIVE
 
@@ -212,22 +212,22 @@ def test_a_wall_clock_that_is_set_is_said_where_stamps_are_compared_with_it(monk
     monkeypatch.setattr(time, "time_ns", lambda: now["wall"])
     monkeypatch.setattr(time, "monotonic", own)
     clock, other = MonotonicClock(synchronized=True), MonotonicClock()
-    assert clock.ahead() == pytest.approx(1.7e9 - 50.0, abs=1e-6)
+    assert clock.clock_offset() == pytest.approx(1.7e9 - 50.0, abs=1e-6)
     now["wall"] += 2_000_000_000
     now["own"] += 2.0
-    assert clock.trouble() is None
+    assert clock.clock_fault() is None
     now["wall"] += 1_000_000  # within what synchronization does
-    assert clock.trouble() is None
+    assert clock.clock_fault() is None
     now["wall"] += 5_000_000
-    assert other.trouble() is None
-    assert clock.trouble() == "this computer's clock was set forward by 0.005 s"
-    assert clock.trouble() is None
-    assert clock.ahead() == pytest.approx(1.7e9 - 50.0 + 0.006, abs=1e-5)
+    assert other.clock_fault() is None
+    assert clock.clock_fault() == "this computer's clock was set forward by 0.005 s"
+    assert clock.clock_fault() is None
+    assert clock.clock_offset() == pytest.approx(1.7e9 - 50.0 + 0.006, abs=1e-5)
     now["wall"] -= 5_000_000
     now["apart"] = 0.01  # the processor was lost between the two readings: they say nothing
-    assert clock.trouble() is None
+    assert clock.clock_fault() is None
     now["apart"] = 0.0
-    assert clock.trouble().startswith("this computer's clock was set back by 0.0")
+    assert clock.clock_fault().startswith("this computer's clock was set back by 0.0")
 
 
 SYNCHRONIZED = {"safety": {"synchronized_clocks": True}}
@@ -259,8 +259,8 @@ def test_with_synchronized_clocks_a_constant_latency_does_not_activate(bench):
     controller.command("activate")
     (sentence,) = states(controller, 1.0, 1).refused
     assert sentence == (
-        "command 'activate' is refused: joint_states is 1000 ms old (limit 50 ms); 1.000 s of it on its way, or the "
-        "clocks are not synchronized; odom is 1000 ms old (limit 50 ms); 1.000 s of it on its way, or the clocks are "
+        "command 'activate' is refused: joint_states is 1000 ms old (limit 50 ms); 1.000 s of it in transit, or the "
+        "clocks are not synchronized; odom is 1000 ms old (limit 50 ms); 1.000 s of it in transit, or the clocks are "
         "not synchronized"
     )
 
@@ -276,7 +276,7 @@ def test_without_them_it_does(bench):
     ("skew", "said"),
     [
         (0.2, "last refusal: header.stamp is 0.1"),
-        (-0.2, "header.stamp is 0.200 s ahead of this computer's clock (limit 10 ms, safety.clock_tolerance)"),
+        (-0.2, "header.stamp is 0.200 s ahead of the local clock (limit 10 ms, safety.clock_tolerance)"),
     ],
 )
 def test_clocks_that_part_are_a_fault_that_says_by_how_much(bench, skew, said):
@@ -290,12 +290,12 @@ def test_a_clock_that_is_set_while_active_is_a_fault_and_the_ages_begin_anew(ben
     controller = synchronized(bench)
     clock = controller.clock
     with monkeypatch.context() as patch:
-        patch.setattr(clock, "trouble", lambda: "this computer's clock was set forward by 3.500 s")
-        patch.setattr(clock, "ahead", lambda: 3.5)
+        patch.setattr(clock, "clock_fault", lambda: "this computer's clock was set forward by 3.500 s")
+        patch.setattr(clock, "clock_offset", lambda: 3.5)
         report = states(controller, -3.5, 1)
         assert report.mode is Mode.DAMPING
-        assert (report.fault.code, report.fault.sentence) == ("CLOCK", clock.trouble())
-        patch.setattr(clock, "trouble", lambda: None)
+        assert (report.fault.code, report.fault.sentence) == ("CLOCK", clock.clock_fault())
+        patch.setattr(clock, "clock_fault", lambda: None)
         controller.command("reset")
         states(controller, -3.5, 10)
         controller.command("activate")
@@ -305,7 +305,7 @@ def test_a_clock_that_is_set_while_active_is_a_fault_and_the_ages_begin_anew(ben
 @pytest.mark.parametrize(("latency", "mode"), [(1.0, Mode.INACTIVE), (0.0, Mode.ACTIVE)])
 def test_with_a_simulators_clock_a_constant_latency_counts_too(bench, latency, mode):
     controller = bench(changes=SYNCHRONIZED)
-    clock = clock_of(controller.topics, controller.transport)
+    clock = make_simulated_clock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
     controller.command("activate")
     for _ in range(50):
@@ -316,7 +316,7 @@ def test_with_a_simulators_clock_a_constant_latency_counts_too(bench, latency, m
 @pytest.mark.parametrize("changes", [None, SYNCHRONIZED])
 def test_a_simulators_clock_that_stands_still_while_states_go_on_is_a_fault_and_damping_goes_on(bench, changes):
     controller = bench(changes=changes)
-    clock = clock_of(controller.topics, controller.transport)
+    clock = make_simulated_clock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
     controller.command("activate")
     for _ in range(700):
@@ -331,9 +331,7 @@ def test_a_simulators_clock_that_stands_still_while_states_go_on_is_a_fault_and_
             break
     assert controller.clock.time - froze > timeout - 1e-9
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "CLOCK")
-    assert re.fullmatch(
-        r"the clock has stood still for 5[0-2] ms of the states' time \(limit 50 ms\)", report.fault.sentence
-    )
+    assert re.fullmatch(r"the clock stopped for 5[0-2] ms of the states' time \(limit 50 ms\)", report.fault.sentence)
     controller.v[controller.model.v_index] = 0.5
     report = states(controller, 0.0, 20)
     # The time of the torque rate does not stand still; those states are refused that are ahead of a known clock.
@@ -432,22 +430,22 @@ def test_a_coarse_clock_is_not_said_to_have_stood_still(simulated, rate, said):
         report = controller.loop.cycle()
         sentences += [*report.refused, report.fault.sentence if report.fault is not None else ""]
     assert not any("stood still" in sentence for sentence in sentences)
-    assert any(f"the clock moves {said}, too coarse to measure ages up to 50 ms" in each for each in sentences)
+    assert any(f"the clock advances {said}, too coarse for ages up to 50 ms" in each for each in sentences)
 
 
 @pytest.mark.parametrize("asked", [1, 20, 220, 260])
 @pytest.mark.parametrize(
     ("changes", "rate", "said"),
     [
-        (None, 10, "in steps of 100 ms, too coarse to measure ages up to 50 ms (safety.state_timeout)"),
-        (SYNCHRONIZED, 10, "in steps of 100 ms, too coarse to measure ages up to 10 ms (safety.clock_tolerance)"),
-        (SYNCHRONIZED, 50, "in steps of 20 ms, too coarse to measure ages up to 10 ms (safety.clock_tolerance)"),
+        (None, 10, "in steps of 100 ms, too coarse for ages up to 50 ms (safety.state_timeout)"),
+        (SYNCHRONIZED, 10, "in steps of 100 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
+        (SYNCHRONIZED, 50, "in steps of 20 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
     ],
 )
 def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes, rate, said, asked):
     """Whenever the activation is requested: in the first step of the clock, at a time of it, or between two."""
     controller = bench(changes=changes)
-    controller.loop = controller.remake(clock_of(controller.topics, controller.transport))
+    controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
     every, refused = round(1.0 / (rate * controller.period)), []
     for number in range(400):
         time_and_state(controller, with_time=number % every == 0)
@@ -462,7 +460,7 @@ def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes,
 
 def test_an_activation_at_the_start_waits_for_the_step_of_the_clock(bench):
     controller = bench()
-    controller.loop = controller.remake(clock_of(controller.topics, controller.transport))
+    controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
     controller.loop._activate_when_fresh = True
     modes = []
     for number in range(20):
@@ -474,7 +472,7 @@ def test_an_activation_at_the_start_waits_for_the_step_of_the_clock(bench):
 @pytest.mark.parametrize(("changes", "rate"), [(None, 20), (SYNCHRONIZED, 100)])
 def test_a_clock_as_fine_as_the_limit_is_accepted(bench, changes, rate):
     controller = bench(changes=changes)
-    controller.loop = controller.remake(clock_of(controller.topics, controller.transport))
+    controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
     every = round(1.0 / (rate * controller.period))
     states_with_time(controller, 3 * every, every=every)
     controller.command("activate")
@@ -499,7 +497,7 @@ def test_a_state_that_becomes_stale_in_simulated_time_while_the_torques_are_comp
 
 def test_a_loop_on_deadlines_whose_clock_cannot_be_read_goes_on_and_logs_it(bench, monkeypatch, caplog):
     controller = bench()
-    clock = clock_of(controller.topics, controller.transport)
+    clock = make_simulated_clock(controller.topics, controller.transport)
     loop, stop, waits = controller.remake(clock), threading.Event(), []
 
     def broken(stop, seconds):
@@ -537,7 +535,7 @@ def test_an_activation_whose_first_torques_are_late_is_refused_without_a_fault(s
     assert (report.mode, report.fault) == (Mode.INACTIVE, None)
     (sentence,) = report.refused
     assert re.match(
-        r"command 'activate' is refused: when the torques were computed, joint_states is 60 ms old", sentence
+        r"command 'activate' is refused: after the computation of the torques joint_states is 60 ms old", sentence
     )
     assert not controller.efforts().any()
     report = cycle(1.064)

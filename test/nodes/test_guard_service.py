@@ -105,7 +105,7 @@ def test_a_guard_without_patience_does_not_flood_the_log(stage, caplog):
     assert caplog.messages[0].startswith("damping COMMANDS_STOPPED: the last command came 1")
     assert caplog.messages[0].endswith(" ms ago, in mode active")
     assert re.search(
-        r"; \d\d changes before, not logged: guard.patience \(12 ms\) may be too short$", caplog.messages[1]
+        r"; \d\d earlier changes not logged: guard.patience \(12 ms\) may be too short$", caplog.messages[1]
     )
     assert caplog.messages[-1].startswith("watching")
 
@@ -146,7 +146,7 @@ def test_a_second_publisher_of_the_controllers_topics_is_reported(stage, caplog)
     second = MemoryTransport(on.bus, "stray")
     for key in ("joint_commands", "controller_state"):
         second.advertise(topics[key])
-    on.service.watch.look()
+    on.service.watch.check()
     on.run(0.1, commands=True)
     (status,) = on.all("diagnostics")[-1].status
     values = {each.key: each.value for each in status.values}
@@ -155,8 +155,8 @@ def test_a_second_publisher_of_the_controllers_topics_is_reported(stage, caplog)
     assert len(named) == 2  # the user of this test publishes commands, too
     assert status.level == 1
     (commands, _) = sorted(caplog.messages)
-    assert commands.startswith("/wbc_controller/joint_commands has several publishers, ")
-    assert commands.endswith("the guard cannot tell when the controller stops; end all but one")
+    assert commands.startswith("/wbc_controller/joint_commands has several publishers: ")
+    assert commands.endswith("the guard cannot detect the end of the controller: stop all but one")
 
 
 @pytest.mark.parametrize("torques", [np.nan, np.inf, 1e308, -1e4])
@@ -194,7 +194,7 @@ def test_stale_joint_states_mean_zero_torque_and_it_says_so(stage):
     assert not on.efforts()[-1].any()
     said = on.all("state")[-1].data
     assert said.startswith("damping COMMANDS_STOPPED: ")
-    assert "; zero torque, as the joint velocities are not fresh (velocity of 'FL_hip_joint' is nan rad/s" in said
+    assert "; zero torque, because the joint velocities are stale (velocity of 'FL_hip_joint' is nan rad/s" in said
 
 
 def test_diagnostics_by_the_conventions(stage):

@@ -579,7 +579,7 @@ def test_it_activates_by_itself_when_asked_as_soon_as_inputs_are_fresh(bench, mo
 
 def test_where_states_start_cycles_it_waits_no_longer_than_until_they_are_stale(bench):
     controller = bench()
-    patience = controller.loop._patience
+    patience = controller.loop._wait_time
     assert patience(0.002) == 0.002  # none has come yet
     controller.joints()
     controller.loop.cycle()
@@ -705,7 +705,7 @@ def test_many_different_sentences_at_once_are_logged_in_bounded_number(bench, ca
     report = controller.cycle()
     words = ["".join(pair) for pair in itertools.product("abcdefghij", repeat=2)]
     for _ in range(10):
-        controller.loop._say(dataclasses.replace(report, refused=tuple(words)), controller.clock.time)
+        controller.loop._log_changes(dataclasses.replace(report, refused=tuple(words)), controller.clock.time)
     assert len(caplog.messages) == 20
-    controller.loop._say(dataclasses.replace(report, refused=tuple(words)), controller.clock.time + 1.0)
+    controller.loop._log_changes(dataclasses.replace(report, refused=tuple(words)), controller.clock.time + 1.0)
     assert len(caplog.messages) == 40

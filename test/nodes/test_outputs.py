@@ -12,7 +12,7 @@ from wbc_controller.controller.report import CycleReport, LatchedInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.transports.memory import MemoryTransport
-from wbc_controller.nodes.diagnostics.status import StatusSummary, _Span
+from wbc_controller.nodes.diagnostics.status import StatusSummary, _ReportWindow
 from wbc_controller.records import Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
 
 
@@ -73,7 +73,7 @@ def test_the_forces_counted_on_are_published_in_the_contact_frame(bench, name, f
 
 def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypatch):
     readers = set()
-    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.subject in readers)
+    monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.subject in readers)
     controller = bench()
     feet = list(controller.settings.contacts)
     controller.activate()
@@ -95,7 +95,9 @@ def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypat
 
 def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch):
     readers = set()
-    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers)
+    monkeypatch.setattr(
+        MemoryTransport, "has_reader", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers
+    )
     controller = bench().activated(100)
     readers.add(("task_value", "com"))
     controller.cycle(200)
@@ -107,7 +109,7 @@ def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch)
 
 def test_diagnostics_that_nobody_reads_come_once_a_second_and_at_once_with_news(bench, monkeypatch):
     readers = set()
-    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.key in readers)
+    monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.key in readers)
     controller = bench()
     second = round(1.0 / controller.period)
 
@@ -228,14 +230,14 @@ def test_what_a_summary_holds():
 
 def test_no_piece_of_diagnostics_sorts_the_times_of_many_cycles(monkeypatch):
     """At 1 kHz those of a second took a millisecond in one piece, and the cycle that composed it came late."""
-    summary, times, asked, pieces = StatusSummary("controller", "g1"), _Span.times, [], []
+    summary, times, asked, pieces = StatusSummary("controller", "g1"), _ReportWindow.times, [], []
 
     def counted(span, stage):
         found = times(span, stage)
         asked.append(len(found))
         return found
 
-    monkeypatch.setattr(_Span, "times", counted)
+    monkeypatch.setattr(_ReportWindow, "times", counted)
     for i in range(1000):
         summary.add(report(stage_seconds={f"stage {j}": 1e-6 * (j + (i % 10 == 0) * i) for j in range(9)}))
     composing = summary.compose(0)

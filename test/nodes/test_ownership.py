@@ -64,7 +64,7 @@ def test_another_node_that_publishes_torques_is_named(graph, caplog, name, names
     on = graph()
     rival = on.node(name, "effort", namespace=namespace)
     (sentence,) = on.look()
-    assert sentence.startswith(f"torques on /r1/effort_controller/commands are published by {rival.name} too: end it")
+    assert sentence.startswith(f"torques on /r1/effort_controller/commands are published by {rival.name} too: stop it")
     assert "safety.torque_publishers" in sentence
     on.look()
     assert caplog.messages == [sentence]  # once
@@ -88,7 +88,7 @@ def test_two_sources_of_odometry_or_time_exclude_each_other(graph, key, simulate
     assert on.look() == ()
     on.node("estimator", key, namespace="/")
     (sentence,) = on.look()
-    assert f"{key} has several publishers, /estimator, /r1/mock_robot: end all but one" in sentence
+    assert f"{key} has several publishers: /estimator, /r1/mock_robot; stop all but one" in sentence
 
 
 def test_several_publishers_of_joint_states_are_said_and_not_refused(graph, caplog):
@@ -103,7 +103,7 @@ def test_several_publishers_of_joint_states_are_said_and_not_refused(graph, capl
 
 def test_in_lockstep_it_looks_four_times_a_second(graph, monkeypatch):
     on, looks = graph(), []
-    monkeypatch.setattr(on.ownership._watch, "look", lambda: looks.append(1))
+    monkeypatch.setattr(on.ownership._watch, "check", lambda: looks.append(1))
     for i in range(1000):
         on.ownership.refresh(0.002 * i)
     assert len(looks) == 8
@@ -119,7 +119,7 @@ def test_a_loop_in_real_time_waits_until_the_others_are_discovered_and_looks_the
             waited.append(seconds)
             on.node("wbc_controller", "effort")  # it was started at the same time
 
-    on.ownership._known_at += 30.0
+    on.ownership._discovered_at += 30.0
     on.ownership.start(Stop())
     on.ownership.stop()
     assert waited == [pytest.approx(30.0, abs=20.0)]

@@ -48,7 +48,7 @@ def test_two_busy_processes_on_one_processor_wait_for_it():
 
 def test_what_does_not_come_true_is_said_with_what_is_known():
     asked = []
-    with pytest.raises(WbcError, match=r"waited 0\.05 s in vain for the tide; it said 'ebb'"):
+    with pytest.raises(WbcError, match=r"timeout of 0\.05 s while waiting for the tide; it said 'ebb'"):
         until(lambda: False, "the tide", lambda: asked.append(1), 0.05, lambda: "; it said 'ebb'")
     assert asked == [1]
 

@@ -83,20 +83,19 @@ def test_what_is_too_long_or_no_string_is_refused_once_in_words_and_the_wait_goe
         waiting.join(10.0)
     assert found == ["x" * LARGEST_URDF]
     assert len(caplog.messages) == 1
-    assert caplog.messages[0].startswith("refused /robot_description: 40000")
-    assert caplog.messages[0].endswith(f"bytes are too long for a URDF; it may have {LARGEST_URDF}")
+    assert caplog.messages[0].startswith("refused /robot_description: URDF has 40000")
+    assert caplog.messages[0].endswith(f"bytes (limit {LARGEST_URDF})")
 
 
 @pytest.mark.parametrize(
     ("publisher", "cause"),
     [
-        (None, "it has no publisher"),
-        ("description", "/description publishes it, but nothing arrives: the publisher has to be latched (durability "
-         "transient local), not volatile"),
+        (None, "no publisher"),
+        ("description", "publisher /description must be latched (durability transient local), not volatile"),
     ],
-)  # fmt: skip
+)
 def test_the_warning_names_the_probable_cause(caplog, monkeypatch, publisher, cause):
-    monkeypatch.setattr("wbc_controller.nodes.urdf._PATIENCE", 0.01)
+    monkeypatch.setattr("wbc_controller.nodes.urdf._WARNING_PERIOD", 0.01)
     bus, stop = MemoryBus(), threading.Event()
     if publisher is not None:
         MemoryTransport(bus, publisher).advertise(counterpart(ENDPOINT))

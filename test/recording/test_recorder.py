@@ -101,9 +101,9 @@ def test_all_of_a_run_has_markers_though_nobody_reads_them(robot_of, tmp_path):
     (markers,) = (topic for topic in endpoints(CONTROLLER_TOPICS, "controller") if topic.key == "markers")
     for file, expected in ((tmp_path / "a.mcap", True), (None, False)):
         with recording(settings.model_copy(deep=True), file) as recorder:
-            tapped = recorder.tap(MemoryTransport(MemoryBus()), time.time_ns)
+            tapped = recorder.wrap(MemoryTransport(MemoryBus()), time.time_ns)
             tapped.advertise(markers)
-            assert tapped.is_read(markers) == expected
+            assert tapped.has_reader(markers) == expected
 
 
 def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
@@ -166,7 +166,7 @@ def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_p
     assert Recording(path).count == 33
     assert [said.split(repr(str(path))) for said in caplog.messages if repr(str(path)) in said] == [
         ["the last seconds are written to ", " (look / here)"],
-        ["the last seconds are already in ", ", which is continued (and here)"],
+        ["the last seconds are already in ", ", now continued (and here)"],
     ]
     assert run.recorder.status()["recorder_said"] == "2"
     assert sorted(each.name for each in folder.glob("*OLD*")) == [
@@ -218,10 +218,10 @@ def test_a_pipe_that_is_full_loses_cycles_and_never_waits(bench, tmp_path, caplo
     process = made.recorder._process._process
     os.kill(process.pid, signal.SIGSTOP)
     made.cycle(600)
-    assert any("does not keep up" in each.getMessage() for each in caplog.records)
+    assert any("the recorder is too slow" in each.getMessage() for each in caplog.records)
     os.kill(process.pid, signal.SIGCONT)
     deadline = time.monotonic() + 20.0
-    while made.recorder._lost and time.monotonic() < deadline:
+    while made.recorder._dropped_cycles and time.monotonic() < deadline:
         made.cycle(8)
         time.sleep(0.02)
     made.cycle(50)

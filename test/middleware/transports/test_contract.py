@@ -15,7 +15,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, stamp
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart, endpoints
-from wbc_controller.nodes.simulated_clock import clock_of
+from wbc_controller.nodes.simulated_clock import make_simulated_clock
 
 pytestmark = pytest.mark.live
 
@@ -281,7 +281,7 @@ def clock_and_writer(join):
     """A simulated clock, a function that publishes a time in ns, and the transports of their nodes."""
     reader, writer = join("reader"), join("writer")
     (topic,) = endpoints([topic for topic in topics.CONTROLLER_TOPICS if topic.key == "clock"], "reader")
-    clock, publish = clock_of([topic], reader), writer.advertise(counterpart(topic))
+    clock, publish = make_simulated_clock([topic], reader), writer.advertise(counterpart(topic))
     tell = lambda time_ns: publish(encode(message("rosgraph_msgs/msg/Clock", clock=stamp(time_ns))))  # noqa: E731
     return clock, tell, reader, writer
 
@@ -382,14 +382,14 @@ def test_a_writer_knows_whether_somebody_reads(join, eventually):
     markers = endpoint("/markers")
     own.advertise(markers)
     own.advertise(endpoint("/odom"))
-    assert not own.is_read(markers)
+    assert not own.has_reader(markers)
     other.subscribe(markers, lambda payload: None)
-    eventually(lambda: own.is_read(markers))
-    assert not own.is_read(endpoint("/odom"))
-    assert not own.is_read(endpoint("/nothing"))
-    assert not other.is_read(markers)  # which it has not opened for writing
+    eventually(lambda: own.has_reader(markers))
+    assert not own.has_reader(endpoint("/odom"))
+    assert not own.has_reader(endpoint("/nothing"))
+    assert not other.has_reader(markers)  # which it has not opened for writing
     other.close()
-    eventually(lambda: not own.is_read(markers))
+    eventually(lambda: not own.has_reader(markers))
     own.close()
     with pytest.raises(TransportError, match="/markers"):
-        own.is_read(markers)
+        own.has_reader(markers)

@@ -182,4 +182,4 @@ def test_subnet_without_a_network_card_uses_the_loopback(network):
     words = network.words("robot", sys.executable, "-c", code)
     ended = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 0, ended.stderr
-    assert "no network interface but the loopback: topics stay on this computer" in ended.stderr
+    assert "the loopback is the only network interface: topics stay on this computer" in ended.stderr

@@ -31,15 +31,15 @@ def test_each_change_is_told_once():
     bus, told = MemoryBus(), []
     own, other = MemoryTransport(bus, "own"), MemoryTransport(bus, "other")
     watch = GraphWatch(own, TOPICS, told.append)
-    watch.look()
+    watch.check()
     own.advertise(TOPICS[0])
-    watch.look()
+    watch.check()
     assert told == []
     other.advertise(TOPICS[0])
-    watch.look()
-    watch.look()
+    watch.check()
+    watch.check()
     other.close()
-    watch.look()
+    watch.check()
     assert told == [{"odom": ("/other",), "effort": ()}, {"odom": (), "effort": ()}]
 
 
@@ -47,14 +47,14 @@ def test_a_node_whose_name_has_not_arrived_yet_is_not_taken_for_one_without_a_na
     transport, told = Told(), []
     watch = GraphWatch(transport, TOPICS, told.append)
     transport.names = (UNNAMED,)
-    watch.look()
+    watch.check()
     transport.names = ("/guard",)
-    watch.look()
+    watch.check()
     assert told == [{"odom": ("/guard",), "effort": ()}]
     transport.names = (UNNAMED, "/guard")
-    watch.look()
+    watch.check()
     assert len(told) == 1
-    watch.look()
+    watch.check()
     assert told[1:] == [{"odom": (UNNAMED, "/guard"), "effort": ()}]
 
 
@@ -81,7 +81,7 @@ def test_a_graph_that_cannot_be_read_is_said(monkeypatch, caplog):
     watch.start()
     own.close()
     watch._thread.join(20.0)
-    assert "other publishers are no longer watched" in caplog.text
+    assert "the check for other publishers has ended" in caplog.text
     watch.stop()
     with pytest.raises(TransportError, match="/odom"):
-        watch.look()
+        watch.check()

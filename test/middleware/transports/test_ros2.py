@@ -201,9 +201,7 @@ def test_a_publisher_of_another_type_is_named_once(warned):
     (sentence,) = warned(
         endpoint("/command", topics.REQUEST), endpoint("/command", topics.REQUEST, "std_msgs/msg/Bool")
     )
-    assert sentence == (
-        "no messages on /command from /ns/writer: their type is std_msgs/msg/Bool; publish std_msgs/msg/String"
-    )
+    assert sentence == ("no messages on /command from /ns/writer: type std_msgs/msg/Bool; publish std_msgs/msg/String")
 
 
 def test_compatible_publishers_are_not_warned_of(warned):
@@ -219,7 +217,7 @@ def test_tf_is_omitted_without_its_package(monkeypatch, caplog):
         publish = transport.advertise(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
         publish(b"")
         assert caplog.messages == ["/tf is not published: the package tf2_msgs is not installed"]
-        assert not transport.is_read(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
+        assert not transport.has_reader(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
     finally:
         transport.close()
         participants.close()

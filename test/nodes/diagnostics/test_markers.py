@@ -191,7 +191,7 @@ def test_the_rate_is_the_configured_one(bench):
 
 def test_they_are_drawn_while_somebody_reads_them(bench, monkeypatch):
     readers = set()
-    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.key in readers)
+    monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.key in readers)
     controller = bench("go2", {"control": {"markers_rate": 50.0}})
     controller.cycle(50)
     assert not controller.received("markers")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.controller.controller import Controller
-from wbc_controller.nodes.diagnostics.shortfall import Shortfall, _distance, in_the_way, in_words
+from wbc_controller.nodes.diagnostics.shortfall import Shortfall, _distance, describe_binding, describe_constraint
 
 PERIOD = 0.1
 
@@ -64,8 +64,8 @@ def test_a_pose_is_short_by_a_distance_and_an_angle():
 
 
 def test_where_nothing_binds():
-    assert in_the_way({}) == "nothing; other tasks or forces outweigh it"
-    assert in_the_way({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
+    assert describe_binding({}) == "none; other tasks or forces outweigh it"
+    assert describe_binding({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
 
 
 @pytest.mark.parametrize(
@@ -78,4 +78,4 @@ def test_where_nothing_binds():
     ],
 )
 def test_constraints_in_words(name, words):
-    assert in_words(name) == words
+    assert describe_constraint(name) == words

@@ -11,7 +11,7 @@ import pytest
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.nodes.ros2 import installation
-from wbc_controller.nodes.ros2.installation import refuse_mixture
+from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 
 
 @pytest.fixture
@@ -37,14 +37,14 @@ def _make(path: Path) -> None:
 
 
 def test_the_wheels_alone_are_accepted(environment):
-    refuse_mixture()
+    refuse_mixed_installations()
 
 
 def test_a_workspace_and_the_prefix_of_the_wheels_are_no_second_installation(environment, tmp_path, monkeypatch):
     workspace = tmp_path / "ws/install/my_package"
     _make(workspace / "share/ament_index/resource_index/packages/my_package")
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{workspace}:{sys.prefix}")
-    refuse_mixture()
+    refuse_mixed_installations()
 
 
 @pytest.mark.parametrize(("variable", "folder"), [("AMENT_PREFIX_PATH", ""), ("LD_LIBRARY_PATH", "lib")])
@@ -52,8 +52,8 @@ def test_a_sourced_installation_is_refused_with_both_paths(environment, tmp_path
     sourced = tmp_path / "opt/ros/jazzy"
     _make(sourced / "lib/librcl.so")
     monkeypatch.setenv(variable, f"{tmp_path / 'ws'}:{sourced / folder}")
-    with pytest.raises(ConfigurationError, match="two installations of ROS 2 would be mixed") as refusal:
-        refuse_mixture()
+    with pytest.raises(ConfigurationError, match="two installations of ROS 2: wheels") as refusal:
+        refuse_mixed_installations()
     assert f"in {environment}, " in str(refusal.value)
     assert f" in {sourced}. " in str(refusal.value)
     assert "in a shell that has not sourced ROS 2" in str(refusal.value)
@@ -64,7 +64,7 @@ def test_rclpy_from_another_place_than_the_wheels_is_refused(environment, tmp_pa
     _make(sourced / "rclpy/__init__.py")
     monkeypatch.syspath_prepend(str(sourced))  # as PYTHONPATH does
     with pytest.raises(ConfigurationError) as refusal:
-        refuse_mixture()
+        refuse_mixed_installations()
     assert f" in {sourced}. " in str(refusal.value)
 
 
@@ -74,7 +74,7 @@ def test_a_sourced_installation_alone_is_accepted(environment, tmp_path, monkeyp
 
     monkeypatch.setattr(installation, "distribution", missing)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "venv"))
-    refuse_mixture()
+    refuse_mixed_installations()
 
 
 #: Fails if a module of ROS 2 is imported.

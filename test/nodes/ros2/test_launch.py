@@ -95,7 +95,7 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
 def test_a_robot_that_does_not_exist_ends_the_controller_with_the_reason(environment):
     process = launch(environment, "config:=/nowhere/robot.yaml", "mock:=false")
     output, _ = process.communicate(timeout=patience(PATIENCE))
-    assert "config = '/nowhere/robot.yaml': there is no such file" in output
+    assert "config = '/nowhere/robot.yaml': file not found" in output
     assert "exit code 2" in output
     assert "Traceback" not in output
 

@@ -198,7 +198,7 @@ def test_transitions_there_and_back_twice(make_node, log):
         ({"robot": "g1", "tasks__com__weight": -1.0}, "tasks.com.weight = -1.0: "),
         ({"robot": "g1", "robot__posture": [0.0]}, "posture has 1 values for 29 joints"),
         ({"robot": "g1", "tasks__torso__frame": "trunk"}, "trunk"),
-        ({}, "has no robot: give -p robot:="),
+        ({}, "has no robot: pass -p robot:="),
     ],
 )
 def test_bad_parameters_fail_the_transition_with_the_reason_and_can_be_mended(make_node, log, overrides, said):
@@ -254,8 +254,8 @@ def test_parameters_are_changed_live_or_refused_with_the_reason(make_node):
         ("tasks.com.stiffness", "stiff", "should be a valid number"),
         ("robot.joints", ["a"], "robot.posture has"),
         ("control.rate", 100.0, "control.rate: read only when the controller is configured"),
-        ("robot", "talos", "robot: read only when the node is configured"),
-        ("use_sim_time", True, "use_sim_time: read only when the node is configured"),
+        ("robot", "talos", "robot: not live; configure the node again to change it"),
+        ("use_sim_time", True, "use_sim_time: not live; configure the node again to change it"),
     ):
         before = node.get_parameter_or(name).value
         reason = set_one(node, name, value)
@@ -342,7 +342,7 @@ def test_services_say_what_happened(bring_up):
 def test_the_last_seconds_are_recorded_on_request(bring_up, robot, tmp_path):
     node, user, executor = bring_up(robot, transitions=(), recorder__folder=str(tmp_path), **PATIENT)
     call = caller(user, "record")
-    assert call() == (False, "the node is not active; ros2 lifecycle shows its state")
+    assert call() == (False, "the node is not active; check its state with ros2 lifecycle get")
     for transition in (node.trigger_configure, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
     time.sleep(0.2)  # of cycles
@@ -395,7 +395,7 @@ def test_simulated_time_is_honoured(bring_up, robot):
         clock.publish(Clock(clock=at))
         robot.publish(at)
 
-    assert "no time has arrived on /clock" in activate()[1]
+    assert "no time was received on /clock" in activate()[1]
     robot.timer.cancel()
     timer = user.create_timer(0.005, time_goes_on)
     until(lambda: node._loop._clock.now() > 7.0 and activate()[0], patience=20)
@@ -461,7 +461,7 @@ def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_nod
     publisher = user.create_publisher(String, "/robot_description", latched)
     assert node.trigger_configure() == FAILURE
     publisher.publish(String(data="x" * 5_000_000))
-    until(lambda: "bytes are too long for a URDF; it may have 4000000" in text_of(log), patience=20)
+    until(lambda: "bytes (limit 4000000)" in text_of(log), patience=20)
     assert node.trigger_configure() == FAILURE
     publisher.publish(String(data=read_urdf(load_settings(find_configuration("g1")).robot.urdf)))
     until(lambda: node.trigger_configure() == SUCCESS, patience=20)

@@ -15,7 +15,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.recording.identification.equations import Equations, moments
 from wbc_controller.recording.identification.fit import fit
-from wbc_controller.recording.identification.identify_command import fitted, identify, report
+from wbc_controller.recording.identification.identify_command import fit_cycles, identify, report
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.fault import Site
 from wbc_controller.simulation.faults.world import MassError
@@ -72,7 +72,7 @@ def assert_honest(found, mass, dry=DRY, viscous=VISCOUS):
 
 
 def test_masses_and_frictions_of_the_mock_robot_are_found_within_5_percent(recording):
-    found, model = fitted(load("go2").settings, recording)
+    found, model = fit_cycles(load("go2").settings, recording)
     text = report(found, model)
     print(text)
     values = dict(zip(found.names, found.values, strict=True))
@@ -92,7 +92,7 @@ def test_masses_and_frictions_of_the_mock_robot_are_found_within_5_percent(recor
 
 
 def test_the_errors_of_a_humanoid_with_heavier_links_are_within_their_standard_errors():
-    found, _ = fitted(load("g1").settings, moved("g1", 0.1, 5))
+    found, _ = fit_cycles(load("g1").settings, moved("g1", 0.1, 5))
     assert_honest(found, 1.1, 0.0, 0.0)
     values = dict(zip(found.names, found.values, strict=True))
     assert values["mass torso_link"] == pytest.approx(1.1, abs=0.05)
@@ -131,7 +131,7 @@ def test_no_moment_spans_a_change_of_contacts_or_a_gap(recording):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda columns: columns.pop("q"), "the recording lacks q"),
+        (lambda columns: columns.pop("q"), "missing in the recording: q"),
         (lambda columns: columns.update(tau=np.zeros((9, 3))), "tau has (3,) values in each cycle; this robot has 12"),
         (lambda columns: columns["mode"].__setitem__(slice(None), "damping"), "have regular states, an active"),
     ],
@@ -140,7 +140,7 @@ def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(recording, c
     columns = {name: values[:200].copy() for name, values in recording.items()}
     change(columns)
     with pytest.raises(ConfigurationError, match=re.escape(said)):
-        fitted(load("go2").settings, columns)
+        fit_cycles(load("go2").settings, columns)
 
 
 def test_a_file_that_is_no_recording_is_refused(tmp_path):

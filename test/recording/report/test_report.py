@@ -16,7 +16,7 @@ from wbc_controller.controller.visualization.page_report import resource
 from wbc_controller.controller.visualization.plots import POINTS, thin_out
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.recording.report.motion import MAX_FRAMES, encode_poses, frame_indices, joint_poses
-from wbc_controller.recording.report.run_data import Result, supports_of
+from wbc_controller.recording.report.run_data import Result, collect_supports
 from wbc_controller.recording.report.run_plots import friction_use, run_plots
 from wbc_controller.recording.report.run_report import write_run_report
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -224,8 +224,8 @@ def test_mathematics_of_the_replay(tmp_path):
 
 
 def test_supports_of_surfaces_and_points():
-    foot = supports_of(load_settings(find_configuration("g1")).contacts)["left_foot"]
+    foot = collect_supports(load_settings(find_configuration("g1")).contacts)["left_foot"]
     np.testing.assert_allclose(foot.placement, [0.035, 0.0, -0.035, 0.0, 0.0, 0.0, 1.0])
     np.testing.assert_allclose(np.ptp(foot.corners, axis=0), [0.17, 0.05, 0.0])
-    paw = supports_of(load_settings(find_configuration("go2")).contacts)["front_left_foot"]
+    paw = collect_supports(load_settings(find_configuration("go2")).contacts)["front_left_foot"]
     np.testing.assert_array_equal(paw.corners, [[0.0, 0.0, 0.0]])
