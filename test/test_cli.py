@@ -42,7 +42,7 @@ def test_help_lists_every_command_and_says_what_it_does():
         ("demo", ("--report", "--lockstep", "--real-time-factor")),
         ("topics", ("Markdown",)),
         ("replay", ("FILE", "--cycle", "--config", "--plot", "--only-tell", "bit for bit")),
-        ("report", ("FILE", "--out", "any recording")),
+        ("report", ("FILE", "--out", "Make a report of a recording")),
     ],
 )
 @pytest.mark.parametrize("option", ["-h", "--help"])

@@ -1,4 +1,4 @@
-"""Messages to meanings: every conversion, and every refusal in words."""
+"""Decoding of messages, and all refusals."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def refused(said):
 
 
 def read(key, subject, content):
-    """As it comes from the wire."""
+    """Encode and decode, as over a transport."""
     return READERS[key](WORDS, subject, decode(encode(content), content.__msgtype__))
 
 

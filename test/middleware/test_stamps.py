@@ -1,4 +1,4 @@
-"""Ages by stamp: an offset that is learned, and stamps that stand still, go back, or are far ahead."""
+"""Ages by timestamp: offset estimation, and refused stamps (constant, decreasing, far ahead)."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from wbc_controller.middleware.stamps import StampTracker
 
-START = 1_700_000_000.0  # s: the other clock is a wall clock, ours counts from the start of the machine
+START = 1_700_000_000.0  # s: the other clock is a wall clock, ours starts with the computer
 
 
 def feed(tracker, times, lag=0.0, start=START):
-    """Messages of a clock that is `start` ahead of ours; gives the reasons for refusals."""
+    """Send messages of a clock that is `start` ahead of ours; return the reasons of refusals."""
     lags = np.broadcast_to(lag, np.shape(times))
     return [
         tracker.check_stamp(round((start + time) * 1e9), time + late)
@@ -22,7 +22,7 @@ def feed(tracker, times, lag=0.0, start=START):
 
 
 def fed(tracker, count=100, lag=0.0):
-    """The tracker itself, with messages every 2 ms."""
+    """Return the tracker after messages every 2 ms."""
     feed(tracker, np.arange(count) * 0.002, lag)
     return tracker
 
@@ -39,7 +39,7 @@ def test_between_two_clocks_the_age_is_the_time_since_the_stamp():
 
 
 def test_what_waited_in_a_queue_is_old_when_it_arrives():
-    """The process stood still for 3 s; then what had come meanwhile arrives at once, the oldest first."""
+    """The process was stopped for 3 s; waiting messages then arrive at once, the oldest first."""
     tracker = fed(StampTracker(), 500, 0.0003)
     arrival = 4.0
     for time in np.arange(500, 2000) * 0.002:
@@ -60,7 +60,7 @@ def test_what_refused_stamps_went_on_counts_until_one_is_accepted():
 
 @pytest.mark.parametrize("first", [0.9, 1.2, 2.9])
 def test_of_what_waited_in_a_queue_only_a_late_part_may_be_left(first):
-    """The process stood still for 3 s, and its sockets kept what came in the beginning, or in the end."""
+    """The process was stopped for 3 s, and its sockets kept the first or the last messages."""
     tracker = fed(StampTracker(), 500, 0.0003)
     assert feed(tracker, [1.0 + first], 3.0 - first) == [None]
     assert tracker.age(4.0) == pytest.approx(3.0 - first, abs=0.03)
@@ -154,7 +154,7 @@ def test_a_clock_that_stands_still_while_stamps_go_on_is_seen(tracker):
     for i in range(1, 51):
         tracker.check_stamp(round((START + 0.198 + 0.002 * i) * 1e9), 0.198)
         assert tracker.clock_stall == pytest.approx(0.002 * i, abs=1e-6)
-    tracker.check_stamp(round((START + 60.0) * 1e9), 0.198)  # one that is absurd says nothing
+    tracker.check_stamp(round((START + 60.0) * 1e9), 0.198)  # an implausible stamp is ignored
     tracker.check_stamp(round((START + 0.3) * 1e9), 0.198)
     assert tracker.clock_stall == pytest.approx(0.1, abs=1e-6)
     tracker.check_stamp(round((START + 0.302) * 1e9), 0.302)
@@ -163,7 +163,7 @@ def test_a_clock_that_stands_still_while_stamps_go_on_is_seen(tracker):
 
 def test_a_known_clock_that_is_too_slow_makes_no_state_look_younger():
     tracker = fed(known())
-    for i in range(1, 201):  # our clock takes half the time of theirs
+    for i in range(1, 201):  # our clock runs at half the rate of theirs
         time, stamp = 0.198 + 0.001 * i, round((START + 0.198 + 0.002 * i) * 1e9)
         if tracker.check_stamp(stamp, time) is None:
             accepted = stamp

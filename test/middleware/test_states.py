@@ -1,4 +1,4 @@
-"""Decoders of measured states: their numbers are those of the codec, and invalid messages are refused in words."""
+"""Decoders of measured states: equal to the codec, and refusals of invalid messages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wbc_controller.simulation.measurement import imu_message
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINTS = ("hip", "knee", "ankle")
-#: Any float, its bits as they are: NaN with a payload, -0.0 and denormals too.
+#: Any float with its bits: NaN with a payload, -0.0 and denormals too.
 FLOATS = st.floats(width=64)
 TIMES = st.integers(1, 2**31 * 10**9 - 1)
 HALF = np.sqrt(0.5)
@@ -42,7 +42,7 @@ def time_by_codec(content):
 
 
 def joints_by_codec(payload):
-    """Stamp and bytes of the arrays; None for an invalid message."""
+    """Return stamp and bytes of the arrays, or None for an invalid message."""
     try:
         content = decode(payload, JOINT_STATE)
     except InputRefused:
@@ -56,7 +56,7 @@ def joints_by_codec(payload):
 
 
 def outcome(reader, payload):
-    """Stamp and bytes of the first two arrays; None for a refused message."""
+    """Return stamp and bytes of the first two arrays, or None for a refused message."""
     try:
         read = reader.read(payload)
     except InputRefused:
@@ -66,7 +66,7 @@ def outcome(reader, payload):
 
 @st.composite
 def joint_states(draw):
-    """Messages whose names, sizes, frames and values now and then change."""
+    """Messages with occasional changes of names, sizes, frames and values."""
     names = draw(st.sampled_from([JOINTS, JOINTS[::-1], (*JOINTS, "other"), ("hip", "knee"), ("a", "knee", "ankle")]))
     size = st.lists(st.floats(-9, 9) if draw(st.integers(0, 4)) else FLOATS, min_size=len(names), max_size=len(names))
     effort = draw(st.sampled_from([(), np.zeros(len(names))]))
@@ -100,7 +100,7 @@ def test_odometry_has_the_numbers_of_the_codec(make, rows, time):
         np.testing.assert_array_equal(read.twist, values[7:13])
 
 
-#: Numbers of an IMU, some of them beyond its range.
+#: Numbers of an IMU, some out of range.
 MEASURED = st.one_of(st.floats(-90, 90), st.sampled_from([-1.0, 0.0, 101.0, 2000.0, NAN, INF]))
 
 
@@ -158,7 +158,7 @@ def test_equal_layouts_pass_the_codec_once(make, monkeypatch):
         assert (read.stamp, read.position[0]) == (time, time)
         odometry.read(encode(make.odom([time, 0, 0, 0, 0, 0, 1], child="pelvis")))
     assert len(asked) == 2
-    joints.read(encode(joint_state(JOINTS[::-1], [0] * 3, [0] * 3)))  # the same size, and another layout
+    joints.read(encode(joint_state(JOINTS[::-1], [0] * 3, [0] * 3)))  # equal size, other layout
     assert len(asked) == 3
 
 

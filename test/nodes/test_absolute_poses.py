@@ -1,4 +1,4 @@
-"""The topic pose: who reads it, what is refused, and what a robot under control makes of it."""
+"""The topic pose: its use, refusals, and effect on a robot under control."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ THERE = np.array([3.0, -2.0, 0.5, 0.0, 0.0, np.sin(1.0), np.cos(1.0)])
 
 
 class Standing:
-    """Go2, which stands still, with absolute poses every 50 ms."""
+    """Standing Go2 with absolute poses every 50 ms."""
 
     def __init__(self, bench):
         self.bench, self.count, self.refused = bench, 0, []
@@ -64,11 +64,11 @@ def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_withou
     assert robot.cycle().mode is Mode.ACTIVE
     np.testing.assert_allclose(robot.base, THERE, atol=1e-3)
     report = robot.cycle(100)
-    assert report.mode is Mode.ACTIVE  # silence is no fault
+    assert report.mode is Mode.ACTIVE  # missing poses are no fault
     assert float(report.inputs.estimate["pose/age"].split()[0]) > 0.2
     before = robot.base.copy()
     off = THERE + [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    report = robot.cycle(600, off)  # SLAM has found itself elsewhere
+    report = robot.cycle(600, off)  # SLAM relocalized elsewhere
     assert report.mode is Mode.ACTIVE
     np.testing.assert_allclose(robot.base, before, atol=2e-3)
     said = [sentence for sentence in robot.refused if sentence.startswith("/pose: ")]

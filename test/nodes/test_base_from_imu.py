@@ -1,4 +1,4 @@
-"""The base's state from the topic imu: the same rules as for odometry, and what an estimate needs beside them."""
+"""The base state from the topic imu: the rules of odometry, and those of the estimate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ GRAVITY = (0.0, 0.0, 9.81)
 
 @pytest.fixture
 def robot(bench):
-    """Go2, whose IMU stands still on its feet."""
+    """Go2 with an IMU, standing on its feet."""
     return Standing(bench("go2", IMU))
 
 
@@ -82,7 +82,7 @@ def test_odometry_is_not_used(robot):
 
 def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
     robot.activate()
-    report = robot.cycle(10, imu=False)  # 20 ms are bridged
+    report = robot.cycle(10, imu=False)  # a gap of 20 ms is bridged
     assert report.mode is Mode.ACTIVE
     assert robot.cycle().mode is Mode.ACTIVE
     cycles = 0
@@ -115,7 +115,7 @@ def test_imu_data_that_cannot_be_used_are_refused_and_change_nothing(robot, chan
 
 
 def test_all_data_since_the_last_cycle_count(robot):
-    """Four samples in a period; a short turn is in the second one alone."""
+    """Four samples per period, with a short rotation in the second one."""
     robot.activate()
     bench, turned = robot.bench, []
     for fast in (False, True):
@@ -173,7 +173,7 @@ def test_a_clock_that_begins_anew_ends_the_estimate(robot):
     latched = robot.bench.loop._inputs.latch()
     assert (latched.state, latched.ages["base estimate"]) == (None, np.inf)
     assert robot.cycle().fault.code == "STALE_INPUT"
-    assert robot.cycle(10).fault is not None  # it has to stand still again
+    assert robot.cycle(10).fault is not None  # it must be at rest again
     assert robot.bench.loop._inputs.latch().state is None
 
 
@@ -186,7 +186,7 @@ def test_imu_data_without_joint_states_are_not_kept(robot):
 
 
 def test_an_estimate_that_is_lost_begins_anew(robot):
-    """No measurement within the ranges of the messages was found that does it: the filter is spoilt by hand."""
+    """No valid measurement was found that causes it, so the filter is corrupted directly."""
     robot.activate()
     robot.bench.loop._inputs.estimator._running.filter.P[:] = np.nan
     fault = robot.cycle().fault
@@ -240,7 +240,7 @@ def test_one_foot_that_slips_is_no_contradiction(robot):
 
 
 def test_after_a_shock_on_the_hoist_the_estimate_starts_again_with_a_small_velocity(robot):
-    """5 rad/s for 1.5 s: the velocity has grown to 1,500 m/s on the valid data that followed."""
+    """After 5 rad/s for 1.5 s the velocity had grown to 1,500 m/s on valid data."""
     robot.cycle(80)
     estimator = robot.bench.loop._inputs.estimator
     assert estimator.base is not None
@@ -262,7 +262,7 @@ def test_after_a_shock_on_the_hoist_the_estimate_starts_again_with_a_small_veloc
 
 def test_reset_restarts_the_settling(robot):
     robot.activate()
-    robot.bench.command("reset")  # refused, as the controller is active
+    robot.bench.command("reset")  # refused by an active controller
     assert robot.cycle().mode is Mode.ACTIVE
     robot.bench.command("damp")
     robot.cycle(10)
@@ -328,7 +328,7 @@ def test_a_force_sensor_decides_on_its_contact_with_hysteresis_while_it_is_fresh
 def test_a_force_decides_before_a_switch_and_a_switch_before_what_is_active(robot):
     robot.activate()
     robot.bench.send("holds", message("std_msgs/msg/Bool", data=False), FEET[1])
-    robot.cycle(100)  # a switch may speak on changes alone
+    robot.cycle(100)  # a switch may publish changes only
     assert holding(robot) == {FEET[0], FEET[2], FEET[3]}
     force(robot, 100.0, FEET[1])
     robot.cycle()
@@ -342,14 +342,14 @@ def test_a_force_decides_before_a_switch_and_a_switch_before_what_is_active(robo
         ({"newtons": 2e5}, "wrench.force is [0.0, 0.0, 200000.0] N (limit 100000 N)"),
         (
             {"newtons": 50.0, "frame": "head"},
-            "header.frame_id is 'head'; the force at contact 'front_left_foot' is given",
+            "header.frame_id is 'head'; valid for the force at contact 'front_left_foot'",
         ),
         ({"newtons": 50.0, "time": 0}, "header.stamp is 0"),
     ],
 )
 def test_a_force_that_cannot_be_used_is_refused_and_changes_nothing(robot, changes, said):
     robot.activate()
-    for _ in range(3):  # the third is read in place
+    for _ in range(3):  # the third is read without the codec
         force(robot, 0.0)
         robot.cycle()
     force(robot, **changes)

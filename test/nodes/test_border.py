@@ -1,4 +1,4 @@
-"""The border: what arrives can neither end the loop, nor stall it, nor fool it."""
+"""Hostile or faulty inputs neither end, stall nor deceive the loop."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_a_long_word_is_refused_without_being_repeated(bench, make):
 
 
 def test_a_state_that_waited_in_a_queue_is_stale(bench):
-    """As after SIGSTOP: what comes first is what waited longest."""
+    """As after SIGSTOP: the oldest messages arrive first."""
     robot = running(bench)
     behind = robot.time
     robot.clock.time += 3.0
@@ -125,7 +125,7 @@ def test_a_state_that_waited_in_a_queue_is_stale(bench):
 
 
 def test_a_state_that_grows_old_while_the_cycle_runs_is_not_answered(bench, monkeypatch):
-    """The process stood still between reading and publishing."""
+    """The process was stopped between reading and publishing."""
     robot = running(bench)
     solve = robot.loop.controller.qp.solve
 
@@ -228,14 +228,14 @@ def test_a_first_point_that_is_almost_due_is_not_jumped_to(bench, make):
     for _ in range(600):
         robot.cycle()
         accelerations.append(robot.loop.controller.board.sample(robot.clock.time).tasks["com"].acceleration)
-    assert np.abs(accelerations).max() < 1.0  # m/s²; by a jump it would be thousands
+    assert np.abs(accelerations).max() < 1.0  # m/s²; thousands after a jump
     np.testing.assert_allclose(
         robot.loop.controller.board.sample(robot.clock.time).tasks["com"].position, start + [0.02, 0.0, 0.0], atol=1e-9
     )
 
 
 def test_a_long_trajectory_is_read_where_no_cycle_waits(bench, make):
-    """While a thousand points are decoded, cycles go on; the longest pause is far below what decoding takes."""
+    """Cycles continue while a thousand points are decoded; the longest pause is far below the decoding time."""
     robot = bench()
     loop, stop = robot.loop, threading.Event()
     times: list[float] = []
@@ -261,6 +261,6 @@ def test_a_long_trajectory_is_read_where_no_cycle_waits(bench, make):
     assert not thread.is_alive()
     began = time.perf_counter()
     robot.send_bytes("trajectory", payload, "com")
-    loop.cycle()  # where no reader runs it is decoded here
+    loop.cycle()  # without a reader thread it is decoded here
     inline = time.perf_counter() - began
     assert np.quantile(np.diff(times), 0.99) < inline

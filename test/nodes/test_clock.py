@@ -1,4 +1,4 @@
-"""A simulator's clock, and a loop that goes by it."""
+"""Simulated time, and a loop with this clock."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_the_others_have_no_trouble_and_end_their_waiting(clock):
 
 @pytest.fixture
 def simulated(bench):
-    """A controller on a bench, and a function that gives it a time, a state of it, and a cycle."""
+    """A controller on a bench, and a function that publishes a time and its state, and runs a cycle."""
     controller = bench()
     clock = make_simulated_clock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
@@ -178,7 +178,7 @@ def test_ages_ramps_and_stamps_go_by_simulated_time(simulated):
     controller, cycle = simulated
     controller.command("activate")
     cycle(1.0)
-    time.sleep(0.1)  # twice what a state may be old
+    time.sleep(0.1)  # twice the largest age
     assert cycle(1.002, state=False).mode is Mode.ACTIVE
     report = cycle(1.02, state=False)
     assert report.inputs.ages["joint_states"] == pytest.approx(0.02)
@@ -216,7 +216,7 @@ def test_a_wall_clock_that_is_set_is_said_where_stamps_are_compared_with_it(monk
     now["wall"] += 2_000_000_000
     now["own"] += 2.0
     assert clock.clock_fault() is None
-    now["wall"] += 1_000_000  # within what synchronization does
+    now["wall"] += 1_000_000  # within the accuracy of synchronization
     assert clock.clock_fault() is None
     now["wall"] += 5_000_000
     assert other.clock_fault() is None
@@ -224,7 +224,7 @@ def test_a_wall_clock_that_is_set_is_said_where_stamps_are_compared_with_it(monk
     assert clock.clock_fault() is None
     assert clock.clock_offset() == pytest.approx(1.7e9 - 50.0 + 0.006, abs=1e-5)
     now["wall"] -= 5_000_000
-    now["apart"] = 0.01  # the processor was lost between the two readings: they say nothing
+    now["apart"] = 0.01  # preempted between the two readings: no result
     assert clock.clock_fault() is None
     now["apart"] = 0.0
     assert clock.clock_fault().startswith("this computer's clock was set back by 0.0")
@@ -234,7 +234,7 @@ SYNCHRONIZED = {"safety": {"synchronized_clocks": True}}
 
 
 def states(controller, latency, count=100):
-    """States that arrive with a latency, constant from the start; negative where the robot's clock is ahead."""
+    """Send states with a latency that is constant from the start; negative if the robot's clock is ahead."""
     for _ in range(count):
         controller.clock.time += controller.period
         at = round((controller.clock.time - latency) * 1e9)
@@ -334,13 +334,13 @@ def test_a_simulators_clock_that_stands_still_while_states_go_on_is_a_fault_and_
     assert re.fullmatch(r"the clock stopped for 5[0-2] ms of the states' time \(limit 50 ms\)", report.fault.sentence)
     controller.v[controller.model.v_index] = 0.5
     report = states(controller, 0.0, 20)
-    # The time of the torque rate does not stand still; those states are refused that are ahead of a known clock.
+    # The time of the torque rate continues; states ahead of a known clock are refused.
     assert (report.command.tau < 0.0).all() if changes is None else not report.command.tau.any()
 
 
 @pytest.fixture
 def starved(bench):
-    """A controller by a simulator's clock, whose transport's thread runs on request alone; active for a second."""
+    """A controller with simulated time and a transport thread on request, active for a second."""
     controller = bench()
     controller.transport.close()
     controller.transport = StarvedThread(controller.bus)
@@ -365,7 +365,7 @@ def test_a_starved_thread_of_the_transport_does_not_stop_the_clock(starved):
 
 
 def test_a_starved_loop_takes_the_newest_state_and_its_time(starved):
-    """All that the simulator sends while the loop gets no processor waits for it."""
+    """All messages of the simulator wait while the loop is preempted."""
     for _ in range(20):
         for _ in range(100):  # 0.2 s, four times the limit of the ages
             time_and_state(starved)
@@ -376,7 +376,7 @@ def test_a_starved_loop_takes_the_newest_state_and_its_time(starved):
 
 @pytest.mark.parametrize("late", [1, 10, 20])
 def test_times_that_arrive_after_their_states_are_no_fault_within_the_limit_of_the_stamps(starved, late):
-    """Two topics are two readers: the middleware may deliver the state of a time first."""
+    """Two topics are two readers: the middleware may deliver a state before its time."""
     for count in range(1000):
         starved.give_state()
         now = starved.clock.time
@@ -395,7 +395,7 @@ def test_the_simulator_may_pause(starved):
 
 
 def time_and_state(controller, *, with_time=True):
-    """Let a period pass, and send the time and the state."""
+    """Advance by a period, and send time and state."""
     controller.clock.time += controller.period
     if with_time:
         controller.send("clock", time_message(controller.time))
@@ -404,7 +404,7 @@ def time_and_state(controller, *, with_time=True):
 
 
 def states_with_time(controller, count, every=1):
-    """States, with the time before each, or before some: of a clock that is coarser than the states."""
+    """Send states with the time before each or before some: a clock coarser than the states."""
     for number in range(count):
         time_and_state(controller, with_time=number % every == 0)
         report = controller.loop.cycle()
@@ -425,7 +425,7 @@ def test_a_coarse_clock_is_not_said_to_have_stood_still(simulated, rate, said):
     every, sentences = round(1.0 / (rate * controller.period)), []
     for number in range(1000):
         time_and_state(controller, with_time=number % every == 0)
-        if number >= 2 * every:  # with two messages its step is known
+        if number >= 2 * every:  # two messages show its step
             controller.command("activate")
         report = controller.loop.cycle()
         sentences += [*report.refused, report.fault.sentence if report.fault is not None else ""]
@@ -443,7 +443,7 @@ def test_a_coarse_clock_is_not_said_to_have_stood_still(simulated, rate, said):
     ],
 )
 def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes, rate, said, asked):
-    """Whenever the activation is requested: in the first step of the clock, at a time of it, or between two."""
+    """Activation in the first step of the clock, at one of its times, or between two."""
     controller = bench(changes=changes)
     controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
     every, refused = round(1.0 / (rate * controller.period)), []
@@ -480,7 +480,7 @@ def test_a_clock_as_fine_as_the_limit_is_accepted(bench, changes, rate):
 
 
 def test_a_state_that_becomes_stale_in_simulated_time_while_the_torques_are_computed_sends_none(starved, monkeypatch):
-    """The simulator went on while the process stood still in mid-cycle."""
+    """The simulator continued while the process was stopped during a cycle."""
     computed = starved.loop.controller.cycle
 
     def slow(inputs):
@@ -514,7 +514,7 @@ def test_a_loop_on_deadlines_whose_clock_cannot_be_read_goes_on_and_logs_it(benc
 
 @pytest.mark.parametrize("by_itself", [True, False])
 def test_an_activation_whose_first_torques_are_late_is_refused_without_a_fault(simulated, monkeypatch, by_itself):
-    """Before the first torques a simulator does not wait for the controller, and nothing has been sent."""
+    """Before the first torques a simulator does not wait for the controller, and no torques were sent."""
     controller, cycle = simulated
     loop, computed = controller.loop, controller.loop.controller.cycle
 

@@ -1,4 +1,4 @@
-"""The estimator of the base as a node, on the memory transport, beside a robot whose truth is known."""
+"""The base estimator as a node on the memory transport, with a robot of known truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foo
 
 
 class Robot(Peer):
-    """Go2, controlled by its true state, and the node that sees its sensors alone."""
+    """Go2 controlled by its true state, and a node with its sensors only."""
 
     def __init__(self, transport=MemoryTransport):
         self.simulation = Simulation("go2", preflight=False)
@@ -69,7 +69,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def standing():
-    """One that is estimated; the tests that take it leave it so."""
+    """A robot with a running estimate, which the tests leave unchanged."""
     robot = Robot()
     robot.run(0.7)
     return robot
@@ -126,7 +126,7 @@ def test_an_imu_that_is_silent_leaves_no_estimate_to_publish(standing):
     standing.simulation.run(0.05, lambda _: standing.sense(imu=False))
     assert len(standing.all("odom")) == before
     standing.run(0.02)
-    assert len(standing.all("odom")) > before  # the gap was short
+    assert len(standing.all("odom")) > before  # short gap
 
 
 def test_a_long_silence_begins_the_estimate_anew(robot):
@@ -158,7 +158,7 @@ def test_an_imu_that_contradicts_all_contacts_is_named_and_the_estimate_starts_a
 
 def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
     robot.run(0.7)
-    robot.node._stamp = 1e6  # as where the clock went further before
+    robot.node._stamp = 1e6  # as with the clock advanced before
     robot.node.estimator.restart()
     before = len(robot.all("odom"))
     robot.run(0.7)
@@ -167,9 +167,9 @@ def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
 
 def test_which_contacts_hold():
     robot = Robot()
-    assert robot.holding() == FEET  # nobody has said anything: those of the configuration
+    assert robot.holding() == FEET  # without messages: the contacts of the configuration
     robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
-    assert robot.holding() == FEET  # a robot that hangs at the start presses on nothing
+    assert robot.holding() == FEET  # a hanging robot has no contact forces at the start
     robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_left_foot")
     robot.run(0.7)
     now = robot.clock.time
@@ -179,7 +179,7 @@ def test_which_contacts_hold():
     robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
     robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_right_foot")
     assert robot.holding() == {"rear_right_foot", "front_right_foot"}
-    robot.clock.time = now + 0.2  # the controller sends no forces any more
+    robot.clock.time = now + 0.2  # without forces of the controller
     assert robot.holding() == FEET - {"front_left_foot"}
 
 
@@ -198,7 +198,7 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
                 robot.send("measured_wrench", wrench_stamped(wrench, "world", stamp), name)
         robot.sense()
 
-    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force decides before it
+    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force has precedence
     robot.simulation.run(0.15, feel)
     assert robot.node._inputs.holding == FEET
     assert not any(key.startswith("note//") for key in robot.values)

@@ -1,4 +1,4 @@
-"""From mailboxes to one latched state, requests and changes."""
+"""From received messages to one latched state, requests and changes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NAN = float("nan")
 
 
 class Wire:
-    """`Inputs` and whoever publishes to it."""
+    """`Inputs`, and a publisher."""
 
     def __init__(self, settings, model, q, velocity_filter=None, clock_tolerance=None):
         self.settings, self.model, self.q = settings, model, q
@@ -185,7 +185,7 @@ def test_more_requests_than_fit_are_counted_and_said(go2, make):
     latched = go2.inputs.latch()
     assert latched.refused == ("/wbc_controller/command: 30 messages dropped: more than 100 requests at once",)
     words = list(latched.requests.commands)
-    assert len(words) == 20  # what one cycle spends on requests is bounded
+    assert len(words) == 20  # the number of requests per cycle is limited
     while latched.requests.commands:
         latched = go2.inputs.latch()
         assert not latched.refused
@@ -195,7 +195,7 @@ def test_more_requests_than_fit_are_counted_and_said(go2, make):
 
 @pytest.mark.parametrize("reader", [True, False])
 def test_between_threads_no_request_is_lost_unsaid(go2, make, reader):
-    """Whoever sends, reads and latches at the same time: each request is taken once, in order, or counted."""
+    """With concurrent threads for sending, reading and latching, each request is taken once, in order, or counted."""
     sent, taken, counted = 2000, [], 0
     if reader:
         go2.inputs.requests.start_reader()
@@ -314,12 +314,12 @@ def test_a_fixed_base_needs_no_odometry(robot_of, stance_of, changed, make):
     assert not latched.refused
 
 
-#: What comes on a topic, None for no message, and the error of its stamp, s.
+#: Message of a topic (None: no message), and error of its stamp, s.
 ARRIVAL = st.tuples(
     st.sampled_from(["good", "good", "good", None, "other shape", "not finite", "bad quaternion"]),
     st.sampled_from([0.0, 0.0, 0.0, -0.0003, 0.02, -0.01, 0.4, -5.0]),
 )
-#: Of each cycle: what comes on both topics, and the advance of our clock before, s.
+#: Per cycle: messages of both topics, and advance of the clock before, s.
 CYCLES = st.lists(
     st.tuples(
         ARRIVAL,
@@ -347,7 +347,7 @@ def test_the_state_is_that_of_the_newest_accepted_messages(
     trackers, newest = {key: StampTracker(ahead, tolerance or 0.0) for key in keys}, {}
     for number, (odometry, joints, passed) in enumerate([(("good", 0.0),) * 2 + (0.002,)] * 3 + cycles):
         wire.clock.time += passed
-        if number == len(cycles):  # a new time, of a simulator that was started again
+        if number == len(cycles):  # new time after a restart of the simulator
             wire.inputs.restart()
             trackers = {key: StampTracker(ahead, tolerance or 0.0) for key in keys}
         numbers = {"odom": np.concatenate([stance_of("go2")[:7] + random.normal(0.0, 0.01, 7), random.normal(size=6)])}
@@ -419,7 +419,7 @@ def test_what_has_come_before_the_beginning_is_dropped(go2, state):
     state(go2)
     assert go2.inputs.wait(0.0)
     state(go2, time=2_000_000_000)
-    go2.inputs.begin()
+    go2.inputs.discard_pending()
     latched = go2.inputs.latch()
     assert latched.state is None
     assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
@@ -450,7 +450,7 @@ def test_the_reader_leaves_the_loop_three_quarters_of_the_time(go2, make, monkey
     go2.send("command", make.string("activate"))
     assert done.wait(20.0)
     go2.inputs.requests.stop_reader()
-    assert slept == [3.0]  # each reading takes one second of that clock
+    assert slept == [3.0]  # each reading advances that clock by one second
 
 
 def test_velocities_are_those_of_the_positions_where_the_robot_measures_none(robot_of, stance_of, make):
@@ -474,4 +474,4 @@ def test_a_message_without_velocities_is_refused_with_the_setting_that_would_tak
     go2.send("joint_states", make.joint_state(model.joints, go2.q[model.q_index], []))
     latched = go2.inputs.latch()
     assert latched.joint_velocity is None
-    assert "estimation.joint_velocity has to be differentiated" in latched.refused[0]
+    assert "set estimation.joint_velocity to differentiated" in latched.refused[0]

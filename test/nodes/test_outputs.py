@@ -1,4 +1,4 @@
-"""What goes out: commands, forces, the mode, diagnostics."""
+"""Outgoing messages: commands, forces, the mode, diagnostics."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def report(**changes):
 
 
 def solution(**changes):
-    """With details, and changes of them and of the rest."""
+    """With details, and changes of details and others."""
     details = {
         "forces": {}, "residuals": {"contact_motion": 1e-9}, "task_errors": {"com": 0.01},
         "binding": {"torque:knee:upper": 0.25}, "levels": (LevelReport(("com",), 0.5, 7, 5e-5),),
@@ -229,7 +229,7 @@ def test_what_a_summary_holds():
 
 
 def test_no_piece_of_diagnostics_sorts_the_times_of_many_cycles(monkeypatch):
-    """At 1 kHz those of a second took a millisecond in one piece, and the cycle that composed it came late."""
+    """At 1 kHz the times of a second took a millisecond in one piece, and delayed the cycle."""
     summary, times, asked, pieces = StatusSummary("controller", "g1"), _ReportWindow.times, [], []
 
     def counted(span, stage):
@@ -273,7 +273,7 @@ def test_what_acts_beside_the_model_is_said_by_joint(robot_of):
     values = {value.key: value.value for value in status.values}
     assert values["disturbance/base"] == "0.000 1.000 2.000 N, 3.000 4.000 5.000 N·m"
     assert values[f"disturbance/{model.joints[2]}"] == f"{model.v_index[2]:.4f} N·m"
-    assert "at their bound (estimation.disturbance_share) at base, FL_calf_joint" in status.message
+    assert "at its bound (estimation.disturbance_share) at base, FL_calf_joint" in status.message
     assert status.level == 1
 
 

@@ -1,4 +1,4 @@
-"""One owner of the robot: who may publish what beside the controller, and what is said of the others."""
+"""One owner of the robot: permitted publishers besides the controller, and reports of the others."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_one_robot_and_its_guard_are_as_it_should_be(graph):
     on.node("guard", "effort")
     assert on.look() == ()
     assert on.ownership.shared == {}
-    unused = graph(simulated=False)  # a clock that is not used may have any publishers
+    unused = graph(simulated=False)  # an unused clock may have any publishers
     unused.node("a", "clock")
     unused.node("b", "clock")
     assert unused.look() == ()
@@ -107,7 +107,7 @@ def test_in_lockstep_it_looks_four_times_a_second(graph, monkeypatch):
     for i in range(1000):
         on.ownership.refresh(0.002 * i)
     assert len(looks) == 8
-    on.ownership.refresh(-1.0)  # the clock begins anew
+    on.ownership.refresh(-1.0)  # the clock restarts
     assert len(looks) == 9
 
 
@@ -117,7 +117,7 @@ def test_a_loop_in_real_time_waits_until_the_others_are_discovered_and_looks_the
     class Stop:
         def wait(self, seconds):
             waited.append(seconds)
-            on.node("wbc_controller", "effort")  # it was started at the same time
+            on.node("wbc_controller", "effort")  # started at the same time
 
     on.ownership._discovered_at += 30.0
     on.ownership.start(Stop())
@@ -127,7 +127,7 @@ def test_a_loop_in_real_time_waits_until_the_others_are_discovered_and_looks_the
 
 
 def test_a_publisher_that_was_there_before_counts_when_the_loop_begins(graph, monkeypatch):
-    """Also where its name has not arrived yet."""
+    """Also if its name has not arrived yet."""
     on = graph()
     monkeypatch.setattr(MemoryTransport, "publishers", lambda transport, topic: (UNNAMED,) * (topic.key == "effort"))
     early = Ownership(MemoryTransport(on.bus), on.topics, [], "/r1/wbc_controller", simulated=False)

@@ -1,4 +1,4 @@
-"""What processes use, read from /proc, and waiting for a condition."""
+"""Memory and times of processes from /proc, and waiting for a condition."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_memory_is_what_is_in_use_and_not_what_is_reserved():
     with mmap.mmap(-1, 200_000_000) as reserved:
         assert memory(os.getpid()) - before < 20_000
         reserved[:50_000_000] = b"x" * 50_000_000
-        assert 40_000 < memory(os.getpid()) - before < 120_000  # what was written, and what it was copied from
+        assert 40_000 < memory(os.getpid()) - before < 120_000  # written configuration, and its source
 
 
 def test_two_busy_processes_on_one_processor_wait_for_it():
@@ -54,7 +54,7 @@ def test_what_does_not_come_true_is_said_with_what_is_known():
 
 
 def test_processes_with_sessions_of_their_own_end_with_who_started_them(tmp_path):
-    """Also where that one is killed, and cannot end them."""
+    """Also after a kill, when it cannot stop them."""
     script = (
         "import sys, time, pathlib\n"
         "from wbc_controller.nodes.processes import Processes\n"
@@ -74,7 +74,7 @@ def test_processes_with_sessions_of_their_own_end_with_who_started_them(tmp_path
 def _ended(process):
     try:
         with open(f"/proc/{process}/stat", encoding="ascii") as stat:
-            return stat.read().rpartition(")")[2].split()[0] == "Z"  # nobody has waited for it yet
+            return stat.read().rpartition(")")[2].split()[0] == "Z"  # not waited for yet
     except FileNotFoundError:
         return True
 

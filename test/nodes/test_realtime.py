@@ -1,4 +1,4 @@
-"""Real time: what is asked of the system, what it refuses, and what applies, for real where this process may."""
+"""Real time: system calls, refusals, and real effects if permitted."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NOWHERE = 1000
 
 @pytest.fixture
 def restored():
-    """Gives all threads of this process back what they had."""
+    """Restore the scheduling of all threads of this process."""
     processors, kind, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
     yield
     for thread in realtime._threads():
@@ -43,7 +43,7 @@ def restored():
 
 @pytest.fixture
 def calls(monkeypatch):
-    """What is asked of the system, which does nothing of it."""
+    """Record the system calls without executing them."""
     asked = []
     for name in ("sched_setaffinity", "sched_setscheduler"):
         monkeypatch.setattr(os, name, lambda *words, name=name: asked.append((name, *words)))
@@ -129,7 +129,7 @@ def test_what_is_mapped_and_what_will_be_is_locked(calls):
 
 @pytest.fixture
 def waking(monkeypatch, tmp_path):
-    """A file in place of the system's."""
+    """A file instead of the device."""
     file, opened = tmp_path / "cpu_dma_latency", []
     file.touch()
     monkeypatch.setattr(realtime, "_LATENCY_DEVICE", file)
@@ -145,7 +145,7 @@ def test_how_long_processors_may_take_to_wake_is_asked_once_and_can_be_asked_ane
         apply_realtime(RealtimeSettings(cpu_dma_latency=latency))
         assert waking.read_bytes()[-4:] == latency.to_bytes(4, sys.byteorder)
     (number,) = realtime._latency_file
-    assert not os.get_inheritable(number)  # the request must not outlive the controller in the recorder's process
+    assert not os.get_inheritable(number)  # the request must not survive the controller in the recorder's process
     for process in (0, os.getpid()):
         assert describe_scheduling(process).endswith(", cpu_dma_latency held")
     assert "held" not in describe_scheduling(os.getppid())
@@ -170,10 +170,10 @@ def test_a_system_that_does_not_let_processors_be_kept_awake_says_what_allows_it
 )
 def test_it_applies_for_real_or_is_refused(setting, held, refused):
     script = (
-        "from wbc_controller.nodes.realtime import apply, in_force\n"
+        "from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling\n"
         "from wbc_controller.settings import RealtimeSettings\n"
-        f"apply(RealtimeSettings({setting}))\n"
-        "print(in_force())"
+        f"apply_realtime(RealtimeSettings({setting}))\n"
+        "print(describe_scheduling())"
     )
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     may = {"memory locked": realtime._locked_memory_limit() is None}
@@ -209,7 +209,7 @@ def test_memory_that_may_not_be_locked_whole_is_not_locked_in_part(calls, monkey
 )
 def test_a_lock_that_the_system_refuses_says_why(calls, monkeypatch, number, said):
     monkeypatch.setattr(realtime, "_mlockall", lambda flags: number)
-    with pytest.raises(ConfigurationError, match=f"refuses it \\({said}\\).*memlock unlimited"):
+    with pytest.raises(ConfigurationError, match=f"refused by the system \\({said}\\).*memlock unlimited"):
         apply_realtime(RealtimeSettings(lock_memory=True))
 
 
@@ -250,7 +250,7 @@ def test_a_processor_that_there_is_not_is_refused_by_its_number_and_nothing_chan
 
 
 def test_fifo_holds_for_all_threads_and_for_later_ones(restored, sleeper):
-    """For real where this process may, or a refusal for real."""
+    """With real effect if permitted, otherwise with a real refusal."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     except PermissionError:
@@ -271,7 +271,7 @@ def test_a_thread_that_computes_can_stand_behind_all_others(monkeypatch, name, p
     monkeypatch.setattr(os, "sched_getparam", lambda thread: os.sched_param(priority))
 
     def schedule(thread, kind, parameter):
-        assert (thread, kind) == (0, number)  # the calling thread alone, which keeps its class
+        assert (thread, kind) == (0, number)  # only the calling thread, in its class
         asked.append(parameter.sched_priority)
 
     monkeypatch.setattr(os, "sched_setscheduler", schedule)

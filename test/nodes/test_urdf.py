@@ -1,4 +1,4 @@
-"""Waiting for the URDF that is published on a topic."""
+"""Waiting for the URDF on a topic."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from wbc_controller.nodes.urdf import wait_for_urdf
 
 
 class Kept(MemoryTransport):
-    """Notes which payloads its callbacks still hold."""
+    """Transport that records the payloads still held by its callbacks."""
 
     def subscribe(self, endpoint, callback):
         self.callback = callback
@@ -35,14 +35,14 @@ class Kept(MemoryTransport):
 
 @pytest.fixture
 def told():
-    """What is waited for when some payloads have come, and the callback that they were given to."""
+    """Return the payloads after the wait, and the callback."""
 
     def tell(*payloads):
         bus = MemoryBus()
         publish = MemoryTransport(bus).advertise(counterpart(ENDPOINT))
         transport, stop, found = Kept(bus), threading.Event(), []
         waiting = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))
-        for payload in payloads:  # latched: the last one is received on subscribing
+        for payload in payloads:  # latched: the last payload arrives on subscribing
             publish(payload)
         waiting.start()
         waiting.join(10.0)

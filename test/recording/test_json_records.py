@@ -1,4 +1,4 @@
-"""Records go to JSON and come back, bit for bit."""
+"""Records to JSON and back, bit for bit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The flight recorder: what it holds, what it does without a disk, and what a kill leaves of it."""
+"""The flight recorder: contents, behaviour without a disk, and the file after a kill."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_what_goes_out_stands_before_its_cycle_and_has_its_time(record, tmp_path
     path = tmp_path / "a.mcap"
     run = record(path)
     scribe = threading.Event()
-    if late:  # what the recorder's thread makes of early cycles is written last
+    if late:  # JSON frames of early cycles are written last
         run.recorder._jobs.put(lambda: b"" * scribe.wait())
     run.stand(30)
     run.bench.loop._shut_down()  # the last torques belong to no cycle
@@ -89,7 +89,7 @@ def test_messages_that_no_cycle_takes_are_bounded(robot_of):
     settings, _ = robot_of("go2")
     with recording(settings.model_copy(deep=True), None) as recorder:
         channel = recorder.channel("/a", "std_msgs/msg/String")
-        for keep in (recorder.went, recorder.came):
+        for keep in (recorder.record_outgoing, recorder.record_incoming):
             for _ in range(25_000):
                 keep(channel, b"x")
             assert 0 < len(recorder._messages) <= 20_000
@@ -183,7 +183,7 @@ def test_the_last_seconds_are_bounded(record, tmp_path):
     run.go(2)
     found = run.finish()
     assert found.last == 1504
-    assert found.count < 1100  # half a second, and what stands in the same chunk of 1 MB
+    assert found.count < 1100  # half a second, and other messages in the same chunk of 1 MB
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_a_pipe_that_is_full_loses_cycles_and_never_waits(bench, tmp_path, caplo
     made.recorder.close()
     found = Recording(tmp_path / "a.mcap")
     assert 0 < found.count < found.last + 1
-    assert found.memory_after(found.last - 49) is not None  # behind the gap there is a snapshot
+    assert found.memory_after(found.last - 49) is not None  # a memory follows the gap
 
 
 def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, tmp_path):
@@ -237,7 +237,7 @@ def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, t
         run.bench.send_bytes("update", bytes((1 << 20) + 1))
         run.go(1)
     found = run.finish(tmp_path / "a.mcap")
-    assert found.count == found.last + 1  # no cycle made room for them
+    assert found.count == found.last + 1  # without a cycle
     assert (tmp_path / "a.mcap").stat().st_size < 1 << 20
 
 
@@ -249,10 +249,10 @@ def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_re
     for _ in range(16):
         for _ in range(50):
             run.bench.send_bytes("update", nonsense)
-        for _ in range(3):  # more in eight cycles than may wait
+        for _ in range(3):  # above the limit of eight cycles
             run.bench.send_bytes("trajectory", large, "com")
         run.go(1)
-    run.bench.send_bytes("setpoint", large, "com")  # one that is alone is recorded
+    run.bench.send_bytes("setpoint", large, "com")  # a single message is recorded
     run.go(20)
     found = run.finish(tmp_path / "a.mcap")
     assert found.count == found.last + 1
@@ -260,7 +260,7 @@ def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_re
     (update,) = [topic for topic in counts if topic.endswith("/update")]
     left_out = sum(event.get("left out", {}).get(update, 0) for event in found.events.values())
     assert counts[update] + left_out == 800
-    assert counts[update] * len(nonsense) < (16 / 8 + 1) * (66 << 10)  # in two or three times eight cycles
+    assert counts[update] * len(nonsense) < (16 / 8 + 1) * (66 << 10)  # in two or three batches of eight cycles
     assert counts["/joint_states"] == counts["/odom"] == found.count
     assert [count for topic, count in counts.items() if topic.endswith("/tasks/com/setpoint")] == [1]
     assert f"messages on {update}" in summarize(found)
@@ -289,7 +289,7 @@ def test_what_was_written_before_a_kill_can_be_read(tmp_path, whom):
     reader = McapReader(path)
     reader.open()
     assert sum(1 for _ in reader.messages(reader.connections)) == sum(count for *_, count in found.message_counts())
-    if whom == "controller":  # on a busy machine its end may fall into the recording of a fault before
+    if whom == "controller":  # on a busy computer its end may fall into the recording of an earlier fault
         kept = [Recording(each).last for each in (tmp_path / "faults").glob("go2-*.mcap")]
         assert max(kept) >= last - 1 - 20
 

@@ -1,4 +1,4 @@
-"""A recording that is read: formats of other versions, and topics that are added after the run."""
+"""Reading of recordings: formats of other versions, and topics added after the run."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def finished(record, tmp_path):
 
 
 def modified(path: Path, topic: str, change: Callable[[dict[str, Any]], None]) -> Path:
-    """The recording with the first message of a topic changed, with valid checksums."""
+    """Return the recording with a changed first message of a topic and valid checksums."""
     file = McapMessages(path)
     messages, done = [], False
     for place, time, payload in file:
@@ -159,7 +159,7 @@ def test_the_report_shows_the_truth_and_the_phases(finished):
 
 
 def test_with_an_estimated_base_the_report_shows_the_true_one(finished):
-    """The recording is of a base from odometry; with an estimated base, odometry is the truth of a simulation."""
+    """The recording has odometry; with an estimated base, odometry is the truth of a simulation."""
     config = finished.config.replace({"estimation.base_state": "imu"})
     controller = ControlCycle(config, preflight=False)
     (topic,) = [topic for topic in truth_topics(config.settings) if topic.key == "odom"]

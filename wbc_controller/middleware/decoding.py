@@ -291,8 +291,7 @@ _UPDATE_KEYS = {
     "tasks": (("enabled", "weight", "setpoint", "frame"), ("stiffness", "damping", "gain", "setpoint_duration")),
     "contacts": (("enabled",), ("ramp",)),
 }
-#: Sections of an update with settings only.
-_UPDATE_SETTINGS = ("control", "limits", "safety")
+_UPDATE_SETTINGS = ("control", "limits", "safety")  # sections of an update with settings only
 
 
 def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:

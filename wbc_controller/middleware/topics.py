@@ -33,12 +33,9 @@ class Qos:
 STATE_IN = Qos(reliable=False, latched=False, depth=1)
 #: Outgoing state of the mock robot: reliable (matches all subscribers).
 STATE_OUT = Qos(reliable=True, latched=False, depth=1)
-#: Outgoing torques: reliable, newest message only.
-COMMAND_OUT = Qos(reliable=True, latched=False, depth=1)
-#: Requests by a user: reliable, with a deep history.
-REQUEST = Qos(reliable=True, latched=False, depth=1000)
-#: Outgoing transforms, as of tf2's broadcasters.
-TF_OUT = Qos(reliable=True, latched=False, depth=100)
+COMMAND_OUT = Qos(reliable=True, latched=False, depth=1)  # outgoing torques: reliable, newest message only
+REQUEST = Qos(reliable=True, latched=False, depth=1000)  # requests by a user: reliable, with a deep history
+TF_OUT = Qos(reliable=True, latched=False, depth=100)  # outgoing transforms, as of tf2's broadcasters
 LATCHED = Qos(reliable=True, latched=True, depth=1)
 
 
@@ -150,8 +147,7 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "For RViz and Foxglove in the world frame (docs/diagnostics.md, on demand)."),
 )
 
-#: Rows of walking robots only.
-WALKING_KEYS = ("cmd_vel", "cmd_vel_stamped")
+WALKING_KEYS = ("cmd_vel", "cmd_vel_stamped")  # rows of walking robots only
 
 MOCK_NODE = "mock_robot"
 

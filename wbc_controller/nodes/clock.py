@@ -27,11 +27,7 @@ class Clock(Protocol):
         return 0.0
 
     def refresh(self) -> None:
-        """Read pending time messages; the loop calls it after each state.
-
-        Raises:
-            TransportError: if the clock topic cannot be read.
-        """
+        """Read pending time messages after each state; errors raise `TransportError`."""
         return
 
     def clock_fault(self) -> str | None:
@@ -44,16 +40,10 @@ class Clock(Protocol):
 
 
 class MonotonicClock(Clock):
-    """The computer's monotonic clock.
+    """The computer's monotonic clock; `synchronized` reports steps of the wall clock, for comparison with stamps."""
 
-    Args:
-        synchronized: True if stamps are compared with the wall clock; `clock_fault` then reports its steps.
-    """
-
-    #: Smallest reported step of the wall clock, s: below the smallest useful `safety.clock_tolerance`.
-    _STEP = 0.002
-    #: Longest time between the readings of both clocks, s; a preempted thread skips the comparison.
-    _READ_TIME = 1.0e-4
+    _STEP = 0.002  # smallest reported step of the wall clock, s: below the smallest useful `safety.clock_tolerance`
+    _READ_TIME = 1.0e-4  # longest time between the readings of both clocks, s; a preempted thread skips the comparison
 
     def __init__(self, *, synchronized: bool = False) -> None:
         self._synchronized = synchronized

@@ -11,8 +11,7 @@ from wbc_controller.middleware.stamps import StampTracker
 from wbc_controller.middleware.states import ContactForceReader
 from wbc_controller.middleware.topics import Endpoint
 
-#: Rows of the topic table with contact sensors.
-KEYS = ("measured_wrench", "holds")
+KEYS = ("measured_wrench", "holds")  # rows of the topic table with contact sensors
 
 
 class ContactSensors:
@@ -26,11 +25,7 @@ class ContactSensors:
         self._topics: dict[str, str] = {}
 
     def read(self, endpoint: Endpoint, arrival: float, payload: bytes) -> None:
-        """Decode a message and update the contact detection.
-
-        Raises:
-            InputRefused: if the message or its timestamp is invalid.
-        """
+        """Decode a message and update the contact detection; raises `InputRefused` if invalid."""
         contact = endpoint.subject
         if endpoint.key == "holds":
             self._detector.update_switch(contact, bool(decode(payload, endpoint.type).data))
@@ -49,12 +44,7 @@ class ContactSensors:
         self._detector.forget_forces()
 
     def update_active(self, now: float, commanded: Collection[str]) -> tuple[Collection[str], list[str]]:
-        """Return the active contacts, and a sentence for each sensor that has just timed out.
-
-        Args:
-            now: time on the clock of the arrivals, s.
-            commanded: names of the commanded contacts.
-        """
+        """Return the active contacts of the commanded ones at a time, s, and a sentence for each new sensor timeout."""
         before = self._detector.silent
         holding = self._detector.active(commanded, {name: stamps.age(now) for name, stamps in self._stamps.items()})
         return holding, [

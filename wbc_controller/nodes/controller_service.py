@@ -50,8 +50,7 @@ _log = logging.getLogger(__name__)
 
 #: Row of the URDF topic, opened before the robot's other topics are known.
 URDF_TOPIC = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
-#: Longest reason of a recording, characters.
-_LONGEST_REASON = 40
+_LONGEST_REASON = 40  # of a recording, characters
 
 
 def run_controller(
@@ -111,16 +110,7 @@ def make_loop(
     recorder: Recorder | None = None,
     node: str = NODE_NAME,
 ) -> ControlLoop:
-    """Connect a controller to its topics.
-
-    Args:
-        timer: clock of the stage times, s.
-        recorder: recorder of inputs, decisions and outputs, or None.
-
-    Raises:
-        ConfigurationError: if settings and model do not fit together.
-        TransportError: if a topic cannot be opened.
-    """
+    """Connect a controller to its topics; `timer` measures the stages, s. Errors as for `run_controller`."""
     settings, model, qp = controller.config.settings, controller.model, controller.qp
     vocabulary = make_vocabulary(settings, model)
     published = {name: qp.contacts[name] for name in settings.contacts}

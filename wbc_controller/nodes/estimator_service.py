@@ -30,14 +30,10 @@ from wbc_controller.nodes.urdf import find_urdf
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.settings import Settings
 
-#: Frames of REP 105: continuous, drifting odometry, and absolute poses.
-FRAME, MAP = "odom", "map"
-#: Time for which a contact stays active after a contact force of the controller, s.
-_FRESH = 0.1
-#: Time between two transforms, s.
-_TRANSFORMS = 0.02
-#: Longest wait for joint states before the diagnostics are checked, s.
-_WAIT = 0.1
+FRAME, MAP = "odom", "map"  # frames of REP 105: continuous, drifting odometry, and absolute poses
+_FRESH = 0.1  # validity of a contact force of the controller, s
+_TRANSFORMS = 0.02  # period, s
+_WAIT = 0.1  # longest wait for joint states between diagnostics, s
 
 _OK, _WARN = 0, 1
 _log = logging.getLogger(__name__)
@@ -46,9 +42,7 @@ _log = logging.getLogger(__name__)
 class EstimatorService:
     """Base estimator that answers each joint state, on the thread that calls `cycle`.
 
-    Raises:
-        ConfigurationError: if the base is fixed, the IMU has no frame, or no contact supports an estimate.
-        TransportError: if a topic cannot be opened.
+    A fixed base, an IMU without frame, or missing contacts raise `ConfigurationError`.
     """
 
     def __init__(
@@ -84,11 +78,9 @@ class EstimatorService:
         self._published_text = ""
 
     def active_contacts(self) -> frozenset[str]:
-        """Return the contacts with recent contact forces of the controller; without any, the enabled contacts.
-
-        Forces are read on the thread of the states, so that no thread can delay one against the other.
-        """
+        """Return the contacts with recent contact forces of the controller; without any, the enabled contacts."""
         now = self._clock.now()
+        # On the thread of the states, so that forces and states have the same delay.
         for name, stream in self._forces.items():
             if stream.take():
                 self._force_arrivals[name] = now

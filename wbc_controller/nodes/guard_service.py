@@ -37,20 +37,15 @@ from wbc_controller.records import Array, Mode
 from wbc_controller.safety.guard import Guard, GuardLimits, GuardMode, Heard
 from wbc_controller.settings import Settings
 
-#: Name of the node, and prefix of its private topics.
 NODE_NAME = "guard"
-#: Longest reason of a refusal, characters.
-_LONGEST_REASON = 300
+_LONGEST_REASON = 300  # of a refusal, characters
 
 #: Shortest time between two log lines, s: a guard with too little patience takes over many times per second.
 _WARNING_PERIOD = 1.0
-#: Delay of a takeover, in which late commands of a busy computer can still arrive, s.
-_RECHECK_DELAY = 0.001
+_RECHECK_DELAY = 0.001  # delay of a takeover, in which late commands of a busy computer can still arrive, s
 
-#: Topics of the controller alone, by key.
-_CONTROLLER_KEYS = ("joint_commands", "controller_state")
-#: Largest torque of a command, as a multiple of the effort limit (rounding).
-_LARGEST_TORQUE = 1.0 + 1.0e-6
+_CONTROLLER_KEYS = ("joint_commands", "controller_state")  # topics of the controller alone, by key
+_LARGEST_TORQUE = 1.0 + 1.0e-6  # multiple of the effort limit, for rounding
 
 _OK, _WARN, _ERROR = 0, 1, 2
 _log = logging.getLogger(__name__)
@@ -61,14 +56,7 @@ class GuardService:
 
     Callbacks of the transport decode commands and modes and store joint states; the rest runs on the thread of `cycle`.
     Before a takeover this thread also reads the newest command and mode, since callbacks may be late. Commands of any
-    publisher count, because messages do not name their sender; a second publisher is reported.
-
-    Attributes:
-        guard: decision logic.
-        watch: monitor of the publishers of commands and modes; `run` starts its thread.
-
-    Raises:
-        TransportError: if a topic cannot be opened.
+    publisher count, because messages do not name their sender; `watch` reports a second publisher.
     """
 
     def __init__(
@@ -148,11 +136,7 @@ class GuardService:
             self._refused.pop("joint_commands", None)
 
     def _torques_of(self, effort: Array) -> Array:
-        """Convert torques from the joints, (nj,), to the actuators, (na,), in N·m.
-
-        Raises:
-            InputRefused: if a torque exceeds its limit: the controller did not send it.
-        """
+        """Convert torques from the joints, (nj,), to the actuators, (na,), in N·m; refuse torques above a limit."""
         tau, limits = self._drive.from_joints(effort), self.guard.limits.effort
         within = np.abs(tau) <= _LARGEST_TORQUE * limits
         if not within.all():
@@ -224,11 +208,7 @@ class GuardService:
         return self._velocity_filter.update(joints.stamp, joints.position)
 
     def cycle(self) -> float:
-        """Decide, send torques after a takeover, and publish the state.
-
-        Returns:
-            Time of the next cycle on the clock, s.
-        """
+        """Decide, send torques after a takeover, publish the state, and return the time of the next cycle, s."""
         now, received = self._clock.now(), self._read_inputs()
         if not self.guard.sending and now >= self.guard.deadline(received):
             # A preempted computer delays the transport's thread too: commands may be waiting.
@@ -319,10 +299,7 @@ def guard_limits(settings: Settings, effort: Array, damping: Array) -> GuardLimi
 def _compute_damping(settings: Settings, urdf: str) -> Array:
     """Compute the damping, (na, nj), in a separate process with Pinocchio.
 
-    The process imports only this module: `multiprocessing` would import the main module, and start a second guard.
-
-    Raises:
-        ConfigurationError: if the process fails, with the last line of its output.
+    Not by `multiprocessing`, which would import the main module and start a second guard.
     """
     place = str(Path(__file__).resolve().parents[2])
     done = subprocess.run(  # noqa: S603 - of this package
@@ -357,12 +334,7 @@ def run_guard(
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
 ) -> None:
-    """Run the guard until the event is set; arguments as for `run_controller`.
-
-    Raises:
-        ConfigurationError: if URDF and settings do not fit together.
-        TransportError: if a topic cannot be opened.
-    """
+    """Run the guard until the event is set; arguments and errors as for `run_controller`."""
     topics = list(endpoints(GUARD_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings))
     urdf = find_urdf(settings, transport, stop, topics)
     if stop.is_set():

@@ -41,20 +41,13 @@ from wbc_controller.safety.sample_plausibility import SampleCheck
 
 #: Largest state message, bytes, by row of the topic table.
 _MAX_BYTES = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, **dict.fromkeys(KEYS, 1 << 14)}
-#: Largest number of IMU samples in one cycle (the newest): ratio of the rates of IMU and loop.
-_MAX_IMU_SAMPLES = 20
-#: Largest number of absolute poses in one cycle (the newest).
-_MAX_POSES = 4
-#: Depth of the transport's queues of states: an oversized message must not displace a valid one.
-_STATE_DEPTH = 10
-#: Rows of the topic table outside the control cycle.
-_NOT_LATCHED = ("robot_description", "clock", "record")
-#: Name of the base estimate in the ages of the inputs.
-ESTIMATE = "base estimate"
-#: Age of taken joint states from which the loop looks for newer ones, after a preemption, s.
-_PREEMPTED = 0.005
-#: Smallest transit time that is reported with a message's age, s.
-_MIN_DELAY = 0.01
+_MAX_IMU_SAMPLES = 20  # newest IMU samples of one cycle, if the IMU is faster than the loop
+_MAX_POSES = 4  # newest absolute poses of one cycle
+_STATE_DEPTH = 10  # of the queues of states: an oversized message must not displace a valid one
+_NOT_LATCHED = ("robot_description", "clock", "record")  # rows of the topic table outside the control cycle
+ESTIMATE = "base estimate"  # in the ages of the inputs
+_PREEMPTED = 0.005  # age of taken joint states that indicates a preemption, s
+_MIN_DELAY = 0.01  # smallest reported transit time, s
 
 
 @dataclass(slots=True)
@@ -122,8 +115,7 @@ class Inputs:
         self._poses: list[PoseSample] = []
         self._base: tuple[Array, Array] | None = None  # estimated pose and twist of the last cycle
         self._contact_sensors = ContactSensors(sensing, self._tracker) if sensing is not None else None
-        #: Names of the active contacts of the base estimate in the last cycle.
-        self.holding: Collection[str] = ()
+        self.holding: Collection[str] = ()  # names of the active contacts of the base estimate in the last cycle
         self._refusals: dict[str, str] = {}  # reason, by topic with a refused newest message
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
         joints = _Source(JointStateReader(model.joints, *columns), self._tracker())
@@ -155,14 +147,7 @@ class Inputs:
         self._trigger = next(queue for queue in self._queues.values() if queue.endpoint.key == "joint_states")
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a joint state, an emergency stop, or `wake`; return True if one arrived in time.
-
-        Args:
-            seconds: longest wall time, s.
-
-        Raises:
-            TransportError: if the transport is closed, or the topic cannot be read.
-        """
+        """Wait for a joint state, an emergency stop, or `wake`, in wall time; return True if one arrived in time."""
         deadline, left = time.monotonic() + seconds, seconds
         while self._trigger.stream.wait(left):
             self._collect(self._trigger)
@@ -178,12 +163,9 @@ class Inputs:
         self._trigger.stream.wake()
 
     def _collect(self, queue: _Queue) -> None:
-        """Take the messages of a topic from the transport with their arrival, and drop oversized ones.
-
-        The clock is read after the states, because a simulator publishes the time first.
-        """
+        """Take the messages of a topic with their arrival, and drop oversized ones."""
         taken = queue.stream.take()
-        self._clock.refresh()
+        self._clock.refresh()  # after the states, because a simulator publishes the time first
         now = self._clock.now()
         for payload in taken:
             if len(payload) <= queue.largest:
@@ -345,12 +327,7 @@ class Inputs:
         return ages
 
     def fault(self, ages: Mapping[str, float], timeout: float) -> Fault | None:
-        """Return the input fault, or None.
-
-        Args:
-            ages: age of each part of the state, s.
-            timeout: largest allowed age, s.
-        """
+        """Return the input fault, or None, for the ages of the parts of the state and their limit, s."""
         for topic, check in self._checks:
             found = check.fault(topic) if check.in_row else None
             if found is not None:

@@ -27,30 +27,18 @@ from wbc_controller.safety.model_audit import ModelAudit
 
 _log = logging.getLogger(__name__)
 
-#: Shortest time between two equal log messages, s.
-_WARNING_PERIOD = 1.0
-#: Largest number of log messages in that time.
-_MAX_MESSAGES = 20
+_WARNING_PERIOD = 1.0  # shortest time between two equal log messages, s
+_MAX_MESSAGES = 20  # largest number of log messages in that time
 #: Numbers and quoted names of a message, which may change from cycle to cycle.
 _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
-#: Switch interval of the interpreter: longest wait of the loop for another thread, s.
-_SWITCH_INTERVAL = 5.0e-4
-#: Modes with torques of the solution.
-_UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
-#: Rounding of clock times, s.
-_ROUNDING = 1.0e-6
-#: Requests that cancel an activation in the same cycle.
-_CANCEL_ACTIVATION = ("damp", "reset")
+_SWITCH_INTERVAL = 5.0e-4  # of the interpreter's threads: longest wait of the loop for another thread, s
+_UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques of the solution
+_ROUNDING = 1.0e-6  # of clock times, s
+_CANCEL_ACTIVATION = ("damp", "reset")  # requests that cancel an activation in the same cycle
 
 
 class ControlLoop:
-    """Loop of inputs, controller and outputs.
-
-    Args:
-        ownership: check of other publishers on the topics.
-        timer: clock of the stage times, s.
-        observers: called with the report of every cycle.
-    """
+    """Loop of inputs, controller and outputs; `timer` measures the stages, s, `observers` receive every report."""
 
     def __init__(
         self,
@@ -177,24 +165,16 @@ class ControlLoop:
         return report
 
     def _clock_stall(self, stall: float, timeout: float) -> str:
-        """Return the reason why ages cannot be measured during a stall of the clock.
-
-        Args:
-            stall: advance of the stamps of the states during the stall, s.
-            timeout: limit of the ages, s.
-        """
+        """Return the reason why ages, limited to `timeout`, s, cannot be measured during a stall of the clock, s."""
         step = self._clock.resolution()
         if stall <= 2.0 * step < math.inf:  # the next clock message may be late
             return _coarse_clock_message(step, timeout, "state_timeout")
         return f"the clock stopped for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
 
     def _coarse_clock(self, stall: float, timeout: float) -> str | None:
-        """Return the reason if the clock's steps are too coarse, or unknown during a stall; None otherwise.
-
-        Stamps of states lead a synchronized clock by up to one step.
-        """
+        """Return the reason if the clock's steps are too coarse, or unknown during a stall; None otherwise."""
         step, limit, key = self._clock.resolution(), timeout, "state_timeout"
-        tolerance = self._inputs.clock_tolerance
+        tolerance = self._inputs.clock_tolerance  # stamps lead a synchronized clock by up to one step
         if tolerance is not None and tolerance < timeout:
             limit, key = tolerance, "clock_tolerance"
         if math.isinf(step) and stall > 0.0:
@@ -296,15 +276,7 @@ class ControlLoop:
             self._shut_down()
 
     def run_due(self, now: float, period: float) -> bool:
-        """Run the triggered cycle if one is due, as `run` does, in simulated time.
-
-        Args:
-            now: simulated time, s, independent of the loop's clock.
-            period: time between cycles, s.
-
-        Returns:
-            True if a cycle was due.
-        """
+        """Run a triggered cycle if due at a simulated time, s (independent of the loop's clock); return True if due."""
         if not self._inputs.wait(0.0) and now < self._cycle_due:
             return False
         self._guarded_cycle()

@@ -31,19 +31,12 @@ from wbc_controller.records import Fault, Mode, References, RobotState, Solution
 
 #: Rows of the topic table with messages on demand.
 _ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
-#: Shortest time between two diagnostics without a subscription, s.
-_UNREAD_PERIOD = 1.0
-#: Time between two queries of the subscriptions, s.
-_QUERY_PERIOD = 0.1
+_UNREAD_PERIOD = 1.0  # shortest time between two diagnostics without a subscription, s
+_QUERY_PERIOD = 0.1  # time between two queries of the subscriptions, s
 
 
 class _Subscriptions:
-    """Subscriptions of the topics on demand.
-
-    Attributes:
-        subjects: by row of the topic table, the contacts or tasks with a subscription; the empty name for a topic
-            without a subject.
-    """
+    """Subscriptions of the topics on demand: `subjects` (contacts, tasks, empty name) by row of the topic table."""
 
     def __init__(self, transport: Transport, endpoints: Iterable[Endpoint]) -> None:
         self._queries = [
@@ -67,12 +60,12 @@ class Outputs:
     """Publisher of the results of a cycle.
 
     Args:
-        contacts: contacts with published forces, by name.
-        diagnostics_period: period of diagnostics and task states, s.
-        markers_period: period of markers, s; inf for none.
-        node: name of the node with its namespace.
-        scheduling: scheduling of the process, for diagnostics.
-        recorder: returns diagnostics of inputs and recorder, by key.
+        contacts: contacts with published forces.
+        diagnostics_period: of diagnostics and task states, s.
+        markers_period: s; inf for none.
+        node: name with namespace.
+        scheduling: for diagnostics.
+        recorder: returns diagnostics of inputs and recorder.
     """
 
     def __init__(
@@ -152,12 +145,7 @@ class Outputs:
         self._publish["effort", ""](self._zeros)
 
     def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
-        """Send a changed mode, begin diagnostics if due, and query the subscriptions.
-
-        Args:
-            now: time on the clock of the loop, s.
-            wall: time for the headers, ns.
-        """
+        """Send a changed mode, begin diagnostics if due, and query subscriptions; loop time, s, and header time, ns."""
         mode, fault = report.mode, report.fault
         if mode is not self._published_mode or (fault is not self._published_fault and fault != self._published_fault):
             self._published_mode, self._published_fault = mode, fault
@@ -186,13 +174,7 @@ class Outputs:
         references: References | None,
         solution: Solution | None,
     ) -> None:
-        """Send value and reference of the next task with a subscription, and update the shortfalls of all tasks.
-
-        Args:
-            now: time on the clock of the loop, s.
-            state: latched state; None before the first one.
-            references: references of the cycle; None without a solution.
-        """
+        """Send value and reference of the next task with a subscription, and update the shortfalls of all tasks."""
         if state is None or references is None or solution is None:
             self._shortfalls = ()
             return

@@ -22,23 +22,14 @@ class Ownership:
     """Monitor of the other publishers on the controller's topics.
 
     A real-time loop checks the graph on a separate thread (`start`), a lockstep loop in its cycles (`refresh`).
-
-    Attributes:
-        contested: a sentence for each topic with conflicting publishers; any of them prevents the activation.
-        shared: publishers of inputs with several, by topic name.
     """
 
     def __init__(
         self, transport: Transport, topics: Iterable[Endpoint], allowed: Sequence[str], node: str, *, simulated: bool
     ) -> None:
-        """Check the graph once, after the controller's topics were opened.
-
-        Args:
-            allowed: other nodes with permission to publish torques; relative names in the controller's namespace.
-            simulated: True for simulated time from the topic ``clock``.
-        """
-        self.contested: tuple[str, ...] = ()
-        self.shared: Mapping[str, str] = {}
+        """Check the graph once, after the topics were opened; `allowed` nodes may publish torques too."""
+        self.contested: tuple[str, ...] = ()  # a sentence per topic with conflicting publishers; prevents activation
+        self.shared: Mapping[str, str] = {}  # publishers of inputs with several, by topic name
         namespace = node.rpartition("/")[0]
         self._allowed = {name if name.startswith("/") else f"{namespace}/{name}" for name in allowed}
         keys = ("effort", "joint_states", "odom", *(("clock",) if simulated else ()))
@@ -50,10 +41,7 @@ class Ownership:
         self._discovered_at = time.monotonic() + transport.discovery_time
 
     def start(self, stop: threading.Event) -> None:
-        """Wait for discovery (or `stop`), then check the graph on a separate thread until `stop()`.
-
-        Of two controllers that start together, each must discover the other before its activation.
-        """
+        """Wait for discovery (or `stop`), so that two controllers see each other; then check on a separate thread."""
         unknown = self._discovered_at - time.monotonic()
         if unknown > 0.0:
             stop.wait(unknown)

@@ -17,10 +17,8 @@ from typing import Any
 from wbc_controller.errors import WbcError
 from wbc_controller.settings.config import load
 
-#: The C library, and a request number of <sys/prctl.h>.
-_C, _PR_SET_PDEATHSIG = ctypes.CDLL(None), 1
-#: Timeout of awaited events in wall time, s.
-TIMEOUT = 60.0
+_C, _PR_SET_PDEATHSIG = ctypes.CDLL(None), 1  # the C library, and a request number of <sys/prctl.h>
+TIMEOUT = 60.0  # timeout of awaited events in wall time, s
 
 
 class Processes:
@@ -42,11 +40,7 @@ class Processes:
             folder: folder of configuration and logs, created if missing.
             domain: DDS domain.
             changes: changed settings by dotted key.
-            own_sessions: start each process in its own session, which isolates it from Ctrl-C and shares the
-                processors fairly with a busy browser; it still ends with this process.
-
-        Raises:
-            ConfigurationError: if the robot or a value is invalid.
+            own_sessions: one session per process, for isolation from Ctrl-C and fair shares beside a busy browser.
         """
         config = load(robot).replace(changes or {})
         self.settings = config.settings
@@ -120,17 +114,9 @@ def until(
     patience: float = TIMEOUT,
     told: Callable[[], str] = lambda: "",
 ) -> None:
-    """Wait for a condition.
+    """Wait for a condition, with a `WbcError` (description `what`, details `told`) after `patience` seconds.
 
-    Args:
-        condition: returns True when met.
-        what: description of the condition, for the error.
-        again: called four times per second, because a node may miss a message just after its discovery.
-        patience: timeout, s.
-        told: returns details for the error.
-
-    Raises:
-        WbcError: at the timeout.
+    `again` is called four times per second, because a node may miss a message just after its discovery.
     """
     deadline, due = time.monotonic() + patience, 0.0
     while not condition():

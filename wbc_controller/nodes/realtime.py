@@ -22,12 +22,9 @@ _KEY = "control.realtime"
 _HELP = "see docs/real_time.md"
 #: Scheduling classes, by the names of the settings and of Linux.
 _CLASSES = {"other": "SCHED_OTHER", "fifo": "SCHED_FIFO", "rr": "SCHED_RR"}
-#: Flags of mlockall(2): present and future pages.
-_MCL_CURRENT, _MCL_FUTURE = 1, 2
-#: Bit of capabilities(7) that removes the limit of locked memory.
-_CAP_IPC_LOCK = 14
-#: Processor numbers of Linux.
-_NUMBERS = range(1024)
+_MCL_CURRENT, _MCL_FUTURE = 1, 2  # flags of mlockall(2): present and future pages
+_CAP_IPC_LOCK = 14  # bit of capabilities(7) that removes the limit of locked memory
+_NUMBERS = range(1024)  # processor numbers of Linux
 #: PM QoS device: the requested wake-up latency holds while the file is open.
 _LATENCY_DEVICE = Path("/dev/cpu_dma_latency")
 _latency_file: list[int] = []  # descriptor of the device, open until the process ends
@@ -36,10 +33,7 @@ _latency_file: list[int] = []  # descriptor of the device, open until the proces
 def apply_realtime(settings: RealtimeSettings) -> None:
     """Apply the settings to this process until its end.
 
-    A refusal is an error, because a missing setting would have no effect until the computer is busy.
-
-    Raises:
-        ConfigurationError: if the system refuses a setting, with the remedy.
+    A refusal by the system raises `ConfigurationError`, because its effect would appear only on a busy computer.
     """
     if settings != RealtimeSettings() and not hasattr(os, "sched_setscheduler"):
         raise ConfigurationError(f"{_KEY}: not supported on {sys.platform}; requires Linux; {_HELP}")
@@ -67,13 +61,9 @@ def processors() -> set[int]:
 
 
 def describe_scheduling(process: int = 0) -> str:
-    """Describe the scheduling of a process: ``fifo 50 on processors 2, 3, memory locked, cpu_dma_latency held``.
+    """Describe the scheduling of a process's main thread, or of the calling thread (0); empty if unknown.
 
-    Args:
-        process: process number for its main thread, or 0 for the calling thread.
-
-    Returns:
-        The description; empty if unknown.
+    Example: ``fifo 50 on processors 2, 3, memory locked, cpu_dma_latency held``.
     """
     if not hasattr(os, "sched_getscheduler"):
         return ""

@@ -1,8 +1,7 @@
 """Queue of users' requests: stored as bytes on arrival, decoded on a separate thread, taken by a cycle.
 
-Callbacks on the transport's thread store the requests and recognize an emergency stop, so that no queue delays it. The
-thread `reader` decodes and validates requests with a limited share of the processor. Without it, as in lockstep, the
-cycle decodes them.
+Callbacks on the transport's thread recognize an emergency stop, so that no queue delays it. The thread `reader` decodes
+and validates requests with a limited share of the processor; in lockstep the cycle decodes them.
 """
 
 from __future__ import annotations
@@ -24,20 +23,14 @@ from wbc_controller.records import ChangeSettings
 
 _log = logging.getLogger(__name__)
 
-#: Capacity of the queue; further requests are dropped and counted.
-_REQUEST_DEPTH = 100
-#: Largest number of requests per cycle, to bound its time.
-_MOST_PER_CYCLE = 20
+_REQUEST_DEPTH = 100  # capacity; further requests are dropped and counted
+_MOST_PER_CYCLE = 20  # requests, to bound the time of a cycle
 #: Largest message, bytes: by row of the topic table, and all others.
 _MAX_BYTES, _MAX_REQUEST_BYTES = {"trajectory": 1 << 20}, 1 << 18
-#: Share of the time for the reader thread, since the interpreter runs one thread at a time.
-_READER_SHARE = 0.25
-#: Longest reason of a refusal, characters.
-_LONGEST_REASON = 1000
-#: Longest command, characters.
-_MAX_COMMAND = 40
-#: Emergency stop in a serialized std_msgs/String.
-_ESTOP = b"estop"
+_READER_SHARE = 0.25  # share of the time, since the interpreter runs one thread at a time
+_LONGEST_REASON = 1000  # of a refusal, characters
+_MAX_COMMAND = 40  # characters
+_ESTOP = b"estop"  # emergency stop in a serialized std_msgs/String
 
 
 @dataclass(slots=True)
@@ -52,9 +45,8 @@ class _Decoded:
 class Requests:
     """Queue of requests between transport and cycles.
 
-    Args:
-        prepare: validates a change; raises `ConfigurationError` or `InputRefused`.
-        stop: called at an emergency stop, on the receiving thread.
+    `prepare` validates a change (`ConfigurationError`, `InputRefused`); `stop` is called at an emergency stop, on the
+    receiving thread.
     """
 
     def __init__(

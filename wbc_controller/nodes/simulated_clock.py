@@ -17,30 +17,20 @@ from wbc_controller.middleware.transports.transport import Stream, Transport
 
 _log = logging.getLogger(__name__)
 
-#: Depth of the queue of clock messages, which bounds the reading time in a flood.
-_DEPTH = 10
+_DEPTH = 10  # depth of the queue of clock messages, which bounds the reading time in a flood
 
 
 class SimulatedClock:
     """The newest time on the clock topic, constant between two messages.
 
-    A simulator publishes the time before the state with that stamp. The loop calls `refresh` on its own thread after it
-    has taken a state, and so has the time of that state on a busy computer too. If the middleware delivers the time
-    late, the loop measures the delay by the stamps of the states.
-
-    After a jump back of simulated time (a restart) the clock continues from its last time and reports the jump once, in
-    `clock_fault`.
-
-    Args:
-        stream: stream of the clock topic with depth `_DEPTH`.
+    A simulator publishes the time before the state with that stamp. The loop calls `refresh` after it has taken a
+    state, and so has its time on a busy computer too; the stamps of the states measure a late delivery. After a jump
+    back (a restart) the clock continues from its last time and reports the jump once.
     """
 
-    #: Period of the checks in `wait`, s wall time.
-    _CHECK_PERIOD = 0.05
-    #: Number of newest steps for the resolution, their minimum: dropped messages lengthen steps.
-    _STEPS = 3
-    #: Shortest wall time between two logged refusals, s.
-    _WARNING_PERIOD = 1.0
+    _CHECK_PERIOD = 0.05  # period of the checks in `wait`, s wall time
+    _STEPS = 3  # number of newest steps for the resolution, their minimum: dropped messages lengthen steps
+    _WARNING_PERIOD = 1.0  # shortest wall time between two logged refusals, s
 
     def __init__(self, stream: Stream, topic: Endpoint) -> None:
         self._stream, self._topic = stream, topic
@@ -52,11 +42,7 @@ class SimulatedClock:
         self._refused_at = -math.inf  # on the monotonic clock, s
 
     def refresh(self) -> None:
-        """Read the pending messages, on the loop's thread only.
-
-        Raises:
-            TransportError: if the clock topic cannot be read.
-        """
+        """Read the pending messages, on the loop's thread only."""
         for payload in self._stream.take():
             try:
                 self._set_time(time_of(decode(payload, self._topic.type).clock, "clock"))
@@ -100,11 +86,7 @@ class SimulatedClock:
         return clock_fault
 
     def wait(self, stop: threading.Event, seconds: float) -> None:
-        """Wait for a duration of simulated time, or for the event.
-
-        Raises:
-            TransportError: if the clock topic cannot be read.
-        """
+        """Wait for a duration of simulated time, or for the event."""
         end = self.now() + seconds
         while not stop.is_set() and self.now() < end:
             self._stream.wait(self._CHECK_PERIOD)
@@ -112,13 +94,6 @@ class SimulatedClock:
 
 
 def make_simulated_clock(topics: Iterable[Endpoint], transport: Transport) -> SimulatedClock:
-    """Make the clock of the clock topic.
-
-    Args:
-        transport: transport without lifecycle gate: clock messages arrive in every lifecycle state.
-
-    Raises:
-        TransportError: if the topic cannot be opened.
-    """
+    """Make the clock of the clock topic, on a transport without lifecycle gate."""
     (endpoint,) = [topic for topic in topics if topic.key == "clock"]
     return SimulatedClock(transport.stream(endpoint, _DEPTH), endpoint)

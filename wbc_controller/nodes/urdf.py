@@ -16,40 +16,27 @@ from wbc_controller.settings import Settings
 
 _log = logging.getLogger(__name__)
 
-#: Longest message, bytes: URDF, length, terminator and padding.
-_LARGEST = LARGEST_URDF + 16
+_LARGEST = LARGEST_URDF + 16  # longest message, bytes: URDF, length, terminator and padding
 
-#: Period of the warnings, s.
-_WARNING_PERIOD = 5.0
+_WARNING_PERIOD = 5.0  # s
 
 
 def decode_urdf(payload: bytes, endpoint: Endpoint) -> str:
-    """Decode the URDF from a serialized message.
-
-    Raises:
-        InputRefused: if the message is too long (checked before decoding) or of another type.
-    """
+    """Decode the URDF from a serialized message; raises `InputRefused` if too long or of another type."""
     if len(payload) > _LARGEST:
         raise InputRefused(f"URDF has {len(payload)} bytes (limit {LARGEST_URDF})")
     return str(decode(payload, endpoint.type).data)
 
 
 def find_urdf(settings: Settings, transport: Transport, stop: threading.Event, topics: Iterable[Endpoint]) -> str:
-    """Return the URDF from the file of the settings, or from the topic by `wait_for_urdf`.
-
-    Raises:
-        ConfigurationError: if the file cannot be read.
-    """
+    """Return the URDF from the file of the settings, or from the topic by `wait_for_urdf`."""
     return read_urdf(settings.robot.urdf) if settings.robot.urdf else wait_for_urdf(transport, stop, topics)
 
 
 def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[Endpoint]) -> str:
     """Wait for the first valid URDF on the latched topic ``robot_description``, with a warning every 5 s.
 
-    The log reports the first refused message.
-
-    Returns:
-        The URDF; empty within 5 s after `stop` was set.
+    The log reports the first refused message. The result is empty within 5 s after `stop` was set.
     """
     arrived = threading.Event()
     found, refused = "", False

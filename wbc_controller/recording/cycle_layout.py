@@ -18,8 +18,7 @@ from wbc_controller.records import Array, Mode, Reference, References
 
 FORMAT = 4  # version of recordings; other versions are rejected
 MODES = tuple(Mode)
-#: Recorded ages and stage times.
-AGES = ("joint_states", "odom", "imu", "base estimate")
+AGES = ("joint_states", "odom", "imu", "base estimate")  # recorded ages and stage times
 STAGES = (
     "read", "compute", "compute/build", "compute/solve", "compute/unpack", "supervise", "write", "total", "audit",
 )  # fmt: skip

@@ -23,8 +23,7 @@ from typing import Any
 
 from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, PackedChunk, Topic, exists
 
-#: Start of a frame: length of the content, code or number of the topic, and time in ns.
-FRAME = struct.Struct("<IHq")
+FRAME = struct.Struct("<IHq")  # start of a frame: length of the content, code or number of the topic, and time in ns
 #: Codes of other frames: topics, a message at the start of every file, a reason to write the last seconds, and the end.
 TOPICS, PINNED, TRIGGER, END = range(0xFF00, 0xFF04)
 CHUNK_SECONDS, CHUNK_BYTES = 0.4, 1 << 20  # largest duration, s, and size of a chunk

@@ -1,4 +1,4 @@
-"""What every transport promises, run on each of them."""
+"""The interface of all transports, run on each of them."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ def test_callback_that_raises_is_logged_and_the_next_message_arrives(join, event
     publish, reader = join("writer").advertise(endpoint("/command")), join("reader")
     reader.subscribe(endpoint("/command"), fail_once)
     log = logging.getLogger(type(reader).__module__)
-    log.addHandler(caplog.handler)  # ROS 2's launch, where it is installed, keeps records from the root logger
+    log.addHandler(caplog.handler)  # an installed ROS 2 launch keeps records from the root logger
     eventually(lambda: len(received) >= 2, lambda: publish(text("x")))
     log.removeHandler(caplog.handler)
     assert "callback for /command failed" in caplog.text
@@ -210,7 +210,7 @@ def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventuall
         join("reader").stream(ODOM, depth=2),
     )
     eventually(stream.take, lambda: publish(text("first")))
-    time.sleep(0.05)  # what was on its way when one came
+    time.sleep(0.05)  # messages in transit
     stream.take()
     assert stream.take() == []
     for i in range(5):
@@ -247,7 +247,7 @@ def test_that_a_writer_is_gone_is_no_message(join, eventually):
     time.sleep(0.05)
     stream.take()
     writer.close()
-    stream.wait(0.5)  # DDS tells of it
+    stream.wait(0.5)  # DDS reports it
     assert stream.take() == []
 
 
@@ -278,7 +278,7 @@ def test_a_stream_ends_with_its_transport(join):
 
 @pytest.fixture
 def clock_and_writer(join):
-    """A simulated clock, a function that publishes a time in ns, and the transports of their nodes."""
+    """A simulated clock, a function that publishes a time, ns, and the transports of their nodes."""
     reader, writer = join("reader"), join("writer")
     (topic,) = endpoints([topic for topic in topics.CONTROLLER_TOPICS if topic.key == "clock"], "reader")
     clock, publish = make_simulated_clock([topic], reader), writer.advertise(counterpart(topic))
@@ -308,7 +308,7 @@ def test_the_simulated_time_is_read_while_the_transport_s_thread_is_busy(clock_a
 
 
 def test_the_time_that_was_sent_before_a_state_is_there_with_it(clock_and_writer, eventually):
-    """Within a tenth of the limit of the stamps: two topics are two readers, whose order DDS does not promise."""
+    """Within a tenth of the limit of the stamps, because DDS does not order two topics."""
     clock, tell, reader, writer = clock_and_writer
     states, period = endpoint("/joint_states", topics.STATE_IN, "sensor_msgs/msg/JointState"), 2_000_000
     stream = reader.stream(states, depth=1)
@@ -363,7 +363,7 @@ def test_the_other_nodes_that_publish_on_a_topic_are_named(join, eventually):
     other.advertise(endpoint("/odometry"))
     publish = other.advertise(odom)
     eventually(lambda: own.publishers(odom) == ("/a/estimator",))
-    third.advertise(odom)  # of the same name as the node that asks
+    third.advertise(odom)  # with the name of the asking node
     eventually(lambda: own.publishers(odom) == ("/a/estimator", "/controller"))
     eventually(lambda: other.publishers(odom) == ("/controller", "/controller"))
     assert own.publishers(endpoint("/nothing")) == ()
@@ -387,7 +387,7 @@ def test_a_writer_knows_whether_somebody_reads(join, eventually):
     eventually(lambda: own.has_reader(markers))
     assert not own.has_reader(endpoint("/odom"))
     assert not own.has_reader(endpoint("/nothing"))
-    assert not other.has_reader(markers)  # which it has not opened for writing
+    assert not other.has_reader(markers)  # not advertised by it
     other.close()
     eventually(lambda: not own.has_reader(markers))
     own.close()

@@ -1,4 +1,4 @@
-"""What is particular to the embedded DDS: types, environment, discovery, and other processes."""
+"""The embedded DDS: types, environment, discovery, and other processes."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_generated_type_describes_the_bytes_that_the_codec_writes(example, type_
 
 
 def _with_lists(content):
-    """Turn arrays into the lists that cyclonedds takes."""
+    """Convert arrays into lists for cyclonedds."""
     if isinstance(content, np.ndarray):
         return content.tolist()
     if isinstance(content, list):
@@ -144,7 +144,7 @@ def test_what_the_user_configured_comes_last_and_peers_are_escaped():
 
 @pytest.mark.parametrize("discovery_range", [DiscoveryRange.LOCALHOST, DiscoveryRange.SUBNET, DiscoveryRange.OFF])
 def test_a_lost_packet_is_sent_again_within_a_few_cycles(discovery_range):
-    """Not after Cyclone's 100 ms: `wbc fuzz floods --kinds large` beside other work shows it."""
+    """Not after Cyclone's 100 ms: `wbc fuzz floods --kinds large` beside other load shows it."""
     assert "<HeartbeatInterval>10 ms</HeartbeatInterval>" in configuration(DomainSettings(0, discovery_range))
 
 
@@ -152,7 +152,7 @@ def test_a_lost_packet_is_sent_again_within_a_few_cycles(discovery_range):
 @pytest.mark.parametrize("discovery_range", DiscoveryRange.__members__)
 def test_every_configuration_is_accepted_by_cyclone(domain_id, discovery_range, monkeypatch):
     if discovery_range in ("SUBNET", "SYSTEM_DEFAULT"):
-        monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)  # the same configuration, kept on this machine
+        monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)  # the same configuration, limited to this computer
     DdsTransport("node", domain_id=domain_id, discovery_range=discovery_range).close()
 
 
@@ -195,7 +195,7 @@ def test_a_loopback_that_the_user_configures_too_is_named_once(uri, monkeypatch,
     here.subscribe(endpoint("/pong"), pongs.append)
     ping, stop = here.advertise(endpoint("/ping")), here.advertise(endpoint("/stop"))
     with subprocess.Popen([sys.executable, "-c", code, str(DOMAIN)], env=os.environ | SEES_THIS_FILE) as echo:
-        eventually(lambda: pongs, lambda: ping(text("hello")))  # a process without that configuration hears it
+        eventually(lambda: pongs, lambda: ping(text("hello")))  # a process without that configuration receives it
         eventually(lambda: echo.poll() is not None, lambda: stop(text("")))
     assert decode(pongs[0], STRING).data == "hello"
     here.close()

@@ -1,4 +1,4 @@
-"""Who else publishes: told at each change, a nameless node only when it stays nameless."""
+"""Other publishers: reported at each change, unnamed nodes after the second check."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOPICS = [Endpoint(key, "", f"/{key}", "std_msgs/msg/String", Direction.OUT, STA
 
 
 class Told(MemoryTransport):
-    """A transport whose graph is what a test says."""
+    """Transport with a given graph."""
 
     def __init__(self):
         super().__init__(MemoryBus())

@@ -1,4 +1,4 @@
-"""A reference that cannot be reached is said, with the constraint in the way; one that is on its way is not."""
+"""Reports of unreachable references with the binding constraints, and none during an approach."""
 
 from __future__ import annotations
 
@@ -19,10 +19,7 @@ def controller():
 
 
 def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0, approach=0.0):
-    """The sentences of the last of some looks, with a reference of the centre of mass that is so far away.
-
-    Of the first look's error the share `approach` is gone in the last one.
-    """
+    """Return the last report's sentences with a com reference `far` away, after the share `approach` of the error."""
     shortfall, dynamics = Shortfall({"com": controller.tasks["com"]}), controller.dynamics
     found = ()
     for i in range(times):
@@ -46,11 +43,11 @@ def test_what_stays_short_is_said_with_what_is_in_the_way(controller):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"times": 10},  # not for long enough
-        {"goal": [0.0, 0.0, 0.009]},  # near enough
-        {"velocity": 0.1},  # on its way
-        {"approach": 0.5},  # it comes nearer
-        {"weight": 0.04},  # outweighed: it takes what the others leave
+        {"times": 10},  # too short
+        {"goal": [0.0, 0.0, 0.009]},  # near the reference
+        {"velocity": 0.1},  # in motion
+        {"approach": 0.5},  # approaching
+        {"weight": 0.04},  # minor weight
     ],
 )
 def test_what_is_no_shortfall(controller, changes):

@@ -1,4 +1,4 @@
-"""The outcome of a command that came by a service: that of the cycle which took it."""
+"""Outcomes of service commands, from the cycle that processed them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wbc_controller.records import Fault, Mode
 
 @pytest.fixture
 def asked():
-    """A pending 'activate', and the list of its answers."""
+    """A pending 'activate', and the list of its responses."""
     return send("activate")
 
 
@@ -66,7 +66,7 @@ def test_a_deactivation_is_answered_at_the_end_of_its_ramp(last, respond):
     waiting, outcome = send("deactivate")
     waiting.observe(report(Mode.ACTIVE, ("deactivate",)))
     for mode in (Mode.ACTIVE, Mode.HOLDING, Mode.ACTIVE):
-        waiting.observe(report(mode, refused=("command 'deactivate' is refused",)))  # another one
+        waiting.observe(report(mode, refused=("command 'deactivate' is refused",)))  # another fault
     assert outcome == []
     waiting.observe(last)
     assert outcome == [respond]

@@ -1,4 +1,4 @@
-"""The refusal of two ROS 2 in one process: the wheels of PyPI, and a sourced installation."""
+"""Refusal of two ROS 2 in one process: the wheels of PyPI, and a sourced installation."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 
 @pytest.fixture
 def environment(tmp_path, monkeypatch):
-    """A virtual environment with the wheels, and no ROS 2 sourced; returns the folder of its packages."""
+    """Make a virtual environment with the wheels and without a sourced ROS 2; return the folder of its packages."""
     prefix = tmp_path / "venv"
     site = prefix / "lib/python3.12/site-packages"
     _make(prefix / "lib/librcl.so")
@@ -26,7 +26,7 @@ def environment(tmp_path, monkeypatch):
     monkeypatch.setattr(installation, "distribution", lambda name: SimpleNamespace(locate_file=lambda path: site))
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     monkeypatch.setenv("LD_LIBRARY_PATH", str(prefix / "lib"))  # as the wheels set it
-    # Some test may have imported the real one, whose module find_spec would return.
+    # An earlier test may have imported the real module, which find_spec would return.
     monkeypatch.delitem(sys.modules, "rclpy", raising=False)
     return site
 
@@ -56,7 +56,7 @@ def test_a_sourced_installation_is_refused_with_both_paths(environment, tmp_path
         refuse_mixed_installations()
     assert f"in {environment}, " in str(refusal.value)
     assert f" in {sourced}. " in str(refusal.value)
-    assert "in a shell that has not sourced ROS 2" in str(refusal.value)
+    assert "a shell without a sourced ROS 2" in str(refusal.value)
 
 
 def test_rclpy_from_another_place_than_the_wheels_is_refused(environment, tmp_path, monkeypatch):
@@ -88,7 +88,7 @@ from wbc_controller.nodes.ros2 import installation
 from wbc_controller.errors import ConfigurationError
 def refuse(): raise ConfigurationError("two installations of ROS 2")
 import wbc_controller.node as node
-node.refuse_mixture = refuse
+node.refuse_mixed_installations = refuse
 node.{main}()
 """
 

@@ -1,4 +1,4 @@
-"""The launch file, on its own processes: a robot stands, and everything ends as it should."""
+"""Launch files in their own processes: the robot balances, and all processes end correctly."""
 
 import itertools
 import signal
@@ -31,7 +31,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def end(*processes):
-    """End launch files as Ctrl-C does; what they have said, which pytest shows where the test fails."""
+    """End launch files as Ctrl-C does, and return their output."""
     for process in processes:
         process.send_signal(signal.SIGINT)
     outputs = [process.communicate(timeout=patience(PATIENCE))[0] for process in processes]
@@ -56,7 +56,7 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
     hold = node.create_publisher(Bool, "/r1/mock_robot/hold", 10)
     setpoint = node.create_publisher(PointStamped, "/r1/wbc_controller/tasks/com/setpoint", 10)
 
-    # Half of real time, and ages by the simulator's clock, so that a busy machine keeps up too.
+    # Half of real time, and ages by simulated time, for a busy computer.
     process = launch(environment, "robot:=g1", "namespace:=r1", "real_time_factor:=0.5", "use_sim_time:=true")
     try:
         until(lambda: all(publisher.get_subscription_count() for publisher in (command, hold, setpoint)))
@@ -64,7 +64,7 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
         until(lambda: height)
 
         def active():
-            if states[-1] == "inactive" and next(tries) % 10 == 0:  # refused until joint states have arrived
+            if states[-1] == "inactive" and next(tries) % 10 == 0:  # refused until joint states arrive
                 command.publish(String(data="activate"))
             return states[-1] == "active"
 
@@ -133,7 +133,7 @@ def test_every_argument_is_described(environment, file, arguments):
 
 @pytest.fixture
 def stand_in(environment, tmp_path):
-    """Install an executable that notes the words and the parameters it was started with."""
+    """Install an executable that records its arguments and parameters."""
 
     def install(package, executable):
         folder = tmp_path / "lib" / package

@@ -38,7 +38,7 @@ from wbc_controller.settings.files import find_configuration, load_settings
 pytestmark = pytest.mark.live
 
 DOMAIN = own_domain()
-#: A busy machine must not look like a robot that stands still.
+#: Timeouts for a busy computer.
 PATIENT = {"safety__state_timeout": 1.0}
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
 
@@ -54,7 +54,7 @@ def context(monkeypatch):
 
 @pytest.fixture
 def log():
-    """What the node logs; not by caplog, since the pytest plugin of launch ends the propagation of all loggers."""
+    """Collect the node's log; caplog does not, since the pytest plugin of launch disables log propagation."""
     records, handler = [], logging.Handler()
     handler.emit = records.append
     loggers = [logging.getLogger(f"wbc_controller.nodes.ros2.{name}") for name in ("controller_node", "lifecycle_gate")]
@@ -115,13 +115,13 @@ def spin(context):
     if thread.ident is not None:
         thread.join()
     executor.shutdown()
-    for node in others:  # or the next test would find them in the graph
+    for node in others:  # otherwise the next test finds them in the graph
         node.destroy_node()
 
 
 @pytest.fixture
 def robot(context):
-    """A node that publishes the state of a G1 that hangs still."""
+    """Node that publishes the state of a hanging G1."""
     settings = load_settings(find_configuration("g1"))
     node = rclpy.create_node("robot", context=context)
     joints = JointState(name=settings.robot.joints, position=settings.robot.posture)
@@ -151,7 +151,7 @@ def on_executor(executor, function):
 
 @pytest.fixture
 def bring_up(make_node, spin, context):
-    """Spin a controller's node, a user's and others, and pass through some transitions of the first."""
+    """Spin a controller's node, a user's and others, and run some transitions of the first."""
 
     def bring_up(*others, transitions=("configure", "activate"), **overrides):
         node, user = make_node(robot="g1", **overrides), rclpy.create_node("user", context=context)
@@ -164,7 +164,7 @@ def bring_up(make_node, spin, context):
 
 
 def caller(user, name):
-    """A function that calls a service of the controller; it gives its success and message."""
+    """Return a function that calls a service of the controller and returns success and message."""
     client = user.create_client(Trigger, f"/wbc_controller/{name}")
 
     def call():
@@ -277,7 +277,7 @@ def test_the_whole_configuration_is_shown_as_parameters_while_there_is_one(make_
     assert set_one(node, "tasks.com.stiffness", 70.0) is True
     assert node.trigger_cleanup() == SUCCESS
     assert not node.has_parameter("limits.acceleration")
-    assert set_one(node, "robot", "talos") is True  # and what was set stays, as if it had been given at the start
+    assert set_one(node, "robot", "talos") is True  # the set value stays, as if set at the start
     assert node.trigger_configure() == SUCCESS
     com = node._loop.controller.live.settings.tasks["com"]
     assert (com.weight, com.stiffness) == (3.0, 70.0)
@@ -302,7 +302,7 @@ def test_what_an_update_changes_is_shown(bring_up):
     until(lambda: publish.get_subscription_count() == 1, patience=10)
     publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
     until(lambda: node.get_parameter("tasks.com.stiffness").value == 33.0, patience=10)
-    assert not node.has_parameter("robot.joints")  # beside robot
+    assert not node.has_parameter("robot.joints")  # together with robot
 
 
 def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
@@ -312,7 +312,7 @@ def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
     user.create_subscription(String, "/wbc_controller/state", lambda message: said.append(message.data), 10)
     until(lambda: publish.get_subscription_count() == 1, patience=10)
     publish.publish(String(data="estop"))
-    for _ in range(5):  # of which one is logged in a second
+    for _ in range(5):  # one of them is logged per second
         publish.publish(String(data="estop"))
     until(lambda: "/wbc_controller/command ignored: the node is not active" in text_of(log), patience=10)
     assert text_of(log).count("/wbc_controller/command ignored") == 1
@@ -426,13 +426,13 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, lo
     user.create_subscription(Float64MultiArray, "/effort_controller/commands", torques.append, 10)
     loop = node._loop
     until(lambda: node.count_subscribers("/effort_controller/commands"), patience=10)
-    time.sleep(0.5)  # until the writer knows the reader too
-    loop.controller.supervisor._tau = loop.controller.supervisor._tau + 1.0  # as if torques were being sent
+    time.sleep(0.5)  # until the writer has discovered the reader
+    loop.controller.supervisor._tau = loop.controller.supervisor._tau + 1.0  # as with active torques
 
     def broken():
         raise OSError("broken on purpose")
 
-    loop._guarded_cycle = broken  # around a cycle: what fails inside one is damped
+    loop._guarded_cycle = broken  # around a cycle: an error inside a cycle leads to damping
     assert on_executor(executor, node.trigger_activate) == SUCCESS
     until(lambda: "error processing" in text_of(log), patience=10)
     assert "broken on purpose" in text_of(log)

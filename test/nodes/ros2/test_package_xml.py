@@ -11,7 +11,7 @@ from wbc_controller.middleware.topics import CONTROLLER_TOPICS, ESTIMATOR_TOPICS
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()  # noqa: S314  # our own file
-#: What ROS 2 gives to Python, by the start of the module's name.
+#: Python modules of ROS 2, by the start of the module's name.
 OF_ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "rcl_interfaces")
 
 

@@ -1,4 +1,4 @@
-"""From ROS 2 parameters to settings; needs no ROS 2."""
+"""From ROS 2 parameters to settings, without ROS 2."""
 
 import array
 import re

@@ -1,4 +1,4 @@
-"""The policy allows what the nodes really open, and nothing else."""
+"""The policy permits exactly the topics and services of the nodes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK
 from wbc_controller.simulation.mock_robot import MockRobot
 
 CONTROLLER = "wbc_controller"
-#: What an element may hold and which attributes it has to have, by SROS 2's schema; `?` where it need not have it.
+#: Valid children and attributes of each element by SROS 2's schema; `?` for optional attributes.
 SCHEMA = {
     "policy": ({"enclaves"}, {"version"}),
     "enclaves": ({"enclave"}, set()),
@@ -48,7 +48,7 @@ SCHEMA = {
 
 
 class Recorder(MemoryTransport):
-    """A transport of its own bus; it knows the names of the topics that are opened."""
+    """Transport on its own bus that records the names of opened topics."""
 
     def __init__(self):
         self.bus = MemoryBus()
@@ -64,7 +64,7 @@ class Recorder(MemoryTransport):
 
 
 def read(text):
-    """The names that each enclave's node may use, by `publish`, `subscribe`, `request` and `reply`."""
+    """Return the names of each enclave by `publish`, `subscribe`, `request` and `reply`."""
     allowed = {}
     for enclave in ElementTree.fromstring(text).iter("enclave"):  # noqa: S314 - made by the code under test
         rules = allowed[enclave.get("path")] = {}
@@ -78,7 +78,7 @@ def read(text):
 
 
 def opened(settings, model, namespace="/", remappings=None):
-    """What each node opens when it runs."""
+    """Return the opened topics and services of each running node."""
     places = {"namespace": namespace, "remappings": remappings}
     controller, mock, guard, estimator = (Recorder() for _ in range(4))
     topics = controller_endpoints(settings, model, **places)
@@ -193,7 +193,7 @@ def test_the_command_prints_it(robot_of, tmp_path):
 
 
 def test_every_incoming_row_is_for_somebody_s_publisher(robot_of, changed):
-    """Nobody may publish what no enclave needs: the robot's own topics are the mock robot's, and none is left out."""
+    """No enclave may publish unneeded names; the mock robot's enclave has all topics of the robot."""
     settings, model = robot_of("g1")
     heard = set()
     for source in ("odom", "imu"):

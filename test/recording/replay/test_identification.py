@@ -1,4 +1,4 @@
-"""`wbc identify` reads what the flight recorder writes."""
+"""`wbc identify` with a file of the flight recorder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings solved again: bit for bit, explained, compared, reported."""
+"""Replay of recordings: bit for bit, explanation, comparison, report."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def wbc(*words: object) -> tuple[int, str]:
 
 
 def busy(run, make) -> None:
-    """Stand, and change references, weights, gains and contacts on the way."""
+    """Stand, with changes of references, weights, gains and contacts."""
     bench = run.bench
     run.stand(20)
     com = bench.loop.controller.dynamics.com
@@ -78,12 +78,12 @@ def test_a_bit_that_is_another_one_is_found(recorded):
     for name in ("tau", "v_dot"):
         values = {**cycle.values, name: np.nextafter(cycle.values[name], np.inf)}
         assert not replace(solved[-1], cycle=replace(cycle, values=values)).is_identical
-    recorded.events[3]["requests"] = []  # it is not activated then
+    recorded.events[3]["requests"] = []  # not active then
     assert [each.is_identical for each in Replay(recorded).run(0, 6)] == [True] * 3 + [False] * 4
 
 
 def test_a_cycle_whose_event_was_lost_is_left_out_with_those_behind_it(recorded):
-    """An event is written after its cycle: a controller that is killed may have got to the one alone."""
+    """An event is written after its cycle: a killed controller may have written only the cycle."""
     asked = max(number for number, event in recorded.events.items() if "requests" in event)
     del recorded.events[asked]
     behind = sorted(number for number in recorded.memories if number > asked)
@@ -135,7 +135,7 @@ def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record
 
 
 def test_a_solver_with_a_memory_of_its_own_is_exact_from_the_start_alone(record, tmp_path):
-    # Not ProxQP: its last bits differ between two objects with the same problems.
+    # Not ProxQP: its last bits differ between two objects with equal problems.
     run = record(tmp_path / "a.mcap", {"solver": {"name": "osqp"}})
     run.stand(130)
     recorded = run.finish(tmp_path / "a.mcap")
@@ -173,13 +173,13 @@ def test_another_configuration_beside_it(recorded, tmp_path):
     status, said = wbc("replay", recorded.path, "--config", other, "--plot", plots)
     assert status == 0
     assert "different modes in 0 cycles, " in said
-    assert float(re.search(r"the torques by up to ([\d.]+) N", said).group(1)) > 1e-3
+    assert float(re.search(r"largest torque difference ([\d.]+) N", said).group(1)) > 1e-3
     assert "Plotly.newPlot" in plots.read_text()
     same = compare(recorded, recorded.config)
     np.testing.assert_allclose(same.other[:20], same.recorded[:20], atol=1e-9)
-    same = recorded.config.replace({"tasks.com.stiffness": 150.0})  # as it has been updated
+    same = recorded.config.replace({"tasks.com.stiffness": 150.0})  # after its update
     light = same.replace({"tasks.com.weight": 0.01, "tasks.base.weight": 500.0})
-    for config, differs in ((same, False), (light, True)):  # from a memory later on, which has the weights of then
+    for config, differs in ((same, False), (light, True)):  # from a later memory, with its weights
         solved = [each for each in Replay(recorded, config).run(recorded.last) if each.cycle.number > recorded.last - 5]
         assert [each.difference > 1e-3 for each in solved] == [differs] * 5
     status, said = wbc("replay", recorded.path, "--config", "g1")
@@ -220,6 +220,6 @@ def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_
     assert [mode for _, mode in made.modes] == ["active", "inactive", "active"]
     reached = made.com_reference[60] - made.com_reference[20]
     assert reached[0] > 0.0
-    assert (np.diff(made.com_reference[22:38, 0]) > 0.0).all()  # in every cycle, with no weight on its way
+    assert (np.diff(made.com_reference[22:38, 0]) > 0.0).all()  # in every cycle, without a weight ramp
     assert np.isfinite(made.task_errors["com"]).all()
     assert [phase.name for phase in made.phases] == ["activate", "deactivate", "activate"]

@@ -93,7 +93,7 @@ def test_poses_of_the_page_are_those_of_pinocchio(run, page):
     arm = np.array([0.1, 0.1, 0.1])
     for frame in (0, len(frames) // 3, len(frames) - 1):
         pin.forwardKinematics(model.pinocchio, kinematics, recording.q[frames[frame]])
-        for i in range(data["joints"]):  # g1 has a visual on every joint but the world's
+        for i in range(data["joints"]):  # g1 has a visual on every joint except the world
             where = pin.XYZQUATToSE3(poses[frame, i] / np.r_[1, 1, 1, np.full(4, np.linalg.norm(poses[frame, i, 3:]))])
             assert np.linalg.norm(where.act(arm) - kinematics.oMi[i + 1].act(arm)) < 1e-3
 
@@ -116,7 +116,7 @@ def test_forces_stand_in_the_page_in_world_axes(run, page):
     recording, model = run
     data = embedded(page, "motion-data")
     forces = np.frombuffer(base64.b64decode(data["forces"]), "<f4").reshape(len(frame_indices(recording.time)), 2, 2, 6)
-    # The synthetic squat keeps its soles flat, so that the world's vertical is the contacts' normal.
+    # The synthetic squat keeps its soles flat, so that vertical and contact normal agree.
     np.testing.assert_allclose(forces[0, :, 0, 5], [w[0, 2] for w in recording.contact_wrenches.values()], rtol=1e-3)
     np.testing.assert_allclose(forces[0, :, 0, 2], 0.0, atol=2e-3)
     assert data["weight"] == pytest.approx(model.mass * model.gravity)

@@ -26,8 +26,7 @@ from wbc_controller.middleware.transports import dds_raw
 
 _log = logging.getLogger(__name__)
 
-#: Highest domain with ports below 65536.
-MAX_DOMAIN_ID = 232
+MAX_DOMAIN_ID = 232  # highest domain with ports below 65536
 
 # RTPS 9.6.1.1: ports of a domain and of its participants.
 _PORT_BASE, _PORTS_PER_DOMAIN, _PORTS_PER_PARTICIPANT, _FIRST_UNICAST_PORT = 7400, 250, 2, 10

@@ -12,11 +12,9 @@ from wbc_controller.middleware.transports.transport import UNNAMED, Transport
 
 _log = logging.getLogger(__name__)
 
-#: Period of the checks, s.
-PERIOD = 0.25
+PERIOD = 0.25  # period of the checks, s
 
-#: Node names of the other publishers, by row of the topic table.
-OtherPublishers = Mapping[str, tuple[str, ...]]
+OtherPublishers = Mapping[str, tuple[str, ...]]  # node names of the other publishers, by row of the topic table
 
 
 class GraphWatch:

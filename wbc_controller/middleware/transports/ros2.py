@@ -26,10 +26,8 @@ from wbc_controller.middleware.transports.transport import Publish, TopicTypes, 
 
 _log = logging.getLogger(__name__)
 
-#: Timeout for the delivery of the last messages to reliable readers, s.
-_DRAIN_TIME = 0.5
-#: Optional message packages, without wheels on PyPI.
-_OPTIONAL_PACKAGES = ("tf2_msgs",)
+_DRAIN_TIME = 0.5  # timeout for the delivery of the last messages to reliable readers, s
+_OPTIONAL_PACKAGES = ("tf2_msgs",)  # optional message packages, without wheels on PyPI
 
 
 class Ros2Transport:

@@ -16,14 +16,10 @@ from wbc_controller.middleware.transports.transport import UNNAMED
 
 _log = logging.getLogger(__name__)
 
-#: Time for one check of all topics (0.1 ms each), s.
-PERIOD = 2.0
-#: Number of the warning check, because node names arrive after publishers.
-_WARNING_CHECK = 2
-#: rclpy's name of an unknown node.
-_NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
-#: Prefix of incompatible policies in rclpy's reasons.
-_ERROR = "ERROR: "
+PERIOD = 2.0  # time for one check of all topics (0.1 ms each), s
+_WARNING_CHECK = 2  # number of the warning check, because node names arrive after publishers
+_NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"  # rclpy's name of an unknown node
+_ERROR = "ERROR: "  # prefix of incompatible policies in rclpy's reasons
 
 
 def node_name(info: Any) -> str:

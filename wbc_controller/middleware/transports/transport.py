@@ -11,8 +11,7 @@ from wbc_controller.middleware.topics import Endpoint
 
 #: Function that sends one serialized message: little-endian CDR with its encapsulation header.
 Publish = Callable[[bytes], None]
-#: Name of unknown nodes: not of ROS 2, or with a pending name.
-UNNAMED = "(a participant without a node name)"
+UNNAMED = "(a participant without a node name)"  # name of unknown nodes: not of ROS 2, or with a pending name
 
 
 class Stream(Protocol):

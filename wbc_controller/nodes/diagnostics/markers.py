@@ -21,8 +21,7 @@ from wbc_controller.middleware.codec import TYPES, header, message, stamp
 from wbc_controller.records import References, RobotState, Solution
 
 WORLD_FRAME = "world"
-#: Field `type` of a visualization_msgs/Marker.
-_KINDS = {ARROW: 0, LINE_STRIP: 4, LINE_LIST: 5, SPHERE_LIST: 7}
+_KINDS = {ARROW: 0, LINE_STRIP: 4, LINE_LIST: 5, SPHERE_LIST: 7}  # field `type` of a visualization_msgs/Marker
 
 
 class MarkerScene:

@@ -15,11 +15,9 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import diagnostics
 from wbc_controller.records import Array, Disturbance, Mode, Solution
 
-#: Number of sorted times after which a piece of the message ends.
-_TIMES_PER_PIECE = 500
+_TIMES_PER_PIECE = 500  # number of sorted times after which a piece of the message ends
 _OK, _WARN, _ERROR = 0, 1, 2
-#: Residual of the contact motion of contradictory contacts, m/s² or rad/s².
-_CONTRADICTION = 0.5
+_CONTRADICTION = 0.5  # residual of the contact motion of contradictory contacts, m/s² or rad/s²
 _LEVELS = {
     Mode.INACTIVE: _OK,
     Mode.ACTIVE: _OK,
@@ -31,10 +29,7 @@ _LEVELS = {
 
 
 class _ReportWindow:
-    """Summary of the reports since the last message.
-
-    Only the newest report is kept, because freeing many at once takes longer than a cycle.
-    """
+    """Summary of the reports since the last message, without old reports: freeing many takes longer than a cycle."""
 
     def __init__(self, first: CycleReport) -> None:
         self.last = first
@@ -57,10 +52,10 @@ class StatusSummary:
     """Collector of the reports between two messages.
 
     Args:
-        node: name of the node with its namespace, because robots in one graph share the topic.
-        scheduling: scheduling of the process; empty if unknown.
-        model: the robot's model, for the disturbances at its joints, or None.
-        recorder: returns the status of the recorder, by key.
+        node: name with namespace, because robots in one graph share the topic.
+        scheduling: of the process; empty if unknown.
+        model: for the disturbances, or None.
+        recorder: returns the status of the recorder.
     """
 
     def __init__(
@@ -99,14 +94,9 @@ class StatusSummary:
         self._taken += report.inputs.requests.total
 
     def compose(self, wall: int, shortfalls: Sequence[str] = ()) -> Generator[None, None, Any]:
-        """Compose the message of the collected reports, and restart: yield None after each piece.
+        """Compose and return the message of the reports with a header time, ns, and restart: yield after each piece.
 
-        Args:
-            wall: time for the header, ns.
-            shortfalls: a sentence for each task with a persistent error.
-
-        Returns:
-            The message; None without reports.
+        `shortfalls` contains a sentence for each task with a persistent error. The message is None without reports.
         """
         window, self._window = self._window, None
         if window is None:

@@ -29,11 +29,9 @@ class TaskStates:
             self._remaining.extend(name for name in self._tasks if name in names)
 
     def next(self, stamp: int, dynamics: Dynamics, references: References) -> tuple[str, dict[str, bytes]] | None:
-        """Serialize the next task of the round, with the stamp of the state, ns.
+        """Return name and messages of the next task of the round, with the stamp of the state, ns; None at its end.
 
-        Returns:
-            Name of the task, and its messages by row of the topic table: ``task_reference``, and ``task_value`` for a
-            motion task; None after the end of the round.
+        Rows of the topic table are ``task_reference``, and ``task_value`` for a motion task.
         """
         if not self._remaining:
             return None

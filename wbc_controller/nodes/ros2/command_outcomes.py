@@ -8,8 +8,7 @@ from collections.abc import Callable
 from wbc_controller.controller.report import CycleReport
 from wbc_controller.records import Mode
 
-#: Modes with torques of the solution.
-_IN_CONTROL = frozenset({Mode.ACTIVE, Mode.HOLDING})
+_IN_CONTROL = frozenset({Mode.ACTIVE, Mode.HOLDING})  # modes with torques of the solution
 #: By service, its command and the confirming modes.
 SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
     "activate": ("activate", _IN_CONTROL),
@@ -18,11 +17,9 @@ SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
     "stop": ("estop", frozenset({Mode.FAULT})),
 }
 
-#: Service that requests a recording of the last seconds.
-RECORD = "record"
+RECORD = "record"  # service that requests a recording of the last seconds
 
-#: Number of cycles after which a command counts as dropped.
-_LONGEST_WAIT = 1000
+_LONGEST_WAIT = 1000  # number of cycles after which a command counts as dropped
 
 
 class CommandOutcomes:

@@ -36,10 +36,8 @@ from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
 
-#: Period of the warnings of a missing URDF, s.
-_REMINDER = 5.0
-#: Timeout of the shutdown on a possibly failed executor, s.
-_TIMEOUT = 5.0
+_REMINDER = 5.0  # period of the warnings of a missing URDF, s
+_TIMEOUT = 5.0  # timeout of the shutdown on a possibly failed executor, s
 #: State of the node after each transition.
 _STATES = {
     "configure": "inactive",
@@ -60,12 +58,8 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     """The controller as a managed node.
 
     Configuring builds the model, the topics and the loop. Activating starts the loop, and the supervisor waits for the
-    command ``activate``. Deactivating ends the loop with zero torques.
-
-    Args:
-        leave: called with an exit status after a failed autostart.
-        context: rclpy's context; None for the default.
-        options: options of ``rclpy.node.Node``, such as ``parameter_overrides``.
+    command ``activate``. Deactivating ends the loop with zero torques. `leave` receives the exit status of a failed
+    autostart.
     """
 
     def __init__(
@@ -153,11 +147,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return self._attempt("process the error", self._clean_up)
 
     def _value(self, name: str) -> Any:
-        """Return the value of an own parameter.
-
-        Raises:
-            ConfigurationError: if its type differs from the default.
-        """
+        """Return the value of an own parameter; errors as for `own_values`."""
         return own_values(values(self), {name: _PARAMETERS[name][0]}, self.get_fully_qualified_name())[name]
 
     def _attempt(self, what: str, transition: Callable[[], None]) -> Any:

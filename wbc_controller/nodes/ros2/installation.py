@@ -10,19 +10,14 @@ from pathlib import Path
 
 from wbc_controller.errors import ConfigurationError
 
-#: Distribution name of the wheel with rclpy, unique to the wheels.
-_WHEEL = "ros-rclpy"
-#: Library of every rclpy installation.
-_LIBRARY = "librcl.so"
+_WHEEL = "ros-rclpy"  # distribution name of the wheel with rclpy, unique to the wheels
+_LIBRARY = "librcl.so"  # library of every rclpy installation
 
 
 def refuse_mixed_installations() -> None:
     """Check, without importing rclpy, that this process loads only one ROS 2.
 
-    The wheels extend ``LD_LIBRARY_PATH``, so that a process could load libraries of both, with undefined behaviour.
-
-    Raises:
-        ConfigurationError: if the wheels are installed and a ROS 2 is sourced, with both paths and the remedy.
+    Installed wheels and a sourced ROS 2 (libraries of both, undefined behaviour) raise `ConfigurationError`.
     """
     try:
         wheels = Path(str(distribution(_WHEEL).locate_file("")))

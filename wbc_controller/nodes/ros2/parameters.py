@@ -22,10 +22,8 @@ from wbc_controller.settings.nesting import merged, nested
 
 #: Parameters of ROS 2 itself, by the first part of their names.
 OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
-#: Parameters that name a configuration: a shipped robot, or a file.
-ROBOT, CONFIG = "robot", "config"
-#: Names of the types in errors.
-_KINDS = {bool: "true or false", float: "a number"}
+ROBOT, CONFIG = "robot", "config"  # parameters that name a configuration: a shipped robot, or a file
+_KINDS = {bool: "true or false", float: "a number"}  # names of the types in errors
 
 
 def is_robot_parameter(name: str, own: Sequence[str] = ()) -> bool:
@@ -57,16 +55,8 @@ def settings_from(
     - Without them, the parameters are the whole configuration; relative paths start at the last parameter file.
     - Without any parameter (no section of the file matches the node), the file's section ``wbc_controller`` is used.
 
-    Args:
-        parameters: values by dotted name.
-        node: fully qualified name of the node, for messages.
-        own: names of the node's own parameters.
-
     Returns:
-        The settings and their source.
-
-    Raises:
-        ConfigurationError: with one line per error.
+        The settings and their source; `ConfigurationError` has one line per error.
     """
     given = {name: value for name, value in parameters.items() if is_robot_parameter(name, own)}
     path, files = _named_file(parameters, node), parameter_files(arguments)
@@ -89,14 +79,9 @@ def settings_from(
 
 
 def own_values(given: Mapping[str, Any], defaults: Mapping[str, Any], node: str) -> dict[str, Any]:
-    """Return the values of a node's own parameters; integers become floats if the default is a float.
+    """Return the values of a node's own parameters, with the types of their defaults (integers become floats).
 
-    Args:
-        given: values by name; other parameters are ignored.
-        defaults: default of each own parameter.
-
-    Raises:
-        ConfigurationError: if a value has another type than its default.
+    Another type raises `ConfigurationError`.
     """
     chosen = dict(defaults)
     for name, default in defaults.items():

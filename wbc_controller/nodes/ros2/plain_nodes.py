@@ -61,10 +61,9 @@ def _serve(
     """Run a service on its own node until the event is set, and return the exit status.
 
     Args:
-        stop: end of the run, also set after a failure of the executor.
-        start_message: log message of the start, with ``{source}`` of the settings and full name ``{node}``.
+        start_message: log message with ``{source}`` of the settings and full name ``{node}``.
         service: called with settings, transport, `stop`, namespace and the values of `parameters`.
-        parameters: defaults and descriptions of the node's own parameters, by name.
+        parameters: defaults and descriptions of the node's own parameters.
     """
     node = Node(name, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     own, full_name = declare(node, parameters), node.get_fully_qualified_name()

@@ -30,8 +30,7 @@ from wbc_controller.settings import Settings
 
 #: Other nodes. The operator sends the commands, from the ``ros2`` command line or a planner.
 MOCK, OPERATOR = "mock_robot", "operator"
-#: Publishers of every rclpy node (Jazzy).
-NODE_PUBLISHES = ("/rosout", "/parameter_events")
+NODE_PUBLISHES = ("/rosout", "/parameter_events")  # publishers of every rclpy node (Jazzy)
 NODE_SERVES = (
     "describe_parameters",
     "get_parameter_types",
@@ -41,10 +40,8 @@ NODE_SERVES = (
     "set_parameters",
     "set_parameters_atomically",
 )
-#: Subscription of a node with ``use_sim_time``.
-CLOCK = "/clock"
-#: Additional publisher of a lifecycle node.
-LIFECYCLE_PUBLISHES = "~/transition_event"
+CLOCK = "/clock"  # subscription of a node with ``use_sim_time``
+LIFECYCLE_PUBLISHES = "~/transition_event"  # additional publisher of a lifecycle node
 LIFECYCLE_SERVES = (
     "change_state",
     "get_available_states",

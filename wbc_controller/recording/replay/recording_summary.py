@@ -25,8 +25,7 @@ from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import ReplayedCycle
 from wbc_controller.records import ChangeSettings
 
-#: Shown lines at the start and at the end of the history.
-_SHOWN = 25
+_SHOWN = 25  # shown lines at the start and at the end of the history
 
 
 def summarize(recorded: Recording) -> str:
@@ -76,7 +75,10 @@ def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: Contro
     memory = controller.memory()["supervisor"]
     facts = [
         ("mode in the recording", MODES[int(cycle.scalar("mode"))].value),
-        ("replay", "identical" if solved.is_identical else f"differs by up to {solved.difference:.3g} N·m"),
+        (
+            "replay result",
+            "equal bit for bit" if solved.is_identical else f"differs by up to {solved.difference:.3g} N·m",
+        ),
         ("time in this mode", f"{cycle.scalar('now') - memory['_since']:.3f} s"),
         ("share of the solution's torques", f"{memory['_share'].sample(cycle.scalar('now')):.3f}"),
         ("largest torque rate", f"{supervisor.limits.torque_rate:g} effort limits per second"),

@@ -13,8 +13,7 @@ from wbc_controller.errors import ConfigurationError
 if TYPE_CHECKING:
     from wbc_controller.recording.recording_file import Recording
 
-#: Exit status if a cycle differs from the recording.
-DIFFERENT = 1
+DIFFERENT = 1  # exit status if a cycle differs from the recording
 
 _FILE = click.argument("file", metavar="FILE", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 
