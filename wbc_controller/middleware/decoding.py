@@ -81,7 +81,7 @@ def _quaternion(quaternion: Any) -> Array:
     return unit_quaternion(values, "the orientation ")
 
 
-WORLD_FRAMES = ("", "world", "odom", "map")  # names of the world frame in headers
+WORLD_FRAMES = ("", "world", "odom", "map")  # of the world in headers
 #: Kinds of task with points, poses or directions as references, which may be given in a frame of the robot.
 _WORLD_KINDS = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
 
@@ -291,7 +291,7 @@ _UPDATE_KEYS = {
     "tasks": (("enabled", "weight", "setpoint", "frame"), ("stiffness", "damping", "gain", "setpoint_duration")),
     "contacts": (("enabled",), ("ramp",)),
 }
-_UPDATE_SETTINGS = ("control", "limits", "safety")  # sections of an update with settings only
+_UPDATE_SETTINGS = ("control", "limits", "safety")  # with settings only
 
 
 def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:
@@ -357,7 +357,6 @@ def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, val
 
 
 def _is_number(value: Any) -> bool:
-    """Return True if a YAML value is a number."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 

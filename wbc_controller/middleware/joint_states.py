@@ -41,7 +41,7 @@ class StateReader(ABC):
     """
 
     type: str
-    paths: tuple[str, ...]  # fields of the values of `_decode`, in order
+    paths: tuple[str, ...]  # fields of `_decode`, in order
 
     def __init__(self) -> None:
         self._layout: MessageLayout | None = None

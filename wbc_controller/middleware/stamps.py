@@ -9,11 +9,11 @@ from typing import Any
 
 from wbc_controller.errors import InputRefused
 
-_STAMP, _STAMP_AT = struct.Struct("<iI"), 4  # seconds and nanoseconds, and their offset in a message with header
-_MAX_ADVANCE = 0.25  # of a timestamp over the expected time, s: above the jitter of the latency
-_MAX_CLOCK_SLOWDOWN = 0.5  # of the sender's clock, such as a simulator at half speed
-_GAP = 0.025  # largest lag attributed to a slow clock after one gap between messages, s
-_REBASE = 0.3  # duration of contradicting timestamps before they count as a new time, s on the local clock
+_STAMP, _STAMP_AT = struct.Struct("<iI"), 4  # seconds and nanoseconds, and their offset in a message
+_MAX_ADVANCE = 0.25  # over the expected time, s: above the jitter of the latency
+_MAX_CLOCK_SLOWDOWN = 0.5  # such as a simulator at half speed
+_GAP = 0.025  # largest lag by a slow clock after one gap, s
+_REBASE = 0.3  # duration of contradictions before a new time, s on the local clock
 
 
 def stamp_of(content: Any) -> int:
@@ -67,7 +67,7 @@ class StampTracker:
         self.clock_stall = 0.0
         self._newest_stamp, self._newest_arrival = 0, -math.inf  # of the newest message, accepted or refused
         self._stamp, self._arrival = 0, -math.inf  # of the newest accepted message, ns and s
-        self._lag, self._offset = 0.0, math.inf  # lag of that message, and the smallest lag, s
+        self._lag, self._offset = 0.0, math.inf  # of that message, and smallest lag, s
         self._may_rise = 0.0  # remaining rise of the offset, s
         self._refused_advance = 0.0  # advance of refused timestamps since the last accepted one, s
         self._last_refused = False

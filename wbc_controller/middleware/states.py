@@ -18,8 +18,8 @@ MAX_IMU_RATE, MAX_IMU_FORCE, MAX_CONTACT_FORCE = 100.0, 1000.0, 1.0e5
 #: Valid frames, largest distance, m, and largest variance, m² and rad², of absolute poses.
 POSE_FRAMES = ("", "world", "map")
 MAX_POSE_DISTANCE, MAX_POSE_VARIANCE = 1.0e4, 100.0
-_ROUNDING = -1.0e-9  # smallest eigenvalue of a covariance as a fraction of its trace
-_USED = [0, 1, 2, 5]  # used components of a covariance: position and heading
+_ROUNDING = -1.0e-9  # smallest eigenvalue of a covariance, relative to its trace
+_USED = [0, 1, 2, 5]  # position and heading
 
 
 def _axes(path: str, axes: str = "xyz") -> tuple[str, ...]:

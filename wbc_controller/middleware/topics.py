@@ -34,7 +34,7 @@ STATE_IN = Qos(reliable=False, latched=False, depth=1)
 #: Outgoing state of the mock robot: reliable (matches all subscribers).
 STATE_OUT = Qos(reliable=True, latched=False, depth=1)
 COMMAND_OUT = Qos(reliable=True, latched=False, depth=1)  # outgoing torques: reliable, newest message only
-REQUEST = Qos(reliable=True, latched=False, depth=1000)  # requests by a user: reliable, with a deep history
+REQUEST = Qos(reliable=True, latched=False, depth=1000)  # by a user: deep history
 TF_OUT = Qos(reliable=True, latched=False, depth=100)  # outgoing transforms, as of tf2's broadcasters
 LATCHED = Qos(reliable=True, latched=True, depth=1)
 
@@ -43,9 +43,9 @@ LATCHED = Qos(reliable=True, latched=True, depth=1)
 class Topic:
     """One row of the table."""
 
-    key: str  # name of the row in the code
+    key: str  # row in the code
     name: str  # template of the topic's name
-    type: str  # message type, such as ``sensor_msgs/msg/JointState``, or a task-dependent one of `BY_TASK`
+    type: str  # such as ``sensor_msgs/msg/JointState``, or task-dependent by `BY_TASK`
     direction: Direction
     qos: Qos
     meaning: str  # sentence for the documentation
@@ -232,8 +232,8 @@ class Endpoint:
     """One topic of one node with its resolved name."""
 
     key: str  # row of the topic table
-    subject: str  # task, contact or frame of the topic, or empty
-    name: str  # fully qualified name, such as ``/wbc_controller/state``
+    subject: str  # task, contact, frame, or empty
+    name: str  # such as ``/wbc_controller/state``
     type: str
     direction: Direction
     qos: Qos

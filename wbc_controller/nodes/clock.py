@@ -42,8 +42,8 @@ class Clock(Protocol):
 class MonotonicClock(Clock):
     """The computer's monotonic clock; `synchronized` reports steps of the wall clock, for comparison with stamps."""
 
-    _STEP = 0.002  # smallest reported step of the wall clock, s: below the smallest useful `safety.clock_tolerance`
-    _READ_TIME = 1.0e-4  # longest time between the readings of both clocks, s; a preempted thread skips the comparison
+    _STEP = 0.002  # smallest reported step, s: below the smallest useful `safety.clock_tolerance`
+    _READ_TIME = 1.0e-4  # longest time between both readings, s; a preempted thread skips the comparison
 
     def __init__(self, *, synchronized: bool = False) -> None:
         self._synchronized = synchronized

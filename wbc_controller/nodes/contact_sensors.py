@@ -11,7 +11,7 @@ from wbc_controller.middleware.stamps import StampTracker
 from wbc_controller.middleware.states import ContactForceReader
 from wbc_controller.middleware.topics import Endpoint
 
-KEYS = ("measured_wrench", "holds")  # rows of the topic table with contact sensors
+KEYS = ("measured_wrench", "holds")  # rows of the topic table
 
 
 class ContactSensors:

@@ -176,7 +176,6 @@ def _prepare(controller: Controller, change: Change | ChangeSettings) -> None:
 
 
 def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
-    """Subscribe to the requests of recordings."""
     (endpoint,) = [topic for topic in topics if topic.key == "record"]
     limit = LogLimit()
 

@@ -30,10 +30,10 @@ from wbc_controller.nodes.urdf import find_urdf
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.settings import Settings
 
-FRAME, MAP = "odom", "map"  # frames of REP 105: continuous, drifting odometry, and absolute poses
+FRAME, MAP = "odom", "map"  # REP 105: continuous, drifting odometry, and absolute poses
 _FRESH = 0.1  # validity of a contact force of the controller, s
 _TRANSFORMS = 0.02  # period, s
-_WAIT = 0.1  # longest wait for joint states between diagnostics, s
+_WAIT = 0.1  # for joint states between diagnostics, s
 
 _OK, _WARN = 0, 1
 _log = logging.getLogger(__name__)
@@ -111,7 +111,6 @@ class EstimatorService:
         self._publish_diagnostics(self._inputs.notes(), latched.estimate)
 
     def _publish_diagnostics(self, notes: Mapping[str, str], about: Mapping[str, str]) -> None:
-        """Publish diagnostics if due or changed."""
         estimator, now = self.estimator, self._clock.now()
         text = estimator.waits_for if estimator.odometry is None else "the base is estimated"
         if estimator.odometry is not None and estimator.waits_for:
@@ -141,7 +140,7 @@ class EstimatorService:
     def run(self, stop: threading.Event) -> None:
         """Run until stopped."""
         gc.collect()
-        gc.freeze()  # exclude the long-lived objects of the start from later collections
+        gc.freeze()  # exclude long-lived objects from later collections
         self._inputs.discard_pending()
         while not stop.is_set():
             self._inputs.wait(_WAIT)

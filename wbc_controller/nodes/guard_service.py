@@ -42,9 +42,9 @@ _LONGEST_REASON = 300  # of a refusal, characters
 
 #: Shortest time between two log lines, s: a guard with too little patience takes over many times per second.
 _WARNING_PERIOD = 1.0
-_RECHECK_DELAY = 0.001  # delay of a takeover, in which late commands of a busy computer can still arrive, s
+_RECHECK_DELAY = 0.001  # in which late commands of a busy computer can still arrive, s
 
-_CONTROLLER_KEYS = ("joint_commands", "controller_state")  # topics of the controller alone, by key
+_CONTROLLER_KEYS = ("joint_commands", "controller_state")  # topics of the controller alone
 _LARGEST_TORQUE = 1.0 + 1.0e-6  # multiple of the effort limit, for rounding
 
 _OK, _WARN, _ERROR = 0, 1, 2
@@ -84,7 +84,7 @@ class GuardService:
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
         self._diagnostics_due = -math.inf
         self._published_text, self._limit = "", LogLimit()
-        self._unlogged, self._logged_at = 0, -math.inf  # state changes since the last log line, and its time, s
+        self._unlogged, self._logged_at = 0, -math.inf  # changes since the last log line, and its time, s
         self._lock = threading.Lock()
         self._command_at, self._torques = -math.inf, np.zeros(len(robot.effort_limits))
         self._drive = robot.drive
@@ -97,7 +97,7 @@ class GuardService:
         self._publish: dict[str, Publish] = {
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
-        self._processed: dict[str, bytes] = {}  # newest command and mode of the callbacks
+        self._processed: dict[str, bytes] = {}  # newest command and mode
         readers: dict[str, Callable[[bytes], None]] = {
             "joint_commands": partial(self._process_command, self._commands),
             "controller_state": self._process_mode,
@@ -111,7 +111,7 @@ class GuardService:
                 self._streams[topic.key] = transport.stream(topic, 1)
         watched = {topic.key: topic for topic in topics if topic.key in _CONTROLLER_KEYS}
         self._names = {key: topic.name for key, topic in watched.items()}
-        self._shared: dict[str, str] = {}  # publishers of topics with several, by key
+        self._shared: dict[str, str] = {}  # of topics with several publishers, by key
         self.watch = GraphWatch(transport, watched.values(), self._update_publishers)
 
     def _process_newest(self) -> None:
@@ -211,7 +211,7 @@ class GuardService:
         """Decide, send torques after a takeover, publish the state, and return the time of the next cycle, s."""
         now, received = self._clock.now(), self._read_inputs()
         if not self.guard.sending and now >= self.guard.deadline(received):
-            # A preempted computer delays the transport's thread too: commands may be waiting.
+            # A busy computer delays the transport's thread too: commands may be waiting.
             time.sleep(_RECHECK_DELAY)
             self._process_newest()
             now, received = self._clock.now(), self._read_inputs()
@@ -227,7 +227,6 @@ class GuardService:
         return min(self.guard.deadline(received), now + self.guard.limits.patience)
 
     def _publish_diagnostics(self, now: float, received: Heard) -> None:
-        """Publish a changed state, and diagnostics if due."""
         guard, stale = self.guard, ""
         if guard.mode is GuardMode.DAMPING and guard.blind(now, received):
             note = f" ({self._refused['joint_states']})" if "joint_states" in self._refused else ""
@@ -269,7 +268,7 @@ class GuardService:
     def run(self, stop: threading.Event) -> None:
         """Run until stopped; the last message is never a damping torque."""
         gc.collect()
-        gc.freeze()  # exclude the long-lived objects of the start from later collections
+        gc.freeze()  # exclude long-lived objects from later collections
         self.watch.start()
         try:
             while not stop.is_set():

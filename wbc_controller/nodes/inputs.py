@@ -41,10 +41,10 @@ from wbc_controller.safety.sample_plausibility import SampleCheck
 
 #: Largest state message, bytes, by row of the topic table.
 _MAX_BYTES = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, **dict.fromkeys(KEYS, 1 << 14)}
-_MAX_IMU_SAMPLES = 20  # newest IMU samples of one cycle, if the IMU is faster than the loop
+_MAX_IMU_SAMPLES = 20  # newest of one cycle, for an IMU faster than the loop
 _MAX_POSES = 4  # newest absolute poses of one cycle
-_STATE_DEPTH = 10  # of the queues of states: an oversized message must not displace a valid one
-_NOT_LATCHED = ("robot_description", "clock", "record")  # rows of the topic table outside the control cycle
+_STATE_DEPTH = 10  # an oversized message must not displace a valid one
+_NOT_LATCHED = ("robot_description", "clock", "record")  # rows outside the control cycle
 ESTIMATE = "base estimate"  # in the ages of the inputs
 _PREEMPTED = 0.005  # age of taken joint states that indicates a preemption, s
 _MIN_DELAY = 0.01  # smallest reported transit time, s
@@ -113,10 +113,10 @@ class Inputs:
         self._agreement = agreement
         self._imu: list[ImuSample] = []  # since the last estimate
         self._poses: list[PoseSample] = []
-        self._base: tuple[Array, Array] | None = None  # estimated pose and twist of the last cycle
+        self._base: tuple[Array, Array] | None = None  # pose and twist of the last cycle
         self._contact_sensors = ContactSensors(sensing, self._tracker) if sensing is not None else None
-        self.holding: Collection[str] = ()  # names of the active contacts of the base estimate in the last cycle
-        self._refusals: dict[str, str] = {}  # reason, by topic with a refused newest message
+        self.holding: Collection[str] = ()  # active contacts of the base estimate in the last cycle
+        self._refusals: dict[str, str] = {}  # by topic with a refused newest message
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
         joints = _Source(JointStateReader(model.joints, *columns), self._tracker())
         self._sources = {"joint_states": joints}
@@ -387,7 +387,6 @@ class Inputs:
 
 
 def _open_queue(endpoint: Endpoint, transport: Transport) -> _Queue:
-    """Subscribe to a state topic."""
     kept = {"imu": _MAX_IMU_SAMPLES, "pose": _MAX_POSES}.get(endpoint.key, 1)
     stream = transport.stream(endpoint, max(kept, _STATE_DEPTH))
     return _Queue(endpoint, stream, pending=deque(maxlen=kept), largest=_MAX_BYTES[endpoint.key])

@@ -27,11 +27,11 @@ from wbc_controller.safety.model_audit import ModelAudit
 
 _log = logging.getLogger(__name__)
 
-_WARNING_PERIOD = 1.0  # shortest time between two equal log messages, s
-_MAX_MESSAGES = 20  # largest number of log messages in that time
+_WARNING_PERIOD = 1.0  # between two equal log messages, s
+_MAX_MESSAGES = 20  # log messages in that time
 #: Numbers and quoted names of a message, which may change from cycle to cycle.
 _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
-_SWITCH_INTERVAL = 5.0e-4  # of the interpreter's threads: longest wait of the loop for another thread, s
+_SWITCH_INTERVAL = 5.0e-4  # longest wait of the loop for another thread, s
 _UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques of the solution
 _ROUNDING = 1.0e-6  # of clock times, s
 _CANCEL_ACTIVATION = ("damp", "reset")  # requests that cancel an activation in the same cycle
@@ -64,8 +64,8 @@ class ControlLoop:
         self._timer = timer
         self._cycle = 0
         self._deadlines_missed = 0
-        self._cycle_due = -math.inf  # next cycle of `run_due` without a joint state, s
-        self._fresh_until = -math.inf  # end of validity of the newest joint states on the clock, s
+        self._cycle_due = -math.inf  # next `run_due` without a joint state, s
+        self._fresh_until = -math.inf  # end of validity of the newest joint states, s
         self._activate_when_fresh = False
         self._logged_contention: tuple[str, ...] = ()
         self._logged: dict[str, float] = {}
@@ -225,7 +225,6 @@ class ControlLoop:
         self._logged_mode = report.mode
 
     def _log(self, level: int, sentence: str, now: float) -> str:
-        """Log a sentence unless its topic was logged within the last second; return the topic."""
         topic = _FIGURES.sub("#", sentence)[:60]
         if topic not in self._logged and len(self._logged) < _MAX_MESSAGES:
             self._logged[topic] = now
@@ -296,7 +295,7 @@ class ControlLoop:
 
     def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
         gc.collect()
-        gc.freeze()  # exclude the long-lived objects of the start from later collections
+        gc.freeze()  # exclude long-lived objects from later collections
         deadline = self._clock.now() + period
         while not stop.is_set():
             if triggered:

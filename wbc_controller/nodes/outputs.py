@@ -31,8 +31,8 @@ from wbc_controller.records import Fault, Mode, References, RobotState, Solution
 
 #: Rows of the topic table with messages on demand.
 _ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
-_UNREAD_PERIOD = 1.0  # shortest time between two diagnostics without a subscription, s
-_QUERY_PERIOD = 0.1  # time between two queries of the subscriptions, s
+_UNREAD_PERIOD = 1.0  # of diagnostics without a subscription, s
+_QUERY_PERIOD = 0.1  # of the subscriptions, s
 
 
 class _Subscriptions:
@@ -113,7 +113,7 @@ class Outputs:
         self._diagnostics_period = diagnostics_period
         self._diagnostics_begun = -np.inf  # start of the last diagnostics, s
         self._published_contested: tuple[str, ...] = ()
-        self._diagnostics_requested = False  # True if diagnostics are due at once
+        self._diagnostics_requested = False  # due at once
         self._composed: dict[str, Generator[None, None, None]] = {}  # unfinished messages, by key
         self._tasks = tasks
         self._tasks_due = -np.inf

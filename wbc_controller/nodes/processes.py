@@ -17,8 +17,8 @@ from typing import Any
 from wbc_controller.errors import WbcError
 from wbc_controller.settings.config import load
 
-_C, _PR_SET_PDEATHSIG = ctypes.CDLL(None), 1  # the C library, and a request number of <sys/prctl.h>
-TIMEOUT = 60.0  # timeout of awaited events in wall time, s
+_C, _PR_SET_PDEATHSIG = ctypes.CDLL(None), 1  # C library, and request of <sys/prctl.h>
+TIMEOUT = 60.0  # of awaited events in wall time, s
 
 
 class Processes:
@@ -110,22 +110,22 @@ def _end_with_parent() -> None:
 def until(
     condition: Callable[[], Any],
     what: str,
-    again: Callable[[], Any] = lambda: None,
+    retry: Callable[[], Any] = lambda: None,
     patience: float = TIMEOUT,
-    told: Callable[[], str] = lambda: "",
+    details: Callable[[], str] = lambda: "",
 ) -> None:
-    """Wait for a condition, with a `WbcError` (description `what`, details `told`) after `patience` seconds.
+    """Wait for a condition, with a `WbcError` (description `what`, details `details`) after `patience` seconds.
 
-    `again` is called four times per second, because a node may miss a message just after its discovery.
+    `retry` is called four times per second, because a node may miss a message just after its discovery.
     """
     deadline, due = time.monotonic() + patience, 0.0
     while not condition():
         now = time.monotonic()
         if now >= due:
-            again()
+            retry()
             due = now + 0.25
         if now >= deadline:
-            raise WbcError(f"timeout of {patience:g} s while waiting for {what}{told()}")
+            raise WbcError(f"timeout of {patience:g} s while waiting for {what}{details()}")
         time.sleep(0.002)
 
 

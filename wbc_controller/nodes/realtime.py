@@ -22,18 +22,18 @@ _KEY = "control.realtime"
 _HELP = "see docs/real_time.md"
 #: Scheduling classes, by the names of the settings and of Linux.
 _CLASSES = {"other": "SCHED_OTHER", "fifo": "SCHED_FIFO", "rr": "SCHED_RR"}
-_MCL_CURRENT, _MCL_FUTURE = 1, 2  # flags of mlockall(2): present and future pages
-_CAP_IPC_LOCK = 14  # bit of capabilities(7) that removes the limit of locked memory
+_MCL_CURRENT, _MCL_FUTURE = 1, 2  # of mlockall(2)
+_CAP_IPC_LOCK = 14  # bit of capabilities(7) without limit of locked memory
 _NUMBERS = range(1024)  # processor numbers of Linux
 #: PM QoS device: the requested wake-up latency holds while the file is open.
 _LATENCY_DEVICE = Path("/dev/cpu_dma_latency")
-_latency_file: list[int] = []  # descriptor of the device, open until the process ends
+_latency_file: list[int] = []  # descriptor, open until the process ends
 
 
 def apply_realtime(settings: RealtimeSettings) -> None:
     """Apply the settings to this process until its end.
 
-    A refusal by the system raises `ConfigurationError`, because its effect would appear only on a busy computer.
+    A refusal by the system raises `ConfigurationError`; ignored, it would show only on a busy computer.
     """
     if settings != RealtimeSettings() and not hasattr(os, "sched_setscheduler"):
         raise ConfigurationError(f"{_KEY}: not supported on {sys.platform}; requires Linux; {_HELP}")
@@ -168,7 +168,6 @@ def _mlockall(flags: int) -> int:
 
 
 def _threads() -> list[int]:
-    """Return the thread numbers of this process."""
     return [int(path.name) for path in Path("/proc/self/task").iterdir()]
 
 

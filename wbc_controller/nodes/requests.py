@@ -30,13 +30,11 @@ _MAX_BYTES, _MAX_REQUEST_BYTES = {"trajectory": 1 << 20}, 1 << 18
 _READER_SHARE = 0.25  # share of the time, since the interpreter runs one thread at a time
 _LONGEST_REASON = 1000  # of a refusal, characters
 _MAX_COMMAND = 40  # characters
-_ESTOP = b"estop"  # emergency stop in a serialized std_msgs/String
+_ESTOP = b"estop"  # in a serialized std_msgs/String
 
 
 @dataclass(slots=True)
 class _Decoded:
-    """Content of one request."""
-
     commands: list[str] = field(default_factory=list)
     changes: list[tuple[Change | ChangeSettings, ...]] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
@@ -147,7 +145,6 @@ class Requests:
             time.sleep(spent * (1.0 / _READER_SHARE - 1.0))
 
     def _decode(self, endpoint: Endpoint, payload: bytes) -> _Decoded:
-        """Decode and validate one request."""
         read = _Decoded()
         try:
             self._decode_into(endpoint, payload, read)

@@ -17,7 +17,7 @@ from wbc_controller.middleware.transports.transport import Stream, Transport
 
 _log = logging.getLogger(__name__)
 
-_DEPTH = 10  # depth of the queue of clock messages, which bounds the reading time in a flood
+_DEPTH = 10  # of the queue, limits the reading time in a flood
 
 
 class SimulatedClock:
@@ -28,9 +28,9 @@ class SimulatedClock:
     back (a restart) the clock continues from its last time and reports the jump once.
     """
 
-    _CHECK_PERIOD = 0.05  # period of the checks in `wait`, s wall time
-    _STEPS = 3  # number of newest steps for the resolution, their minimum: dropped messages lengthen steps
-    _WARNING_PERIOD = 1.0  # shortest wall time between two logged refusals, s
+    _CHECK_PERIOD = 0.05  # in `wait`, s wall time
+    _STEPS = 3  # the resolution is their minimum: dropped messages lengthen steps
+    _WARNING_PERIOD = 1.0  # of refusals, s wall time
 
     def __init__(self, stream: Stream, topic: Endpoint) -> None:
         self._stream, self._topic = stream, topic
@@ -52,7 +52,6 @@ class SimulatedClock:
                     _log.warning("%s: refused: %s", self._topic.name, refusal)
 
     def _set_time(self, stamp: int) -> None:
-        """Process a simulated time, ns."""
         step = stamp - self._stamp if self._stamp is not None else 0
         if step > 0:
             self._steps.append(step)

@@ -16,7 +16,7 @@ from wbc_controller.settings import Settings
 
 _log = logging.getLogger(__name__)
 
-_LARGEST = LARGEST_URDF + 16  # longest message, bytes: URDF, length, terminator and padding
+_LARGEST = LARGEST_URDF + 16  # bytes: URDF, length, terminator and padding
 
 _WARNING_PERIOD = 5.0  # s
 

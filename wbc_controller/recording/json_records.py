@@ -71,7 +71,6 @@ def require_types(values: Any, types: Mapping[str, Any], what: str, optional: Ma
 
 
 def _has_type(value: Any, kind: Any) -> bool:
-    """Return True if a value has the type of an annotation."""
     outer, inner = get_origin(kind), get_args(kind)
     if kind is Any:
         return True
@@ -91,7 +90,6 @@ def _has_type(value: Any, kind: Any) -> bool:
 
 @cache
 def _types_of(record: Callable[..., Any]) -> Mapping[str, Any]:
-    """Return the annotations of a record's fields."""
     return get_type_hints(record)
 
 

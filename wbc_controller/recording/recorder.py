@@ -49,14 +49,14 @@ from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
 
-_SNAPSHOT = 2.0  # period of records of the controller's memory, the starting points of a replay, s
-_BATCH = 8  # cycles per batch, for half the cost of each
+_SNAPSHOT = 2.0  # period of the controller's memory, the starting points of a replay, s
+_BATCH = 8  # cycles, for half the cost of each
 _MAX_WAITING_BYTES, _MAX_MESSAGES = 8 << 20, 10_000  # waiting for the end of a cycle
 _MAX_TOPIC_BYTES = 64 << 10  # of several messages per topic and batch: floods must not displace cycles
 _MAX_MESSAGE_BYTES = 1 << 20  # the controller rejects larger messages with an event
 _WARNING_PERIOD = 10.0  # s
 NOT_RECORDED = "nothing is recorded: recorder.seconds is 0"
-OWN = "recording"  # namespace of the recorder's topics, below the controller's name
+OWN = "recording"  # namespace of the recorder's topics
 #: Packages that affect the last bits of torques.
 _SOFTWARE = (
     "wbc_controller", "numba", "llvmlite", "numpy", "scipy", "pin", "daqp", "osqp", "proxsuite", "qpsolvers", "coal",
@@ -324,7 +324,6 @@ class Recorder:
         return True
 
     def _record_memory(self, controller: Controller) -> None:
-        """Record the controller's memory before the next cycle."""
         self._snapshot_due = self._number + self._every
         content = {"cycle": self._number, "settings": self._live.settings, "memory": controller.memory()}
         at = self._stamp()

@@ -75,11 +75,11 @@ class Recording:
         """Read everything except the cycles; another file or format raises `ConfigurationError`."""
         self.path = path
         self.events: dict[int, dict[str, Any]] = {}  # by cycle
-        self.memories: dict[int, str] = {}  # JSON of the controller's memory before a cycle, by cycle
+        self.memories: dict[int, str] = {}  # memory before a cycle as JSON, by cycle
         self.about: dict[str, Any] = {}  # topic ``start``: ``robot``, ``node``, ``software``, ``layout``, …
         self.counts: dict[int, int] = {}  # messages by number of the topic
         self.first = self.last = -1  # cycles
-        self.start = self.end = self.count = 0  # times of the first and last cycle, ns, and number of cycles
+        self.start = self.end = self.count = 0  # times of first and last cycle, ns; number of cycles
         file, urdf = McapMessages(path), ""
         try:
             for topic, time, payload in file:

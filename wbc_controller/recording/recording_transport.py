@@ -73,8 +73,6 @@ class RecordingTransport:
 
 
 class _RecordingStream:
-    """Stream that records taken messages."""
-
     def __init__(self, stream: Stream, record_incoming: Callable[[int, bytes], None], topic: int) -> None:
         self._stream, self._record_incoming, self._topic = stream, record_incoming, topic
         self.wait, self.wake = stream.wait, stream.wake

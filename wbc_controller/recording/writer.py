@@ -23,11 +23,11 @@ from typing import Any
 
 from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, PackedChunk, Topic, exists
 
-FRAME = struct.Struct("<IHq")  # start of a frame: length of the content, code or number of the topic, and time in ns
+FRAME = struct.Struct("<IHq")  # length of the content, code or number of the topic, time in ns
 #: Codes of other frames: topics, a message at the start of every file, a reason to write the last seconds, and the end.
 TOPICS, PINNED, TRIGGER, END = range(0xFF00, 0xFF04)
 CHUNK_SECONDS, CHUNK_BYTES = 0.4, 1 << 20  # largest duration, s, and size of a chunk
-_POLL = 0.02  # period of the reading of the pipe, s
+_POLL = 0.02  # of the pipe, s
 _RING_BYTES, _WAITING_BYTES = 64 << 20, 64 << 20  # limits of the last seconds, and of the queue of the disk
 _FILE_AFTER_FAULT, _LONGEST = 2.0, 60.0  # duration of a file after the last fault, and in total, s
 _WARNING_PERIOD = 30.0  # s
@@ -45,7 +45,7 @@ class FileSink:
         self.path = path
         self._report = report
         self._file: McapFile | None = None
-        self._begun = False  # True after the messages at the start of every file
+        self._begun = False  # after the messages at the start of every file
         self._missing, self._warned_at = 0, -_WARNING_PERIOD
 
     def write(self, chunk: PackedChunk, topics: list[Topic], begin: Callable[[int], PackedChunk | None]) -> None:
@@ -198,7 +198,6 @@ class Writer:
             self._fault = None
 
     def _make_room(self, folder: Path) -> None:
-        """Create the folder, and remove the oldest recordings of this robot."""
         pattern = f"{self._plan['name']}-[0-9]*-[0-9]*-*.mcap"
         with contextlib.suppress(OSError):  # reported when the file is created
             folder.mkdir(parents=True, exist_ok=True)

@@ -20,9 +20,9 @@ from wbc_controller.middleware.transports.transport import UNNAMED
 
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _DISCOVERY = "ros_discovery_info"
-_HEADER, _GID = 4, 16  # bytes of the header and of the participant's identifier at the start of an announcement
-_ANNOUNCEMENTS = 1000  # queue of announcements: a starting controller sends one for each of its 150 endpoints
-_CHANGES = 10_000  # largest number of graph changes per update
+_HEADER, _GID = 4, 16  # bytes of header and participant's identifier in an announcement
+_ANNOUNCEMENTS = 1000  # queue length: a starting controller sends one for each of its 150 endpoints
+_CHANGES = 10_000  # graph changes per update
 
 
 class NodeAnnouncement:
@@ -78,7 +78,7 @@ class Graph:
     def __init__(self, participant: Any) -> None:
         self._own = participant.guid.bytes
         self._lock = threading.Lock()
-        self._writers: dict[bytes, tuple[bytes, str]] = {}  # by GUID: its participant, and its topic
+        self._writers: dict[bytes, tuple[bytes, str]] = {}  # participant and topic by GUID
         self._announced: dict[bytes, bytes] = {}  # by participant: the newest announcement, serialized
         self._names: dict[bytes, tuple[bytes, dict[bytes, str]]] = {}  # by participant: announcement and its names
         self._changes = dds_raw.writers_reader(participant)

@@ -14,7 +14,7 @@ _log = logging.getLogger(__name__)
 
 PERIOD = 0.25  # period of the checks, s
 
-OtherPublishers = Mapping[str, tuple[str, ...]]  # node names of the other publishers, by row of the topic table
+OtherPublishers = Mapping[str, tuple[str, ...]]  # node names by row of the topic table
 
 
 class GraphWatch:

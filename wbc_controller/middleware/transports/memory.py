@@ -92,8 +92,6 @@ class MemoryTransport:
 
 
 class _Stream:
-    """The newest messages of a topic."""
-
     def __init__(self, endpoint: Endpoint, depth: int, owner: MemoryTransport) -> None:
         self._endpoint, self._owner = endpoint, owner
         self._changed = threading.Condition()  # guards the next two attributes

@@ -26,8 +26,8 @@ from wbc_controller.middleware.transports.transport import Publish, TopicTypes, 
 
 _log = logging.getLogger(__name__)
 
-_DRAIN_TIME = 0.5  # timeout for the delivery of the last messages to reliable readers, s
-_OPTIONAL_PACKAGES = ("tf2_msgs",)  # optional message packages, without wheels on PyPI
+_DRAIN_TIME = 0.5  # timeout for the last messages to reliable readers, s
+_OPTIONAL_PACKAGES = ("tf2_msgs",)  # message packages without wheels on PyPI
 
 
 class Ros2Transport:
@@ -100,7 +100,7 @@ class Ros2Transport:
                     lambda message: None,  # unused
                     _profile(endpoint.qos),
                     callback_group=self._group,
-                    # On Fast DDS the default event handlers wake the executor with every message.
+                    # On Fast DDS the default event handlers wake the executor with each message.
                     event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
                     raw=True,

@@ -16,10 +16,10 @@ from wbc_controller.middleware.transports.transport import UNNAMED
 
 _log = logging.getLogger(__name__)
 
-PERIOD = 2.0  # time for one check of all topics (0.1 ms each), s
-_WARNING_CHECK = 2  # number of the warning check, because node names arrive after publishers
+PERIOD = 2.0  # for one check of all topics (0.1 ms each), s
+_WARNING_CHECK = 2  # number of the check, because node names arrive after publishers
 _NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"  # rclpy's name of an unknown node
-_ERROR = "ERROR: "  # prefix of incompatible policies in rclpy's reasons
+_ERROR = "ERROR: "  # of incompatible policies in rclpy's reasons
 
 
 def node_name(info: Any) -> str:
@@ -35,7 +35,7 @@ class CompatibilityWatch:
     def __init__(self, node: Any) -> None:
         self._node = node
         self._subscriptions: list[tuple[Any, str]] = []  # and message types
-        self._checks: dict[str, dict[bytes, int]] = {}  # number of checks by topic and incompatible publisher
+        self._checks: dict[str, dict[bytes, int]] = {}  # checks by topic and incompatible publisher
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 

@@ -17,7 +17,7 @@ from wbc_controller.errors import TransportError
 
 _log = logging.getLogger(__name__)
 
-_LONGEST_WAIT = 200_000_000  # period of the reader's check for a shutdown, ns
+_LONGEST_WAIT = 200_000_000  # ns, then a check for a shutdown
 
 
 class ReaderGroup(ReentrantCallbackGroup):  # type: ignore[misc]  # rclpy has no types

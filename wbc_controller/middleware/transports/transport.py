@@ -11,7 +11,7 @@ from wbc_controller.middleware.topics import Endpoint
 
 #: Function that sends one serialized message: little-endian CDR with its encapsulation header.
 Publish = Callable[[bytes], None]
-UNNAMED = "(a participant without a node name)"  # name of unknown nodes: not of ROS 2, or with a pending name
+UNNAMED = "(a participant without a node name)"  # unknown node: not of ROS 2, or with a pending name
 
 
 class Stream(Protocol):
@@ -43,7 +43,7 @@ class Transport(Protocol):
     if the transport is closed, a topic cannot be opened, or the graph cannot be read.
     """
 
-    discovery_time: float  # usual time of mutual discovery with other nodes, s
+    discovery_time: float  # of mutual discovery, s
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing; return the thread-safe function that sends one serialized message."""

@@ -50,7 +50,6 @@ class MarkerScene:
         return message("visualization_msgs/msg/MarkerArray", markers=markers)
 
     def _marker(self, time: int, shape: Shape) -> Any:
-        """Make one marker in the colour of its namespace."""
         r, g, b, a = COLORS[shape.group]
         size = shape.size
         # Arrows: shaft diameter, head diameter, head length; spheres: three diameters; lines: width.

@@ -12,16 +12,16 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import MotionTask, Task
 from wbc_controller.records import Array, References, Solution
 
-_MIN_ERROR = {"m": 0.01, "rad": 0.05}  # smallest reported errors, by unit of position and orientation
-_MIN_NORM = min(_MIN_ERROR.values())  # error norm of a task near its reference, in any unit
+_MIN_ERROR = {"m": 0.01, "rad": 0.05}  # by unit of position and orientation
+_MIN_NORM = min(_MIN_ERROR.values())  # of a task near its reference, in any unit
 #: Largest change of the error of a task at rest, as a share of it, and duration of the rest, s.
 _MAX_CHANGE, _TIMEOUT = 0.02, 1.0
-_MINOR_WEIGHT = 0.01  # share of the largest weight below which a task, such as a posture task, is ignored
+_MINOR_WEIGHT = 0.01  # share of the largest weight; lighter tasks, such as a posture, are ignored
 _MAX_CONSTRAINTS = 3  # largest number of named constraints
 #: Names of the constraints of joints and actuators, and of contacts.
 _LIMITS = {"motion": "limit of motion", "torque": "torque limit"}
 _FORCES = {"normal_force": "normal force", "yaw_moment": "yaw moment", "force": "force", "moment": "moment"}
-_NEGLIGIBLE = 1.0e-3  # multipliers below this share of the largest one are ignored
+_NEGLIGIBLE = 1.0e-3  # share of the largest multiplier; smaller ones are ignored
 
 
 class Shortfall:

@@ -15,9 +15,9 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.codec import diagnostics
 from wbc_controller.records import Array, Disturbance, Mode, Solution
 
-_TIMES_PER_PIECE = 500  # number of sorted times after which a piece of the message ends
+_TIMES_PER_PIECE = 500  # sorted times per piece of the message
 _OK, _WARN, _ERROR = 0, 1, 2
-_CONTRADICTION = 0.5  # residual of the contact motion of contradictory contacts, m/s² or rad/s²
+_CONTRADICTION = 0.5  # residual of contradictory contacts, m/s² or rad/s²
 _LEVELS = {
     Mode.INACTIVE: _OK,
     Mode.ACTIVE: _OK,
@@ -35,10 +35,10 @@ class _ReportWindow:
         self.last = first
         self.count = 0
         self.names: tuple[str, ...] = ()  # stages of the newest report
-        self.seconds = array("d")  # times of these stages, s, by cycle since their last change
+        self.seconds = array("d")  # s, by cycle since the last change of stages
         #: Stage names and times of each sequence of cycles with equal stages.
         self.runs: list[tuple[tuple[str, ...], array[float]]] = []
-        self.relaxed: Counter[str] = Counter()  # number of cycles in which each limit was relaxed
+        self.relaxed: Counter[str] = Counter()  # cycles by relaxed limit
         self.refused: list[str] = []  # a sentence for each refused message
 
     def times(self, stage: str) -> Array:
@@ -173,7 +173,6 @@ def _cost_unit(constraint: str) -> str:
 
 
 def _cycle_values(window: _ReportWindow) -> dict[str, str]:
-    """Return the values of loop and inputs."""
     last = window.last
     values = {
         "mode": last.mode.value,
@@ -189,7 +188,6 @@ def _cycle_values(window: _ReportWindow) -> dict[str, str]:
 
 
 def _solution_values(solution: Solution) -> dict[str, str]:
-    """Return the values of the solution."""
     values = {f"task_error/{name}": f"{error:.5f}" for name, error in solution.task_errors.items()}
     values |= {f"residual/{name}": f"{residual:.2e}" for name, residual in solution.residuals.items()}
     values["binding"] = ", ".join(solution.binding) or "none"
@@ -203,7 +201,6 @@ def _solution_values(solution: Solution) -> dict[str, str]:
 
 
 def _check_values(last: CycleReport) -> dict[str, str]:
-    """Return the values of conflicts, audit and other publishers."""
     values: dict[str, str] = {}
     if last.fault is not None and last.fault.infeasibility is not None:
         why = last.fault.infeasibility

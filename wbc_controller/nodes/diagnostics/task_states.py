@@ -44,7 +44,6 @@ class TaskStates:
         return name, {key: template.write(stamp, position) for key, position in positions.items()}
 
     def _make_template(self, name: str, position: Array) -> SetpointTemplate:
-        """Make the message template of a task."""
         words, kind = self._vocabulary, self._vocabulary.kinds[name]
         template = self._templates[name] = SetpointTemplate(
             TASK_TYPES[kind]["setpoint"],

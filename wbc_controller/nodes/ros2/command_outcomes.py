@@ -17,9 +17,9 @@ SERVICES: dict[str, tuple[str, frozenset[Mode]]] = {
     "stop": ("estop", frozenset({Mode.FAULT})),
 }
 
-RECORD = "record"  # service that requests a recording of the last seconds
+RECORD = "record"  # service
 
-_LONGEST_WAIT = 1000  # number of cycles after which a command counts as dropped
+_LONGEST_WAIT = 1000  # cycles; then the command counts as dropped
 
 
 class CommandOutcomes:
@@ -51,13 +51,11 @@ class CommandOutcomes:
 
 
 class _PendingCommand:
-    """A pending command."""
-
     def __init__(self, word: str, respond: Callable[[bool, str], None]) -> None:
         self.respond = respond
         self._word = word
         self._cycles = 0
-        self._accepted = False  # True after a cycle has accepted the command
+        self._accepted = False  # by a cycle
 
     def observe(self, report: CycleReport) -> bool:
         """Process the report of a cycle; return True after the response."""

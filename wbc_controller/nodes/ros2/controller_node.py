@@ -36,8 +36,8 @@ from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
 
-_REMINDER = 5.0  # period of the warnings of a missing URDF, s
-_TIMEOUT = 5.0  # timeout of the shutdown on a possibly failed executor, s
+_REMINDER = 5.0  # of a missing URDF, s
+_TIMEOUT = 5.0  # of the shutdown on a possibly failed executor, s
 #: State of the node after each transition.
 _STATES = {
     "configure": "inactive",

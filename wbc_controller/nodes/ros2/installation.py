@@ -10,7 +10,7 @@ from pathlib import Path
 
 from wbc_controller.errors import ConfigurationError
 
-_WHEEL = "ros-rclpy"  # distribution name of the wheel with rclpy, unique to the wheels
+_WHEEL = "ros-rclpy"  # distribution of the wheel with rclpy
 _LIBRARY = "librcl.so"  # library of every rclpy installation
 
 

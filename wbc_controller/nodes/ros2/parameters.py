@@ -22,7 +22,7 @@ from wbc_controller.settings.nesting import merged, nested
 
 #: Parameters of ROS 2 itself, by the first part of their names.
 OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
-ROBOT, CONFIG = "robot", "config"  # parameters that name a configuration: a shipped robot, or a file
+ROBOT, CONFIG = "robot", "config"  # naming a configuration: a shipped robot, or a file
 _KINDS = {bool: "true or false", float: "a number"}  # names of the types in errors
 
 

@@ -25,7 +25,7 @@ from wbc_controller.nodes.signals import set_by_signals
 
 _log = logging.getLogger(__name__)
 
-_PAUSE = 0.02  # pause of the executor between two waits, s
+_PAUSE = 0.02  # between two waits, s
 
 
 class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types

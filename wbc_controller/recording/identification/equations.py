@@ -26,9 +26,9 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-WIDTH, _INTERVAL = 0.03, 0.02  # smoothing window of a sample, and time between samples, s
+WIDTH, _INTERVAL = 0.03, 0.02  # of a sample, and time between samples, s
 _STRETCH = 25  # samples per group
-_REST_SPEED = 0.03  # largest speed of a resting joint, rad/s or m/s
+_REST_SPEED = 0.03  # of a resting joint, rad/s or m/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Equations:
     b: Array  # (m,)
     names: tuple[str, ...]  # of the unknowns, (k,): ``mass <link>``, ``armature``, ``dry <joint>``, ``viscous <joint>``
     nominal: Array  # values of the model, (k,); 1 for a mass
-    group: np.ndarray  # group of successive samples of each equation, with correlated residuals, (m,)
+    group: np.ndarray  # group of successive samples, with correlated residuals, (m,)
 
 
 def select_samples(

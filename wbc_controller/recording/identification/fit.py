@@ -11,11 +11,11 @@ from scipy.stats import norm, t
 from wbc_controller.recording.identification.equations import Equations
 from wbc_controller.records import Array
 
-_MASS_BOUNDS = (0.2, 5.0)  # of a link's mass, as a share
-UNSURE = 0.025  # largest relative standard error of a determined value (95 %: 5 %)
+_MASS_BOUNDS = (0.2, 5.0)  # shares of a link's mass
+UNSURE = 0.025  # relative standard error of a determined value (95 %: 5 %)
 #: Weak prior: standard deviations from the model's values, as shares of masses, kg·m², N·m, N·m·s/rad.
 _PRIOR = {"mass": 0.5, "armature": 0.5, "dry": 20.0, "viscous": 20.0}
-_TORQUE_ERROR = 0.01  # relative standard error of the torque constants, and of all values
+_TORQUE_ERROR = 0.01  # relative standard error of torque constants and all values
 
 
 @dataclass(frozen=True, slots=True)

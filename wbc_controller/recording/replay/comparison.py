@@ -20,7 +20,7 @@ from wbc_controller.recording.replay.cycle_replay import Replay, ReplayedCycle
 from wbc_controller.records import Array
 from wbc_controller.settings.config import Config
 
-_SHOWN = 8  # actuators in table and plot, with the largest differences
+_SHOWN = 8  # actuators with the largest differences
 
 
 @dataclass

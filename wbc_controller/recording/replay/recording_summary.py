@@ -25,7 +25,7 @@ from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import ReplayedCycle
 from wbc_controller.records import ChangeSettings
 
-_SHOWN = 25  # shown lines at the start and at the end of the history
+_SHOWN = 25  # lines at each end of the history
 
 
 def summarize(recorded: Recording) -> str:
@@ -127,7 +127,6 @@ def _history(recorded: Recording) -> list[str]:
 
 
 def _event_texts(event: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return kind and text of the parts of an event."""
     words = [("command", str(word)) for word in event.get("requests", ())]
     words += [("change", describe_change(change)) for each in event.get("changes", ()) for change in each]
     words += [("refused", str(sentence)) for sentence in event.get("refused", ())]

@@ -17,7 +17,7 @@ from wbc_controller.settings import ContactSettings, SurfaceContact
 class Phase:
     """Phase of a run, until the next one."""
 
-    time: float  # start, since the start of the run, s
+    time: float  # since the start of the run, s
     name: str
 
 
@@ -45,7 +45,7 @@ class RunData:
     """Arrays of a run: n samples of the state, m cycles of the controller, na actuators."""
 
     robot: str
-    actuators: tuple[str, ...]  # names of the actuators, in the order of the command
+    actuators: tuple[str, ...]  # in the order of the command
     time: Array  # since the first sample, (n,) in s, non-decreasing
     q: Array  # Pinocchio configuration, (n, nq)
     tau: Array  # commanded torques, (n, na) in N·m

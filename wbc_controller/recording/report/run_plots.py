@@ -21,8 +21,8 @@ from wbc_controller.controller.visualization.plots import (
 from wbc_controller.recording.report.run_data import RunData
 from wbc_controller.records import Array
 
-MIN_LOAD_SHARE = 0.05  # share of the largest normal force below which the use of friction is not shown (noise)
-DRAWN_JOINTS = 6  # number of joints with separate torque lines
+MIN_LOAD_SHARE = 0.05  # of the largest normal force; below it the use of friction is noise
+DRAWN_JOINTS = 6  # with separate torque lines
 
 
 def run_plots(run: RunData) -> list[Plot]:

@@ -257,7 +257,9 @@ class _Bench:
             self._check_that_it_runs()
             again()
 
-        until(condition, what, alive, told=lambda: f"; it said {self._mode()!r}\n{self._processes.log('controller')}")
+        until(
+            condition, what, alive, details=lambda: f"; it said {self._mode()!r}\n{self._processes.log('controller')}"
+        )
 
     def _check_that_it_runs(self) -> None:
         status = self._processes.processes["controller"].poll()
