@@ -115,10 +115,10 @@ def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str 
     where = f"its reference frame {home!r}" if home is not None else f"the world ({', '.join(WORLD_FRAMES[1:])})"
     at = [f"relative to its reference ({', '.join(own)})"] if own else []
     robot = ["a frame of the robot"] if placed else []
-    said = " or ".join([where, *at, *robot])
+    valid = " or ".join([where, *at, *robot])
     close = difflib.get_close_matches(frame, [*own, *(vocabulary.robot_frames if placed else ())], n=1)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise InputRefused(f"{what} is {reprlib.repr(frame)}; valid for setpoints of task {task!r}: {said}{hint}")
+    raise InputRefused(f"{what} is {reprlib.repr(frame)}; valid for setpoints of task {task!r}: {valid}{hint}")
 
 
 def setpoint_frames(kind: str, task: str) -> tuple[str, ...]:

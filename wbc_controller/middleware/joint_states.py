@@ -128,6 +128,6 @@ class JointStateReader(StateReader):
 
 def require_unique(names: Sequence[str]) -> None:
     """Raise `InputRefused` for duplicate joints."""
-    twice = sorted(name for name, count in Counter(names).items() if count > 1)
-    if twice:
-        raise InputRefused(f"duplicate joint {twice[0]!r}; name each joint once")
+    duplicates = sorted(name for name, count in Counter(names).items() if count > 1)
+    if duplicates:
+        raise InputRefused(f"duplicate joint {duplicates[0]!r}; name each joint once")

@@ -196,7 +196,7 @@ def _checked_covariance(rows: Array) -> Array:
             "position and heading)"
         )
     used = C[np.ix_(_USED, _USED)]
-    least = float(np.linalg.eigvalsh(used)[0])
-    if not least >= _ROUNDING * float(np.trace(used)):
-        raise InputRefused(f"the covariance of position and heading has the negative eigenvalue {least:.3g}")
+    smallest = float(np.linalg.eigvalsh(used)[0])
+    if not smallest >= _ROUNDING * float(np.trace(used)):
+        raise InputRefused(f"the covariance of position and heading has the negative eigenvalue {smallest:.3g}")
     return C

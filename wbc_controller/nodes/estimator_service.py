@@ -128,9 +128,9 @@ class EstimatorService:
         values |= {f"age/{name}": f"{age:.4f} s" for name, age in self._inputs.ages().items()} | self._inputs.status()
         found = estimator.covariance
         if found is not None:
-            turned, moving = np.sqrt(np.diag(found[0])[3:5].max()), np.sqrt(np.diag(found[1])[:3].max())
-            values["tilt"] = f"standard deviation {turned:.5f} rad"
-            values["velocity"] = f"standard deviation {moving:.5f} m/s"
+            tilt, speed = np.sqrt(np.diag(found[0])[3:5].max()), np.sqrt(np.diag(found[1])[:3].max())
+            values["tilt"] = f"standard deviation {tilt:.5f} rad"
+            values["velocity"] = f"standard deviation {speed:.5f} m/s"
         values |= {f"note/{name}": note for name, note in notes.items()} | dict(about)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         level = _WARN if estimator.base is None or estimator.slipping or refused else _OK

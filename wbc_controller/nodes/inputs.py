@@ -352,9 +352,9 @@ class Inputs:
             for key, source in self._sources.items()
             if source.check is not None and source.check.rejected
         }
-        made = self._velocity_filter
-        if made is not None:
-            delay = f"{made.delay:.4f} s" if math.isfinite(made.delay) else "still unknown"
+        velocity_filter = self._velocity_filter
+        if velocity_filter is not None:
+            delay = f"{velocity_filter.delay:.4f} s" if math.isfinite(velocity_filter.delay) else "still unknown"
             values["joint_velocity"] = f"differentiated, delay {delay}"
         return values
 
@@ -387,6 +387,6 @@ class Inputs:
 
 
 def _open_queue(endpoint: Endpoint, transport: Transport) -> _Queue:
-    kept = {"imu": _MAX_IMU_SAMPLES, "pose": _MAX_POSES}.get(endpoint.key, 1)
-    stream = transport.stream(endpoint, max(kept, _STATE_DEPTH))
-    return _Queue(endpoint, stream, pending=deque(maxlen=kept), largest=_MAX_BYTES[endpoint.key])
+    capacity = {"imu": _MAX_IMU_SAMPLES, "pose": _MAX_POSES}.get(endpoint.key, 1)
+    stream = transport.stream(endpoint, max(capacity, _STATE_DEPTH))
+    return _Queue(endpoint, stream, pending=deque(maxlen=capacity), largest=_MAX_BYTES[endpoint.key])

@@ -124,10 +124,10 @@ class ControlLoop:
             if before not in _UNDER_CONTROL:  # no torques were sent yet
                 withdrawn, self._activate_when_fresh = _CANCEL_ACTIVATION, waiting
                 refused += (f"command 'activate' is refused: after the computation of the torques {late.sentence}",)
-            again = CycleInputs(
+            repeated_inputs = CycleInputs(
                 now=now + passed, state=latched.state, joint_velocity=None, problem=late, requests=withdrawn
             )
-            result = controller.cycle(again)
+            result = controller.cycle(repeated_inputs)
         decided = timer()
         outputs.publish_command(result)
         sent = timer()
@@ -184,16 +184,16 @@ class ControlLoop:
             )
         return _coarse_clock_message(step, limit, key) if limit + _ROUNDING < step < math.inf else None
 
-    def _accepts_reset(self, words: tuple[str, ...]) -> bool:
+    def _accepts_reset(self, requests: tuple[str, ...]) -> bool:
         """Return True if the supervisor is not in control at the first 'reset' of the requests, and accepts it."""
-        return self.controller.mode not in _UNDER_CONTROL or "damp" in words[: words.index("reset")]
+        return self.controller.mode not in _UNDER_CONTROL or "damp" in requests[: requests.index("reset")]
 
     def _filter_requests(
-        self, words: tuple[str, ...], problem: Fault | None
+        self, requests: tuple[str, ...], problem: Fault | None
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the requests for the controller, and a sentence for each refusal because of another owner."""
-        if self._activate_when_fresh and any(word != "activate" for word in words):
-            _log.warning("command %r cancels the activation at the start", words[0])
+        if self._activate_when_fresh and any(word != "activate" for word in requests):
+            _log.warning("command %r cancels the activation at the start", requests[0])
             self._activate_when_fresh = False
         contested = self._ownership.contested
         if contested:
@@ -201,11 +201,11 @@ class ControlLoop:
                 self._logged_contention = contested
                 _log.warning("the activation at the start waits: %s", "; ".join(contested))
             sentence = f"command 'activate' is refused: {'; '.join(contested)}"
-            return tuple(word for word in words if word != "activate"), (sentence,) * words.count("activate")
+            return tuple(word for word in requests if word != "activate"), (sentence,) * requests.count("activate")
         if self._activate_when_fresh and problem is None and math.isfinite(self._clock.resolution()):
             self._activate_when_fresh = False
-            words = ("activate", *words)
-        return words, ()
+            requests = ("activate", *requests)
+        return requests, ()
 
     def _log_changes(self, report: CycleReport, now: float) -> None:
         """Log refusals (recurring ones once per second), a fault once, and modes."""
@@ -214,8 +214,8 @@ class ControlLoop:
         for refused in report.refused:
             self._log(logging.WARNING, f"refused {refused}", now)
         if report.fault is not None:
-            said = f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}"
-            topic = self._log(logging.WARNING, said, now)
+            message = f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}"
+            topic = self._log(logging.WARNING, message, now)
             if topic in self._logged:
                 self._logged[topic] = now  # no repetition while it lasts
         elif self._logged_mode is Mode.HOLDING is not report.mode:  # modes may alternate

@@ -183,10 +183,10 @@ class Outputs:
             subjects = self._subscriptions.subjects
             self._tasks.begin({*subjects["task_reference"], *subjects["task_value"]})
             self._shortfalls = self._shortfall.sentences(now, dynamics, references, solution)
-        made = self._tasks.next(state.stamp, dynamics, references)
-        if made is not None:
-            for key, content in made[1].items():
-                self._publish[key, made[0]](content)
+        states = self._tasks.next(state.stamp, dynamics, references)
+        if states is not None:
+            for key, content in states[1].items():
+                self._publish[key, states[0]](content)
 
     def publish_markers(
         self, now: float, state: RobotState | None, references: References | None, solution: Solution | None

@@ -68,7 +68,7 @@ class Processes:
 
     def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
         """Start a command with its output in ``<name>.log`` and the default action of SIGHUP, even under nohup."""
-        ours = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+        handler = signal.signal(signal.SIGHUP, signal.SIG_DFL)
         try:
             with (self._folder / f"{name}.log").open("ab") as log:
                 process = subprocess.Popen(  # noqa: S603 - our own
@@ -80,7 +80,7 @@ class Processes:
                     preexec_fn=_end_with_parent if self._own_sessions else None,
                 )
         finally:
-            signal.signal(signal.SIGHUP, ours)
+            signal.signal(signal.SIGHUP, handler)
         self.processes[name] = process
         return process
 

@@ -85,11 +85,11 @@ def _set_affinity(processors: list[int]) -> None:
         os.sched_setaffinity(0, processors)
     if os.sched_getaffinity(0) != set(processors):  # Linux ignores missing processors silently
         os.sched_setaffinity(0, _NUMBERS)
-        there = os.sched_getaffinity(0)
+        available = os.sched_getaffinity(0)
         os.sched_setaffinity(0, before)
-        missing = [number for number in processors if number not in there]
+        missing = [number for number in processors if number not in available]
         raise ConfigurationError(
-            f"{key}: processor {_join_numbers(missing)} is not available; valid: {_join_numbers(sorted(there))}; "
+            f"{key}: processor {_join_numbers(missing)} is not available; valid: {_join_numbers(sorted(available))}; "
             f"{_HELP}"
         )
     for thread in _threads():

@@ -187,13 +187,13 @@ def _discovery_range(text: str, source: str) -> DiscoveryRange:
 
 
 @dataclass(slots=True)
-class _Open:
+class _OpenDomain:
     settings: DomainSettings
     domain: Any
     users: int
 
 
-_open: dict[int, _Open] = {}
+_open: dict[int, _OpenDomain] = {}
 _open_lock = threading.Lock()
 
 
@@ -206,7 +206,7 @@ def open_domain(settings: DomainSettings) -> None:
     with _open_lock:
         known = _open.get(settings.domain_id)
         if known is None:
-            _open[settings.domain_id] = _Open(settings, _create(settings), users=1)
+            _open[settings.domain_id] = _OpenDomain(settings, _create(settings), users=1)
         elif known.settings == settings:
             known.users += 1
         else:

@@ -114,9 +114,9 @@ class Graph:
                 self._writers.pop(guid, None)
             else:
                 self._writers[guid] = owner, topic
-        there = {owner for owner, topic in self._writers.values() if topic == _DISCOVERY}
-        self._announced = {owner: payload for owner, payload in self._announced.items() if owner in there}
-        self._names = {owner: names for owner, names in self._names.items() if owner in there}
+        present = {owner for owner, topic in self._writers.values() if topic == _DISCOVERY}
+        self._announced = {owner: payload for owner, payload in self._announced.items() if owner in present}
+        self._names = {owner: names for owner, names in self._names.items() if owner in present}
 
     def _name(self, owner: bytes, writer: bytes) -> str:
         payload = self._announced.get(owner, b"")

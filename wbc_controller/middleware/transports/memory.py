@@ -115,9 +115,9 @@ class _Stream:
         """Wait for a message or `wake`, at most `seconds`; return True if one arrived."""
         self._owner._require_open(f"read {self._endpoint.name}")
         with self._changed:
-            came = self._changed.wait_for(lambda: self._newest or self._woken, seconds)
+            triggered = self._changed.wait_for(lambda: self._newest or self._woken, seconds)
             self._woken = False
-        return bool(came)
+        return bool(triggered)
 
     def wake(self) -> None:
         """End the present or next wait."""
@@ -147,8 +147,10 @@ class _Reader:
         self._callback = callback
 
     def matches(self, offered: Endpoint) -> bool:
-        asked = self.endpoint.qos
-        return not (self.owner.closed or asked.reliable > offered.qos.reliable or asked.latched > offered.qos.latched)
+        requested = self.endpoint.qos
+        return not (
+            self.owner.closed or requested.reliable > offered.qos.reliable or requested.latched > offered.qos.latched
+        )
 
     def deliver(self, offered: Endpoint, payload: bytes) -> None:
         if not self.matches(offered):

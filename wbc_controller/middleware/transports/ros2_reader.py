@@ -123,7 +123,7 @@ class RawStream:
 
     def wait(self, seconds: float) -> bool:
         """Wait for a message or `wake`, at most `seconds`; return True if one arrived."""
-        came = None
+        triggered = None
         handle, guard = self._subscription.handle, self._guard.handle
         # Held handles are not destroyed during the wait.
         with self._translated(), self._context.handle, handle, guard:
@@ -131,10 +131,10 @@ class RawStream:
             self._wait_set.add_subscription(handle)
             self._wait_set.add_guard_condition(guard)
             self._wait_set.wait(round(1e9 * seconds))
-            came = any(self._wait_set.get_ready_entities(kind) for kind in ("subscription", "guard_condition"))
-        if came is None:
+            triggered = any(self._wait_set.get_ready_entities(kind) for kind in ("subscription", "guard_condition"))
+        if triggered is None:
             time.sleep(seconds)
-        return bool(came)
+        return bool(triggered)
 
     def wake(self) -> None:
         """End the present or next wait."""

@@ -35,7 +35,7 @@ class Shortfall:
     def sentences(self, now: float, dynamics: Dynamics, references: References, solution: Solution) -> tuple[str, ...]:
         """Return a sentence for each task with a persistent error at the time `now`, s."""
         heaviest = max(references.weights.values(), default=0.0)
-        said = []
+        messages = []
         for name, task in self._tasks.items():
             reference = references.tasks[name]
             follows = references.weights.get(name, 0.0) > _MINOR_WEIGHT * heaviest
@@ -51,10 +51,10 @@ class Shortfall:
                 began, first = now, error
             self._since[name] = began, first
             if now - began >= _TIMEOUT:
-                said.append(
+                messages.append(
                     f"{name} is {distance} short of its reference; binding: {describe_binding(solution.binding)}"
                 )
-        return tuple(said)
+        return tuple(messages)
 
 
 def _distance(error: Array, unit: str) -> str:

@@ -282,24 +282,24 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     async def _on_trigger(self, word: str, request: Any, response: Any) -> Any:
         gate = self._gate
         if gate is None or not gate.open:
-            return _answer(response, False, _NOT_ACTIVE)
+            return _set_response(response, False, _NOT_ACTIVE)
         future = Future(executor=self.executor)
         future.add_done_callback(lambda done: None)  # a done callback wakes the executor
         self._outcomes.submit(word, lambda: gate.command(word), lambda *answer: future.set_result(answer))
-        return _answer(response, *await future)
+        return _set_response(response, *await future)
 
     def _on_record(self, request: Any, response: Any) -> Any:
         """Request a recording of the last seconds at the next cycle."""
         gate, recorder = self._gate, self._recorder
         if recorder is None and gate is not None:
-            return _answer(response, False, NOT_RECORDED)
+            return _set_response(response, False, NOT_RECORDED)
         if recorder is None or gate is None or not gate.open or self._settings is None:
-            return _answer(response, False, _NOT_ACTIVE)
+            return _set_response(response, False, _NOT_ACTIVE)
         recorder.request()
-        return _answer(response, True, f"the last seconds are written to {recording_folder(self._settings)}")
+        return _set_response(response, True, f"the last seconds are written to {recording_folder(self._settings)}")
 
 
-def _answer(response: Any, success: bool, text: str) -> Any:
+def _set_response(response: Any, success: bool, text: str) -> Any:
     response.success, response.message = success, text
     return response
 

@@ -42,7 +42,7 @@ class LifecycleGate:
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
         """Open a topic for reading; a closed gate drops taken messages."""
-        return _Gated(self._transport.stream(endpoint, depth), self)
+        return _GatedStream(self._transport.stream(endpoint, depth), self)
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Return the node names of the other publishers on a topic, sorted."""
@@ -62,7 +62,7 @@ class LifecycleGate:
         self._transport.close()
 
 
-class _Gated:
+class _GatedStream:
     """Stream that drops messages while its gate is closed."""
 
     def __init__(self, stream: Stream, gate: LifecycleGate) -> None:

@@ -135,13 +135,13 @@ def compare(recorded: Recording, config: Config) -> Comparison:
         raise ConfigurationError(
             f"{config.source}: the joints must be those of the recording: {', '.join(own_model.joints)}"
         )
-    made = Comparison(own_model.actuators, own_model.effort_limits)
+    result = Comparison(own_model.actuators, own_model.effort_limits)
     for a, b in zip(own.run(), other.run(), strict=True):
         if a.result.command is not None or b.result.command is not None:
-            made.add(1e-9 * (a.cycle.time - recorded.start), a, b.result)
-    if not made.time:
+            result.add(1e-9 * (a.cycle.time - recorded.start), a, b.result)
+    if not result.time:
         raise ConfigurationError(f"recording {recorded.path}: no cycle can be compared: no command was sent")
-    return made
+    return result
 
 
 def _rms(values: Array) -> float:
