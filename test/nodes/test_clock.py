@@ -535,7 +535,7 @@ def test_an_activation_whose_first_torques_are_late_is_refused_without_a_fault(s
     assert (report.mode, report.fault) == (Mode.INACTIVE, None)
     (sentence,) = report.refused
     assert re.match(
-        r"command 'activate' is refused: after the computation of the torques joint_states is 60 ms old", sentence
+        r"command 'activate' is refused: after the computation of the torques, joint_states is 60 ms old", sentence
     )
     assert not controller.efforts().any()
     report = cycle(1.064)

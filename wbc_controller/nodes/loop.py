@@ -123,7 +123,7 @@ class ControlLoop:
             withdrawn: tuple[str, ...] = ()
             if before not in _UNDER_CONTROL:  # no torques were sent yet
                 withdrawn, self._activate_when_fresh = _CANCEL_ACTIVATION, waiting
-                refused += (f"command 'activate' is refused: after the computation of the torques {late.sentence}",)
+                refused += (f"command 'activate' is refused: after the computation of the torques, {late.sentence}",)
             repeated_inputs = CycleInputs(
                 now=now + passed, state=latched.state, joint_velocity=None, problem=late, requests=withdrawn
             )

@@ -130,17 +130,17 @@ class DdsTransport:
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Return the node names of the other publishers on a topic, sorted."""
-        with self._lock, _translated(f"cannot look at {endpoint.name}"):
+        with self._lock, _translated(f"cannot query {endpoint.name}"):
             if self._closed:
-                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+                raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
             self._graph = self._graph or Graph(self._participant)
             return self._graph.publishers(_dds_name(endpoint))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """Return True if an advertised topic has a reader."""
-        with _translated(f"cannot look at {endpoint.name}"):  # without the lock, which would block the loop
+        with _translated(f"cannot query {endpoint.name}"):  # without the lock, which would block the loop
             if self._closed:
-                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+                raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
             return any(each.has_reader for each in self._publications.get(endpoint.name, ()))
 
     def close(self) -> None:

@@ -61,14 +61,14 @@ class MemoryTransport:
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Return the node names of the other publishers on a topic, sorted."""
-        self._require_open(f"look at {endpoint.name}")
+        self._require_open(f"query {endpoint.name}")
         with self._bus.lock:
             owners = [writer.owner for writer in self._bus.writers[endpoint.name]]
         return tuple(sorted(owner.name for owner in owners if owner is not self))
 
     def has_reader(self, endpoint: Endpoint) -> bool:
         """Return True if an advertised topic has a reader."""
-        self._require_open(f"look at {endpoint.name}")
+        self._require_open(f"query {endpoint.name}")
         with self._bus.lock:
             own = [writer for writer in self._bus.writers[endpoint.name] if writer.owner is self]
             return any(reader.matches(writer.endpoint) for writer in own for reader in self._bus.readers[endpoint.name])

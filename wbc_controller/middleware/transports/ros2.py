@@ -119,8 +119,8 @@ class Ros2Transport:
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
         """Return the node names of the other publishers on a topic, sorted."""
         with self._lock:
-            self._require_open(f"look at {endpoint.name}")
-            with _translated(f"cannot look at {endpoint.name}"):
+            self._require_open(f"query {endpoint.name}")
+            with _translated(f"cannot query {endpoint.name}"):
                 found = self._node.get_publishers_info_by_topic(endpoint.name)
         names, own = sorted(map(node_name, found)), self._node.get_fully_qualified_name()
         for _ in range(min(len(self._publishers.get(endpoint.name, ())), names.count(own))):
@@ -130,7 +130,7 @@ class Ros2Transport:
     def has_reader(self, endpoint: Endpoint) -> bool:
         """Return True if an advertised topic has a reader."""
         with self._lock:
-            self._require_open(f"look at {endpoint.name}")
+            self._require_open(f"query {endpoint.name}")
             return any(publisher.get_subscription_count() for publisher in self._publishers.get(endpoint.name, ()))
 
     def close(self) -> None:
