@@ -40,7 +40,7 @@ class Clock(Protocol):
 
 
 class MonotonicClock(Clock):
-    """The computer's monotonic clock; `synchronized` reports steps of the wall clock, for comparison with stamps."""
+    """The computer's monotonic clock; with `synchronized` it reports steps of the wall clock."""
 
     _STEP = 0.002  # smallest reported step, s: below the smallest useful `safety.clock_tolerance`
     _READ_TIME = 1.0e-4  # longest time between both readings, s; a preempted thread skips the comparison

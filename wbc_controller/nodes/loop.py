@@ -38,7 +38,7 @@ _CANCEL_ACTIVATION = ("damp", "reset")  # requests that cancel an activation in 
 
 
 class ControlLoop:
-    """Loop of inputs, controller and outputs; `timer` measures the stages, s, `observers` receive every report."""
+    """Loop of inputs, controller and outputs; `timer` measures the stages, and `observers` receive every report."""
 
     def __init__(
         self,
@@ -165,7 +165,7 @@ class ControlLoop:
         return report
 
     def _clock_stall(self, stall: float, timeout: float) -> str:
-        """Return the reason why ages, limited to `timeout`, s, cannot be measured during a stall of the clock, s."""
+        """Return the clock fault for a stall of the clock, s, that exceeds the limit of the ages, s."""
         step = self._clock.resolution()
         if stall <= 2.0 * step < math.inf:  # the next clock message may be late
             return _coarse_clock_message(step, timeout, "state_timeout")
@@ -337,7 +337,7 @@ class ControlLoop:
 
 
 def _coarse_clock_message(step: float, limit: float, key: str) -> str:
-    """Return the message for a clock step, s, above a limit of the settings, s."""
+    """Return the message for a clock step above a limit, s."""
     return (
         f"the clock advances in steps of {1e3 * step:.0f} ms, too coarse for ages up to {1e3 * limit:.0f} ms "
         f"(safety.{key}): publish it at the rate of the states"

@@ -145,7 +145,7 @@ class Outputs:
         self._publish["effort", ""](self._zeros)
 
     def publish_status(self, report: CycleReport, now: float, wall: int) -> None:
-        """Send a changed mode, begin diagnostics if due, and query subscriptions; loop time, s, and header time, ns."""
+        """Send a changed mode, begin due diagnostics, and query subscriptions; `now` in s, `wall` (headers) in ns."""
         mode, fault = report.mode, report.fault
         if mode is not self._published_mode or (fault is not self._published_fault and fault != self._published_fault):
             self._published_mode, self._published_fault = mode, fault

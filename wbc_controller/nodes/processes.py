@@ -114,7 +114,7 @@ def until(
     patience: float = TIMEOUT,
     details: Callable[[], str] = lambda: "",
 ) -> None:
-    """Wait for a condition, with a `WbcError` (description `what`, details `details`) after `patience` seconds.
+    """Wait for a condition; after `patience` seconds raise `WbcError` with the description `what` and the details.
 
     `retry` is called four times per second, because a node may miss a message just after its discovery.
     """

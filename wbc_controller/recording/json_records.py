@@ -58,7 +58,7 @@ def from_json(text: str) -> Any:
 
 
 def require_types(values: Any, types: Mapping[str, Any], what: str, optional: Mapping[str, Any] | None = None) -> None:
-    """Check a mapping named `what` against the annotations of its required and optional values by `ValueError`."""
+    """Check the types of a mapping named `what`; a missing value or another type raises `ValueError`."""
     if not isinstance(values, Mapping):
         raise ValueError(f"{what} is {reprlib.repr(values)}, not a mapping")
     missing = [name for name in types if name not in values]
