@@ -142,7 +142,7 @@ class TestSetpoints:
             ),
         ],
     )
-    def test_an_update_with_a_frame_that_is_none(self, make, fields, said):
+    def test_an_update_with_an_invalid_frame_is_refused(self, make, fields, said):
         with refused(said):
             read("update", "", make.string(f"{{tasks: {{com: {{{fields}}}, posture: {{weight: 1.0}}}}}}"))
 
@@ -210,7 +210,7 @@ class TestSetpoints:
 
 
 class TestSwitchesAndWeights:
-    def test_what_they_mean(self, make):
+    def test_commands_and_settings(self, make):
         assert read("weight", "com", make.float64(2.5)) == (SetWeight("com", 2.5),)
         assert read("task_enable", "com", make.bool(False)) == (EnableTask("com", False),)
         assert read("contact_enable", "left_foot", make.bool(True)) == (EnableContact("left_foot", True),)
@@ -324,7 +324,7 @@ class TestTrajectories:
         with refused(said):
             read("trajectory", "com", make.frame_trajectory(points, names=names))
 
-    def test_a_quaternion_that_is_none(self, make):
+    def test_an_invalid_quaternion_is_refused(self, make):
         with refused("is not a unit quaternion"):
             read("trajectory", "hand", make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 0]])]))
 
@@ -399,7 +399,7 @@ class TestUpdate:
             (f"{{tasks: {{com: {{setpoint: [1, 2, 1{'0' * 400}]}}}}}}", "setpoint: a whole number of 401 characters"),
         ],
     )
-    def test_what_is_refused(self, make, text, said):
+    def test_invalid_messages_are_refused(self, make, text, said):
         with refused(said):
             self.update(make, text)
 
@@ -407,7 +407,7 @@ class TestUpdate:
         with refused("unknown task 'cmo'"):
             self.update(make, "{tasks: {com: {weight: 5}, cmo: {weight: 1}}}")
 
-    def test_text_that_grows_when_it_is_quoted_is_cut(self, make):
+    def test_a_long_quoted_text_is_shortened(self, make):
         bomb = "a: &a [x]\n" + "".join(
             f"{name}: &{name} [*{last},*{last},*{last},*{last},*{last},*{last},*{last},*{last}]\n"
             for last, name in zip("abcdefghi", "bcdefghij", strict=True)

@@ -282,7 +282,7 @@ class TestOdometry:
             self.read(make.odom([0, 0, 0, 0, 0, 0, 1], child="torso"))
 
     @pytest.mark.parametrize(("quaternion", "norm"), [((0, 0, 0, 0), "0"), ((0, 0, 0, 2), "2"), ((1, 1, 0, 0), "1.41")])
-    def test_a_quaternion_that_is_none_is_refused(self, make, quaternion, norm):
+    def test_an_invalid_orientation_is_refused(self, make, quaternion, norm):
         with refused(f"is not a unit quaternion (norm {norm})"):
             self.read(make.odom([0, 0, 0, *quaternion]))
 

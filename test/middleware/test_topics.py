@@ -148,7 +148,7 @@ def assert_compatible(one, other):
     assert writer.qos.latched >= reader.qos.latched
 
 
-def test_what_the_mock_sends_the_controller_can_read_and_back():
+def test_mock_and_controller_have_compatible_endpoints():
     """Equal names and types; no reader requests more than the writer offers."""
     mock = list(endpoints(MOCK_TOPICS, "mock_robot", contacts=("left", "right")))
     both = {endpoint.name: endpoint for endpoint in endpoints(CONTROLLER_TOPICS, "wbc_controller", task_kinds=KINDS)}

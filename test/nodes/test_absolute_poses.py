@@ -52,7 +52,7 @@ def robot(bench):
     return Standing(bench("go2", POSES))
 
 
-def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_without_them(robot):
+def test_activation_requires_a_first_pose_only(robot):
     robot.cycle(80)
     robot.bench.command("activate")
     assert robot.cycle().mode is Mode.INACTIVE
@@ -95,7 +95,7 @@ def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_withou
         ({"time": 0}, "header.stamp is 0"),
     ],
 )
-def test_what_is_no_pose_is_refused_with_its_value(robot, changes, said):
+def test_invalid_poses_are_refused_with_the_value(robot, changes, said):
     robot.cycle(5)
     robot.send(**changes)
     robot.cycle()
@@ -123,7 +123,7 @@ def test_a_bad_value_is_refused_after_many_good_ones(robot):
     assert "they must not be negative" in robot.refused[0]
 
 
-def test_nobody_hears_poses_who_has_not_asked_for_them(bench):
+def test_poses_are_subscribed_only_if_configured(bench):
     quiet = bench("go2", {"estimation": POSES["estimation"] | {"absolute_pose": False}})
     quiet.send("pose", pose_with_covariance(1, "odom", THERE, 0.0, 0.0))
     quiet.cycle()

@@ -52,7 +52,7 @@ class Standing:
         return self.cycle()
 
 
-def test_a_robot_is_activated_once_it_has_stood_still_and_stands_on_the_estimate(robot):
+def test_activation_after_settling_and_standing_on_the_estimate(robot):
     robot.cycle(5)
     robot.bench.command("activate")
     report = robot.cycle()
@@ -131,7 +131,7 @@ def test_all_data_since_the_last_cycle_count(robot):
     assert turned[1] == pytest.approx(0.0005, rel=0.2)  # 1 rad/s for half a millisecond
 
 
-def test_a_foot_that_moves_is_said(robot):
+def test_a_slipping_foot_is_reported(robot):
     robot.activate()
     bench = robot.bench
     bench.q = bench.q.copy()
@@ -152,7 +152,7 @@ def test_a_contact_that_is_switched_off_does_not_hold_the_estimate(robot):
     }  # fmt: skip
 
 
-def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, changed):
+def test_an_imu_without_a_fixed_contact_is_refused(robot_of, changed):
     settings, model = robot_of("go2")
     settings = changed(settings, IMU)
     with pytest.raises(
@@ -167,7 +167,7 @@ def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, c
     assert not estimates_base(changed(settings, {"estimation": {"base_state": "odom"}}), model)
 
 
-def test_a_clock_that_begins_anew_ends_the_estimate(robot):
+def test_a_restart_of_the_clock_ends_the_estimate(robot):
     robot.activate()
     robot.bench.loop._inputs.restart()
     latched = robot.bench.loop._inputs.latch()
@@ -185,7 +185,7 @@ def test_imu_data_without_joint_states_are_not_kept(robot):
     assert robot.bench.loop._inputs._imu == []
 
 
-def test_an_estimate_that_is_lost_begins_anew(robot):
+def test_a_lost_estimate_restarts(robot):
     """No valid measurement was found that causes it, so the filter is corrupted directly."""
     robot.activate()
     robot.bench.loop._inputs.estimator._running.filter.P[:] = np.nan
@@ -301,7 +301,7 @@ def holding(robot):
     return {name.partition("/")[0] for name in filter.names}
 
 
-def test_a_force_sensor_decides_on_its_contact_with_hysteresis_while_it_is_fresh(robot):
+def test_a_fresh_force_sensor_decides_with_hysteresis(robot):
     robot.activate()
     weight = robot.bench.model.mass * 9.81
     held = []
@@ -325,7 +325,7 @@ def test_a_force_sensor_decides_on_its_contact_with_hysteresis_while_it_is_fresh
     assert FEET[0] not in holding(robot)
 
 
-def test_a_force_decides_before_a_switch_and_a_switch_before_what_is_active(robot):
+def test_precedence_of_force_switch_and_command(robot):
     robot.activate()
     robot.bench.send("holds", message("std_msgs/msg/Bool", data=False), FEET[1])
     robot.cycle(100)  # a switch may publish changes only
@@ -347,7 +347,7 @@ def test_a_force_decides_before_a_switch_and_a_switch_before_what_is_active(robo
         ({"newtons": 50.0, "time": 0}, "header.stamp is 0"),
     ],
 )
-def test_a_force_that_cannot_be_used_is_refused_and_changes_nothing(robot, changes, said):
+def test_an_invalid_force_is_refused_without_effect(robot, changes, said):
     robot.activate()
     for _ in range(3):  # the third is read without the codec
         force(robot, 0.0)
@@ -359,7 +359,7 @@ def test_a_force_that_cannot_be_used_is_refused_and_changes_nothing(robot, chang
     assert "more than 16384 bytes" in robot.cycle().refused[0]
 
 
-def test_forces_of_a_clock_that_begins_anew_decide_nothing(robot):
+def test_forces_before_a_restart_of_the_clock_are_ignored(robot):
     robot.activate()
     force(robot, 0.0)
     robot.cycle()

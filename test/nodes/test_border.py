@@ -31,7 +31,7 @@ def test_a_number_that_no_double_holds_is_refused(bench, make, key, number):
     assert len(report.refused) == 1
 
 
-def test_a_key_that_stands_twice_and_an_alias_are_refused(bench, make):
+def test_duplicate_keys_and_aliases_are_refused(bench, make):
     robot = running(bench)
     robot.send("update", make.string("{tasks: {com: {weight: 1, weight: 2}}}"))
     robot.send("update", make.string("{tasks: {com: &a {weight: 1}, base: *a}}"))
@@ -82,7 +82,7 @@ def test_a_stop_passes_a_flood_of_other_requests(bench):
     assert not report.command.tau.any()
 
 
-def test_requests_that_are_lost_are_counted_and_said(bench):
+def test_dropped_requests_are_counted_and_reported(bench):
     robot = running(bench)
     for _ in range(150):
         robot.command("activate")
@@ -94,7 +94,7 @@ def test_requests_that_are_lost_are_counted_and_said(bench):
     assert status.level == 1
 
 
-def test_a_message_over_the_size_of_its_topic_is_dropped_before_it_is_read(bench, make, caplog):
+def test_oversized_messages_are_dropped_unread(bench, make, caplog):
     robot = running(bench)
     robot.send("command", make.string("x" * 10_000_000))
     began = time.perf_counter()
@@ -152,7 +152,7 @@ def test_older_states_that_come_later_are_not_used(bench):
 
 
 @pytest.mark.parametrize("stamp", [0, 101_000_000_000])
-def test_stamps_that_stand_still_are_said_and_lead_to_damping(bench, stamp):
+def test_constant_stamps_are_reported_and_lead_to_damping(bench, stamp):
     robot = running(bench)
     for _ in range(40):
         robot.clock.time += robot.period
@@ -164,7 +164,7 @@ def test_stamps_that_stand_still_are_said_and_lead_to_damping(bench, stamp):
     assert "header.stamp" in report.fault.sentence
 
 
-def test_one_stamp_far_ahead_is_refused_and_all_goes_on(bench):
+def test_one_stamp_far_ahead_is_refused_without_effect(bench):
     robot = running(bench)
     robot.clock.time += robot.period
     robot.base()
@@ -234,7 +234,7 @@ def test_a_first_point_that_is_almost_due_is_not_jumped_to(bench, make):
     )
 
 
-def test_a_long_trajectory_is_read_where_no_cycle_waits(bench, make):
+def test_a_long_trajectory_delays_no_cycle(bench, make):
     """Cycles continue while a thousand points are decoded; the longest pause is far below the decoding time."""
     robot = bench()
     loop, stop = robot.loop, threading.Event()

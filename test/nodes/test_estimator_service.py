@@ -79,7 +79,7 @@ def push(time=1):
     return wrench_stamped(np.array([0.0, 0.0, 40.0, 0.0, 0.0, 40.0]), "", time)
 
 
-def test_nothing_is_said_before_the_robot_has_stood_still(robot):
+def test_no_odometry_before_settling(robot):
     robot.run(0.3)
     assert robot.all("odom") == []
     assert robot.all("tf") == []
@@ -88,7 +88,7 @@ def test_nothing_is_said_before_the_robot_has_stood_still(robot):
     assert robot.said.message == "the robot has to stand still for 0.5 s"
 
 
-def test_each_joint_state_is_answered_by_where_the_base_is(standing):
+def test_each_joint_state_is_answered_by_odometry(standing):
     assert (standing.said.level, standing.said.message) == (0, "the base is estimated")
     assert set(standing.values["holding"].split(", ")) == FEET
     com = standing.controller.dynamics.com.copy()
@@ -129,7 +129,7 @@ def test_an_imu_that_is_silent_leaves_no_estimate_to_publish(standing):
     assert len(standing.all("odom")) > before  # short gap
 
 
-def test_a_long_silence_begins_the_estimate_anew(robot):
+def test_a_long_imu_gap_restarts_the_estimate(robot):
     robot.run(0.7)
     robot.simulation.run(0.2, lambda _: robot.sense(imu=False))
     before = len(robot.all("odom"))
@@ -156,7 +156,7 @@ def test_an_imu_that_contradicts_all_contacts_is_named_and_the_estimate_starts_a
     assert np.abs(robot.node.estimator.base[1]).max() < 0.02
 
 
-def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
+def test_an_estimate_restarts_with_a_restarted_clock(robot):
     robot.run(0.7)
     robot.node._stamp = 1e6  # as with the clock advanced before
     robot.node.estimator.restart()
@@ -208,7 +208,7 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
     assert robot.node._inputs.holding == FEET
 
 
-def test_what_is_refused_is_said(robot, make):
+def test_refusals_are_reported(robot, make):
     robot.send("holds", b"\x00\x01", "rear_left_foot")
     robot.sense()
     names = list(robot.model.joints[:-1])

@@ -185,7 +185,7 @@ def test_bytes_that_are_no_message_do_no_harm(stage, key, payload, caplog):
     np.testing.assert_allclose(on.efforts()[-1], -1.0)
 
 
-def test_stale_joint_states_mean_zero_torque_and_it_says_so(stage):
+def test_stale_joint_states_lead_to_reported_zero_torque(stage):
     on = stage()
     on.mode("active")
     on.run(0.1, commands=True)
@@ -345,7 +345,7 @@ def test_it_needs_neither_pinocchio_nor_a_solver():
     assert done.stdout.strip() == "[]"
 
 
-def test_it_damps_by_positions_where_the_robot_measures_no_velocities(stage):
+def test_damping_with_differentiated_velocities(stage):
     guard = stage(estimation={"joint_velocity": "differentiated"})
     names, speed = guard.model.joints, 0.05
     for i in range(150):

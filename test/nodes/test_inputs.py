@@ -88,7 +88,7 @@ def test_nothing_has_arrived(go2):
     assert not go2.inputs.wait(0.0)
 
 
-def test_half_a_state_is_none(go2, make):
+def test_no_state_without_all_parts(go2, make):
     model = go2.model
     go2.send("joint_states", make.joint_state(model.joints, np.zeros(model.na), np.ones(model.na)))
     assert go2.inputs.wait(0.0)
@@ -179,7 +179,7 @@ def test_commands_of_one_cycle_come_in_their_order(go2, make):
     assert go2.inputs.latch().requests.commands == ()
 
 
-def test_more_requests_than_fit_are_counted_and_said(go2, make):
+def test_excess_requests_are_counted_and_reported(go2, make):
     for i in range(130):
         go2.send("command", make.string(str(i)))
     latched = go2.inputs.latch()
@@ -230,7 +230,7 @@ def test_requests_on_several_topics_come_in_the_order_of_their_arrival(go2, make
     )
 
 
-def test_a_refused_request_names_its_topic_and_the_others_go_on(go2, make):
+def test_a_refused_request_names_its_topic(go2, make):
     go2.send("weight", make.float64(NAN), "com")
     go2.send("weight", make.float64(2), "posture")
     go2.send("setpoint", make.point([0, 0, 0], "moon"), "com")
@@ -245,7 +245,7 @@ def test_a_refused_request_names_its_topic_and_the_others_go_on(go2, make):
     assert "did you mean 'com'? Valid: base, com, posture" in latched.refused[2]
 
 
-def test_refused_states_and_refused_requests_of_one_cycle_are_both_said(go2, state, make):
+def test_refused_states_and_requests_of_one_cycle_are_reported(go2, state, make):
     state(go2)
     go2.inputs.latch()
     go2.send("odom", make.odom(go2.q[:7], [NAN] * 6, go2.model.base_link, 51_000_000_000))
@@ -262,7 +262,7 @@ def test_an_update_of_several_changes_is_taken_whole_or_not_at_all(go2, make):
     assert len(latched.refused) == 1
 
 
-def test_changes_of_the_settings_are_prepared_where_they_are_read(go2, make):
+def test_changes_of_settings_are_prepared_on_the_reader_thread(go2, make):
     prepared = []
 
     def prepare(change):
@@ -404,7 +404,7 @@ def test_each_topic_has_its_largest_message(go2, key, subject, largest):
     assert "more than" not in go2.inputs.latch().refused[0]
 
 
-def test_a_message_that_is_too_large_wakes_nobody_and_displaces_no_state(go2, make, state):
+def test_an_oversized_message_neither_wakes_nor_displaces(go2, make, state):
     state(go2)
     go2.publish["joint_states", ""](b"\x00" * ((1 << 18) + 1))
     assert go2.inputs.wait(0.0)
@@ -415,7 +415,7 @@ def test_a_message_that_is_too_large_wakes_nobody_and_displaces_no_state(go2, ma
     assert not go2.inputs.wait(0.01)
 
 
-def test_what_has_come_before_the_beginning_is_dropped(go2, state):
+def test_states_before_the_start_are_dropped(go2, state):
     state(go2)
     assert go2.inputs.wait(0.0)
     state(go2, time=2_000_000_000)
@@ -425,7 +425,7 @@ def test_what_has_come_before_the_beginning_is_dropped(go2, state):
     assert latched.ages == {"joint_states": np.inf, "odom": np.inf}
 
 
-def test_whoever_waits_can_be_woken(go2):
+def test_wake_ends_the_wait(go2):
     go2.inputs.wake()
     assert go2.inputs.wait(0.0)
     assert not go2.inputs.wait(0.0)
@@ -453,7 +453,7 @@ def test_the_reader_leaves_the_loop_three_quarters_of_the_time(go2, make, monkey
     assert slept == [3.0]  # each reading advances that clock by one second
 
 
-def test_velocities_are_those_of_the_positions_where_the_robot_measures_none(robot_of, stance_of, make):
+def test_differentiated_velocities(robot_of, stance_of, make):
     wire = Wire(*robot_of("go2"), stance_of("go2"), VelocityFilter(0.004))
     model, speed = wire.model, np.linspace(-1.0, 1.0, wire.model.nj)
     for i in range(50):

@@ -33,7 +33,7 @@ def test_one_command_for_each_state_with_its_stamp(bench):
     assert [each.cycle for each in controller.reports] == list(range(21))
 
 
-def test_activation_starts_from_zero_torque_and_reaches_what_carries_the_robot(bench):
+def test_activation_ramps_from_zero_to_the_standing_torques(bench):
     controller = bench().activated(600)
     efforts = controller.efforts()
     assert not efforts[0].any()
@@ -109,7 +109,7 @@ def test_exactly_at_the_timeout_an_input_is_fresh(bench, age, mode):
     assert controller.loop.cycle().mode is mode
 
 
-def test_the_sentence_says_why_the_messages_that_came_did_not_count(bench):
+def test_the_fault_contains_the_last_refusal(bench):
     controller = bench().activated()
     for _ in range(30):
         controller.clock.time += controller.period
@@ -141,7 +141,7 @@ def test_damping_opposes_fresh_velocities_and_lets_stale_ones_sink(bench):
     assert controller.activate().mode is Mode.ACTIVE
 
 
-def test_without_a_solution_the_last_torques_are_held_then_damped_then_none(bench, monkeypatch, caplog):
+def test_without_a_solution_torques_are_held_then_damped_then_zero(bench, monkeypatch, caplog):
     controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
     held = controller.reports[-1].command.tau
 
@@ -222,7 +222,7 @@ def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatc
     assert searches[0] is not threading.current_thread()  # the loop continues meanwhile
 
 
-def test_commands_go_on_while_a_failure_is_being_explained(bench, monkeypatch):
+def test_commands_continue_during_an_explanation(bench, monkeypatch):
     controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
     press_at_most(controller, monkeypatch, -50.0)
     release = delayed_explanation(monkeypatch)
@@ -382,7 +382,7 @@ ABSURD = {
 
 
 @pytest.mark.parametrize("name", ABSURD)
-def test_an_absurd_request_is_refused_with_its_range_and_the_robot_stands_on(bench, make, name):
+def test_an_extreme_request_is_refused_with_its_range(bench, make, name):
     controller = bench().activated(20)
     board = controller.loop.controller.board
     before = board._trajectories["com"]
@@ -556,7 +556,7 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     assert damped[0].fault.sentence == "MemoryError: none left"
 
 
-def test_it_activates_by_itself_when_asked_as_soon_as_inputs_are_fresh(bench, monkeypatch):
+def test_automatic_activation_with_fresh_inputs(bench, monkeypatch):
     controller = bench()
     modes = []
     cycle = controller.loop.cycle
@@ -577,7 +577,7 @@ def test_it_activates_by_itself_when_asked_as_soon_as_inputs_are_fresh(bench, mo
     assert not any(report.refused for report in controller.reports)
 
 
-def test_where_states_start_cycles_it_waits_no_longer_than_until_they_are_stale(bench):
+def test_a_triggered_loop_waits_until_states_are_stale(bench):
     controller = bench()
     patience = controller.loop._wait_time
     assert patience(0.002) == 0.002  # no joint states yet
@@ -639,7 +639,7 @@ def test_while_another_node_publishes_torques_activation_is_refused(bench):
     assert last_status(controller).level == 0
 
 
-def test_a_second_publisher_of_torques_is_said_at_once_and_the_robot_stays_controlled(bench, caplog):
+def test_a_second_publisher_of_torques_is_reported_under_control(bench, caplog):
     controller = bench(changes={"control": {"diagnostics_rate": 0.1}}).activated(300)
     said = len(controller.received("diagnostics"))
     rival_of(controller, "stranger")

@@ -71,7 +71,7 @@ def test_the_forces_counted_on_are_published_in_the_contact_frame(bench, name, f
     assert controller.received("contact_wrench", next(iter(controller.settings.contacts)))[0].header.frame_id == frame
 
 
-def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypatch):
+def test_contact_wrenches_are_published_on_demand(bench, monkeypatch):
     readers = set()
     monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.subject in readers)
     controller = bench()
@@ -93,7 +93,7 @@ def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypat
     assert came() == [0] * len(feet)
 
 
-def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch):
+def test_task_states_are_published_on_demand(bench, monkeypatch):
     readers = set()
     monkeypatch.setattr(
         MemoryTransport, "has_reader", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers
@@ -107,7 +107,7 @@ def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch)
     assert rounds - 2 <= came["task_value", "com"] == came["task_reference", "com"] <= rounds
 
 
-def test_diagnostics_that_nobody_reads_come_once_a_second_and_at_once_with_news(bench, monkeypatch):
+def test_diagnostics_without_subscription_come_once_per_second(bench, monkeypatch):
     readers = set()
     monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.key in readers)
     controller = bench()
@@ -184,7 +184,7 @@ def _status(*reports):
 @pytest.mark.parametrize(
     ("mode", "level"), [("inactive", 0), ("active", 0), ("holding", 1), ("damping", 1), ("stopped", 1), ("fault", 2)]
 )
-def test_the_level_follows_the_mode_and_a_fault_is_said(mode, level):
+def test_level_and_message_of_modes_and_faults(mode, level):
     status, values = _status(report(mode=Mode(mode)))
     assert (status.level, status.message, values["mode"]) == (level, mode, mode)
 
@@ -193,7 +193,7 @@ def test_the_level_follows_the_mode_and_a_fault_is_said(mode, level):
     assert status.level == max(level, 1)
 
 
-def test_a_conflict_is_said_by_name_with_its_slack():
+def test_a_conflict_has_names_and_slacks():
     why = Infeasibility(
         conflict=("torque:knee", "normal_force:foot"), smallest=("torque:knee",),
         slack={"torque:knee": 12.345, "normal_force:foot": 80.0},
@@ -208,7 +208,7 @@ def test_a_conflict_is_said_by_name_with_its_slack():
     assert values["infeasibility/slack/normal_force:foot"] == "80 N"
 
 
-def test_what_a_summary_holds():
+def test_contents_of_a_summary():
     first = report(stage_seconds={"total": 1e-3}, refused=("x: no",), solution=solution(relaxed=("joint_motion",)))
     last = report(cycle=2, stage_seconds={"total": 3e-3}, deadlines_missed=4, ages={"odom": 0.25}, solution=solution())
     status, values = _status(first, last)
@@ -264,7 +264,7 @@ def test_contacts_that_contradict_each_other_are_a_warning():
         assert status.level == level
 
 
-def test_what_acts_beside_the_model_is_said_by_joint(robot_of):
+def test_the_disturbance_is_reported_by_joint(robot_of):
     _, model = robot_of("go2")
     forces = np.arange(18.0)
     summary = StatusSummary("/r1/wbc_controller", "r1", model=model)

@@ -75,7 +75,7 @@ def test_another_node_that_publishes_torques_is_named(graph, caplog, name, names
 @pytest.mark.parametrize(
     ("allowed", "free"), [(["teleop"], True), (["/r1/teleop"], True), (["/teleop"], False), ([], False)]
 )
-def test_who_may_publish_torques_is_a_setting(graph, allowed, free):
+def test_permitted_torque_publishers(graph, allowed, free):
     on = graph(allowed)
     on.node("teleop", "effort")
     assert bool(on.look()) is not free
@@ -91,7 +91,7 @@ def test_two_sources_of_odometry_or_time_exclude_each_other(graph, key, simulate
     assert f"{key} has several publishers: /estimator, /r1/mock_robot; stop all but one" in sentence
 
 
-def test_several_publishers_of_joint_states_are_said_and_not_refused(graph, caplog):
+def test_several_publishers_of_joint_states_are_permitted_and_reported(graph, caplog):
     on = graph()
     on.node("mock_robot", "joint_states")
     on.node("gripper", "joint_states")

@@ -26,7 +26,7 @@ def test_processor_time_counts_work_and_not_sleep():
     assert processor_time(os.getpid()) - before <= 0.1
 
 
-def test_memory_is_what_is_in_use_and_not_what_is_reserved():
+def test_memory_is_the_resident_size():
     before = memory(os.getpid())
     with mmap.mmap(-1, 200_000_000) as reserved:
         assert memory(os.getpid()) - before < 20_000
@@ -46,14 +46,14 @@ def test_two_busy_processes_on_one_processor_wait_for_it():
             process.wait()
 
 
-def test_what_does_not_come_true_is_said_with_what_is_known():
+def test_a_timeout_has_the_condition_and_details():
     asked = []
     with pytest.raises(WbcError, match=r"timeout of 0\.05 s while waiting for the tide; it said 'ebb'"):
         until(lambda: False, "the tide", lambda: asked.append(1), 0.05, lambda: "; it said 'ebb'")
     assert asked == [1]
 
 
-def test_processes_with_sessions_of_their_own_end_with_who_started_them(tmp_path):
+def test_processes_with_own_sessions_end_with_their_parent(tmp_path):
     """Also after a kill, when it cannot stop them."""
     script = (
         "import sys, time, pathlib\n"

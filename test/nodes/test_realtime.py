@@ -94,7 +94,7 @@ def sleeper():
     made.close()
 
 
-def test_by_default_nothing_is_asked_of_the_system(calls, monkeypatch):
+def test_no_system_calls_by_default(calls, monkeypatch):
     apply_realtime(load("go2").settings.control.realtime)
     assert calls == []
     monkeypatch.delattr(os, "sched_setscheduler")
@@ -122,7 +122,7 @@ def test_a_thread_that_has_ended_meanwhile_is_passed_over(monkeypatch):
     assert asked == [5, 7, 9]
 
 
-def test_what_is_mapped_and_what_will_be_is_locked(calls):
+def test_present_and_future_memory_is_locked(calls):
     apply_realtime(RealtimeSettings(lock_memory=True))
     assert calls == [("mlockall", 3)]  # MCL_CURRENT | MCL_FUTURE
 
@@ -139,7 +139,7 @@ def waking(monkeypatch, tmp_path):
         os.close(number)
 
 
-def test_how_long_processors_may_take_to_wake_is_asked_once_and_can_be_asked_anew(waking):
+def test_the_wakeup_latency_can_be_requested_again(waking):
     assert "cpu_dma_latency" not in describe_scheduling()
     for latency in (0, 20):
         apply_realtime(RealtimeSettings(cpu_dma_latency=latency))
@@ -151,7 +151,7 @@ def test_how_long_processors_may_take_to_wake_is_asked_once_and_can_be_asked_ane
     assert "held" not in describe_scheduling(os.getppid())
 
 
-def test_a_system_that_does_not_let_processors_be_kept_awake_says_what_allows_it(waking, monkeypatch):
+def test_a_refused_wakeup_latency_has_the_remedy(waking, monkeypatch):
     monkeypatch.setattr(realtime, "_LATENCY_DEVICE", waking / "nowhere")
     with pytest.raises(
         ConfigurationError,
@@ -183,7 +183,7 @@ def test_it_applies_for_real_or_is_refused(setting, held, refused):
         assert f"ConfigurationError: control.realtime.{refused}" in ran.stderr
 
 
-def test_a_class_that_the_system_refuses_says_what_allows_it(monkeypatch):
+def test_a_refused_class_has_the_remedy(monkeypatch):
     def refuse(*words):
         raise PermissionError(errno.EPERM, "Operation not permitted")
 
@@ -207,7 +207,7 @@ def test_memory_that_may_not_be_locked_whole_is_not_locked_in_part(calls, monkey
 @pytest.mark.parametrize(
     ("number", "said"), [(errno.ENOMEM, "not enough memory"), (errno.EPERM, "Operation not permitted")]
 )
-def test_a_lock_that_the_system_refuses_says_why(calls, monkeypatch, number, said):
+def test_a_refused_memory_lock_has_the_reason(calls, monkeypatch, number, said):
     monkeypatch.setattr(realtime, "_mlockall", lambda flags: number)
     with pytest.raises(ConfigurationError, match=f"refused by the system \\({said}\\).*memlock unlimited"):
         apply_realtime(RealtimeSettings(lock_memory=True))
@@ -222,7 +222,7 @@ def test_the_limit_of_locked_memory_holds_without_the_capability(monkeypatch, li
     assert realtime._locked_memory_limit() == (None if free else limit)
 
 
-def test_another_system_is_refused_and_says_nothing_of_itself(monkeypatch):
+def test_another_operating_system_is_refused(monkeypatch):
     monkeypatch.delattr(os, "sched_setscheduler")
     monkeypatch.delattr(os, "sched_getscheduler")
     with pytest.raises(ConfigurationError, match=f"control.realtime: not supported on {sys.platform}; requires Linux"):
@@ -230,7 +230,7 @@ def test_another_system_is_refused_and_says_nothing_of_itself(monkeypatch):
     assert describe_scheduling() == ""
 
 
-def test_all_threads_run_where_they_shall_and_so_do_later_ones(restored, sleeper):
+def test_present_and_later_threads_get_the_affinity(restored, sleeper):
     apply_realtime(RealtimeSettings(affinity=[ONE, ONE]))
     for thread in (0, sleeper.number):
         assert os.sched_getaffinity(thread) == {ONE}
@@ -239,7 +239,7 @@ def test_all_threads_run_where_they_shall_and_so_do_later_ones(restored, sleeper
 
 
 @pytest.mark.parametrize("affinity", [[NOWHERE], [ONE, NOWHERE]])
-def test_a_processor_that_there_is_not_is_refused_by_its_number_and_nothing_changes(restored, affinity):
+def test_a_missing_processor_is_refused_without_changes(restored, affinity):
     os.sched_setaffinity(0, [ONE])
     with pytest.raises(ConfigurationError) as refused:
         apply_realtime(RealtimeSettings(affinity=affinity))
@@ -279,7 +279,7 @@ def test_a_thread_that_computes_can_stand_behind_all_others(monkeypatch, name, p
     assert asked[-1] == then
 
 
-def test_what_is_in_force_is_in_the_diagnostics(bench):
+def test_the_scheduling_is_in_the_diagnostics(bench):
     controller = bench("go2")
     controller.cycle()
     values = {value.key: value.value for value in controller.received("diagnostics")[-1].status[0].values}
@@ -287,7 +287,7 @@ def test_what_is_in_force_is_in_the_diagnostics(bench):
     assert values["scheduling"].startswith(("other on processor", "fifo", "rr"))
 
 
-def test_a_controller_does_not_start_without_what_its_configuration_asks_for(restored):
+def test_a_refused_setting_prevents_the_start(restored):
     opened, transport = [], MemoryTransport(MemoryBus())
     transport.advertise = opened.append
     settings = load("go2").replace({"control.realtime.affinity": [NOWHERE]}).settings
@@ -296,7 +296,7 @@ def test_a_controller_does_not_start_without_what_its_configuration_asks_for(res
     assert opened == []
 
 
-def test_a_controller_runs_where_its_configuration_asks_for(restored):
+def test_a_controller_runs_on_its_configured_processors(restored):
     stop = threading.Event()
     settings = load("go2").replace({"control.realtime.affinity": [ONE]}).settings
     seen = []
@@ -323,12 +323,12 @@ def test_a_controller_runs_where_its_configuration_asks_for(restored):
         ({"nice": 3}, r"control\.realtime\.nice.*Valid: affinity, cpu_dma_latency, lock_memory, priority, scheduling"),
     ],
 )
-def test_a_value_that_is_none_is_refused_with_the_valid_ones(change, said):
+def test_invalid_values_are_refused_with_the_valid_ones(change, said):
     with pytest.raises(ConfigurationError, match=said):
         load("go2").replace({"control": {"realtime": change}})
 
 
-def test_the_page_that_the_refusals_name_is_there():
+def test_the_page_of_the_refusals_has_all_keys():
     page = (Path(__file__).parents[2] / "docs" / "real_time.md").read_text(encoding="utf-8")
     for key in RealtimeSettings.model_fields:
         assert f"`{key}" in page or f"{key}:" in page, key

@@ -46,7 +46,7 @@ finally:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_command_that_is_ended_ends_what_it_has_started(number):
+def test_a_terminated_command_stops_its_children(number):
     process = subprocess.Popen([sys.executable, "-c", STARTED], stdout=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "started\n"
     process.send_signal(number)
@@ -73,7 +73,7 @@ def test_a_signal_in_the_midst_of_the_waiting_does_not_hang():
     subprocess.run([sys.executable, "-c", WAITING], timeout=patience(30.0), check=True)
 
 
-def test_a_process_that_nohup_started_goes_on():
+def test_a_process_under_nohup_continues():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         stop = threading.Event()

@@ -67,7 +67,7 @@ def test_the_urdf_comes_and_later_ones_are_not_kept(told):
     assert not [cell for cell in before if isinstance(cell, list)]
 
 
-def test_what_is_too_long_or_no_string_is_refused_once_in_words_and_the_wait_goes_on(caplog):
+def test_invalid_descriptions_are_refused_once_and_the_wait_continues(caplog):
     bus, stop, found = MemoryBus(), threading.Event(), []
     transport = Kept(bus)
     waiting = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))

@@ -28,7 +28,7 @@ from wbc_controller.records import ChangeSettings
 SCRIPT = Path(__file__).parent.parent / "support" / "killed_recording.py"
 
 
-def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path, make):
+def test_a_recording_contains_inputs_commands_and_requests(record, tmp_path, make):
     path = tmp_path / "a.mcap"
     run = record(path)
     bench = run.bench
@@ -62,7 +62,7 @@ def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path,
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_what_goes_out_stands_before_its_cycle_and_has_its_time(record, tmp_path, late):
+def test_outgoing_messages_precede_their_cycle_with_its_time(record, tmp_path, late):
     path = tmp_path / "a.mcap"
     run = record(path)
     scribe = threading.Event()
@@ -85,7 +85,7 @@ def test_what_goes_out_stands_before_its_cycle_and_has_its_time(record, tmp_path
     assert waiting == [cycles[-1][0]]
 
 
-def test_messages_that_no_cycle_takes_are_bounded(robot_of):
+def test_waiting_messages_are_limited(robot_of):
     settings, _ = robot_of("go2")
     with recording(settings.model_copy(deep=True), None) as recorder:
         channel = recorder.channel("/a", "std_msgs/msg/String")
@@ -96,7 +96,7 @@ def test_messages_that_no_cycle_takes_are_bounded(robot_of):
             recorder._messages.clear()
 
 
-def test_all_of_a_run_has_markers_though_nobody_reads_them(robot_of, tmp_path):
+def test_a_whole_run_contains_markers_without_subscription(robot_of, tmp_path):
     settings, _ = robot_of("g1")
     (markers,) = (topic for topic in endpoints(CONTROLLER_TOPICS, "controller") if topic.key == "markers")
     for file, expected in ((tmp_path / "a.mcap", True), (None, False)):
@@ -130,7 +130,7 @@ def test_events_of_the_last_cycles_are_recorded(record, tmp_path, after):
 
 
 @pytest.mark.parametrize("what", ["request", "fault"])
-def test_what_is_asked_for_while_the_recorder_does_not_keep_up_is_written_later(record, tmp_path, what):
+def test_a_request_to_a_slow_recorder_is_written_later(record, tmp_path, what):
     run = record(changes={"recorder": {"folder": str(tmp_path / "faults"), "seconds": 5.0}})
     run.stand(20)
     send, run.recorder._process.send = run.recorder._process.send, lambda batch: False
@@ -190,7 +190,7 @@ def test_the_last_seconds_are_bounded(record, tmp_path):
     ("name", "reason"),
     [("missing/a.mcap", "No such file"), (".", "Is a directory"), ("/dev/full", "No space"), ("x" * 300, "too long")],
 )
-def test_a_disk_that_takes_nothing_is_a_warning_and_the_controller_goes_on(record, tmp_path, caplog, name, reason):
+def test_a_failed_disk_is_a_warning(record, tmp_path, caplog, name, reason):
     run = record(tmp_path / name)
     run.stand()
     run.recorder.close()
@@ -200,7 +200,7 @@ def test_a_disk_that_takes_nothing_is_a_warning_and_the_controller_goes_on(recor
     assert reason in warning
 
 
-def test_a_recorder_that_is_killed_is_a_warning_and_the_controller_goes_on(record, tmp_path, caplog):
+def test_a_killed_recorder_is_a_warning(record, tmp_path, caplog):
     run = record(tmp_path / "a.mcap")
     run.stand()
     process = run.recorder._process._process
@@ -241,7 +241,7 @@ def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, t
     assert (tmp_path / "a.mcap").stat().st_size < 1 << 20
 
 
-def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_rest_is_there(record, tmp_path, make):
+def test_messages_of_a_flooded_topic_are_dropped_and_counted(record, tmp_path, make):
     run = record(tmp_path / "a.mcap")
     run.stand(10)
     nonsense = encode(make.string("{tasks: {com: {stiffness: [" + "1, " * 400 + "]}}}"))
@@ -267,7 +267,7 @@ def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_re
 
 
 @pytest.mark.parametrize("whom", ["controller", "both"])
-def test_what_was_written_before_a_kill_can_be_read(tmp_path, whom):
+def test_a_file_is_readable_after_a_kill(tmp_path, whom):
     path, counter = tmp_path / "a.mcap", tmp_path / "count"
     counter.write_bytes(bytes(8))
     process = subprocess.Popen([sys.executable, str(SCRIPT), str(path), str(counter)])

@@ -221,7 +221,7 @@ def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventuall
     assert stream.take() == []
 
 
-def test_who_waits_on_a_stream_is_told_of_each_message(join, eventually):
+def test_a_message_ends_the_wait_of_a_stream(join, eventually):
     publish, stream = (
         join("writer").advertise(endpoint("/odom", topics.STATE_OUT)),
         join("reader").stream(ODOM, depth=1),
@@ -251,7 +251,7 @@ def test_that_a_writer_is_gone_is_no_message(join, eventually):
     assert stream.take() == []
 
 
-def test_who_waits_on_a_stream_can_be_woken(join):
+def test_wake_ends_the_wait_of_a_stream(join):
     stream = join("reader").stream(ODOM, depth=1)
     stream.wake()
     assert stream.wait(20.0)
@@ -307,7 +307,7 @@ def test_the_simulated_time_is_read_while_the_transport_s_thread_is_busy(clock_a
     assert shown == [7.0]
 
 
-def test_the_time_that_was_sent_before_a_state_is_there_with_it(clock_and_writer, eventually):
+def test_a_time_published_before_a_state_arrives_with_it(clock_and_writer, eventually):
     """Within a tenth of the limit of the stamps, because DDS does not order two topics."""
     clock, tell, reader, writer = clock_and_writer
     states, period = endpoint("/joint_states", topics.STATE_IN, "sensor_msgs/msg/JointState"), 2_000_000
@@ -377,7 +377,7 @@ def test_the_other_nodes_that_publish_on_a_topic_are_named(join, eventually):
         own.publishers(odom)
 
 
-def test_a_writer_knows_whether_somebody_reads(join, eventually):
+def test_has_reader(join, eventually):
     own, other = join("controller"), join("viewer", "/a")
     markers = endpoint("/markers")
     own.advertise(markers)

@@ -89,7 +89,7 @@ def _with_lists(content):
     return content
 
 
-def test_type_name_and_hash_are_those_of_ros2():
+def test_type_name_and_hash_equal_ros2():
     assert dds_type_name("sensor_msgs/msg/JointState") == "sensor_msgs::msg::dds_::JointState_"
     assert idl_type("sensor_msgs/msg/JointState").__idl__.idl_transformed_typename == dds_type_name(
         "sensor_msgs/msg/JointState"
@@ -135,7 +135,7 @@ def test_bad_settings(environment, domain, said):
         domain_settings(environment, domain)
 
 
-def test_what_the_user_configured_comes_last_and_peers_are_escaped():
+def test_the_user_s_configuration_comes_last_and_peers_are_escaped():
     xml = configuration(DomainSettings(0, DiscoveryRange.LOCALHOST, ('a"&b',)), "file:///mine.xml")
     assert xml.endswith(",file:///mine.xml")
     assert "'a\"&amp;b'" in xml
@@ -212,7 +212,7 @@ ENFORCED = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
 
 
 @pytest.mark.parametrize("command", ["run", "mock", "guard"])
-def test_the_commands_end_at_once_where_security_is_enforced(command):
+def test_the_commands_refuse_enforced_security(command):
     ended = subprocess.run(
         [sys.executable, "-m", "wbc_controller", command, "go2"],
         env=os.environ | ENFORCED | {"ROS_DOMAIN_ID": str(DOMAIN)},
@@ -226,7 +226,7 @@ def test_the_commands_end_at_once_where_security_is_enforced(command):
 
 
 @pytest.mark.parametrize("environment", [{"ROS_SECURITY_ENABLE": "true"}, ENFORCED | {"ROS_SECURITY_ENABLE": "false"}])
-def test_where_security_is_only_wished_for_it_is_said_that_there_is_none(environment, caplog):
+def test_permissive_security_is_a_warning(environment, caplog):
     domain_settings(environment)
     assert ["cannot secure" in line for line in caplog.messages] == [True] * (
         environment["ROS_SECURITY_ENABLE"] == "true"
@@ -249,7 +249,7 @@ transport.close()
 """
 
 
-def test_a_stranger_on_the_network_is_heard_only_where_the_network_was_asked_for(network):
+def test_other_hosts_are_discovered_only_with_subnet(network):
     unset = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "CYCLONEDDS_URI")
     environment = {name: value for name, value in os.environ.items() if name not in unset}
     environment |= SEES_THIS_FILE

@@ -27,7 +27,7 @@ class Told(MemoryTransport):
         return self.names if endpoint.key == "odom" else ()
 
 
-def test_each_change_is_told_once():
+def test_each_change_is_reported_once():
     bus, told = MemoryBus(), []
     own, other = MemoryTransport(bus, "own"), MemoryTransport(bus, "other")
     watch = GraphWatch(own, TOPICS, told.append)
@@ -43,7 +43,7 @@ def test_each_change_is_told_once():
     assert told == [{"odom": ("/other",), "effort": ()}, {"odom": (), "effort": ()}]
 
 
-def test_a_node_whose_name_has_not_arrived_yet_is_not_taken_for_one_without_a_name():
+def test_a_pending_name_is_not_reported_as_unnamed():
     transport, told = Told(), []
     watch = GraphWatch(transport, TOPICS, told.append)
     transport.names = (UNNAMED,)
@@ -58,7 +58,7 @@ def test_a_node_whose_name_has_not_arrived_yet_is_not_taken_for_one_without_a_na
     assert told[1:] == [{"odom": (UNNAMED, "/guard"), "effort": ()}]
 
 
-def test_a_thread_looks_until_it_is_stopped(monkeypatch):
+def test_the_thread_checks_until_stopped(monkeypatch):
     monkeypatch.setattr(graph_watch, "PERIOD", 0.001)
     bus, changed = MemoryBus(), threading.Event()
     own, other = MemoryTransport(bus, "own"), MemoryTransport(bus, "other")
@@ -74,7 +74,7 @@ def test_a_thread_looks_until_it_is_stopped(monkeypatch):
     watch.stop()
 
 
-def test_a_graph_that_cannot_be_read_is_said(monkeypatch, caplog):
+def test_an_unreadable_graph_is_logged(monkeypatch, caplog):
     monkeypatch.setattr(graph_watch, "PERIOD", 0.001)
     own = MemoryTransport(MemoryBus(), "own")
     watch = GraphWatch(own, TOPICS, lambda others: None)

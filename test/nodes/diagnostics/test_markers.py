@@ -128,7 +128,7 @@ def test_the_support_is_the_hull_of_the_feet(bench):
         np.testing.assert_array_equal(foot[:, 1], np.roll(foot[:, 0], -1, axis=0))
 
 
-def test_a_task_s_error_is_drawn_from_where_it_is_to_where_it_should_be(bench, make):
+def test_task_errors_are_lines_to_the_reference(bench, make):
     controller, drop = standing(bench, "go2", tasks={"com": {"setpoint_duration": 0.0}}), np.array([0.0, 0.0, 0.05])
     start = points(scene(controller)["task_errors", 0])[0]
     controller.send("setpoint", make.point(start - drop), "com")
@@ -165,7 +165,7 @@ def test_kinds_of_tasks_that_have_a_place(bench, make):
             assert np.linalg.norm(line[1] - line[0]) < 0.06
 
 
-def test_before_activation_what_does_not_need_an_answer_is_drawn(bench):
+def test_markers_before_activation(bench):
     controller = bench("g1")
     controller.cycle(3)
     assert {namespace for namespace, _ in scene(controller)} == {"contacts", "com", "capture_point"}
@@ -189,7 +189,7 @@ def test_the_rate_is_the_configured_one(bench):
         assert expected[0] <= len(controller.received("markers")) <= expected[1], rate
 
 
-def test_they_are_drawn_while_somebody_reads_them(bench, monkeypatch):
+def test_markers_are_composed_on_demand(bench, monkeypatch):
     readers = set()
     monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.key in readers)
     controller = bench("go2", {"control": {"markers_rate": 50.0}})

@@ -31,7 +31,7 @@ def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0, approac
     return found
 
 
-def test_what_stays_short_is_said_with_what_is_in_the_way(controller):
+def test_a_persistent_error_is_reported_with_binding_constraints(controller):
     binding = {"motion:FL_calf_joint:upper": 3.0, "torque:RL_thigh_joint:lower": 0.5, "cone:front_left_foot": 1.0e-6}
     (sentence,) = said(controller, [0.0, 0.0, 0.035], times=12, binding=binding)
     assert sentence == (
@@ -50,7 +50,7 @@ def test_what_stays_short_is_said_with_what_is_in_the_way(controller):
         {"weight": 0.04},  # minor weight
     ],
 )
-def test_what_is_no_shortfall(controller, changes):
+def test_no_shortfall(controller, changes):
     assert said(controller, **{"goal": [0.0, 0.0, 0.035], "times": 12, "binding": {}, **changes}) == ()
 
 
@@ -60,7 +60,7 @@ def test_a_pose_is_short_by_a_distance_and_an_angle():
     assert _distance(np.array([0.0, 0.1, 0.0]), "rad") == "0.10 rad"
 
 
-def test_where_nothing_binds():
+def test_without_binding_constraints():
     assert describe_binding({}) == "none; other tasks or forces outweigh it"
     assert describe_binding({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
 

@@ -46,7 +46,7 @@ def test_a_refusal_is_the_answer(asked):
     assert outcome == [(False, "command 'activate' is refused: why")]
 
 
-def test_a_mode_that_does_not_confirm_it_says_why(asked):
+def test_an_unconfirmed_command_has_the_reason(asked):
     waiting, outcome = asked
     waiting.observe(report(Mode.DAMPING, ("activate",), fault=Fault("FALLEN", "it lies")))
     assert outcome == [(False, "damping FALLEN: it lies")]

@@ -158,7 +158,7 @@ def wait_for(files, process):
     end(process)
 
 
-def test_rviz_is_started_with_the_layout_where_that_is_asked_for(environment, stand_in):
+def test_rviz_starts_with_the_layout_on_request(environment, stand_in):
     notes = stand_in("rviz2", "rviz2")
     wait_for([notes], launch(environment, "rviz:=true", "mock:=false", "namespace:=r3"))
     words = notes.read_text().split("\n")
@@ -230,7 +230,7 @@ def test_two_robots_in_one_graph(environment, user):
     assert all(output.count("process has finished cleanly") == 2 for output in outputs)
 
 
-def test_the_launch_file_for_a_robot_that_is_there(environment, stand_in):
+def test_the_launch_file_for_a_real_robot(environment, stand_in):
     notes = [stand_in("wbc_controller", "wbc_controller"), stand_in("wbc_controller", "guard")]
     process = launch(
         environment, "config:=my.yaml", "odom:=/estimator/odom", "effort:=/torques", "guard:=true", "namespace:=r4",

@@ -284,7 +284,7 @@ def test_the_whole_configuration_is_shown_as_parameters_while_there_is_one(make_
 
 
 @pytest.mark.parametrize("given", [{"robot": "go2"}, {"config": str(find_configuration("go2"))}])
-def test_what_is_shown_can_be_dumped_and_read_again(make_node, given):
+def test_declared_parameters_can_be_dumped_and_read_again(make_node, given):
     node = make_node(**given, tasks__com__weight=3.0)
     assert node.trigger_configure() == SUCCESS
     dumped = values(node)
@@ -296,7 +296,7 @@ def test_what_is_shown_can_be_dumped_and_read_again(make_node, given):
     )
 
 
-def test_what_an_update_changes_is_shown(bring_up):
+def test_an_update_changes_the_parameters(bring_up):
     node, user, _ = bring_up()
     publish = user.create_publisher(String, "/wbc_controller/update", 10)
     until(lambda: publish.get_subscription_count() == 1, patience=10)
@@ -323,7 +323,7 @@ def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
     assert said == ["inactive", "fault ESTOP: emergency stop by command"]
 
 
-def test_services_say_what_happened(bring_up):
+def test_services_return_the_outcome(bring_up):
     node, user, executor = bring_up(transitions=())
     activate, stop, reset = (caller(user, name) for name in ("activate", "stop", "reset"))
     success, text = activate()

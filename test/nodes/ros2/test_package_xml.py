@@ -31,7 +31,7 @@ def test_the_form_is_that_of_format_3():
     assert PACKAGE.find("export/build_type").text == "ament_python"
 
 
-def test_it_says_what_setup_py_and_the_licence_say():
+def test_package_xml_agrees_with_setup_py_and_the_licence():
     setup = (ROOT / "setup.py").read_text(encoding="utf-8")
     (version,), (licence,) = texts("version"), texts("license")
     assert f'version="{version}"' in setup
@@ -41,7 +41,7 @@ def test_it_says_what_setup_py_and_the_licence_say():
     assert f'PACKAGE = "{texts("name")[0]}"' in setup
 
 
-def test_no_dependency_stands_twice():
+def test_dependencies_are_unique():
     for tag in ("exec_depend", "test_depend"):
         assert len(texts(tag)) == len(set(texts(tag)))
 

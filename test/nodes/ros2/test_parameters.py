@@ -61,7 +61,7 @@ def test_a_node_without_a_section_takes_the_controllers_section_of_the_parameter
         ({"control": 1, "control.rate": 1.0}, "parameter control = 1: there is a parameter control.rate too"),
     ],
 )
-def test_what_cannot_be_used_is_named(parameters, said):
+def test_invalid_parameters_are_refused(parameters, said):
     with pytest.raises(ConfigurationError) as caught:
         settings_from(parameters, "/n", [])
     assert said in str(caught.value)

@@ -97,7 +97,7 @@ def opened(settings, model, namespace="/", remappings=None):
 @pytest.mark.parametrize(
     ("namespace", "remappings"), [("/", None), ("/r1", {"odom": "/estimator/odom", "~/state": "mode"})]
 )
-def test_each_node_may_do_what_it_does_and_nothing_else(robot_of, name, namespace, remappings):
+def test_each_node_has_exactly_its_permissions(robot_of, name, namespace, remappings):
     settings, model = robot_of(name)
     allowed = read(security_policy(settings, model, namespace, remappings))
     prefix = namespace.rstrip("/")
@@ -117,7 +117,7 @@ def test_each_node_may_do_what_it_does_and_nothing_else(robot_of, name, namespac
         assert "request" not in rules
 
 
-def test_the_controller_may_hear_the_imu_where_the_base_is_estimated_and_odometry_where_not(robot_of, changed):
+def test_imu_or_odometry_is_permitted_by_base_state(robot_of, changed):
     settings, model = robot_of("go2")
     for source, other in (("odom", "/imu"), ("imu", "/odom")):
         heard = read(security_policy(changed(settings, {"estimation": {"base_state": source}}), model))
@@ -127,7 +127,7 @@ def test_the_controller_may_hear_the_imu_where_the_base_is_estimated_and_odometr
         assert sensed == (source == "imu")
 
 
-def test_poses_are_heard_and_sent_by_those_who_are_set_to(robot_of, changed):
+def test_poses_are_permitted_by_settings(robot_of, changed):
     settings, model = robot_of("go2")
     for source, asked in (("odom", True), ("imu", True), ("imu", False)):
         changes = {"estimation": {"base_state": source, "absolute_pose": asked}, "mock": {"pose_rate": 20.0 * asked}}
@@ -152,7 +152,7 @@ def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
     assert rules["request"] == set().union(*(allowed[f"/{node}"]["reply"] for node in nodes))
 
 
-def test_what_a_robot_does_not_have_is_not_allowed(robot_of, changed):
+def test_topics_without_use_are_not_permitted(robot_of, changed):
     settings, model = robot_of("go2")
     assert "/robot_description" not in read(security_policy(settings, model))["/wbc_controller"]["subscribe"]
     assert "/odom" in read(security_policy(settings, model))["/wbc_controller"]["subscribe"]
@@ -192,7 +192,7 @@ def test_the_command_prints_it(robot_of, tmp_path):
     assert result.stdout == security_policy(settings, model, "/r1", {"odom": "/base"})
 
 
-def test_every_incoming_row_is_for_somebody_s_publisher(robot_of, changed):
+def test_every_incoming_row_has_a_permitted_publisher(robot_of, changed):
     """No enclave may publish unneeded names; the mock robot's enclave has all topics of the robot."""
     settings, model = robot_of("g1")
     heard = set()

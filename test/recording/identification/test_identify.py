@@ -98,7 +98,7 @@ def test_the_errors_of_a_humanoid_with_heavier_links_are_within_their_standard_e
     assert values["mass torso_link"] == pytest.approx(1.1, abs=0.05)
 
 
-def test_what_the_equations_do_not_show_stays_as_the_model_has_it_and_nothing_is_negative():
+def test_undetermined_values_stay_nominal_and_none_is_negative():
     rng = np.random.default_rng(0)
     A = np.zeros((200, 3))
     A[:, 1:] = rng.normal(size=(200, 2))
@@ -136,7 +136,7 @@ def test_no_moment_spans_a_change_of_contacts_or_a_gap(recording):
         (lambda columns: columns["mode"].__setitem__(slice(None), "damping"), "has regular states, an active"),
     ],
 )
-def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(recording, change, said):
+def test_an_unusable_recording_is_refused_with_the_reason(recording, change, said):
     columns = {name: values[:200].copy() for name, values in recording.items()}
     change(columns)
     with pytest.raises(ConfigurationError, match=re.escape(said)):

@@ -46,7 +46,7 @@ def recorded(record, tmp_path, make):
     return run.finish(tmp_path / "a.mcap")
 
 
-def test_all_cycles_and_those_from_any_memory_on_come_out_bit_for_bit(recorded):
+def test_replay_from_any_memory_is_identical(recorded):
     assert sorted(recorded.memories)[0] == 0
     middle = sorted(recorded.memories)[-1]
     assert 100 <= middle < recorded.last
@@ -59,7 +59,7 @@ def test_all_cycles_and_those_from_any_memory_on_come_out_bit_for_bit(recorded):
     assert any(each.result.solution is not None for each in replay.run(5, 8))
 
 
-def test_what_is_estimated_beside_the_model_is_remembered_too(record, tmp_path, make):
+def test_the_memory_contains_the_estimated_disturbance(record, tmp_path, make):
     friction = {"FL_calf_joint": {"dry": 0.5, "viscous": 0.1}}
     run = record(tmp_path / "b.mcap", {"estimation": {"disturbance": "always"}, "robot": {"friction": friction}})
     busy(run, make)
@@ -82,7 +82,7 @@ def test_a_bit_that_is_another_one_is_found(recorded):
     assert [each.is_identical for each in Replay(recorded).run(0, 6)] == [True] * 3 + [False] * 4
 
 
-def test_a_cycle_whose_event_was_lost_is_left_out_with_those_behind_it(recorded):
+def test_cycles_after_a_missing_event_are_skipped(recorded):
     """An event is written after its cycle: a killed controller may have written only the cycle."""
     asked = max(number for number, event in recorded.events.items() if "requests" in event)
     del recorded.events[asked]
@@ -99,7 +99,7 @@ def test_a_cycle_whose_event_was_lost_is_left_out_with_those_behind_it(recorded)
     assert replay.skipped == recorded.count - asked
 
 
-def test_behind_a_cycle_that_failed_it_goes_on_from_the_next_memory(record, tmp_path, monkeypatch):
+def test_after_a_failed_cycle_the_replay_resumes_at_the_next_memory(record, tmp_path, monkeypatch):
     run = record(tmp_path / "a.mcap")
     run.stand(20)
     controller = run.bench.loop.controller
@@ -166,7 +166,7 @@ def test_the_commands(recorded, tmp_path):
     assert (status, "not an MCAP file" in said) == (2, True)
 
 
-def test_another_configuration_beside_it(recorded, tmp_path):
+def test_comparison_with_another_configuration(recorded, tmp_path):
     other = tmp_path / "other.yaml"
     other.write_text(recorded.config.replace({"tasks.com.stiffness": 400.0}).to_yaml())
     plots = tmp_path / "plots.html"
@@ -198,7 +198,7 @@ def test_a_long_story_is_cut_in_the_middle(recorded):
     assert "cycle 1199" in said[-1]
 
 
-def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_path, monkeypatch):
+def test_the_report_of_a_recording_has_no_simulation_truth(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr("wbc_controller.recording.report.run_report.make_run_data", partial(make_run_data, largest=100))
     every = -(-recorded.count // 100)
     status, said = wbc("report", recorded.path, "--out", tmp_path / "a.html")

@@ -69,7 +69,7 @@ def test_the_page_holds_the_results(run, page):
     assert "never &lt;in it&gt;" in page
 
 
-def test_the_verdict_names_what_failed(run, tmp_path):
+def test_the_verdict_names_missed_targets(run, tmp_path):
     recording, model = run
     failed = Result("Stays <up>", "yes", "no", False)
     spoiled = dataclasses.replace(recording, results=(*recording.results, failed))
@@ -79,7 +79,7 @@ def test_the_verdict_names_what_failed(run, tmp_path):
     assert 'class="pill fail"' in page
 
 
-def test_poses_of_the_page_are_those_of_pinocchio(run, page):
+def test_poses_of_the_page_equal_pinocchio(run, page):
     recording, model = run
     data = embedded(page, "motion-data")
     poses = decode_poses(data["poses"])
@@ -107,7 +107,7 @@ def test_quaternions_do_not_jump_to_their_negatives(run):
     assert np.abs(np.diff(poses[:, :, 3:], axis=0)).max() < 0.1
 
 
-def test_packed_poses_are_exact_where_nothing_moves():
+def test_packed_poses_at_rest_are_exact():
     poses = np.tile(np.array([1.5, -2.0, 0.3, 0.0, 0.0, 0.0, 1.0]), (4, 2, 1))
     np.testing.assert_allclose(decode_poses(encode_poses(poses)), poses, atol=1e-12)
 
@@ -151,7 +151,7 @@ def test_a_bare_recording_makes_a_page(run, tmp_path):
     assert "No targets were checked" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
-def test_what_cannot_be_shown_is_refused(run, tmp_path):
+def test_an_invalid_run_is_refused(run, tmp_path):
     recording, model = run
     with pytest.raises(ValueError, match="19 columns"):
         write_run_report(
