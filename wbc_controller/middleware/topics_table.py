@@ -25,7 +25,7 @@ Setpoints are absolute in the world (`header.frame_id` `world`, `odom`, `map` or
 
 | `header.frame_id` | Meaning of the setpoint | Tasks |
 |---|---|---|
-| `<task>/reference` | displacement and rotation of the task's reference, in its axes | all except `axis_alignment` |
+| `<task>/reference` | displacement and rotation of the reference, in world axes | all except `axis_alignment` |
 | `<task>/heading` | the same, with z up and x along the base's heading | tasks with references in the world |
 | a frame of the robot | in the present pose of this frame | positions, orientations, directions in the world |
 
