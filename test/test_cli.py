@@ -42,7 +42,7 @@ def test_help_lists_every_command_and_says_what_it_does():
         ("demo", ("--report", "--lockstep", "--real-time-factor")),
         ("topics", ("Markdown",)),
         ("replay", ("FILE", "--cycle", "--config", "--plot", "--only-tell", "bit for bit")),
-        ("report", ("FILE", "--out", "any recording")),
+        ("report", ("FILE", "--out", "Make a report of a recording")),
     ],
 )
 @pytest.mark.parametrize("option", ["-h", "--help"])
@@ -117,7 +117,7 @@ def test_a_robot_that_is_not_shipped_suggests_one(command, tmp_path, monkeypatch
 def test_a_remapping_of_another_form_is_refused_before_anything_starts(command, remapping):
     result = invoke(command, "go2", "--remap", remapping)
     assert result.exit_code == 2
-    assert result.stderr.startswith(f"error: remapping {remapping!r} does not have the form from:=to")
+    assert result.stderr.startswith(f"error: invalid remapping {remapping!r}; valid: from:=to")
 
 
 def test_a_domain_that_is_none_is_refused_in_words(monkeypatch):

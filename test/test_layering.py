@@ -91,7 +91,7 @@ def test_the_table_goes_one_way():
             assert above, f"{room} -> {other}"
 
 
-def folder_of(parts: tuple[str, ...]) -> str:
+def recording_folder(parts: tuple[str, ...]) -> str:
     """Return the folder of a module, or the module itself at the top of a room of several folders."""
     return "/".join(parts[:2])
 
@@ -103,7 +103,7 @@ def test_folders_of_one_room_import_each_other_one_way():
         for module in modules:
             top, *parts = module.split(".")
             if top == PACKAGE and len(parts) > 1 and parts[0] == own[0] and (SOURCES / parts[0]).is_dir():
-                arrows.setdefault(folder_of(own), set()).add(folder_of(tuple(parts)))
+                arrows.setdefault(recording_folder(own), set()).add(recording_folder(tuple(parts)))
     above: dict[str, set[str]] = {}
 
     def reach(folder: str, path: tuple[str, ...]) -> None:

@@ -11,7 +11,7 @@ import sys
 from typing import NoReturn
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.nodes.ros2.installation import refuse_mixture
+from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 
 
 def main() -> None:
@@ -38,7 +38,7 @@ def _run(module: str, function: str, instead: str) -> NoReturn:
     # Until the node is up, Ctrl-C ends the process at once, without Python's traceback of the imports.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
-        refuse_mixture()
+        refuse_mixed_installations()
     except ConfigurationError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -43,7 +43,7 @@ def test_two_controllers_do_not_fight_and_two_robots_are_said(processes, dds_use
         ),
         "both robots to see each other",
     )
-    said = "/odom has several publishers, /mock_robot, /mock_robot: end all but one"
+    said = "/odom has several publishers: /mock_robot, /mock_robot; stop all but one"
     user.until(lambda: said in user.last("controller", "diagnostics").status[0].message, "the diagnostics")
     values = {value.key: value.value for value in user.last("controller", "diagnostics").status[0].values}
     assert values["publishers//joint_states"] == "/mock_robot, /mock_robot"

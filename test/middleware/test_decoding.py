@@ -1,4 +1,4 @@
-"""Messages to meanings: every conversion, and every refusal in words."""
+"""Decoding of messages, and all refusals."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def refused(said):
 
 
 def read(key, subject, content):
-    """As it comes from the wire."""
+    """Encode and decode, as over a transport."""
     return READERS[key](WORDS, subject, decode(encode(content), content.__msgtype__))
 
 
@@ -85,14 +85,29 @@ class TestSetpoints:
         read("setpoint", "com", make.point([1, 2, 3], frame))
 
     def test_another_frame_is_refused_with_the_valid_ones(self, make):
-        world = "are given in the world (world, odom, map)"
-        own = "from its own reference (hand/reference, hand/heading) or in a frame of the robot"
+        world = ": the world (world, odom, map)"
+        own = "relative to its reference (hand/reference, hand/heading) or a frame of the robot"
         for key, subject, content, said in (
             ("setpoint", "hand", make.pose([1, 2, 3], frame="palvis"), f"{world} or {own}; did you mean 'pelvis'?"),
-            ("setpoint", "hand", make.pose([1, 2, 3], frame="com/reference"), "frame_id is 'com/reference'; setpoints"),
-            ("setpoint", "sway", make.vector([1, 2, 3], "pelvis"), f"{world} or from its own reference (sway"),
-            ("external_wrench", "pelvis", make.wrench([1] * 6, "pelvis"), "external wrench is given in the world"),
-            ("trajectory", "com", make.frame_trajectory([(1.0, [AT])], "hand"), "a trajectory is given in the world"),
+            (
+                "setpoint",
+                "hand",
+                make.pose([1, 2, 3], frame="com/reference"),
+                "frame_id is 'com/reference'; valid for setpoints",
+            ),
+            ("setpoint", "sway", make.vector([1, 2, 3], "pelvis"), f"{world} or relative to its reference (sway"),
+            (
+                "external_wrench",
+                "pelvis",
+                make.wrench([1] * 6, "pelvis"),
+                "valid for an external wrench: world, odom, map",
+            ),
+            (
+                "trajectory",
+                "com",
+                make.frame_trajectory([(1.0, [AT])], "hand"),
+                "valid for a trajectory: world, odom, map",
+            ),
         ):
             with refused(said):
                 read(key, subject, content)
@@ -113,18 +128,21 @@ class TestSetpoints:
         assert change.frame == "posture/reference"
         np.testing.assert_array_equal(change.position, [0.0, 0.5, 0.0])
         content.header.frame_id = "posture/refrence"
-        with refused("are given in the world (world, odom, map) or from its own reference (posture/reference)"):
+        with refused(": the world (world, odom, map) or relative to its reference (posture/reference)"):
             read("setpoint", "posture", content)
 
     @pytest.mark.parametrize(
         ("fields", "said"),
         [
-            ("frame: com/reference", "tasks.com.frame stands without a setpoint"),
-            ("setpoint: [1, 2, 3], frame: 7", "tasks.com.frame is the name of a frame, not 7"),
-            ("setpoint: [1, 2, 3], frame: hand/reference", "tasks.com.frame is 'hand/reference'; setpoints of task"),
+            ("frame: com/reference", "tasks.com: 'frame' requires 'setpoint'"),
+            ("setpoint: [1, 2, 3], frame: 7", "tasks.com.frame is 7; it must be the name of a frame"),
+            (
+                "setpoint: [1, 2, 3], frame: hand/reference",
+                "tasks.com.frame is 'hand/reference'; valid for setpoints of task",
+            ),
         ],
     )
-    def test_an_update_with_a_frame_that_is_none(self, make, fields, said):
+    def test_an_update_with_an_invalid_frame_is_refused(self, make, fields, said):
         with refused(said):
             read("update", "", make.string(f"{{tasks: {{com: {{{fields}}}, posture: {{weight: 1.0}}}}}}"))
 
@@ -160,10 +178,10 @@ class TestSetpoints:
         np.testing.assert_allclose(change.position, [1, 2, 3, 0, 0, HALF, HALF])
         self.one("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], "right_hand"))
         for frame in ("", "world", "left_hand"):
-            own = "in its reference frame 'right_hand' or from its own reference (wrist/reference)"
-            with refused(f"frame_id is {frame!r}; setpoints of task 'wrist' are given {own}"):
+            own = "its reference frame 'right_hand' or relative to its reference (wrist/reference)"
+            with refused(f"frame_id is {frame!r}; valid for setpoints of task 'wrist': {own}"):
                 read("setpoint", "wrist", make.pose([1, 2, 3], frame=frame))
-            said = f"frame_id is {frame!r}; a trajectory of task 'wrist' is given in its reference frame 'right_hand'"
+            said = f"frame_id is {frame!r}; valid for a trajectory of task 'wrist': its reference frame 'right_hand'"
             with refused(said):
                 read("trajectory", "wrist", make.frame_trajectory([(1.0, [AT])], frame))
 
@@ -192,7 +210,7 @@ class TestSetpoints:
 
 
 class TestSwitchesAndWeights:
-    def test_what_they_mean(self, make):
+    def test_commands_and_settings(self, make):
         assert read("weight", "com", make.float64(2.5)) == (SetWeight("com", 2.5),)
         assert read("task_enable", "com", make.bool(False)) == (EnableTask("com", False),)
         assert read("contact_enable", "left_foot", make.bool(True)) == (EnableContact("left_foot", True),)
@@ -202,7 +220,7 @@ class TestSwitchesAndWeights:
 
     @pytest.mark.parametrize("bad", [NAN, INF, -INF, -1e-9, 1.0001e6])
     def test_weights_out_of_range(self, make, bad):
-        with refused(f"a weight must be from 0 to 1e6, not {bad!r}"):
+        with refused(f"weight is {bad!r}; valid: 0 to 1e6"):
             read("weight", "com", make.float64(bad))
 
     def test_the_ends_of_the_range(self, make):
@@ -225,7 +243,7 @@ class TestVelocities:
         assert read("cmd_vel", "", make.velocity("cmd_vel", [0.0] * 6)) == (Walk(None, streamed=True),)
 
     def test_components_that_do_not_count_are_refused(self, make):
-        with refused("linear.z, angular.x and angular.y are [0.2, 0.0, 0.0]; a walking robot takes linear.x, linear.y"):
+        with refused("linear.z, angular.x and angular.y are [0.2, 0.0, 0.0]; they must be 0: walking uses linear.x"):
             read("cmd_vel", "", make.velocity("cmd_vel", [0.3, 0.0, 0.2, 0.0, 0.0, 0.0]))
 
     def test_a_velocity_that_is_not_finite_is_refused(self, make):
@@ -265,7 +283,7 @@ class TestTrajectories:
     @pytest.mark.parametrize("times", [(1.0, 1.0), (1.0, 0.5), (-0.1, 1.0), (0.0, 2.0, 1.0)])
     def test_times_that_do_not_rise_from_zero(self, make, times):
         shown = ", ".join(f"{time:g}" for time in times)
-        said = f"time_from_start must rise from 0: [{shown}] s"
+        said = f"time_from_start must increase from 0, got [{shown}] s"
         with refused(said):
             read("trajectory", "com", make.frame_trajectory([(time, [AT]) for time in times]))
         with refused(said):
@@ -283,7 +301,7 @@ class TestTrajectories:
             (JOINTS, ([0, 0, 0], [], [1]), "accelerations has 1 values for 3 names"),
             (JOINTS, ([0, 0, INF],), "positions holds a value that is not finite"),
             (JOINTS, ([0, 0, 0], [NAN, 0, 0]), "velocities holds a value that is not finite"),
-            (JOINTS, ([0, 0, 0], [0, 1, 0]), "the last point has the velocity [0, 1, 0]; a trajectory ends at rest"),
+            (JOINTS, ([0, 0, 0], [0, 1, 0]), "the last point has the velocity [0, 1, 0]; it must be 0"),
         ],
     )
     def test_joint_trajectories_that_are_refused(self, make, names, point, said):
@@ -294,10 +312,10 @@ class TestTrajectories:
         ("points", "names", "said"),
         [
             ([], ["com"], "the trajectory has no points"),
-            ([(1.0, [])], ["com"], "a point has 0 transforms; this task takes one"),
-            ([(1.0, [AT, AT])], ["com"], "a point has 2 transforms; this task takes one"),
-            ([(1.0, [AT], [AT[:6], AT[:6]])], ["com"], "a point has 2 velocities; this task takes one"),
-            ([(1.0, [AT])], ["com", "hand"], "the trajectory has 2 joint names; this task takes one frame"),
+            ([(1.0, [])], ["com"], "a point has 0 transforms; valid: 1"),
+            ([(1.0, [AT, AT])], ["com"], "a point has 2 transforms; valid: 1"),
+            ([(1.0, [AT], [AT[:6], AT[:6]])], ["com"], "a point has 2 velocities; valid: at most 1"),
+            ([(1.0, [AT])], ["com", "hand"], "the trajectory has 2 joint names; valid: at most one frame"),
             ([(1.0, [[NAN, *AT[1:]]])], ["com"], "the position holds a value that is not finite"),
             ([(1.0, [AT], [[0, 0, 0, NAN, 0, 0]])], ["com"], "velocities holds a value that is not finite"),
         ],
@@ -306,7 +324,7 @@ class TestTrajectories:
         with refused(said):
             read("trajectory", "com", make.frame_trajectory(points, names=names))
 
-    def test_a_quaternion_that_is_none(self, make):
+    def test_an_invalid_quaternion_is_refused(self, make):
         with refused("is not a unit quaternion"):
             read("trajectory", "hand", make.frame_trajectory([(1.0, [[0, 0, 0, 0, 0, 0, 0]])]))
 
@@ -343,7 +361,7 @@ class TestUpdate:
             ("{[1]: 2}", "not valid YAML"),
             ("{tasks: {com: {weight: 2001-99-99}}}", "not valid YAML: month must be in 1..12"),
             ("[" * 500, "not valid YAML"),
-            ("#" * 5000, "an update has at most 4096 letters, not 5000"),
+            ("#" * 5000, "update has 5000 characters (limit 4096)"),
             ("{task: {com: {weight: 1}}}", "unknown key 'task'; did you mean 'tasks'? Valid: contacts, control"),
             ("{3: {}}", "unknown key 3; Valid: contacts, control, limits, safety, tasks"),
             ("{tasks: 3}", "tasks is not a mapping"),
@@ -355,33 +373,33 @@ class TestUpdate:
             ("{contacts: {left: {enabled: true}}}", "unknown contact 'left'; did you mean 'left_foot'?"),
             ("{tasks: {com: {wieght: 1}}}", "tasks.com: unknown key 'wieght'; did you mean 'weight'? Valid: damping"),
             ("{contacts: {left_foot: {weight: 1}}}", "contacts.left_foot: unknown key 'weight'; Valid: enabled"),
-            ("{tasks: {com: {weight: heavy}}}", "a weight is a number, not 'heavy'"),
-            ("{tasks: {com: {weight: true}}}", "a weight is a number, not True"),
-            ("{tasks: {com: {weight: .nan}}}", "a weight must be from 0 to 1e6, not nan"),
-            ("{tasks: {com: {weight: -1}}}", "a weight must be from 0 to 1e6, not -1"),
-            ("{tasks: {com: {weight: 1000000000}}}", "a weight must be from 0 to 1e6, not 1000"),
+            ("{tasks: {com: {weight: heavy}}}", "weight is 'heavy'; it must be a number"),
+            ("{tasks: {com: {weight: true}}}", "weight is True; it must be a number"),
+            ("{tasks: {com: {weight: .nan}}}", "weight is nan; valid: 0 to 1e6"),
+            ("{tasks: {com: {weight: -1}}}", "weight is -1; valid: 0 to 1e6"),
+            ("{tasks: {com: {weight: 1000000000}}}", "weight is 1000"),
             (f"{{tasks: {{com: {{weight: 1{'0' * 400}}}}}}}", "tasks.com.weight: a whole number of 401 characters"),
             (f"{{tasks: {{com: {{weight: 0x{'f' * 4000}}}}}}}", "tasks.com.weight: a whole number of 4002 characters"),
             ("{tasks: {com: {weight: !!timestamp x}}}", "not valid YAML"),
             ("{tasks: {com: {weight: !!bool x}}}", "not valid YAML: KeyError: 'x'"),
             ("{tasks: {com: {weight: 1, weight: 2}}}", "tasks.com.weight: the key 'weight' stands twice"),
-            ("{tasks: {com: &a {weight: 1}, base: *a}}", "an update has no aliases"),
-            ("{tasks: {com: {enabled: 1}}}", "tasks.com.enabled is true or false, not 1"),
-            ("{tasks: {com: {setpoint: 1}}}", "tasks.com.setpoint is a list of 3 numbers, not 1"),
-            ("{tasks: {com: {setpoint: [1, 2]}}}", "tasks.com.setpoint has 2 values; a com task takes 3"),
-            ("{tasks: {hand: {setpoint: [1, 2, 3]}}}", "has 3 values; a frame_pose task takes 7"),
-            ("{tasks: {steady: {setpoint: [1, 2, 3]}}}", "has 3 values; a capture_point task takes 2"),
-            ("{tasks: {spin: {setpoint: [1, 2]}}}", "has 2 values; an angular_momentum task takes 3"),
-            ("{tasks: {wrist: {setpoint: [1, 2, 3]}}}", "has 3 values; a relative_pose task takes 7"),
+            ("{tasks: {com: &a {weight: 1}, base: *a}}", "aliases (*name) are not supported"),
+            ("{tasks: {com: {enabled: 1}}}", "tasks.com.enabled is 1; valid: true or false"),
+            ("{tasks: {com: {setpoint: 1}}}", "tasks.com.setpoint is 1; it must be a list of 3 numbers"),
+            ("{tasks: {com: {setpoint: [1, 2]}}}", "tasks.com.setpoint has 2 values; a com task requires 3"),
+            ("{tasks: {hand: {setpoint: [1, 2, 3]}}}", "has 3 values; a frame_pose task requires 7"),
+            ("{tasks: {steady: {setpoint: [1, 2, 3]}}}", "has 3 values; a capture_point task requires 2"),
+            ("{tasks: {spin: {setpoint: [1, 2]}}}", "has 2 values; an angular_momentum task requires 3"),
+            ("{tasks: {wrist: {setpoint: [1, 2, 3]}}}", "has 3 values; a relative_pose task requires 7"),
             ("{tasks: {wrist: {setpoint: [1, 2, 3, 0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
             ("{tasks: {torso: {setpoint: [0, 0, 0, 2]}}}", "[0, 0, 0, 2] is not a unit quaternion (norm 2)"),
-            ("{tasks: {com: {setpoint: [1, 2, a]}}}", "is a list of 3 numbers, not [1, 2, 'a']"),
-            ("{tasks: {com: {setpoint: [1, 2, true]}}}", "is a list of 3 numbers, not [1, 2, True]"),
+            ("{tasks: {com: {setpoint: [1, 2, a]}}}", "is [1, 2, 'a']; it must be a list of 3 numbers"),
+            ("{tasks: {com: {setpoint: [1, 2, true]}}}", "is [1, 2, True]; it must be a list of 3 numbers"),
             ("{tasks: {com: {setpoint: [1, 2, .nan]}}}", "tasks.com.setpoint holds a value that is not finite"),
             (f"{{tasks: {{com: {{setpoint: [1, 2, 1{'0' * 400}]}}}}}}", "setpoint: a whole number of 401 characters"),
         ],
     )
-    def test_what_is_refused(self, make, text, said):
+    def test_invalid_messages_are_refused(self, make, text, said):
         with refused(said):
             self.update(make, text)
 
@@ -389,7 +407,7 @@ class TestUpdate:
         with refused("unknown task 'cmo'"):
             self.update(make, "{tasks: {com: {weight: 5}, cmo: {weight: 1}}}")
 
-    def test_text_that_grows_when_it_is_quoted_is_cut(self, make):
+    def test_a_long_quoted_text_is_shortened(self, make):
         bomb = "a: &a [x]\n" + "".join(
             f"{name}: &{name} [*{last},*{last},*{last},*{last},*{last},*{last},*{last},*{last}]\n"
             for last, name in zip("abcdefghi", "bcdefghij", strict=True)

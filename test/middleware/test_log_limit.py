@@ -1,4 +1,4 @@
-"""The limit for log messages about incoming messages."""
+"""Rate limit of log messages about incoming messages."""
 
 from wbc_controller.middleware import log_limit
 from wbc_controller.middleware.log_limit import LogLimit

@@ -41,7 +41,7 @@ def test_fields_of_a_group_follow_one_another(make):
     assert np.frombuffer(payload[layout.span])[layout.index_of("velocity", "position")].tolist() == [3, 4, 1, 2]
     with pytest.raises(KeyError):
         layout.index_of("effort")  # empty
-    with pytest.raises(ValueError, match="follow one another"):
+    with pytest.raises(ValueError, match="must be consecutive"):
         Template(content, ["position", "velocity"])  # the size of the second array is between them
 
 

@@ -1,4 +1,4 @@
-"""Setpoints that are written in place have the bytes that the codec gives."""
+"""Setpoint templates have the bytes of the codec."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Ages by stamp: an offset that is learned, and stamps that stand still, go back, or are far ahead."""
+"""Ages by timestamp: offset estimation, and refused stamps (constant, decreasing, far ahead)."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ from hypothesis import strategies as st
 
 from wbc_controller.middleware.stamps import StampTracker
 
-START = 1_700_000_000.0  # s: the other clock is a wall clock, ours counts from the start of the machine
+START = 1_700_000_000.0  # s: the other clock is a wall clock, ours starts with the computer
 
 
 def feed(tracker, times, lag=0.0, start=START):
-    """Messages of a clock that is `start` ahead of ours; gives the reasons for refusals."""
+    """Send messages of a clock that is `start` ahead of ours; return the reasons of refusals."""
     lags = np.broadcast_to(lag, np.shape(times))
     return [
-        tracker.judge(round((start + time) * 1e9), time + late) for time, late in zip(times, lags.tolist(), strict=True)
+        tracker.check_stamp(round((start + time) * 1e9), time + late)
+        for time, late in zip(times, lags.tolist(), strict=True)
     ]
 
 
 def fed(tracker, count=100, lag=0.0):
-    """The tracker itself, with messages every 2 ms."""
+    """Return the tracker after messages every 2 ms."""
     feed(tracker, np.arange(count) * 0.002, lag)
     return tracker
 
@@ -37,16 +38,16 @@ def test_between_two_clocks_the_age_is_the_time_since_the_stamp():
     assert tracker.age(0.198 + 0.0403) == pytest.approx(0.04, abs=1e-6)
 
 
-def test_what_waited_in_a_queue_is_old_when_it_arrives():
-    """The process stood still for 3 s; then what had come meanwhile arrives at once, the oldest first."""
+def test_queueing_time_is_part_of_the_age():
+    """The process was stopped for 3 s; waiting messages then arrive at once, the oldest first."""
     tracker = fed(StampTracker(), 500, 0.0003)
     arrival = 4.0
     for time in np.arange(500, 2000) * 0.002:
-        assert tracker.judge(round((START + time) * 1e9), arrival) is None
+        assert tracker.check_stamp(round((START + time) * 1e9), arrival) is None
         assert tracker.age(arrival) == pytest.approx(arrival - time, abs=0.03)
 
 
-def test_what_refused_stamps_went_on_counts_until_one_is_accepted():
+def test_the_advance_of_refused_stamps_is_part_of_the_age():
     tracker = fed(StampTracker())
     refused = feed(tracker, 0.2 + np.arange(10) * 0.002, start=START + 5.0)
     assert None not in refused
@@ -58,15 +59,15 @@ def test_what_refused_stamps_went_on_counts_until_one_is_accepted():
 
 
 @pytest.mark.parametrize("first", [0.9, 1.2, 2.9])
-def test_of_what_waited_in_a_queue_only_a_late_part_may_be_left(first):
-    """The process stood still for 3 s, and its sockets kept what came in the beginning, or in the end."""
+def test_queueing_time_with_dropped_messages(first):
+    """The process was stopped for 3 s, and its sockets kept the first or the last messages."""
     tracker = fed(StampTracker(), 500, 0.0003)
     assert feed(tracker, [1.0 + first], 3.0 - first) == [None]
     assert tracker.age(4.0) == pytest.approx(3.0 - first, abs=0.03)
 
 
 @given(st.lists(st.floats(0.0, 0.02), min_size=300, max_size=300))
-def test_jitter_never_makes_a_message_look_younger_than_it_is_by_more_than_the_least_latency(jitter):
+def test_jitter_underestimates_the_age_at_most_by_the_smallest_latency(jitter):
     tracker = StampTracker()
     times = np.arange(len(jitter)) * 0.05  # no reordering
     feed(tracker, times, np.array(jitter))
@@ -79,23 +80,23 @@ def test_a_clock_of_another_rate_is_not_latency(rate):
     """Drifting clocks, and simulators that are slower or faster than real time."""
     tracker = StampTracker()
     for i in range(5000):
-        assert tracker.judge(round((START + i * 0.002 * rate) * 1e9), i * 0.002) is None
+        assert tracker.check_stamp(round((START + i * 0.002 * rate) * 1e9), i * 0.002) is None
     assert tracker.age(4999 * 0.002) < 0.003
 
 
 @pytest.mark.parametrize(
     ("step", "said"),
     [
-        (0.0, "header.stamp stands still at"),
-        (-0.004, "header.stamp is 0.004 s before that of the last message"),
+        (0.0, "header.stamp does not advance from"),
+        (-0.004, "header.stamp is 0.004 s before the last message"),
         (-10.0, "header.stamp is 10.000 s before"),
-        (60.0, "header.stamp is 59.998 s ahead of the messages before"),
+        (60.0, "header.stamp is 59.998 s ahead of the previous messages"),
     ],
 )
-def test_a_stamp_that_contradicts_the_others_is_refused_and_the_others_go_on(step, said):
+def test_one_contradictory_stamp_is_refused(step, said):
     tracker = fed(StampTracker())
     last = 99 * 0.002
-    assert tracker.judge(round((START + last + step) * 1e9), last + 0.002).startswith(said)
+    assert tracker.check_stamp(round((START + last + step) * 1e9), last + 0.002).startswith(said)
     assert tracker.age(last + 0.002) == pytest.approx(0.002, abs=1e-6)
     assert feed(tracker, [last + 0.004]) == [None]
 
@@ -109,11 +110,11 @@ def test_a_stream_with_a_new_time_is_taken_after_a_while():
 
 
 def test_no_time_at_all():
-    assert "header.stamp is 0" in StampTracker().judge(0, 1.0)
+    assert "header.stamp is 0" in StampTracker().check_stamp(0, 1.0)
 
 
-def known(ahead=START, tolerance=0.01):
-    return StampTracker(lambda: ahead, tolerance)
+def known(clock_offset=START, tolerance=0.01):
+    return StampTracker(lambda: clock_offset, tolerance)
 
 
 @pytest.mark.parametrize("latency", [0.0003, 0.04, 1.0])
@@ -122,22 +123,22 @@ def test_on_synchronized_clocks_a_constant_latency_counts(latency):
     assert feed(tracker, np.arange(100) * 0.002, latency) == [None] * 100
     assert tracker.age(0.198 + latency) == pytest.approx(latency, abs=1e-6)
     assert tracker.age(0.198 + latency + 0.02) == pytest.approx(latency + 0.02, abs=1e-6)
-    assert tracker.waited(0.198 + latency + 0.02) == pytest.approx(latency, abs=1e-6)
+    assert tracker.transit_time(0.198 + latency + 0.02) == pytest.approx(latency, abs=1e-6)
 
 
-def test_without_them_it_is_taken_for_an_offset():
+def test_without_synchronized_clocks_a_constant_latency_is_an_offset():
     tracker = fed(StampTracker(), lag=1.0)
     assert tracker.age(1.198) == pytest.approx(0.0, abs=1e-6)
-    assert tracker.waited(1.198) == pytest.approx(0.0, abs=1e-6)
+    assert tracker.transit_time(1.198) == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(("ahead", "good"), [(0.0099, True), (0.0101, False), (np.nan, False)])
-def test_on_synchronized_clocks_a_stamp_ahead_of_ours_is_refused(ahead, good):
-    tracker = known(START - ahead)
-    reason = tracker.judge(round(START * 1e9), 0.0)
+@pytest.mark.parametrize(("clock_offset", "good"), [(0.0099, True), (0.0101, False), (np.nan, False)])
+def test_on_synchronized_clocks_a_stamp_ahead_of_ours_is_refused(clock_offset, good):
+    tracker = known(START - clock_offset)
+    reason = tracker.check_stamp(round(START * 1e9), 0.0)
     assert (reason is None) is good
-    if np.isfinite(ahead) and not good:
-        assert reason == "header.stamp is 0.010 s ahead of this computer's clock (limit 10 ms, safety.clock_tolerance)"
+    if np.isfinite(clock_offset) and not good:
+        assert reason == "header.stamp is 0.010 s ahead of the local clock (limit 10 ms, safety.clock_tolerance)"
 
 
 def test_on_synchronized_clocks_a_queue_that_is_gone_is_no_jump_of_the_stamps():
@@ -147,37 +148,37 @@ def test_on_synchronized_clocks_a_queue_that_is_gone_is_no_jump_of_the_stamps():
 
 
 @pytest.mark.parametrize("tracker", [StampTracker(), known()])
-def test_a_clock_that_stands_still_while_stamps_go_on_is_seen(tracker):
+def test_a_clock_stall_is_measured(tracker):
     feed(tracker, np.arange(100) * 0.002)
     assert tracker.clock_stall == 0.0
     for i in range(1, 51):
-        tracker.judge(round((START + 0.198 + 0.002 * i) * 1e9), 0.198)
+        tracker.check_stamp(round((START + 0.198 + 0.002 * i) * 1e9), 0.198)
         assert tracker.clock_stall == pytest.approx(0.002 * i, abs=1e-6)
-    tracker.judge(round((START + 60.0) * 1e9), 0.198)  # one that is absurd says nothing
-    tracker.judge(round((START + 0.3) * 1e9), 0.198)
+    tracker.check_stamp(round((START + 60.0) * 1e9), 0.198)  # an implausible stamp is ignored
+    tracker.check_stamp(round((START + 0.3) * 1e9), 0.198)
     assert tracker.clock_stall == pytest.approx(0.1, abs=1e-6)
-    tracker.judge(round((START + 0.302) * 1e9), 0.302)
+    tracker.check_stamp(round((START + 0.302) * 1e9), 0.302)
     assert tracker.clock_stall == 0.0
 
 
 def test_a_known_clock_that_is_too_slow_makes_no_state_look_younger():
     tracker = fed(known())
-    for i in range(1, 201):  # our clock takes half the time of theirs
+    for i in range(1, 201):  # our clock runs at half the rate of theirs
         time, stamp = 0.198 + 0.001 * i, round((START + 0.198 + 0.002 * i) * 1e9)
-        if tracker.judge(stamp, time) is None:
+        if tracker.check_stamp(stamp, time) is None:
             accepted = stamp
         assert tracker.age(time) >= 1e-9 * (stamp - accepted) - 0.002 - 1e-6
     assert tracker.age(time) > 0.3
 
 
 def test_ages_follow_a_clock_that_is_set():
-    ahead = [START]
-    tracker = StampTracker(lambda: ahead[0], 0.01)
+    clock_offset = [START]
+    tracker = StampTracker(lambda: clock_offset[0], 0.01)
     feed(tracker, np.arange(100) * 0.002, 0.001)
-    ahead[0] += 5.0
+    clock_offset[0] += 5.0
     assert tracker.age(0.199) == pytest.approx(5.001, abs=1e-6)
 
 
 def test_on_synchronized_clocks_stamps_that_go_back_are_refused_as_always():
     tracker = fed(known())
-    assert "0.004 s before" in tracker.judge(round((START + 0.194) * 1e9), 0.2)
+    assert "0.004 s before" in tracker.check_stamp(round((START + 0.194) * 1e9), 0.2)

@@ -1,4 +1,4 @@
-"""Decoders of measured states: their numbers are those of the codec, and invalid messages are refused in words."""
+"""Decoders of measured states: equal to the codec, and refusals of invalid messages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from wbc_controller.simulation.measurement import imu_message
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINTS = ("hip", "knee", "ankle")
-#: Any float, its bits as they are: NaN with a payload, -0.0 and denormals too.
+#: Any float with its bits: NaN with a payload, -0.0 and denormals too.
 FLOATS = st.floats(width=64)
 TIMES = st.integers(1, 2**31 * 10**9 - 1)
 HALF = np.sqrt(0.5)
@@ -42,7 +42,7 @@ def time_by_codec(content):
 
 
 def joints_by_codec(payload):
-    """Stamp and bytes of the arrays; None for an invalid message."""
+    """Return stamp and bytes of the arrays, or None for an invalid message."""
     try:
         content = decode(payload, JOINT_STATE)
     except InputRefused:
@@ -56,7 +56,7 @@ def joints_by_codec(payload):
 
 
 def outcome(reader, payload):
-    """Stamp and bytes of the first two arrays; None for a refused message."""
+    """Return stamp and bytes of the first two arrays, or None for a refused message."""
     try:
         read = reader.read(payload)
     except InputRefused:
@@ -66,7 +66,7 @@ def outcome(reader, payload):
 
 @st.composite
 def joint_states(draw):
-    """Messages whose names, sizes, frames and values now and then change."""
+    """Messages with occasional changes of names, sizes, frames and values."""
     names = draw(st.sampled_from([JOINTS, JOINTS[::-1], (*JOINTS, "other"), ("hip", "knee"), ("a", "knee", "ankle")]))
     size = st.lists(st.floats(-9, 9) if draw(st.integers(0, 4)) else FLOATS, min_size=len(names), max_size=len(names))
     effort = draw(st.sampled_from([(), np.zeros(len(names))]))
@@ -100,7 +100,7 @@ def test_odometry_has_the_numbers_of_the_codec(make, rows, time):
         np.testing.assert_array_equal(read.twist, values[7:13])
 
 
-#: Numbers of an IMU, some of them beyond its range.
+#: Numbers of an IMU, some out of range.
 MEASURED = st.one_of(st.floats(-90, 90), st.sampled_from([-1.0, 0.0, 101.0, 2000.0, NAN, INF]))
 
 
@@ -127,17 +127,17 @@ def test_imu_data_have_the_numbers_of_the_codec(rows, time):
 def test_an_imu_that_does_not_measure_is_refused(what):
     content = decode(imu([0.0] * 24), "sensor_msgs/msg/Imu")
     setattr(content, f"{what}_covariance", np.array([-1.0, *np.zeros(8)]))
-    with refused(f"{what}_covariance begins with -1: the IMU does not measure it"):
+    with refused(f"{what}_covariance begins with -1: the IMU does not measure {what}"):
         ImuReader("pelvis").read(encode(content))
 
 
 def test_data_in_a_wrong_frame_are_refused():
-    with refused("header.frame_id is 'torso'; the IMU's frame is 'pelvis'"):
+    with refused("header.frame_id is 'torso'; it must be the IMU's frame 'pelvis'"):
         ImuReader("pelvis").read(imu([0.0] * 24, frame="torso"))
-    with refused("header.frame_id is 'camera'; an absolute pose is given in world, map"):
+    with refused("header.frame_id is 'camera'; valid for an absolute pose: world, map"):
         PoseReader().read(encode(pose_with_covariance(1, "camera", np.array([0, 0, 0, 0, 0, 0, 1.0]), 0.1, 0.1)))
     reader = ContactForceReader("foot", {"foot_link": np.array([0, 0, 1.0]), "": np.array([0, 1.0, 0])})
-    with refused("header.frame_id is 'hand'; the force at contact 'foot' is given in the axes of one of foot_link"):
+    with refused("header.frame_id is 'hand'; valid for the force at contact 'foot': foot_link"):
         reader.read(encode(wrench_stamped(np.zeros(6), "hand")))
 
 
@@ -158,7 +158,7 @@ def test_equal_layouts_pass_the_codec_once(make, monkeypatch):
         assert (read.stamp, read.position[0]) == (time, time)
         odometry.read(encode(make.odom([time, 0, 0, 0, 0, 0, 1], child="pelvis")))
     assert len(asked) == 2
-    joints.read(encode(joint_state(JOINTS[::-1], [0] * 3, [0] * 3)))  # the same size, and another layout
+    joints.read(encode(joint_state(JOINTS[::-1], [0] * 3, [0] * 3)))  # equal size, other layout
     assert len(asked) == 3
 
 
@@ -219,14 +219,14 @@ class TestJointStates:
         with refused("2 of 3 joints are missing: knee, ankle; unknown joints: finger"):
             self.read(make.joint_state(["hip", "finger"], [0] * 2, [0] * 2), reader)
         sentence = (
-            "1 of 3 joints are missing: hip; all joints arrive, but split over several messages: publish them in one, "
+            "1 of 3 joints are missing: hip; the joints are split over several messages: publish them in one, "
             "for example with the source_list of joint_state_publisher"
         )
         with refused(sentence):
             self.read(make.joint_state(["knee", "ankle"], [0] * 2, [0] * 2), reader)
 
     def test_velocities_that_are_all_not_a_number_lead_to_the_setting(self, make):
-        setting = "for a robot that measures no velocities, estimation.joint_velocity has to be differentiated"
+        setting = "for a robot without velocity sensors set estimation.joint_velocity to differentiated"
         with refused(f"velocity of 'hip' is nan rad/s; every value must be finite; {setting}"):
             self.read(make.joint_state(JOINTS, [0] * 3, [NAN] * 3))
         with refused(f"velocity has 0 values for 3 names; {setting}"):
@@ -253,7 +253,7 @@ class TestJointStates:
     def test_an_invalid_time(self, make, seconds, nanoseconds):
         content = make.joint_state(JOINTS, [0] * 3, [0] * 3)
         content.header.stamp.sec, content.header.stamp.nanosec = seconds, nanoseconds
-        with refused(f"header.stamp has sec = {seconds}, nanosec = {nanoseconds}; sec is not negative"):
+        with refused(f"header.stamp has sec = {seconds}, nanosec = {nanoseconds}; valid: sec from 0"):
             self.read(content)
 
     def test_a_refused_message_changes_nothing_for_the_next(self, make):
@@ -282,7 +282,7 @@ class TestOdometry:
             self.read(make.odom([0, 0, 0, 0, 0, 0, 1], child="torso"))
 
     @pytest.mark.parametrize(("quaternion", "norm"), [((0, 0, 0, 0), "0"), ((0, 0, 0, 2), "2"), ((1, 1, 0, 0), "1.41")])
-    def test_a_quaternion_that_is_none_is_refused(self, make, quaternion, norm):
+    def test_an_invalid_orientation_is_refused(self, make, quaternion, norm):
         with refused(f"is not a unit quaternion (norm {norm})"):
             self.read(make.odom([0, 0, 0, *quaternion]))
 

@@ -1,4 +1,4 @@
-"""The topic table: names, types, directions, quality of service, and that every row is used."""
+"""The topic table: names, types, directions, quality of service, and use of every row."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def test_qualities_of_service():
 
 
 def assert_compatible(one, other):
-    """One type; the reader asks for no more than the writer offers."""
+    """Equal types; the reader requests no more than the writer offers."""
     assert other.type == one.type
     assert other.direction is not one.direction
     writer, reader = (one, other) if one.direction is Direction.OUT else (other, one)
@@ -148,8 +148,8 @@ def assert_compatible(one, other):
     assert writer.qos.latched >= reader.qos.latched
 
 
-def test_what_the_mock_sends_the_controller_can_read_and_back():
-    """Same names and types; and no reader asks for more than the writer offers."""
+def test_mock_and_controller_have_compatible_endpoints():
+    """Equal names and types; no reader requests more than the writer offers."""
     mock = list(endpoints(MOCK_TOPICS, "mock_robot", contacts=("left", "right")))
     both = {endpoint.name: endpoint for endpoint in endpoints(CONTROLLER_TOPICS, "wbc_controller", task_kinds=KINDS)}
     met = set()
@@ -170,7 +170,7 @@ def test_what_the_mock_sends_the_controller_can_read_and_back():
     ],
 )
 def test_guard_and_estimator_hear_the_controller_and_the_robot(table, node, alone):
-    """Every row has its other end, but for those of users and drivers."""
+    """Every row has its counterpart, except the topics of users and drivers."""
     others = [
         endpoint
         for table, node in ((CONTROLLER_TOPICS, "wbc_controller"), (MOCK_TOPICS, "mock_robot"))
@@ -192,7 +192,7 @@ def test_the_guard_does_not_hear_itself():
 
 
 def test_there_is_no_dead_row(bench):
-    """Every row that comes in is subscribed to and read, every row that goes out is advertised and written."""
+    """Every incoming row is subscribed and read, every outgoing row advertised and written."""
     incoming = {topic.key for topic in CONTROLLER_TOPICS if topic.direction is Direction.IN}
     by_hand = {  # inputs.py, service/
         "joint_states", "odom", "imu", "pose", "measured_wrench", "holds", "command", "robot_description", "clock",

@@ -1,4 +1,4 @@
-"""The topic pose: who reads it, what is refused, and what a robot under control makes of it."""
+"""The topic pose: its use, refusals, and effect on a robot under control."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ THERE = np.array([3.0, -2.0, 0.5, 0.0, 0.0, np.sin(1.0), np.cos(1.0)])
 
 
 class Standing:
-    """Go2, which stands still, with absolute poses every 50 ms."""
+    """Standing Go2 with absolute poses every 50 ms."""
 
     def __init__(self, bench):
         self.bench, self.count, self.refused = bench, 0, []
@@ -52,7 +52,7 @@ def robot(bench):
     return Standing(bench("go2", POSES))
 
 
-def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_without_them(robot):
+def test_activation_requires_a_first_pose_only(robot):
     robot.cycle(80)
     robot.bench.command("activate")
     assert robot.cycle().mode is Mode.INACTIVE
@@ -64,11 +64,11 @@ def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_withou
     assert robot.cycle().mode is Mode.ACTIVE
     np.testing.assert_allclose(robot.base, THERE, atol=1e-3)
     report = robot.cycle(100)
-    assert report.mode is Mode.ACTIVE  # silence is no fault
+    assert report.mode is Mode.ACTIVE  # missing poses are no fault
     assert float(report.inputs.estimate["pose/age"].split()[0]) > 0.2
     before = robot.base.copy()
     off = THERE + [0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    report = robot.cycle(600, off)  # SLAM has found itself elsewhere
+    report = robot.cycle(600, off)  # SLAM relocalized elsewhere
     assert report.mode is Mode.ACTIVE
     np.testing.assert_allclose(robot.base, before, atol=2e-3)
     said = [sentence for sentence in robot.refused if sentence.startswith("/pose: ")]
@@ -84,18 +84,18 @@ def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_withou
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"frame": "odom"}, "header.frame_id is 'odom'; an absolute pose is given in world, map"),
+        ({"frame": "odom"}, "header.frame_id is 'odom'; valid for an absolute pose: world, map"),
         ({"pose": THERE * np.nan}, "the pose holds a value that is not finite"),
-        ({"pose": [2e4, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}, "the position is [20000.0, 0.0, 0.0] m; at most 10000 m"),
+        ({"pose": [2e4, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}, "the position is [20000.0, 0.0, 0.0] m (limit 10000 m from"),
         ({"pose": [0.0] * 7}, "the orientation"),
         ({"variance": np.inf}, "the covariance holds a value that is not finite"),
         ({"variance": -1e-6}, "the covariance has the variances [-1e-06, "),
-        ({"variance": 1e3}, "those of position and heading are at most 100 m² and rad²"),
-        ({"covariance": np.ones(36) + np.diag([-0.5] * 6).ravel()}, "has the eigenvalue -0.5; none is negative"),
+        ({"variance": 1e3}, "(limit 100 m² and rad² for position and heading)"),
+        ({"covariance": np.ones(36) + np.diag([-0.5] * 6).ravel()}, "has the negative eigenvalue -0.5"),
         ({"time": 0}, "header.stamp is 0"),
     ],
 )
-def test_what_is_no_pose_is_refused_with_its_value(robot, changes, said):
+def test_invalid_poses_are_refused_with_the_value(robot, changes, said):
     robot.cycle(5)
     robot.send(**changes)
     robot.cycle()
@@ -111,7 +111,7 @@ def test_stamps_that_go_back_and_messages_that_are_too_large_are_refused(robot):
     robot.send(time=robot.bench.time - 50_000_000)
     robot.bench.send_bytes("pose", b"\x00" * (1 << 17))
     robot.cycle()
-    assert any("before that of the last message" in sentence for sentence in robot.refused)
+    assert any("before the last message" in sentence for sentence in robot.refused)
     assert any("more than 65536 bytes" in sentence for sentence in robot.refused)
 
 
@@ -120,10 +120,10 @@ def test_a_bad_value_is_refused_after_many_good_ones(robot):
     assert robot.refused == []
     robot.send(variance=-1.0)
     robot.cycle()
-    assert "none is negative" in robot.refused[0]
+    assert "they must not be negative" in robot.refused[0]
 
 
-def test_nobody_hears_poses_who_has_not_asked_for_them(bench):
+def test_poses_are_subscribed_only_if_configured(bench):
     quiet = bench("go2", {"estimation": POSES["estimation"] | {"absolute_pose": False}})
     quiet.send("pose", pose_with_covariance(1, "odom", THERE, 0.0, 0.0))
     quiet.cycle()

@@ -1,4 +1,4 @@
-"""The base's state from the topic imu: the same rules as for odometry, and what an estimate needs beside them."""
+"""The base state from the topic imu: the rules of odometry, and those of the estimate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ GRAVITY = (0.0, 0.0, 9.81)
 
 @pytest.fixture
 def robot(bench):
-    """Go2, whose IMU stands still on its feet."""
+    """Go2 with an IMU, standing on its feet."""
     return Standing(bench("go2", IMU))
 
 
@@ -52,7 +52,7 @@ class Standing:
         return self.cycle()
 
 
-def test_a_robot_is_activated_once_it_has_stood_still_and_stands_on_the_estimate(robot):
+def test_activation_after_settling_and_standing_on_the_estimate(robot):
     robot.cycle(5)
     robot.bench.command("activate")
     report = robot.cycle()
@@ -82,7 +82,7 @@ def test_odometry_is_not_used(robot):
 
 def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
     robot.activate()
-    report = robot.cycle(10, imu=False)  # 20 ms are bridged
+    report = robot.cycle(10, imu=False)  # a gap of 20 ms is bridged
     assert report.mode is Mode.ACTIVE
     assert robot.cycle().mode is Mode.ACTIVE
     cycles = 0
@@ -99,9 +99,9 @@ def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
     [
         ({"turning": (np.nan, 0.0, 0.0)}, "angular_velocity holds a value that is not finite"),
         ({"force": (0.0, 0.0, np.inf)}, "linear_acceleration holds a value that is not finite"),
-        ({"turning": (0.0, 200.0, 0.0)}, "angular_velocity is [0.0, 200.0, 0.0] rad/s; an IMU measures at most 100"),
-        ({"force": (0.0, 0.0, -2e3)}, "linear_acceleration is [0.0, 0.0, -2000.0] m/s²; an IMU measures at most 1000"),
-        ({"frame": "head"}, "header.frame_id is 'head'; the IMU's frame is 'base'"),
+        ({"turning": (0.0, 200.0, 0.0)}, "angular_velocity is [0.0, 200.0, 0.0] rad/s (limit 100)"),
+        ({"force": (0.0, 0.0, -2e3)}, "linear_acceleration is [0.0, 0.0, -2000.0] m/s² (limit 1000)"),
+        ({"frame": "head"}, "header.frame_id is 'head'; it must be the IMU's frame 'base'"),
         ({"time": 0}, "header.stamp is 0"),
     ],
 )
@@ -115,7 +115,7 @@ def test_imu_data_that_cannot_be_used_are_refused_and_change_nothing(robot, chan
 
 
 def test_all_data_since_the_last_cycle_count(robot):
-    """Four samples in a period; a short turn is in the second one alone."""
+    """Four samples per period, with a short rotation in the second one."""
     robot.activate()
     bench, turned = robot.bench, []
     for fast in (False, True):
@@ -131,14 +131,14 @@ def test_all_data_since_the_last_cycle_count(robot):
     assert turned[1] == pytest.approx(0.0005, rel=0.2)  # 1 rad/s for half a millisecond
 
 
-def test_a_foot_that_moves_is_said(robot):
+def test_a_slipping_foot_is_reported(robot):
     robot.activate()
     bench = robot.bench
     bench.q = bench.q.copy()
     bench.q[bench.model.q_index[bench.model.joints.index("RR_calf_joint")]] += 0.1
     report = robot.cycle()
-    assert [sentence for sentence in report.refused if "the base's estimate leaves out contact" in sentence] == [
-        "the base's estimate leaves out contact 'rear_right_foot', which moves, and takes it in again where it rests"
+    assert [sentence for sentence in report.refused if "the base estimate ignores" in sentence] == [
+        "the base estimate ignores the slipping contact 'rear_right_foot' until it rests"
     ]
 
 
@@ -152,7 +152,7 @@ def test_a_contact_that_is_switched_off_does_not_hold_the_estimate(robot):
     }  # fmt: skip
 
 
-def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, changed):
+def test_an_imu_without_a_fixed_contact_is_refused(robot_of, changed):
     settings, model = robot_of("go2")
     settings = changed(settings, IMU)
     with pytest.raises(
@@ -167,13 +167,13 @@ def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, c
     assert not estimates_base(changed(settings, {"estimation": {"base_state": "odom"}}), model)
 
 
-def test_a_clock_that_begins_anew_ends_the_estimate(robot):
+def test_a_restart_of_the_clock_ends_the_estimate(robot):
     robot.activate()
     robot.bench.loop._inputs.restart()
     latched = robot.bench.loop._inputs.latch()
     assert (latched.state, latched.ages["base estimate"]) == (None, np.inf)
     assert robot.cycle().fault.code == "STALE_INPUT"
-    assert robot.cycle(10).fault is not None  # it has to stand still again
+    assert robot.cycle(10).fault is not None  # it must be at rest again
     assert robot.bench.loop._inputs.latch().state is None
 
 
@@ -185,8 +185,8 @@ def test_imu_data_without_joint_states_are_not_kept(robot):
     assert robot.bench.loop._inputs._imu == []
 
 
-def test_an_estimate_that_is_lost_begins_anew(robot):
-    """No measurement within the ranges of the messages was found that does it: the filter is spoilt by hand."""
+def test_a_lost_estimate_restarts(robot):
+    """No valid measurement was found that causes it, so the filter is corrupted directly."""
     robot.activate()
     robot.bench.loop._inputs.estimator._running.filter.P[:] = np.nan
     fault = robot.cycle().fault
@@ -240,7 +240,7 @@ def test_one_foot_that_slips_is_no_contradiction(robot):
 
 
 def test_after_a_shock_on_the_hoist_the_estimate_starts_again_with_a_small_velocity(robot):
-    """5 rad/s for 1.5 s: the velocity has grown to 1,500 m/s on the valid data that followed."""
+    """After 5 rad/s for 1.5 s the velocity had grown to 1,500 m/s on valid data."""
     robot.cycle(80)
     estimator = robot.bench.loop._inputs.estimator
     assert estimator.base is not None
@@ -260,7 +260,7 @@ def test_after_a_shock_on_the_hoist_the_estimate_starts_again_with_a_small_veloc
 
 def test_reset_restarts_the_settling(robot):
     robot.activate()
-    robot.bench.command("reset")  # refused, as the controller is active
+    robot.bench.command("reset")  # refused by an active controller
     assert robot.cycle().mode is Mode.ACTIVE
     robot.bench.command("damp")
     robot.cycle(10)
@@ -299,7 +299,7 @@ def holding(robot):
     return {name.partition("/")[0] for name in filter.names}
 
 
-def test_a_force_sensor_decides_on_its_contact_with_hysteresis_while_it_is_fresh(robot):
+def test_a_fresh_force_sensor_decides_with_hysteresis(robot):
     robot.activate()
     weight = robot.bench.model.mass * 9.81
     held = []
@@ -314,8 +314,8 @@ def test_a_force_sensor_decides_on_its_contact_with_hysteresis_while_it_is_fresh
     assert FEET[0] not in holding(robot)
     said = [sentence for _ in range(60) for sentence in robot.cycle().refused]
     assert said == [
-        "/wbc_controller/contacts/front_left_foot/measured_wrench: the force sensor is silent for more than 0.1 s "
-        "(estimation.contact_timeout); contact 'front_left_foot' counts as holding where it is meant to"
+        "/wbc_controller/contacts/front_left_foot/measured_wrench: no force message for more than 0.1 s "
+        "(estimation.contact_timeout); contact 'front_left_foot' is active as commanded"
     ]
     assert FEET[0] in holding(robot)
     force(robot, 0.0)
@@ -323,10 +323,10 @@ def test_a_force_sensor_decides_on_its_contact_with_hysteresis_while_it_is_fresh
     assert FEET[0] not in holding(robot)
 
 
-def test_a_force_decides_before_a_switch_and_a_switch_before_what_is_active(robot):
+def test_precedence_of_force_switch_and_command(robot):
     robot.activate()
     robot.bench.send("holds", message("std_msgs/msg/Bool", data=False), FEET[1])
-    robot.cycle(100)  # a switch may speak on changes alone
+    robot.cycle(100)  # a switch may publish changes only
     assert holding(robot) == {FEET[0], FEET[2], FEET[3]}
     force(robot, 100.0, FEET[1])
     robot.cycle()
@@ -337,17 +337,17 @@ def test_a_force_decides_before_a_switch_and_a_switch_before_what_is_active(robo
     ("changes", "said"),
     [
         ({"newtons": np.nan}, "wrench.force holds a value that is not finite"),
-        ({"newtons": 2e5}, "wrench.force is [0.0, 0.0, 200000.0] N; at a contact it is at most 100000"),
+        ({"newtons": 2e5}, "wrench.force is [0.0, 0.0, 200000.0] N (limit 100000 N)"),
         (
             {"newtons": 50.0, "frame": "head"},
-            "header.frame_id is 'head'; the force at contact 'front_left_foot' is given",
+            "header.frame_id is 'head'; valid for the force at contact 'front_left_foot'",
         ),
         ({"newtons": 50.0, "time": 0}, "header.stamp is 0"),
     ],
 )
-def test_a_force_that_cannot_be_used_is_refused_and_changes_nothing(robot, changes, said):
+def test_an_invalid_force_is_refused_without_effect(robot, changes, said):
     robot.activate()
-    for _ in range(3):  # the third is read in place
+    for _ in range(3):  # the third is read without the codec
         force(robot, 0.0)
         robot.cycle()
     force(robot, **changes)
@@ -357,7 +357,7 @@ def test_a_force_that_cannot_be_used_is_refused_and_changes_nothing(robot, chang
     assert "more than 16384 bytes" in robot.cycle().refused[0]
 
 
-def test_forces_of_a_clock_that_begins_anew_decide_nothing(robot):
+def test_forces_before_a_restart_of_the_clock_are_ignored(robot):
     robot.activate()
     force(robot, 0.0)
     robot.cycle()

@@ -1,4 +1,4 @@
-"""The first seconds of control: torques that reach other joints stop the robot at once, and nothing else does."""
+"""The first seconds of control: torques on wrong joints stop the robot at once, and nothing else does."""
 
 import logging
 
@@ -8,12 +8,12 @@ import pytest
 from wbc_controller.records import Fault, Mode
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Time at which the hoist lets go, and the end of a run, s.
+#: Time of the release from the hoist, and end of a run, s.
 LET_GO, END = 1.0, 3.0
 
 
 class Wired:
-    """A robot on its hoist whose actuators receive the torques in another order; the hoist lets go later."""
+    """A robot on its hoist with permuted torques, released later."""
 
     def __init__(self, settings, order, signs=1.0, held=True):
         self.lockstep = Lockstep(settings)
@@ -28,7 +28,7 @@ class Wired:
         self.efforts, self.speeds = [], []
 
     def run(self, until=END):
-        """Run until the controller stops; returns its last report."""
+        """Run until the controller stops; return its last report."""
         while self.lockstep.time < until:
             report = self.lockstep.cycle()
             self.speeds.append(float(np.abs(self.mock.plant.state()[1][self.model.v_index]).max()))
@@ -102,10 +102,10 @@ def test_a_wrong_sign_stops_the_robot(robot_of):
 @pytest.mark.parametrize("held", [True, False])
 @pytest.mark.parametrize("ramp", [0.0, 0.2, 1.0])
 def test_a_robot_that_receives_its_torques_stays_active(robot_of, changed, name, held, ramp):
-    """On the hoist until it stands, or let go at once, so that it sinks during the ramp."""
+    """On the hoist until it stands, or released at once, so that it sinks during the ramp."""
     settings = changed(robot_of(name)[0], {"safety": {"activation_ramp": ramp}})
     report = Wired(settings, lambda names: np.arange(len(names)), held=held).run()
-    assert report.fault is None or report.fault.code == "FALLEN"  # from no torque at all, with a long ramp
+    assert report.fault is None or report.fault.code == "FALLEN"  # from zero torque, with a long ramp
     assert report.fault is None or ramp == 1.0
 
 

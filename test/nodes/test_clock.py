@@ -1,4 +1,4 @@
-"""A simulator's clock, and a loop that goes by it."""
+"""Simulated time, and a loop with this clock."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTranspo
 from wbc_controller.nodes import simulated_clock
 from wbc_controller.nodes.clock import ManualClock, MonotonicClock
 from wbc_controller.nodes.controller_service import make_clock
-from wbc_controller.nodes.simulated_clock import clock_of
+from wbc_controller.nodes.simulated_clock import make_simulated_clock
 from wbc_controller.records import Mode
 
 
@@ -30,7 +30,7 @@ def clock_and_bytes():
     """A simulated clock, and a function that publishes bytes on its topic."""
     bus = MemoryBus()
     topics = list(endpoints([topic for topic in CONTROLLER_TOPICS if topic.key == "clock"], "controller"))
-    return clock_of(topics, MemoryTransport(bus)), MemoryTransport(bus).advertise(counterpart(topics[0]))
+    return make_simulated_clock(topics, MemoryTransport(bus)), MemoryTransport(bus).advertise(counterpart(topics[0]))
 
 
 @pytest.fixture
@@ -44,27 +44,27 @@ def test_a_simulated_clock_shows_the_messages_and_never_goes_back(clock_and_time
     clock, publish = clock_and_time
     clock.refresh()
     assert (clock.now(), clock.stamp()) == (0.0, 0)
-    assert clock.trouble() == "use_sim_time is set, and no time has arrived on /clock"
+    assert clock.clock_fault() == "use_sim_time is set, but no time was received on /clock"
     publish(5_000_000_000)
     assert clock.now() == 0.0  # until it is read
     clock.refresh()
-    assert (clock.now(), clock.stamp(), clock.trouble()) == (5.0, 5_000_000_000, None)
+    assert (clock.now(), clock.stamp(), clock.clock_fault()) == (5.0, 5_000_000_000, None)
     publish(1_000_000_000)
     clock.refresh()
-    assert (clock.now(), clock.stamp(), clock.ahead()) == (5.0, 1_000_000_000, -4.0)
-    assert clock.trouble() == "the simulated time went back from 5.000 to 1.000 s"
-    assert clock.trouble() is None
+    assert (clock.now(), clock.stamp(), clock.clock_offset()) == (5.0, 1_000_000_000, -4.0)
+    assert clock.clock_fault() == "the simulated time went back from 5.000 to 1.000 s"
+    assert clock.clock_fault() is None
     publish(1_500_000_000)
     clock.refresh()
     assert clock.now() == pytest.approx(5.5)
 
 
-def test_a_jump_back_is_seen_though_the_time_has_passed_the_old_one_when_it_is_read(clock_and_time):
+def test_a_jump_back_is_detected_after_later_times(clock_and_time):
     clock, publish = clock_and_time
     for time_ns in (5_000_000_000, 5_002_000_000, 1_000_000_000, 6_000_000_000):
         publish(time_ns)
     clock.refresh()
-    assert clock.trouble() == "the simulated time went back from 5.002 to 1.000 s"
+    assert clock.clock_fault() == "the simulated time went back from 5.002 to 1.000 s"
     assert clock.now() == pytest.approx(10.002)
 
 
@@ -140,15 +140,15 @@ def test_the_others_have_no_trouble_and_end_their_waiting(clock):
     clock.wait(stop, 0.001)
     stop.set()
     clock.wait(stop, 60.0)
-    assert clock.trouble() is None
+    assert clock.clock_fault() is None
     assert clock.stamp() > 0
 
 
 @pytest.fixture
 def simulated(bench):
-    """A controller on a bench, and a function that gives it a time, a state of it, and a cycle."""
+    """A controller on a bench, and a function that publishes a time and its state, and runs a cycle."""
     controller = bench()
-    clock = clock_of(controller.topics, controller.transport)
+    clock = make_simulated_clock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
 
     def cycle(seconds, **parts):
@@ -169,7 +169,7 @@ def test_without_a_clock_there_is_no_activation(simulated):
     controller.base()
     controller.joints()
     (sentence,) = controller.loop.cycle().refused
-    assert "use_sim_time is set, and no time has arrived on /clock" in sentence
+    assert "use_sim_time is set, but no time was received on /clock" in sentence
     controller.command("activate")
     assert cycle(1.0).mode is Mode.ACTIVE
 
@@ -178,7 +178,7 @@ def test_ages_ramps_and_stamps_go_by_simulated_time(simulated):
     controller, cycle = simulated
     controller.command("activate")
     cycle(1.0)
-    time.sleep(0.1)  # twice what a state may be old
+    time.sleep(0.1)  # twice the largest age
     assert cycle(1.002, state=False).mode is Mode.ACTIVE
     report = cycle(1.02, state=False)
     assert report.inputs.ages["joint_states"] == pytest.approx(0.02)
@@ -189,7 +189,7 @@ def test_ages_ramps_and_stamps_go_by_simulated_time(simulated):
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "STALE_INPUT")
 
 
-def test_a_simulator_that_begins_anew_is_a_fault_with_that_reason(simulated):
+def test_a_restart_of_the_simulator_is_a_clock_fault(simulated):
     controller, cycle = simulated
     controller.command("activate")
     assert cycle(10.0).mode is Mode.ACTIVE
@@ -202,7 +202,7 @@ def test_a_simulator_that_begins_anew_is_a_fault_with_that_reason(simulated):
     assert cycle(0.504).mode is Mode.ACTIVE
 
 
-def test_a_wall_clock_that_is_set_is_said_where_stamps_are_compared_with_it(monkeypatch):
+def test_a_step_of_a_synchronized_wall_clock_is_reported(monkeypatch):
     now = {"wall": 1_700_000_000_000_000_000, "own": 50.0, "apart": 0.0}
 
     def own():
@@ -212,29 +212,29 @@ def test_a_wall_clock_that_is_set_is_said_where_stamps_are_compared_with_it(monk
     monkeypatch.setattr(time, "time_ns", lambda: now["wall"])
     monkeypatch.setattr(time, "monotonic", own)
     clock, other = MonotonicClock(synchronized=True), MonotonicClock()
-    assert clock.ahead() == pytest.approx(1.7e9 - 50.0, abs=1e-6)
+    assert clock.clock_offset() == pytest.approx(1.7e9 - 50.0, abs=1e-6)
     now["wall"] += 2_000_000_000
     now["own"] += 2.0
-    assert clock.trouble() is None
-    now["wall"] += 1_000_000  # within what synchronization does
-    assert clock.trouble() is None
+    assert clock.clock_fault() is None
+    now["wall"] += 1_000_000  # within the accuracy of synchronization
+    assert clock.clock_fault() is None
     now["wall"] += 5_000_000
-    assert other.trouble() is None
-    assert clock.trouble() == "this computer's clock was set forward by 0.005 s"
-    assert clock.trouble() is None
-    assert clock.ahead() == pytest.approx(1.7e9 - 50.0 + 0.006, abs=1e-5)
+    assert other.clock_fault() is None
+    assert clock.clock_fault() == "this computer's clock was set forward by 0.005 s"
+    assert clock.clock_fault() is None
+    assert clock.clock_offset() == pytest.approx(1.7e9 - 50.0 + 0.006, abs=1e-5)
     now["wall"] -= 5_000_000
-    now["apart"] = 0.01  # the processor was lost between the two readings: they say nothing
-    assert clock.trouble() is None
+    now["apart"] = 0.01  # preempted between the two readings: no result
+    assert clock.clock_fault() is None
     now["apart"] = 0.0
-    assert clock.trouble().startswith("this computer's clock was set back by 0.0")
+    assert clock.clock_fault().startswith("this computer's clock was set back by 0.0")
 
 
 SYNCHRONIZED = {"safety": {"synchronized_clocks": True}}
 
 
 def states(controller, latency, count=100):
-    """States that arrive with a latency, constant from the start; negative where the robot's clock is ahead."""
+    """Send states with a latency that is constant from the start; negative if the robot's clock is ahead."""
     for _ in range(count):
         controller.clock.time += controller.period
         at = round((controller.clock.time - latency) * 1e9)
@@ -259,8 +259,8 @@ def test_with_synchronized_clocks_a_constant_latency_does_not_activate(bench):
     controller.command("activate")
     (sentence,) = states(controller, 1.0, 1).refused
     assert sentence == (
-        "command 'activate' is refused: joint_states is 1000 ms old (limit 50 ms); 1.000 s of it on its way, or the "
-        "clocks are not synchronized; odom is 1000 ms old (limit 50 ms); 1.000 s of it on its way, or the clocks are "
+        "command 'activate' is refused: joint_states is 1000 ms old (limit 50 ms); 1.000 s of it in transit, or the "
+        "clocks are not synchronized; odom is 1000 ms old (limit 50 ms); 1.000 s of it in transit, or the clocks are "
         "not synchronized"
     )
 
@@ -276,7 +276,7 @@ def test_without_them_it_does(bench):
     ("skew", "said"),
     [
         (0.2, "last refusal: header.stamp is 0.1"),
-        (-0.2, "header.stamp is 0.200 s ahead of this computer's clock (limit 10 ms, safety.clock_tolerance)"),
+        (-0.2, "header.stamp is 0.200 s ahead of the local clock (limit 10 ms, safety.clock_tolerance)"),
     ],
 )
 def test_clocks_that_part_are_a_fault_that_says_by_how_much(bench, skew, said):
@@ -286,16 +286,16 @@ def test_clocks_that_part_are_a_fault_that_says_by_how_much(bench, skew, said):
     assert said in report.fault.sentence
 
 
-def test_a_clock_that_is_set_while_active_is_a_fault_and_the_ages_begin_anew(bench, monkeypatch):
+def test_a_clock_step_while_active_is_a_fault_and_restarts_the_ages(bench, monkeypatch):
     controller = synchronized(bench)
     clock = controller.clock
     with monkeypatch.context() as patch:
-        patch.setattr(clock, "trouble", lambda: "this computer's clock was set forward by 3.500 s")
-        patch.setattr(clock, "ahead", lambda: 3.5)
+        patch.setattr(clock, "clock_fault", lambda: "this computer's clock was set forward by 3.500 s")
+        patch.setattr(clock, "clock_offset", lambda: 3.5)
         report = states(controller, -3.5, 1)
         assert report.mode is Mode.DAMPING
-        assert (report.fault.code, report.fault.sentence) == ("CLOCK", clock.trouble())
-        patch.setattr(clock, "trouble", lambda: None)
+        assert (report.fault.code, report.fault.sentence) == ("CLOCK", clock.clock_fault())
+        patch.setattr(clock, "clock_fault", lambda: None)
         controller.command("reset")
         states(controller, -3.5, 10)
         controller.command("activate")
@@ -305,7 +305,7 @@ def test_a_clock_that_is_set_while_active_is_a_fault_and_the_ages_begin_anew(ben
 @pytest.mark.parametrize(("latency", "mode"), [(1.0, Mode.INACTIVE), (0.0, Mode.ACTIVE)])
 def test_with_a_simulators_clock_a_constant_latency_counts_too(bench, latency, mode):
     controller = bench(changes=SYNCHRONIZED)
-    clock = clock_of(controller.topics, controller.transport)
+    clock = make_simulated_clock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
     controller.command("activate")
     for _ in range(50):
@@ -314,9 +314,9 @@ def test_with_a_simulators_clock_a_constant_latency_counts_too(bench, latency, m
 
 
 @pytest.mark.parametrize("changes", [None, SYNCHRONIZED])
-def test_a_simulators_clock_that_stands_still_while_states_go_on_is_a_fault_and_damping_goes_on(bench, changes):
+def test_a_stall_of_simulated_time_is_a_fault_and_damping_continues(bench, changes):
     controller = bench(changes=changes)
-    clock = clock_of(controller.topics, controller.transport)
+    clock = make_simulated_clock(controller.topics, controller.transport)
     controller.loop = controller.remake(clock)
     controller.command("activate")
     for _ in range(700):
@@ -331,18 +331,16 @@ def test_a_simulators_clock_that_stands_still_while_states_go_on_is_a_fault_and_
             break
     assert controller.clock.time - froze > timeout - 1e-9
     assert (report.mode, report.fault.code) == (Mode.DAMPING, "CLOCK")
-    assert re.fullmatch(
-        r"the clock has stood still for 5[0-2] ms of the states' time \(limit 50 ms\)", report.fault.sentence
-    )
+    assert re.fullmatch(r"the clock stopped for 5[0-2] ms of the states' time \(limit 50 ms\)", report.fault.sentence)
     controller.v[controller.model.v_index] = 0.5
     report = states(controller, 0.0, 20)
-    # The time of the torque rate does not stand still; those states are refused that are ahead of a known clock.
+    # The time of the torque rate continues; states ahead of a known clock are refused.
     assert (report.command.tau < 0.0).all() if changes is None else not report.command.tau.any()
 
 
 @pytest.fixture
 def starved(bench):
-    """A controller by a simulator's clock, whose transport's thread runs on request alone; active for a second."""
+    """A controller with simulated time and a transport thread on request, active for a second."""
     controller = bench()
     controller.transport.close()
     controller.transport = StarvedThread(controller.bus)
@@ -367,7 +365,7 @@ def test_a_starved_thread_of_the_transport_does_not_stop_the_clock(starved):
 
 
 def test_a_starved_loop_takes_the_newest_state_and_its_time(starved):
-    """All that the simulator sends while the loop gets no processor waits for it."""
+    """All messages of the simulator wait while the loop is preempted."""
     for _ in range(20):
         for _ in range(100):  # 0.2 s, four times the limit of the ages
             time_and_state(starved)
@@ -378,7 +376,7 @@ def test_a_starved_loop_takes_the_newest_state_and_its_time(starved):
 
 @pytest.mark.parametrize("late", [1, 10, 20])
 def test_times_that_arrive_after_their_states_are_no_fault_within_the_limit_of_the_stamps(starved, late):
-    """Two topics are two readers: the middleware may deliver the state of a time first."""
+    """Two topics are two readers: the middleware may deliver a state before its time."""
     for count in range(1000):
         starved.give_state()
         now = starved.clock.time
@@ -397,7 +395,7 @@ def test_the_simulator_may_pause(starved):
 
 
 def time_and_state(controller, *, with_time=True):
-    """Let a period pass, and send the time and the state."""
+    """Advance by a period, and send time and state."""
     controller.clock.time += controller.period
     if with_time:
         controller.send("clock", time_message(controller.time))
@@ -406,7 +404,7 @@ def time_and_state(controller, *, with_time=True):
 
 
 def states_with_time(controller, count, every=1):
-    """States, with the time before each, or before some: of a clock that is coarser than the states."""
+    """Send states with the time before each or before some: a clock coarser than the states."""
     for number in range(count):
         time_and_state(controller, with_time=number % every == 0)
         report = controller.loop.cycle()
@@ -422,32 +420,32 @@ def test_a_clock_at_100_hz_is_fine_enough(starved):
 
 
 @pytest.mark.parametrize(("rate", "said"), [(10, "in steps of 100 ms"), (15, "in steps of 66 ms")])
-def test_a_coarse_clock_is_not_said_to_have_stood_still(simulated, rate, said):
+def test_a_coarse_clock_is_not_a_stall(simulated, rate, said):
     controller, _ = simulated
     every, sentences = round(1.0 / (rate * controller.period)), []
     for number in range(1000):
         time_and_state(controller, with_time=number % every == 0)
-        if number >= 2 * every:  # with two messages its step is known
+        if number >= 2 * every:  # two messages show its step
             controller.command("activate")
         report = controller.loop.cycle()
         sentences += [*report.refused, report.fault.sentence if report.fault is not None else ""]
     assert not any("stood still" in sentence for sentence in sentences)
-    assert any(f"the clock moves {said}, too coarse to measure ages up to 50 ms" in each for each in sentences)
+    assert any(f"the clock advances {said}, too coarse for ages up to 50 ms" in each for each in sentences)
 
 
 @pytest.mark.parametrize("asked", [1, 20, 220, 260])
 @pytest.mark.parametrize(
     ("changes", "rate", "said"),
     [
-        (None, 10, "in steps of 100 ms, too coarse to measure ages up to 50 ms (safety.state_timeout)"),
-        (SYNCHRONIZED, 10, "in steps of 100 ms, too coarse to measure ages up to 10 ms (safety.clock_tolerance)"),
-        (SYNCHRONIZED, 50, "in steps of 20 ms, too coarse to measure ages up to 10 ms (safety.clock_tolerance)"),
+        (None, 10, "in steps of 100 ms, too coarse for ages up to 50 ms (safety.state_timeout)"),
+        (SYNCHRONIZED, 10, "in steps of 100 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
+        (SYNCHRONIZED, 50, "in steps of 20 ms, too coarse for ages up to 10 ms (safety.clock_tolerance)"),
     ],
 )
 def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes, rate, said, asked):
-    """Whenever the activation is requested: in the first step of the clock, at a time of it, or between two."""
+    """Activation in the first step of the clock, at one of its times, or between two."""
     controller = bench(changes=changes)
-    controller.loop = controller.remake(clock_of(controller.topics, controller.transport))
+    controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
     every, refused = round(1.0 / (rate * controller.period)), []
     for number in range(400):
         time_and_state(controller, with_time=number % every == 0)
@@ -462,7 +460,7 @@ def test_with_a_coarse_clock_activation_is_refused_with_its_step(bench, changes,
 
 def test_an_activation_at_the_start_waits_for_the_step_of_the_clock(bench):
     controller = bench()
-    controller.loop = controller.remake(clock_of(controller.topics, controller.transport))
+    controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
     controller.loop._activate_when_fresh = True
     modes = []
     for number in range(20):
@@ -474,15 +472,15 @@ def test_an_activation_at_the_start_waits_for_the_step_of_the_clock(bench):
 @pytest.mark.parametrize(("changes", "rate"), [(None, 20), (SYNCHRONIZED, 100)])
 def test_a_clock_as_fine_as_the_limit_is_accepted(bench, changes, rate):
     controller = bench(changes=changes)
-    controller.loop = controller.remake(clock_of(controller.topics, controller.transport))
+    controller.loop = controller.remake(make_simulated_clock(controller.topics, controller.transport))
     every = round(1.0 / (rate * controller.period))
     states_with_time(controller, 3 * every, every=every)
     controller.command("activate")
     assert states_with_time(controller, 500, every=every).mode is Mode.ACTIVE
 
 
-def test_a_state_that_becomes_stale_in_simulated_time_while_the_torques_are_computed_sends_none(starved, monkeypatch):
-    """The simulator went on while the process stood still in mid-cycle."""
+def test_torques_of_a_state_that_became_stale_are_not_sent(starved, monkeypatch):
+    """The simulator continued while the process was stopped during a cycle."""
     computed = starved.loop.controller.cycle
 
     def slow(inputs):
@@ -497,9 +495,9 @@ def test_a_state_that_becomes_stale_in_simulated_time_while_the_torques_are_comp
     assert np.array_equal(starved.efforts()[-1], report.command.tau)
 
 
-def test_a_loop_on_deadlines_whose_clock_cannot_be_read_goes_on_and_logs_it(bench, monkeypatch, caplog):
+def test_an_unreadable_clock_is_logged_and_the_loop_continues(bench, monkeypatch, caplog):
     controller = bench()
-    clock = clock_of(controller.topics, controller.transport)
+    clock = make_simulated_clock(controller.topics, controller.transport)
     loop, stop, waits = controller.remake(clock), threading.Event(), []
 
     def broken(stop, seconds):
@@ -515,8 +513,8 @@ def test_a_loop_on_deadlines_whose_clock_cannot_be_read_goes_on_and_logs_it(benc
 
 
 @pytest.mark.parametrize("by_itself", [True, False])
-def test_an_activation_whose_first_torques_are_late_is_refused_without_a_fault(simulated, monkeypatch, by_itself):
-    """Before the first torques a simulator does not wait for the controller, and nothing has been sent."""
+def test_an_activation_with_late_first_torques_is_refused(simulated, monkeypatch, by_itself):
+    """Before the first torques a simulator does not wait for the controller, and no torques were sent."""
     controller, cycle = simulated
     loop, computed = controller.loop, controller.loop.controller.cycle
 
@@ -537,7 +535,7 @@ def test_an_activation_whose_first_torques_are_late_is_refused_without_a_fault(s
     assert (report.mode, report.fault) == (Mode.INACTIVE, None)
     (sentence,) = report.refused
     assert re.match(
-        r"command 'activate' is refused: when the torques were computed, joint_states is 60 ms old", sentence
+        r"command 'activate' is refused: after the computation of the torques, joint_states is 60 ms old", sentence
     )
     assert not controller.efforts().any()
     report = cycle(1.064)

@@ -1,4 +1,4 @@
-"""The estimator of the base as a node, on the memory transport, beside a robot whose truth is known."""
+"""The base estimator as a node on the memory transport, with a robot of known truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FEET = {"front_left_foot", "front_right_foot", "rear_left_foot", "rear_right_foo
 
 
 class Robot(Peer):
-    """Go2, controlled by its true state, and the node that sees its sensors alone."""
+    """Go2 controlled by its true state, and a node with its sensors only."""
 
     def __init__(self, transport=MemoryTransport):
         self.simulation = Simulation("go2", preflight=False)
@@ -69,7 +69,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def standing():
-    """One that is estimated; the tests that take it leave it so."""
+    """A robot with a running estimate, which the tests leave unchanged."""
     robot = Robot()
     robot.run(0.7)
     return robot
@@ -79,7 +79,7 @@ def push(time=1):
     return wrench_stamped(np.array([0.0, 0.0, 40.0, 0.0, 0.0, 40.0]), "", time)
 
 
-def test_nothing_is_said_before_the_robot_has_stood_still(robot):
+def test_no_odometry_before_settling(robot):
     robot.run(0.3)
     assert robot.all("odom") == []
     assert robot.all("tf") == []
@@ -88,7 +88,7 @@ def test_nothing_is_said_before_the_robot_has_stood_still(robot):
     assert robot.said.message == "the robot has to stand still for 0.5 s"
 
 
-def test_each_joint_state_is_answered_by_where_the_base_is(standing):
+def test_each_joint_state_is_answered_by_odometry(standing):
     assert (standing.said.level, standing.said.message) == (0, "the base is estimated")
     assert set(standing.values["holding"].split(", ")) == FEET
     com = standing.controller.dynamics.com.copy()
@@ -126,10 +126,10 @@ def test_an_imu_that_is_silent_leaves_no_estimate_to_publish(standing):
     standing.simulation.run(0.05, lambda _: standing.sense(imu=False))
     assert len(standing.all("odom")) == before
     standing.run(0.02)
-    assert len(standing.all("odom")) > before  # the gap was short
+    assert len(standing.all("odom")) > before  # short gap
 
 
-def test_a_long_silence_begins_the_estimate_anew(robot):
+def test_a_long_imu_gap_restarts_the_estimate(robot):
     robot.run(0.7)
     robot.simulation.run(0.2, lambda _: robot.sense(imu=False))
     before = len(robot.all("odom"))
@@ -156,9 +156,9 @@ def test_an_imu_that_contradicts_all_contacts_is_named_and_the_estimate_starts_a
     assert np.abs(robot.node.estimator.base[1]).max() < 0.02
 
 
-def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
+def test_an_estimate_restarts_with_a_restarted_clock(robot):
     robot.run(0.7)
-    robot.node._stamp = 1e6  # as where the clock went further before
+    robot.node._stamp = 1e6  # as with the clock advanced before
     robot.node.estimator.restart()
     before = len(robot.all("odom"))
     robot.run(0.7)
@@ -167,9 +167,9 @@ def test_an_estimate_that_begins_anew_may_be_of_a_clock_that_has(robot):
 
 def test_which_contacts_hold():
     robot = Robot()
-    assert robot.holding() == FEET  # nobody has said anything: those of the configuration
+    assert robot.holding() == FEET  # without messages: the contacts of the configuration
     robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
-    assert robot.holding() == FEET  # a robot that hangs at the start presses on nothing
+    assert robot.holding() == FEET  # a hanging robot has no contact forces at the start
     robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_left_foot")
     robot.run(0.7)
     now = robot.clock.time
@@ -179,7 +179,7 @@ def test_which_contacts_hold():
     robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")
     robot.send("holds", message("std_msgs/msg/Bool", data=True), "front_right_foot")
     assert robot.holding() == {"rear_right_foot", "front_right_foot"}
-    robot.clock.time = now + 0.2  # the controller sends no forces any more
+    robot.clock.time = now + 0.2  # without forces of the controller
     assert robot.holding() == FEET - {"front_left_foot"}
 
 
@@ -198,17 +198,17 @@ def test_the_true_forces_of_the_feet_are_heard_and_one_that_is_silent_is_named(r
                 robot.send("measured_wrench", wrench_stamped(wrench, "world", stamp), name)
         robot.sense()
 
-    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force decides before it
+    robot.send("holds", message("std_msgs/msg/Bool", data=False), "front_left_foot")  # a force has precedence
     robot.simulation.run(0.15, feel)
     assert robot.node._inputs.holding == FEET
     assert not any(key.startswith("note//") for key in robot.values)
     robot.simulation.run(0.3, feel)
     note = robot.values["note//base_estimator/contacts/rear_left_foot/measured_wrench"]
-    assert note.startswith("the force sensor is silent for more than 0.1 s")
+    assert note.startswith("no force message for more than 0.1 s")
     assert robot.node._inputs.holding == FEET
 
 
-def test_what_is_refused_is_said(robot, make):
+def test_refusals_are_reported(robot, make):
     robot.send("holds", b"\x00\x01", "rear_left_foot")
     robot.sense()
     names = list(robot.model.joints[:-1])

@@ -1,4 +1,4 @@
-"""The guard behind its topics: what it takes for a command, what it says, and what it leaves behind."""
+"""The guard with its topics: accepted commands, messages, and state after its end."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TABLE = list(endpoints(GUARD_TOPICS, NODE_NAME))
 
 
 class Stage(Peer):
-    """A guard on the memory transport, and a user who plays the controller and the robot."""
+    """A guard on the memory transport, and a user in place of controller and robot."""
 
     def __init__(self, robot_of, make, changed, changes=None, transport=MemoryTransport):
         self.settings, self.model = robot_of("go2")
@@ -105,7 +105,7 @@ def test_a_guard_without_patience_does_not_flood_the_log(stage, caplog):
     assert caplog.messages[0].startswith("damping COMMANDS_STOPPED: the last command came 1")
     assert caplog.messages[0].endswith(" ms ago, in mode active")
     assert re.search(
-        r"; \d\d changes before, not logged: guard.patience \(12 ms\) may be too short$", caplog.messages[1]
+        r"; \d\d earlier changes not logged: guard.patience \(12 ms\) may be too short$", caplog.messages[1]
     )
     assert caplog.messages[-1].startswith("watching")
 
@@ -146,17 +146,17 @@ def test_a_second_publisher_of_the_controllers_topics_is_reported(stage, caplog)
     second = MemoryTransport(on.bus, "stray")
     for key in ("joint_commands", "controller_state"):
         second.advertise(topics[key])
-    on.service.watch.look()
+    on.service.watch.check()
     on.run(0.1, commands=True)
     (status,) = on.all("diagnostics")[-1].status
     values = {each.key: each.value for each in status.values}
     named = values["publishers/joint_commands"].split(", ")
     assert "/stray" in named
-    assert len(named) == 2  # the user of this test publishes commands, too
+    assert len(named) == 2  # this test publishes commands too
     assert status.level == 1
     (commands, _) = sorted(caplog.messages)
-    assert commands.startswith("/wbc_controller/joint_commands has several publishers, ")
-    assert commands.endswith("the guard cannot tell when the controller stops; end all but one")
+    assert commands.startswith("/wbc_controller/joint_commands has several publishers: ")
+    assert commands.endswith("the guard cannot detect the end of the controller: stop all but one")
 
 
 @pytest.mark.parametrize("torques", [np.nan, np.inf, 1e308, -1e4])
@@ -185,7 +185,7 @@ def test_bytes_that_are_no_message_do_no_harm(stage, key, payload, caplog):
     np.testing.assert_allclose(on.efforts()[-1], -1.0)
 
 
-def test_stale_joint_states_mean_zero_torque_and_it_says_so(stage):
+def test_stale_joint_states_lead_to_reported_zero_torque(stage):
     on = stage()
     on.mode("active")
     on.run(0.1, commands=True)
@@ -194,7 +194,7 @@ def test_stale_joint_states_mean_zero_torque_and_it_says_so(stage):
     assert not on.efforts()[-1].any()
     said = on.all("state")[-1].data
     assert said.startswith("damping COMMANDS_STOPPED: ")
-    assert "; zero torque, as the joint velocities are not fresh (velocity of 'FL_hip_joint' is nan rad/s" in said
+    assert "; zero torque, because the joint velocities are stale (velocity of 'FL_hip_joint' is nan rad/s" in said
 
 
 def test_diagnostics_by_the_conventions(stage):
@@ -213,7 +213,7 @@ def test_diagnostics_by_the_conventions(stage):
 
 
 def test_before_a_takeover_it_looks_again_for_commands_that_wait_to_be_read(stage, monkeypatch):
-    """If its own thread was kept off the processor, so was the one that reads."""
+    """If its thread was preempted, so was the reading thread."""
     on = stage()
     on.mode("active")
     on.run(0.1, commands=True)
@@ -242,7 +242,7 @@ def test_commands_that_a_starved_thread_has_not_read_prevent_a_takeover(robot_of
         on.command(time=2_000_000 * period)
         on.service.cycle()
     assert on.service.guard.takeovers == 0
-    on.mode("inactive")  # and has let go of the robot
+    on.mode("inactive")  # it has released the robot
     on.command(torques=0.0, time=2_000_000_000)
     on.clock.time += 0.1
     on.service.cycle()
@@ -345,7 +345,7 @@ def test_it_needs_neither_pinocchio_nor_a_solver():
     assert done.stdout.strip() == "[]"
 
 
-def test_it_damps_by_positions_where_the_robot_measures_no_velocities(stage):
+def test_damping_with_differentiated_velocities(stage):
     guard = stage(estimation={"joint_velocity": "differentiated"})
     names, speed = guard.model.joints, 0.05
     for i in range(150):
@@ -359,5 +359,5 @@ def test_it_damps_by_positions_where_the_robot_measures_no_velocities(stage):
     assert guard.service.guard.mode is GuardMode.DAMPING
     assert "not fresh" not in guard.all("state")[-1].data
     damping = make_guard_damping(guard.settings, guard.model) @ np.full(len(names), speed)
-    assert (damping < 0.8 * guard.settings.guard.damping * speed).all()  # less, as these velocities are late
+    assert (damping < 0.8 * guard.settings.guard.damping * speed).all()  # less, because these velocities are late
     np.testing.assert_allclose(guard.efforts()[-1], -damping, rtol=1e-3)

@@ -1,4 +1,4 @@
-"""The loop: one way through per cycle, ages and deadlines, and what ends in which mode."""
+"""The loop: order of a cycle, ages and deadlines, and resulting modes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_one_command_for_each_state_with_its_stamp(bench):
     assert [each.cycle for each in controller.reports] == list(range(21))
 
 
-def test_activation_starts_from_zero_torque_and_reaches_what_carries_the_robot(bench):
+def test_activation_ramps_from_zero_to_the_standing_torques(bench):
     controller = bench().activated(600)
     efforts = controller.efforts()
     assert not efforts[0].any()
@@ -98,7 +98,7 @@ def test_an_input_is_stale_one_cycle_after_the_timeout(bench, missing):
 
 @pytest.mark.parametrize(("age", "mode"), [(0.0625, Mode.ACTIVE), (0.0625 + 2.0**-30, Mode.DAMPING)])
 def test_exactly_at_the_timeout_an_input_is_fresh(bench, age, mode):
-    # Numbers that a float holds exactly.
+    # Exact floating-point numbers.
     controller = bench(changes={"safety": {"state_timeout": 0.0625}})
     controller.clock.time = 128.0
     controller.base()
@@ -109,7 +109,7 @@ def test_exactly_at_the_timeout_an_input_is_fresh(bench, age, mode):
     assert controller.loop.cycle().mode is mode
 
 
-def test_the_sentence_says_why_the_messages_that_came_did_not_count(bench):
+def test_the_fault_contains_the_last_refusal(bench):
     controller = bench().activated()
     for _ in range(30):
         controller.clock.time += controller.period
@@ -136,12 +136,12 @@ def test_damping_opposes_fresh_velocities_and_lets_stale_ones_sink(bench):
     assert report.mode is Mode.FAULT
     assert report.fault.code == "STALE_INPUT"
     controller.command("reset")
-    controller.v[:] = 0.0  # at rest, as its positions say
+    controller.v[:] = 0.0  # at rest, by its positions
     assert controller.cycle().mode is Mode.INACTIVE
     assert controller.activate().mode is Mode.ACTIVE
 
 
-def test_without_a_solution_the_last_torques_are_held_then_damped_then_none(bench, monkeypatch, caplog):
+def test_without_a_solution_torques_are_held_then_damped_then_zero(bench, monkeypatch, caplog):
     controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
     held = controller.reports[-1].command.tau
 
@@ -171,12 +171,12 @@ def divide_by_zero(*arguments):
 
 
 def press_at_most(controller, monkeypatch, force):
-    """Limit the normal force of a foot, N; below zero no solution exists."""
+    """Limit the normal force of a foot, N; below zero the program is infeasible."""
     monkeypatch.setattr(controller.loop.controller.qp.contacts["front_left_foot"], "max_normal_force", force)
 
 
 def delayed_explanation(monkeypatch):
-    """Have the search for an explanation wait for the event that is returned."""
+    """Block the search for an explanation until the returned event is set."""
     release, explained = threading.Event(), NoSolution.explained
 
     def slow(failure):
@@ -188,7 +188,7 @@ def delayed_explanation(monkeypatch):
 
 
 def searched(controller):
-    """Wait for the search that runs beside the loop."""
+    """Wait for the concurrent search."""
     controller.loop.controller._explanation.result()
 
 
@@ -219,10 +219,10 @@ def test_a_failure_is_explained_once_and_the_explanation_stays(bench, monkeypatc
         assert (report.mode, report.fault.infeasibility) == (mode, why)
         assert why.sentence in last_status(controller).message
     assert len(searches) == 1
-    assert searches[0] is not threading.current_thread()  # the loop commands on, meanwhile
+    assert searches[0] is not threading.current_thread()  # the loop continues meanwhile
 
 
-def test_commands_go_on_while_a_failure_is_being_explained(bench, monkeypatch):
+def test_commands_continue_during_an_explanation(bench, monkeypatch):
     controller = bench(changes={"safety": {"damping_time": 0.1, "hold_time": 0.05}}).activated(600)
     press_at_most(controller, monkeypatch, -50.0)
     release = delayed_explanation(monkeypatch)
@@ -230,7 +230,7 @@ def test_commands_go_on_while_a_failure_is_being_explained(bench, monkeypatch):
     report = controller.cycle(40)
     assert len(controller.efforts()) == sent + 40
     assert (report.mode, report.fault.infeasibility) == (Mode.DAMPING, None)
-    press_at_most(controller, monkeypatch, 400.0)  # it is the failure that is explained, not what is now
+    press_at_most(controller, monkeypatch, 400.0)  # it explains the failure, not the present state
     release.set()
     searched(controller)
     report = controller.cycle()
@@ -356,7 +356,7 @@ def test_the_reason_names_several_publishers_of_the_topic(bench):
     for topic in controller.topics:
         if topic.key == "joint_states":
             second.advertise(counterpart(topic))
-    controller.cycle(200)  # the graph is read four times a second
+    controller.cycle(200)  # the graph is checked four times per second
     controller.give_state(joints=False)
     zeros_on_joint_states(controller)
     (sentence,) = controller.loop.cycle().refused
@@ -382,7 +382,7 @@ ABSURD = {
 
 
 @pytest.mark.parametrize("name", ABSURD)
-def test_an_absurd_request_is_refused_with_its_range_and_the_robot_stands_on(bench, make, name):
+def test_an_extreme_request_is_refused_with_its_range(bench, make, name):
     controller = bench().activated(20)
     board = controller.loop.controller.board
     before = board._trajectories["com"]
@@ -403,7 +403,7 @@ def test_commands_to_an_inactive_controller_are_refused_in_words(bench, make):
     controller.send("setpoint", make.point([0, 0, 0.3]), "com")
     report = controller.cycle()
     assert report.refused == ("2 task or contact commands: the controller is inactive; send 'activate' first",)
-    controller.cycle(5)  # diagnostics that are on their way go first
+    controller.cycle(5)  # finish pending diagnostics first
     assert report.refused[0] in last_status(controller).message
 
 
@@ -462,7 +462,7 @@ def test_the_same_messages_give_the_same_torques(bench, make):
 
 
 class Schedule(threading.Event):
-    """A stop event on a clock that is set by hand: waiting lets exactly that time pass."""
+    """Stop event on a manual clock: waiting advances the clock."""
 
     def __init__(self, clock, until):
         super().__init__()
@@ -479,7 +479,7 @@ class Schedule(threading.Event):
 
 
 def timed(controller, monkeypatch, costs, until):
-    """Run the timer mode where each cycle takes some of `costs`; gives when each began."""
+    """Run the timer mode with cycle times from `costs`; return the start of each cycle."""
     began = []
     costs = iter(costs)
 
@@ -530,7 +530,7 @@ def test_the_end_of_the_loop_leaves_no_torque(bench, active):
 
 @pytest.mark.parametrize("where", ["supervisor", "publish", "inputs", "observer"])
 def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(bench, monkeypatch, where):
-    """Whatever is raised around the controller: the process goes on, with no torque left applied."""
+    """After any exception around the controller the process continues, with zero torques."""
     controller = bench().activated(600)
     assert controller.efforts()[-1].any()
     loop, stop = controller.loop, threading.Event()
@@ -556,7 +556,7 @@ def test_a_loop_in_which_something_fails_sends_zeros_and_damps_with_a_fault(benc
     assert damped[0].fault.sentence == "MemoryError: none left"
 
 
-def test_it_activates_by_itself_when_asked_as_soon_as_inputs_are_fresh(bench, monkeypatch):
+def test_automatic_activation_with_fresh_inputs(bench, monkeypatch):
     controller = bench()
     modes = []
     cycle = controller.loop.cycle
@@ -577,10 +577,10 @@ def test_it_activates_by_itself_when_asked_as_soon_as_inputs_are_fresh(bench, mo
     assert not any(report.refused for report in controller.reports)
 
 
-def test_where_states_start_cycles_it_waits_no_longer_than_until_they_are_stale(bench):
+def test_a_triggered_loop_waits_until_states_are_stale(bench):
     controller = bench()
-    patience = controller.loop._patience
-    assert patience(0.002) == 0.002  # none has come yet
+    patience = controller.loop._wait_time
+    assert patience(0.002) == 0.002  # no joint states yet
     controller.joints()
     controller.loop.cycle()
     assert patience(0.002) == pytest.approx(TIMEOUT)
@@ -598,7 +598,7 @@ def test_each_joint_state_starts_one_cycle(bench):
     controller.loop.observers = (lambda report: began.set(), controller.reports.append)
     thread.start()
     try:
-        assert began.wait(5)  # the first one comes without a state
+        assert began.wait(5)  # the first message without a state
         for _ in range(10):
             began.clear()
             controller.give_state()
@@ -639,18 +639,18 @@ def test_while_another_node_publishes_torques_activation_is_refused(bench):
     assert last_status(controller).level == 0
 
 
-def test_a_second_publisher_of_torques_is_said_at_once_and_the_robot_stays_controlled(bench, caplog):
+def test_a_second_publisher_of_torques_is_reported_under_control(bench, caplog):
     controller = bench(changes={"control": {"diagnostics_rate": 0.1}}).activated(300)
     said = len(controller.received("diagnostics"))
     rival_of(controller, "stranger")
-    report = controller.cycle(round(0.25 / controller.period) + 1)  # the time between two looks
+    report = controller.cycle(round(0.25 / controller.period) + 1)  # the period of the checks
     assert report.mode is Mode.ACTIVE
     assert len(controller.received("diagnostics")) == said + 1
     status = last_status(controller)
     assert (status.level, "published by /stranger too" in status.message) == (2, True)
     assert "published by /stranger too" in caplog.text
     assert controller.cycle(300).mode is Mode.ACTIVE
-    controller.command("damp")  # every other request is obeyed
+    controller.command("damp")  # all other requests are executed
     assert controller.cycle().mode is Mode.DAMPING
 
 
@@ -705,7 +705,7 @@ def test_many_different_sentences_at_once_are_logged_in_bounded_number(bench, ca
     report = controller.cycle()
     words = ["".join(pair) for pair in itertools.product("abcdefghij", repeat=2)]
     for _ in range(10):
-        controller.loop._say(dataclasses.replace(report, refused=tuple(words)), controller.clock.time)
+        controller.loop._log_changes(dataclasses.replace(report, refused=tuple(words)), controller.clock.time)
     assert len(caplog.messages) == 20
-    controller.loop._say(dataclasses.replace(report, refused=tuple(words)), controller.clock.time + 1.0)
+    controller.loop._log_changes(dataclasses.replace(report, refused=tuple(words)), controller.clock.time + 1.0)
     assert len(caplog.messages) == 40

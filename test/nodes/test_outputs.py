@@ -1,4 +1,4 @@
-"""What goes out: commands, forces, the mode, diagnostics."""
+"""Outgoing messages: commands, forces, the mode, diagnostics."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wbc_controller.controller.report import CycleReport, LatchedInputs
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.transports.memory import MemoryTransport
-from wbc_controller.nodes.diagnostics.status import StatusSummary, _Span
+from wbc_controller.nodes.diagnostics.status import StatusSummary, _ReportWindow
 from wbc_controller.records import Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
 
 
@@ -25,7 +25,7 @@ def report(**changes):
 
 
 def solution(**changes):
-    """With details, and changes of them and of the rest."""
+    """With details, and changes of details and others."""
     details = {
         "forces": {}, "residuals": {"contact_motion": 1e-9}, "task_errors": {"com": 0.01},
         "binding": {"torque:knee:upper": 0.25}, "levels": (LevelReport(("com",), 0.5, 7, 5e-5),),
@@ -71,9 +71,9 @@ def test_the_forces_counted_on_are_published_in_the_contact_frame(bench, name, f
     assert controller.received("contact_wrench", next(iter(controller.settings.contacts)))[0].header.frame_id == frame
 
 
-def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypatch):
+def test_contact_wrenches_are_published_on_demand(bench, monkeypatch):
     readers = set()
-    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.subject in readers)
+    monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.subject in readers)
     controller = bench()
     feet = list(controller.settings.contacts)
     controller.activate()
@@ -93,9 +93,11 @@ def test_a_contact_s_force_is_published_while_somebody_reads_it(bench, monkeypat
     assert came() == [0] * len(feet)
 
 
-def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch):
+def test_task_states_are_published_on_demand(bench, monkeypatch):
     readers = set()
-    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers)
+    monkeypatch.setattr(
+        MemoryTransport, "has_reader", lambda self, endpoint: (endpoint.key, endpoint.subject) in readers
+    )
     controller = bench().activated(100)
     readers.add(("task_value", "com"))
     controller.cycle(200)
@@ -105,9 +107,9 @@ def test_a_task_s_state_is_published_while_somebody_reads_it(bench, monkeypatch)
     assert rounds - 2 <= came["task_value", "com"] == came["task_reference", "com"] <= rounds
 
 
-def test_diagnostics_that_nobody_reads_come_once_a_second_and_at_once_with_news(bench, monkeypatch):
+def test_diagnostics_without_subscription_come_once_per_second(bench, monkeypatch):
     readers = set()
-    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.key in readers)
+    monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.key in readers)
     controller = bench()
     second = round(1.0 / controller.period)
 
@@ -182,7 +184,7 @@ def _status(*reports):
 @pytest.mark.parametrize(
     ("mode", "level"), [("inactive", 0), ("active", 0), ("holding", 1), ("damping", 1), ("stopped", 1), ("fault", 2)]
 )
-def test_the_level_follows_the_mode_and_a_fault_is_said(mode, level):
+def test_level_and_message_of_modes_and_faults(mode, level):
     status, values = _status(report(mode=Mode(mode)))
     assert (status.level, status.message, values["mode"]) == (level, mode, mode)
 
@@ -191,7 +193,7 @@ def test_the_level_follows_the_mode_and_a_fault_is_said(mode, level):
     assert status.level == max(level, 1)
 
 
-def test_a_conflict_is_said_by_name_with_its_slack():
+def test_a_conflict_has_names_and_slacks():
     why = Infeasibility(
         conflict=("torque:knee", "normal_force:foot"), smallest=("torque:knee",),
         slack={"torque:knee": 12.345, "normal_force:foot": 80.0},
@@ -206,7 +208,7 @@ def test_a_conflict_is_said_by_name_with_its_slack():
     assert values["infeasibility/slack/normal_force:foot"] == "80 N"
 
 
-def test_what_a_summary_holds():
+def test_contents_of_a_summary():
     first = report(stage_seconds={"total": 1e-3}, refused=("x: no",), solution=solution(relaxed=("joint_motion",)))
     last = report(cycle=2, stage_seconds={"total": 3e-3}, deadlines_missed=4, ages={"odom": 0.25}, solution=solution())
     status, values = _status(first, last)
@@ -227,15 +229,15 @@ def test_what_a_summary_holds():
 
 
 def test_no_piece_of_diagnostics_sorts_the_times_of_many_cycles(monkeypatch):
-    """At 1 kHz those of a second took a millisecond in one piece, and the cycle that composed it came late."""
-    summary, times, asked, pieces = StatusSummary("controller", "g1"), _Span.times, [], []
+    """At 1 kHz the times of a second took a millisecond in one piece, and delayed the cycle."""
+    summary, times, asked, pieces = StatusSummary("controller", "g1"), _ReportWindow.times, [], []
 
     def counted(span, stage):
         found = times(span, stage)
         asked.append(len(found))
         return found
 
-    monkeypatch.setattr(_Span, "times", counted)
+    monkeypatch.setattr(_ReportWindow, "times", counted)
     for i in range(1000):
         summary.add(report(stage_seconds={f"stage {j}": 1e-6 * (j + (i % 10 == 0) * i) for j in range(9)}))
     composing = summary.compose(0)
@@ -262,7 +264,7 @@ def test_contacts_that_contradict_each_other_are_a_warning():
         assert status.level == level
 
 
-def test_what_acts_beside_the_model_is_said_by_joint(robot_of):
+def test_the_disturbance_is_reported_by_joint(robot_of):
     _, model = robot_of("go2")
     forces = np.arange(18.0)
     summary = StatusSummary("/r1/wbc_controller", "r1", model=model)
@@ -271,7 +273,7 @@ def test_what_acts_beside_the_model_is_said_by_joint(robot_of):
     values = {value.key: value.value for value in status.values}
     assert values["disturbance/base"] == "0.000 1.000 2.000 N, 3.000 4.000 5.000 N·m"
     assert values[f"disturbance/{model.joints[2]}"] == f"{model.v_index[2]:.4f} N·m"
-    assert "at their bound (estimation.disturbance_share) at base, FL_calf_joint" in status.message
+    assert "at its bound (estimation.disturbance_share) at base, FL_calf_joint" in status.message
     assert status.level == 1
 
 

@@ -1,4 +1,4 @@
-"""One owner of the robot: who may publish what beside the controller, and what is said of the others."""
+"""One owner of the robot: permitted publishers besides the controller, and reports of the others."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_one_robot_and_its_guard_are_as_it_should_be(graph):
     on.node("guard", "effort")
     assert on.look() == ()
     assert on.ownership.shared == {}
-    unused = graph(simulated=False)  # a clock that is not used may have any publishers
+    unused = graph(simulated=False)  # an unused clock may have any publishers
     unused.node("a", "clock")
     unused.node("b", "clock")
     assert unused.look() == ()
@@ -64,7 +64,7 @@ def test_another_node_that_publishes_torques_is_named(graph, caplog, name, names
     on = graph()
     rival = on.node(name, "effort", namespace=namespace)
     (sentence,) = on.look()
-    assert sentence.startswith(f"torques on /r1/effort_controller/commands are published by {rival.name} too: end it")
+    assert sentence.startswith(f"torques on /r1/effort_controller/commands are published by {rival.name} too: stop it")
     assert "safety.torque_publishers" in sentence
     on.look()
     assert caplog.messages == [sentence]  # once
@@ -75,7 +75,7 @@ def test_another_node_that_publishes_torques_is_named(graph, caplog, name, names
 @pytest.mark.parametrize(
     ("allowed", "free"), [(["teleop"], True), (["/r1/teleop"], True), (["/teleop"], False), ([], False)]
 )
-def test_who_may_publish_torques_is_a_setting(graph, allowed, free):
+def test_permitted_torque_publishers(graph, allowed, free):
     on = graph(allowed)
     on.node("teleop", "effort")
     assert bool(on.look()) is not free
@@ -88,10 +88,10 @@ def test_two_sources_of_odometry_or_time_exclude_each_other(graph, key, simulate
     assert on.look() == ()
     on.node("estimator", key, namespace="/")
     (sentence,) = on.look()
-    assert f"{key} has several publishers, /estimator, /r1/mock_robot: end all but one" in sentence
+    assert f"{key} has several publishers: /estimator, /r1/mock_robot; stop all but one" in sentence
 
 
-def test_several_publishers_of_joint_states_are_said_and_not_refused(graph, caplog):
+def test_several_publishers_of_joint_states_are_permitted_and_reported(graph, caplog):
     on = graph()
     on.node("mock_robot", "joint_states")
     on.node("gripper", "joint_states")
@@ -103,11 +103,11 @@ def test_several_publishers_of_joint_states_are_said_and_not_refused(graph, capl
 
 def test_in_lockstep_it_looks_four_times_a_second(graph, monkeypatch):
     on, looks = graph(), []
-    monkeypatch.setattr(on.ownership._watch, "look", lambda: looks.append(1))
+    monkeypatch.setattr(on.ownership._watch, "check", lambda: looks.append(1))
     for i in range(1000):
         on.ownership.refresh(0.002 * i)
     assert len(looks) == 8
-    on.ownership.refresh(-1.0)  # the clock begins anew
+    on.ownership.refresh(-1.0)  # the clock restarts
     assert len(looks) == 9
 
 
@@ -117,9 +117,9 @@ def test_a_loop_in_real_time_waits_until_the_others_are_discovered_and_looks_the
     class Stop:
         def wait(self, seconds):
             waited.append(seconds)
-            on.node("wbc_controller", "effort")  # it was started at the same time
+            on.node("wbc_controller", "effort")  # started at the same time
 
-    on.ownership._known_at += 30.0
+    on.ownership._discovered_at += 30.0
     on.ownership.start(Stop())
     on.ownership.stop()
     assert waited == [pytest.approx(30.0, abs=20.0)]
@@ -127,7 +127,7 @@ def test_a_loop_in_real_time_waits_until_the_others_are_discovered_and_looks_the
 
 
 def test_a_publisher_that_was_there_before_counts_when_the_loop_begins(graph, monkeypatch):
-    """Also where its name has not arrived yet."""
+    """Also if its name has not arrived yet."""
     on = graph()
     monkeypatch.setattr(MemoryTransport, "publishers", lambda transport, topic: (UNNAMED,) * (topic.key == "effort"))
     early = Ownership(MemoryTransport(on.bus), on.topics, [], "/r1/wbc_controller", simulated=False)

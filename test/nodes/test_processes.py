@@ -1,4 +1,4 @@
-"""What processes use, read from /proc, and waiting for a condition."""
+"""Memory and times of processes from /proc, and waiting for a condition."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def test_processor_time_counts_work_and_not_sleep():
     assert processor_time(os.getpid()) - before <= 0.1
 
 
-def test_memory_is_what_is_in_use_and_not_what_is_reserved():
+def test_memory_is_the_resident_size():
     before = memory(os.getpid())
     with mmap.mmap(-1, 200_000_000) as reserved:
         assert memory(os.getpid()) - before < 20_000
         reserved[:50_000_000] = b"x" * 50_000_000
-        assert 40_000 < memory(os.getpid()) - before < 120_000  # what was written, and what it was copied from
+        assert 40_000 < memory(os.getpid()) - before < 120_000  # written configuration, and its source
 
 
 def test_two_busy_processes_on_one_processor_wait_for_it():
@@ -46,15 +46,15 @@ def test_two_busy_processes_on_one_processor_wait_for_it():
             process.wait()
 
 
-def test_what_does_not_come_true_is_said_with_what_is_known():
+def test_a_timeout_has_the_condition_and_details():
     asked = []
-    with pytest.raises(WbcError, match=r"waited 0\.05 s in vain for the tide; it said 'ebb'"):
+    with pytest.raises(WbcError, match=r"timeout of 0\.05 s while waiting for the tide; it said 'ebb'"):
         until(lambda: False, "the tide", lambda: asked.append(1), 0.05, lambda: "; it said 'ebb'")
     assert asked == [1]
 
 
-def test_processes_with_sessions_of_their_own_end_with_who_started_them(tmp_path):
-    """Also where that one is killed, and cannot end them."""
+def test_processes_with_own_sessions_end_with_their_parent(tmp_path):
+    """Also after a kill, when it cannot stop them."""
     script = (
         "import sys, time, pathlib\n"
         "from wbc_controller.nodes.processes import Processes\n"
@@ -74,7 +74,7 @@ def test_processes_with_sessions_of_their_own_end_with_who_started_them(tmp_path
 def _ended(process):
     try:
         with open(f"/proc/{process}/stat", encoding="ascii") as stat:
-            return stat.read().rpartition(")")[2].split()[0] == "Z"  # nobody has waited for it yet
+            return stat.read().rpartition(")")[2].split()[0] == "Z"  # not waited for yet
     except FileNotFoundError:
         return True
 

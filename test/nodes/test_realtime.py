@@ -1,4 +1,4 @@
-"""Real time: what is asked of the system, what it refuses, and what applies, for real where this process may."""
+"""Real time: system calls, refusals, and real effects if permitted."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes import realtime
 from wbc_controller.nodes.controller_service import run_controller
-from wbc_controller.nodes.realtime import apply, in_force, step_back
+from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority
 from wbc_controller.settings import RealtimeSettings
 from wbc_controller.settings.config import load
 
@@ -32,7 +32,7 @@ NOWHERE = 1000
 
 @pytest.fixture
 def restored():
-    """Gives all threads of this process back what they had."""
+    """Restore the scheduling of all threads of this process."""
     processors, kind, priority = os.sched_getaffinity(0), os.sched_getscheduler(0), os.sched_getparam(0)
     yield
     for thread in realtime._threads():
@@ -43,7 +43,7 @@ def restored():
 
 @pytest.fixture
 def calls(monkeypatch):
-    """What is asked of the system, which does nothing of it."""
+    """Record the system calls without executing them."""
     asked = []
     for name in ("sched_setaffinity", "sched_setscheduler"):
         monkeypatch.setattr(os, name, lambda *words, name=name: asked.append((name, *words)))
@@ -94,15 +94,15 @@ def sleeper():
     made.close()
 
 
-def test_by_default_nothing_is_asked_of_the_system(calls, monkeypatch):
-    apply(load("go2").settings.control.realtime)
+def test_no_system_calls_by_default(calls, monkeypatch):
+    apply_realtime(load("go2").settings.control.realtime)
     assert calls == []
     monkeypatch.delattr(os, "sched_setscheduler")
-    apply(RealtimeSettings())
+    apply_realtime(RealtimeSettings())
 
 
 def test_every_thread_gets_the_class_and_the_priority(calls, sleeper):
-    apply(RealtimeSettings(scheduling="rr", priority=17))
+    apply_realtime(RealtimeSettings(scheduling="rr", priority=17))
     assert {name for name, *_ in calls} == {"sched_setscheduler"}
     assert {thread for _, thread, _, _ in calls} >= {os.getpid(), sleeper.number}
     assert {(kind, parameter.sched_priority) for _, _, kind, parameter in calls} == {(os.SCHED_RR, 17)}
@@ -118,72 +118,72 @@ def test_a_thread_that_has_ended_meanwhile_is_passed_over(monkeypatch):
 
     monkeypatch.setattr(os, "sched_setscheduler", schedule)
     monkeypatch.setattr(realtime, "_threads", lambda: [5, 7, 9])
-    apply(RealtimeSettings(scheduling="fifo"))
+    apply_realtime(RealtimeSettings(scheduling="fifo"))
     assert asked == [5, 7, 9]
 
 
-def test_what_is_mapped_and_what_will_be_is_locked(calls):
-    apply(RealtimeSettings(lock_memory=True))
+def test_present_and_future_memory_is_locked(calls):
+    apply_realtime(RealtimeSettings(lock_memory=True))
     assert calls == [("mlockall", 3)]  # MCL_CURRENT | MCL_FUTURE
 
 
 @pytest.fixture
 def waking(monkeypatch, tmp_path):
-    """A file in place of the system's."""
+    """A file instead of the device."""
     file, opened = tmp_path / "cpu_dma_latency", []
     file.touch()
-    monkeypatch.setattr(realtime, "_WAKING", file)
-    monkeypatch.setattr(realtime, "_waking", opened)
+    monkeypatch.setattr(realtime, "_LATENCY_DEVICE", file)
+    monkeypatch.setattr(realtime, "_latency_file", opened)
     yield file
     for number in opened:
         os.close(number)
 
 
-def test_how_long_processors_may_take_to_wake_is_asked_once_and_can_be_asked_anew(waking):
-    assert "cpu_dma_latency" not in in_force()
+def test_the_wakeup_latency_can_be_requested_again(waking):
+    assert "cpu_dma_latency" not in describe_scheduling()
     for latency in (0, 20):
-        apply(RealtimeSettings(cpu_dma_latency=latency))
+        apply_realtime(RealtimeSettings(cpu_dma_latency=latency))
         assert waking.read_bytes()[-4:] == latency.to_bytes(4, sys.byteorder)
-    (number,) = realtime._waking
-    assert not os.get_inheritable(number)  # the request must not outlive the controller in the recorder's process
+    (number,) = realtime._latency_file
+    assert not os.get_inheritable(number)  # the request must not survive the controller in the recorder's process
     for process in (0, os.getpid()):
-        assert in_force(process).endswith(", cpu_dma_latency held")
-    assert "held" not in in_force(os.getppid())
+        assert describe_scheduling(process).endswith(", cpu_dma_latency held")
+    assert "held" not in describe_scheduling(os.getppid())
 
 
-def test_a_system_that_does_not_let_processors_be_kept_awake_says_what_allows_it(waking, monkeypatch):
-    monkeypatch.setattr(realtime, "_WAKING", waking / "nowhere")
+def test_a_refused_wakeup_latency_has_the_remedy(waking, monkeypatch):
+    monkeypatch.setattr(realtime, "_LATENCY_DEVICE", waking / "nowhere")
     with pytest.raises(
         ConfigurationError,
-        match=r'cpu_dma_latency = 0: the system refuses it \(Not a directory: .*KERNEL=="nowhere", GROUP="realtime".*'
+        match=r'cpu_dma_latency = 0: refused by the system \(Not a directory: .*KERNEL=="nowhere", GROUP="realtime".*'
         r"rules\.d/99-realtime\.rules.*--device .*nowhere\); see docs/real_time\.md",
     ):
-        apply(RealtimeSettings(cpu_dma_latency=0))
+        apply_realtime(RealtimeSettings(cpu_dma_latency=0))
 
 
 @pytest.mark.parametrize(
     ("setting", "held", "refused"),
     [
-        ("cpu_dma_latency=0", "cpu_dma_latency held", "cpu_dma_latency = 0: the system refuses it"),
+        ("cpu_dma_latency=0", "cpu_dma_latency held", "cpu_dma_latency = 0: refused by the system"),
         ("lock_memory=True", "memory locked", "lock_memory = true: the process may lock"),
     ],
 )
 def test_it_applies_for_real_or_is_refused(setting, held, refused):
     script = (
-        "from wbc_controller.nodes.realtime import apply, in_force\n"
+        "from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling\n"
         "from wbc_controller.settings import RealtimeSettings\n"
-        f"apply(RealtimeSettings({setting}))\n"
-        "print(in_force())"
+        f"apply_realtime(RealtimeSettings({setting}))\n"
+        "print(describe_scheduling())"
     )
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     may = {"memory locked": realtime._locked_memory_limit() is None}
-    if may.get(held, os.access(realtime._WAKING, os.R_OK | os.W_OK)):
+    if may.get(held, os.access(realtime._LATENCY_DEVICE, os.R_OK | os.W_OK)):
         assert ran.stdout.rstrip().endswith(f", {held}"), ran.stderr
     else:
         assert f"ConfigurationError: control.realtime.{refused}" in ran.stderr
 
 
-def test_a_class_that_the_system_refuses_says_what_allows_it(monkeypatch):
+def test_a_refused_class_has_the_remedy(monkeypatch):
     def refuse(*words):
         raise PermissionError(errno.EPERM, "Operation not permitted")
 
@@ -193,24 +193,24 @@ def test_a_class_that_the_system_refuses_says_what_allows_it(monkeypatch):
         match=r"control\.realtime\.scheduling = fifo, priority = 30: .*not permitted.*rtprio 30.*LimitRTPRIO=30.*"
         r"CAP_SYS_NICE; see docs/real_time\.md",
     ):
-        apply(RealtimeSettings(scheduling="fifo", priority=30))
+        apply_realtime(RealtimeSettings(scheduling="fifo", priority=30))
 
 
 def test_memory_that_may_not_be_locked_whole_is_not_locked_in_part(calls, monkeypatch):
     """Below its limit mlockall succeeds, and a later allocation fails."""
     monkeypatch.setattr(realtime, "_locked_memory_limit", lambda: 8 << 20)
-    with pytest.raises(ConfigurationError, match=r"lock_memory = true: the process may lock 8192 kB alone\. Allow"):
-        apply(RealtimeSettings(lock_memory=True))
+    with pytest.raises(ConfigurationError, match=r"lock_memory = true: the process may lock only 8192 kB\. Allow"):
+        apply_realtime(RealtimeSettings(lock_memory=True))
     assert calls == []
 
 
 @pytest.mark.parametrize(
-    ("number", "said"), [(errno.ENOMEM, "there is not enough memory"), (errno.EPERM, "Operation not permitted")]
+    ("number", "said"), [(errno.ENOMEM, "not enough memory"), (errno.EPERM, "Operation not permitted")]
 )
-def test_a_lock_that_the_system_refuses_says_why(calls, monkeypatch, number, said):
+def test_a_refused_memory_lock_has_the_reason(calls, monkeypatch, number, said):
     monkeypatch.setattr(realtime, "_mlockall", lambda flags: number)
-    with pytest.raises(ConfigurationError, match=f"refuses it \\({said}\\).*memlock unlimited"):
-        apply(RealtimeSettings(lock_memory=True))
+    with pytest.raises(ConfigurationError, match=f"refused by the system \\({said}\\).*memlock unlimited"):
+        apply_realtime(RealtimeSettings(lock_memory=True))
 
 
 @pytest.mark.parametrize(("limit", "capabilities", "free"), [
@@ -222,48 +222,46 @@ def test_the_limit_of_locked_memory_holds_without_the_capability(monkeypatch, li
     assert realtime._locked_memory_limit() == (None if free else limit)
 
 
-def test_another_system_is_refused_and_says_nothing_of_itself(monkeypatch):
+def test_another_operating_system_is_refused(monkeypatch):
     monkeypatch.delattr(os, "sched_setscheduler")
     monkeypatch.delattr(os, "sched_getscheduler")
-    with pytest.raises(ConfigurationError, match=f"control.realtime: {sys.platform} has none of it, Linux does"):
-        apply(RealtimeSettings(lock_memory=True))
-    assert in_force() == ""
+    with pytest.raises(ConfigurationError, match=f"control.realtime: not supported on {sys.platform}; requires Linux"):
+        apply_realtime(RealtimeSettings(lock_memory=True))
+    assert describe_scheduling() == ""
 
 
-def test_all_threads_run_where_they_shall_and_so_do_later_ones(restored, sleeper):
-    apply(RealtimeSettings(affinity=[ONE, ONE]))
+def test_present_and_later_threads_get_the_affinity(restored, sleeper):
+    apply_realtime(RealtimeSettings(affinity=[ONE, ONE]))
     for thread in (0, sleeper.number):
         assert os.sched_getaffinity(thread) == {ONE}
     assert sleeper.start_another()[0] == {ONE}
-    assert in_force().endswith(f" on processor {ONE}")
+    assert describe_scheduling().endswith(f" on processor {ONE}")
 
 
 @pytest.mark.parametrize("affinity", [[NOWHERE], [ONE, NOWHERE]])
-def test_a_processor_that_there_is_not_is_refused_by_its_number_and_nothing_changes(restored, affinity):
+def test_a_missing_processor_is_refused_without_changes(restored, affinity):
     os.sched_setaffinity(0, [ONE])
     with pytest.raises(ConfigurationError) as refused:
-        apply(RealtimeSettings(affinity=affinity))
+        apply_realtime(RealtimeSettings(affinity=affinity))
     listed = ", ".join(map(str, affinity))
-    assert f"control.realtime.affinity = [{listed}]: this process has no processor {NOWHERE}. Valid:" in str(
-        refused.value
-    )
-    assert f" {', '.join(map(str, THERE))};" in str(refused.value).partition("Valid:")[2]
+    assert f"control.realtime.affinity = [{listed}]: processor {NOWHERE} is not available; valid:" in str(refused.value)
+    assert f" {', '.join(map(str, THERE))};" in str(refused.value).partition("valid:")[2]
     assert os.sched_getaffinity(0) == {ONE}
 
 
 def test_fifo_holds_for_all_threads_and_for_later_ones(restored, sleeper):
-    """For real where this process may, or a refusal for real."""
+    """With real effect if permitted, otherwise with a real refusal."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     except PermissionError:
-        with pytest.raises(ConfigurationError, match="the system refuses it"):
-            apply(RealtimeSettings(scheduling="fifo", priority=1))
+        with pytest.raises(ConfigurationError, match="refused by the system"):
+            apply_realtime(RealtimeSettings(scheduling="fifo", priority=1))
         return
-    apply(RealtimeSettings(scheduling="fifo", priority=2))
+    apply_realtime(RealtimeSettings(scheduling="fifo", priority=2))
     for thread in (0, sleeper.number):
         assert os.sched_getscheduler(thread) == os.SCHED_FIFO
     assert sleeper.start_another()[1] == os.SCHED_FIFO
-    assert in_force().startswith("fifo 2 on ")
+    assert describe_scheduling().startswith("fifo 2 on ")
 
 
 @pytest.mark.parametrize(("name", "priority", "then"), [("fifo", 7, 6), ("rr", 7, 6), ("fifo", 1, 1), ("other", 0, 0)])
@@ -273,23 +271,23 @@ def test_a_thread_that_computes_can_stand_behind_all_others(monkeypatch, name, p
     monkeypatch.setattr(os, "sched_getparam", lambda thread: os.sched_param(priority))
 
     def schedule(thread, kind, parameter):
-        assert (thread, kind) == (0, number)  # the calling thread alone, which keeps its class
+        assert (thread, kind) == (0, number)  # only the calling thread, in its class
         asked.append(parameter.sched_priority)
 
     monkeypatch.setattr(os, "sched_setscheduler", schedule)
-    step_back()
+    lower_thread_priority()
     assert asked[-1] == then
 
 
-def test_what_is_in_force_is_in_the_diagnostics(bench):
+def test_the_scheduling_is_in_the_diagnostics(bench):
     controller = bench("go2")
     controller.cycle()
     values = {value.key: value.value for value in controller.received("diagnostics")[-1].status[0].values}
-    assert values["scheduling"] == in_force()
+    assert values["scheduling"] == describe_scheduling()
     assert values["scheduling"].startswith(("other on processor", "fifo", "rr"))
 
 
-def test_a_controller_does_not_start_without_what_its_configuration_asks_for(restored):
+def test_a_refused_setting_prevents_the_start(restored):
     opened, transport = [], MemoryTransport(MemoryBus())
     transport.advertise = opened.append
     settings = load("go2").replace({"control.realtime.affinity": [NOWHERE]}).settings
@@ -298,7 +296,7 @@ def test_a_controller_does_not_start_without_what_its_configuration_asks_for(res
     assert opened == []
 
 
-def test_a_controller_runs_where_its_configuration_asks_for(restored):
+def test_a_controller_runs_on_its_configured_processors(restored):
     stop = threading.Event()
     settings = load("go2").replace({"control.realtime.affinity": [ONE]}).settings
     seen = []
@@ -325,12 +323,12 @@ def test_a_controller_runs_where_its_configuration_asks_for(restored):
         ({"nice": 3}, r"control\.realtime\.nice.*Valid: affinity, cpu_dma_latency, lock_memory, priority, scheduling"),
     ],
 )
-def test_a_value_that_is_none_is_refused_with_the_valid_ones(change, said):
+def test_invalid_values_are_refused_with_the_valid_ones(change, said):
     with pytest.raises(ConfigurationError, match=said):
         load("go2").replace({"control": {"realtime": change}})
 
 
-def test_the_page_that_the_refusals_name_is_there():
+def test_the_page_of_the_refusals_has_all_keys():
     page = (Path(__file__).parents[2] / "docs" / "real_time.md").read_text(encoding="utf-8")
     for key in RealtimeSettings.model_fields:
         assert f"`{key}" in page or f"{key}:" in page, key

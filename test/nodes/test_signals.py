@@ -1,4 +1,4 @@
-"""Ending on a signal."""
+"""Shutdown on a signal."""
 
 import os
 import signal
@@ -18,7 +18,7 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.topics import COMMAND_OUT, LATCHED, Direction, Endpoint
 from wbc_controller.nodes.signals import set_by_signals
 
-#: Main thread that waits for the event again and again, as loops with a period do; a signal at any moment of it.
+#: Main thread that waits for the event in a loop, with a signal at any moment.
 WAITING = """
 import os, signal, threading, time
 from wbc_controller.nodes.signals import set_by_signals
@@ -31,7 +31,7 @@ for _ in range(60):
 """
 
 
-#: A command that has started something, and is ended.
+#: Command with a child process that is terminated.
 STARTED = """
 import signal, sys, time
 from wbc_controller.nodes.signals import exit_by_signals
@@ -46,7 +46,7 @@ finally:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_command_that_is_ended_ends_what_it_has_started(number):
+def test_a_terminated_command_stops_its_children(number):
     process = subprocess.Popen([sys.executable, "-c", STARTED], stdout=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "started\n"
     process.send_signal(number)
@@ -73,7 +73,7 @@ def test_a_signal_in_the_midst_of_the_waiting_does_not_hang():
     subprocess.run([sys.executable, "-c", WAITING], timeout=patience(30.0), check=True)
 
 
-def test_a_process_that_nohup_started_goes_on():
+def test_a_process_under_nohup_continues():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         stop = threading.Event()
@@ -100,7 +100,7 @@ def test_the_end_of_the_terminal_ends_each_process_and_the_controller_with_zero_
         qos = LATCHED if kind.endswith("String") else COMMAND_OUT
         transport.subscribe(Endpoint("test", "", name, kind, Direction.IN, qos), receive)
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    # Patient, for a machine that does other work too.
+    # Timeout for a busy computer.
     path = tmp_path / "go2.yaml"
     path.write_text(
         load("go2").replace({"safety.state_timeout": 0.5, "guard.patience": 0.4, "mock.command_timeout": 1.0}).to_yaml()

@@ -1,4 +1,4 @@
-"""Waiting for the URDF that is published on a topic."""
+"""Waiting for the URDF on a topic."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from wbc_controller.nodes.urdf import wait_for_urdf
 
 
 class Kept(MemoryTransport):
-    """Notes which payloads its callbacks still hold."""
+    """Transport that records the payloads still held by its callbacks."""
 
     def subscribe(self, endpoint, callback):
         self.callback = callback
@@ -35,14 +35,14 @@ class Kept(MemoryTransport):
 
 @pytest.fixture
 def told():
-    """What is waited for when some payloads have come, and the callback that they were given to."""
+    """Return the payloads after the wait, and the callback."""
 
     def tell(*payloads):
         bus = MemoryBus()
         publish = MemoryTransport(bus).advertise(counterpart(ENDPOINT))
         transport, stop, found = Kept(bus), threading.Event(), []
         waiting = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))
-        for payload in payloads:  # latched: the last one is received on subscribing
+        for payload in payloads:  # latched: the last payload arrives on subscribing
             publish(payload)
         waiting.start()
         waiting.join(10.0)
@@ -67,7 +67,7 @@ def test_the_urdf_comes_and_later_ones_are_not_kept(told):
     assert not [cell for cell in before if isinstance(cell, list)]
 
 
-def test_what_is_too_long_or_no_string_is_refused_once_in_words_and_the_wait_goes_on(caplog):
+def test_invalid_descriptions_are_refused_once_and_the_wait_continues(caplog):
     bus, stop, found = MemoryBus(), threading.Event(), []
     transport = Kept(bus)
     waiting = threading.Thread(target=lambda: found.append(wait_for_urdf(transport, stop, [ENDPOINT])))
@@ -83,20 +83,19 @@ def test_what_is_too_long_or_no_string_is_refused_once_in_words_and_the_wait_goe
         waiting.join(10.0)
     assert found == ["x" * LARGEST_URDF]
     assert len(caplog.messages) == 1
-    assert caplog.messages[0].startswith("refused /robot_description: 40000")
-    assert caplog.messages[0].endswith(f"bytes are too long for a URDF; it may have {LARGEST_URDF}")
+    assert caplog.messages[0].startswith("refused /robot_description: URDF has 40000")
+    assert caplog.messages[0].endswith(f"bytes (limit {LARGEST_URDF})")
 
 
 @pytest.mark.parametrize(
     ("publisher", "cause"),
     [
-        (None, "it has no publisher"),
-        ("description", "/description publishes it, but nothing arrives: the publisher has to be latched (durability "
-         "transient local), not volatile"),
+        (None, "no publisher"),
+        ("description", "publisher /description must be latched (durability transient local), not volatile"),
     ],
-)  # fmt: skip
+)
 def test_the_warning_names_the_probable_cause(caplog, monkeypatch, publisher, cause):
-    monkeypatch.setattr("wbc_controller.nodes.urdf._PATIENCE", 0.01)
+    monkeypatch.setattr("wbc_controller.nodes.urdf._WARNING_PERIOD", 0.01)
     bus, stop = MemoryBus(), threading.Event()
     if publisher is not None:
         MemoryTransport(bus, publisher).advertise(counterpart(ENDPOINT))

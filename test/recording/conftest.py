@@ -1,4 +1,4 @@
-"""Tests of the recorder use a controller whose cycles are recorded."""
+"""Fixture of recorder tests: a controller with recorded cycles."""
 
 from recorded_run import record
 

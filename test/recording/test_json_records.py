@@ -1,4 +1,4 @@
-"""Records go to JSON and come back, bit for bit."""
+"""Records to JSON and back, bit for bit."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_records():
     assert again.sample(2.0).position.tobytes() == line.sample(2.0).position.tobytes()
 
 
-def test_what_is_no_record_is_refused():
+def test_invalid_records_are_refused():
     with pytest.raises(TypeError, match="a recording cannot contain a object"):
         to_json(object())
     for text in (json.dumps({"$record": "Path"}), json.dumps({"$array": "AA==", "type": "<f8", "shape": [1]}), "{"):

@@ -18,7 +18,7 @@ from mcap.records import Chunk
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessages, PackedChunk, Topic
-from wbc_controller.recording.writer import Sink
+from wbc_controller.recording.writer import FileSink
 
 STRING = "string data\n"
 TOPICS = [Topic(1, "/a", "std_msgs/msg/String", STRING), Topic(7, "/b", "std_msgs/msg/String", STRING)]
@@ -54,7 +54,7 @@ def by_rosbags(path: Path) -> Found:
 
 
 def by_index(path: Path) -> Found:
-    """The messages by the indexed reader of `mcap`, which follows the chunk and message indexes."""
+    """Return the messages by the indexed reader of `mcap`, which follows the chunk and message indexes."""
     with path.open("rb") as file:
         messages = make_reader(file, validate_crcs=True).iter_messages()
         return [(channel.topic, message.log_time, message.data) for _, channel, message in messages]
@@ -92,7 +92,7 @@ def test_the_summary_counts_messages_and_locates_chunks(tmp_path):
 
 def test_a_file_that_could_not_begin_begins_when_there_is_room(tmp_path, monkeypatch):
     path, said = tmp_path / "a.mcap", []
-    sink = Sink(path, said.append)
+    sink = FileSink(path, said.append)
 
     def no_room(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -123,7 +123,7 @@ def test_a_truncated_file_is_read_up_to_its_end(tmp_path):
         found, messages = read(part)
         assert len(found) >= 5 * sum(length >= end for end in ends[1:])
         assert len(found) % 5 == 0
-        assert messages.damage == "its last record is incomplete" or length >= ends[-1]
+        assert messages.damage == "the last record is incomplete" or length >= ends[-1]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -160,15 +160,15 @@ def test_damage_is_named(tmp_path):
     path.write_bytes(data)
     found, messages = read(path)
     assert len(found) == 5
-    assert messages.damage == "its last record is incomplete"
+    assert messages.damage == "the last record is incomplete"
     for text in (b"something else", b""):
         path.write_bytes(text)
-        with pytest.raises(ValueError, match="does not begin as an MCAP file"):
+        with pytest.raises(ValueError, match="not an MCAP file"):
             read(path)
 
 
 def bomb(compression: str, data: bytes, declared: int) -> PackedChunk:
-    """A chunk record whose data and declared size differ, with a checksum of 0, which is not checked."""
+    """Return a chunk record with different data and declared size, and a checksum of 0 (unchecked)."""
     record, builder = Chunk(compression, data, 1, 0, 0, declared), RecordBuilder()
     record.write(builder)
     return replace(chunk(0), data=builder.end())
@@ -177,9 +177,9 @@ def bomb(compression: str, data: bytes, declared: int) -> PackedChunk:
 @pytest.mark.parametrize(
     ("compression", "declared", "damage"),
     [
-        ("zstd", 10, "a chunk declares 10 bytes and contains 1073741824"),
-        ("zstd", 1 << 30, f"a chunk expands to {1 << 30} bytes"),
-        ("lz4", 1 << 30, "a chunk has the compression 'lz4'; valid: 'zstd', ''"),
+        ("zstd", 10, "chunk declares 10 bytes, but contains 1073741824"),
+        ("zstd", 1 << 30, f"chunk expands to {1 << 30} bytes"),
+        ("lz4", 1 << 30, "chunk compression 'lz4'; valid: 'zstd', ''"),
     ],
 )
 def test_a_chunk_expands_only_to_its_declared_size_and_a_limit(tmp_path, compression, declared, damage):
@@ -219,19 +219,19 @@ def test_small_chunks_expand_in_all_to_a_multiple_of_the_file(tmp_path, monkeypa
     file.close()
     found, messages = read(path)
     assert 0 < len(found) < 100
-    assert "in all 1 × file" in messages.damage
+    assert "in total 1 × file" in messages.damage
 
 
 def test_a_dangling_symbolic_link_is_not_followed(tmp_path):
     link, target, said = tmp_path / "a.mcap", tmp_path / "elsewhere", []
     link.symlink_to(target)
-    with pytest.raises(OSError, match=f"it is a symbolic link to '{target}', which does not exist"):
+    with pytest.raises(OSError, match=f"symbolic link to the missing file '{target}'"):
         McapFile(link, TOPICS)
-    sink = Sink(link, said.append)
+    sink = FileSink(link, said.append)
     sink.probe()
     sink.write(chunk(1), TOPICS, lambda at: None)
     assert len(said) == 1
-    assert "cannot be written: it is a symbolic link to" in said[0]
+    assert "cannot be written: symbolic link to" in said[0]
     assert link.is_symlink()
     assert not target.exists()
     target.touch()

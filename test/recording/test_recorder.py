@@ -1,4 +1,4 @@
-"""The flight recorder: what it holds, what it does without a disk, and what a kill leaves of it."""
+"""The flight recorder: contents, behaviour without a disk, and the file after a kill."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from wbc_controller.records import ChangeSettings
 SCRIPT = Path(__file__).parent.parent / "support" / "killed_recording.py"
 
 
-def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path, make):
+def test_a_recording_contains_inputs_commands_and_requests(record, tmp_path, make):
     path = tmp_path / "a.mcap"
     run = record(path)
     bench = run.bench
@@ -62,11 +62,11 @@ def test_it_holds_every_input_every_command_and_what_was_asked(record, tmp_path,
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_what_goes_out_stands_before_its_cycle_and_has_its_time(record, tmp_path, late):
+def test_outgoing_messages_precede_their_cycle_with_its_time(record, tmp_path, late):
     path = tmp_path / "a.mcap"
     run = record(path)
     scribe = threading.Event()
-    if late:  # what the recorder's thread makes of early cycles is written last
+    if late:  # JSON frames of early cycles are written last
         run.recorder._jobs.put(lambda: b"" * scribe.wait())
     run.stand(30)
     run.bench.loop._shut_down()  # the last torques belong to no cycle
@@ -85,25 +85,25 @@ def test_what_goes_out_stands_before_its_cycle_and_has_its_time(record, tmp_path
     assert waiting == [cycles[-1][0]]
 
 
-def test_messages_that_no_cycle_takes_are_bounded(robot_of):
+def test_waiting_messages_are_limited(robot_of):
     settings, _ = robot_of("go2")
     with recording(settings.model_copy(deep=True), None) as recorder:
         channel = recorder.channel("/a", "std_msgs/msg/String")
-        for keep in (recorder.went, recorder.came):
+        for keep in (recorder.record_outgoing, recorder.record_incoming):
             for _ in range(25_000):
                 keep(channel, b"x")
             assert 0 < len(recorder._messages) <= 20_000
             recorder._messages.clear()
 
 
-def test_all_of_a_run_has_markers_though_nobody_reads_them(robot_of, tmp_path):
+def test_a_whole_run_contains_markers_without_subscription(robot_of, tmp_path):
     settings, _ = robot_of("g1")
     (markers,) = (topic for topic in endpoints(CONTROLLER_TOPICS, "controller") if topic.key == "markers")
     for file, expected in ((tmp_path / "a.mcap", True), (None, False)):
         with recording(settings.model_copy(deep=True), file) as recorder:
-            tapped = recorder.tap(MemoryTransport(MemoryBus()), time.time_ns)
+            tapped = recorder.wrap(MemoryTransport(MemoryBus()), time.time_ns)
             tapped.advertise(markers)
-            assert tapped.is_read(markers) == expected
+            assert tapped.has_reader(markers) == expected
 
 
 def test_a_fault_leaves_the_last_seconds_with_its_sentence(record, tmp_path):
@@ -130,7 +130,7 @@ def test_events_of_the_last_cycles_are_recorded(record, tmp_path, after):
 
 
 @pytest.mark.parametrize("what", ["request", "fault"])
-def test_what_is_asked_for_while_the_recorder_does_not_keep_up_is_written_later(record, tmp_path, what):
+def test_a_request_to_a_slow_recorder_is_written_later(record, tmp_path, what):
     run = record(changes={"recorder": {"folder": str(tmp_path / "faults"), "seconds": 5.0}})
     run.stand(20)
     send, run.recorder._process.send = run.recorder._process.send, lambda batch: False
@@ -166,7 +166,7 @@ def test_a_request_leaves_the_last_seconds_and_the_oldest_files_go(record, tmp_p
     assert Recording(path).count == 33
     assert [said.split(repr(str(path))) for said in caplog.messages if repr(str(path)) in said] == [
         ["the last seconds are written to ", " (look / here)"],
-        ["the last seconds are already in ", ", which is continued (and here)"],
+        ["the last seconds are already in ", ", now continued (and here)"],
     ]
     assert run.recorder.status()["recorder_said"] == "2"
     assert sorted(each.name for each in folder.glob("*OLD*")) == [
@@ -183,14 +183,14 @@ def test_the_last_seconds_are_bounded(record, tmp_path):
     run.go(2)
     found = run.finish()
     assert found.last == 1504
-    assert found.count < 1100  # half a second, and what stands in the same chunk of 1 MB
+    assert found.count < 1100  # half a second, and other messages in the same chunk of 1 MB
 
 
 @pytest.mark.parametrize(
     ("name", "reason"),
     [("missing/a.mcap", "No such file"), (".", "Is a directory"), ("/dev/full", "No space"), ("x" * 300, "too long")],
 )
-def test_a_disk_that_takes_nothing_is_a_warning_and_the_controller_goes_on(record, tmp_path, caplog, name, reason):
+def test_a_failed_disk_is_a_warning(record, tmp_path, caplog, name, reason):
     run = record(tmp_path / name)
     run.stand()
     run.recorder.close()
@@ -200,7 +200,7 @@ def test_a_disk_that_takes_nothing_is_a_warning_and_the_controller_goes_on(recor
     assert reason in warning
 
 
-def test_a_recorder_that_is_killed_is_a_warning_and_the_controller_goes_on(record, tmp_path, caplog):
+def test_a_killed_recorder_is_a_warning(record, tmp_path, caplog):
     run = record(tmp_path / "a.mcap")
     run.stand()
     process = run.recorder._process._process
@@ -218,17 +218,17 @@ def test_a_pipe_that_is_full_loses_cycles_and_never_waits(bench, tmp_path, caplo
     process = made.recorder._process._process
     os.kill(process.pid, signal.SIGSTOP)
     made.cycle(600)
-    assert any("does not keep up" in each.getMessage() for each in caplog.records)
+    assert any("the recorder is too slow" in each.getMessage() for each in caplog.records)
     os.kill(process.pid, signal.SIGCONT)
     deadline = time.monotonic() + 20.0
-    while made.recorder._lost and time.monotonic() < deadline:
+    while made.recorder._dropped_cycles and time.monotonic() < deadline:
         made.cycle(8)
         time.sleep(0.02)
     made.cycle(50)
     made.recorder.close()
     found = Recording(tmp_path / "a.mcap")
     assert 0 < found.count < found.last + 1
-    assert found.memory_after(found.last - 49) is not None  # behind the gap there is a snapshot
+    assert found.memory_after(found.last - 49) is not None  # a memory follows the gap
 
 
 def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, tmp_path):
@@ -237,11 +237,11 @@ def test_messages_that_are_turned_away_for_their_size_are_not_recorded(record, t
         run.bench.send_bytes("update", bytes((1 << 20) + 1))
         run.go(1)
     found = run.finish(tmp_path / "a.mcap")
-    assert found.count == found.last + 1  # no cycle made room for them
+    assert found.count == found.last + 1  # without a cycle
     assert (tmp_path / "a.mcap").stat().st_size < 1 << 20
 
 
-def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_rest_is_there(record, tmp_path, make):
+def test_messages_of_a_flooded_topic_are_dropped_and_counted(record, tmp_path, make):
     run = record(tmp_path / "a.mcap")
     run.stand(10)
     nonsense = encode(make.string("{tasks: {com: {stiffness: [" + "1, " * 400 + "]}}}"))
@@ -249,10 +249,10 @@ def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_re
     for _ in range(16):
         for _ in range(50):
             run.bench.send_bytes("update", nonsense)
-        for _ in range(3):  # more in eight cycles than may wait
+        for _ in range(3):  # above the limit of eight cycles
             run.bench.send_bytes("trajectory", large, "com")
         run.go(1)
-    run.bench.send_bytes("setpoint", large, "com")  # one that is alone is recorded
+    run.bench.send_bytes("setpoint", large, "com")  # a single message is recorded
     run.go(20)
     found = run.finish(tmp_path / "a.mcap")
     assert found.count == found.last + 1
@@ -260,14 +260,14 @@ def test_of_a_topic_that_is_flooded_messages_are_left_out_and_counted_and_the_re
     (update,) = [topic for topic in counts if topic.endswith("/update")]
     left_out = sum(event.get("left out", {}).get(update, 0) for event in found.events.values())
     assert counts[update] + left_out == 800
-    assert counts[update] * len(nonsense) < (16 / 8 + 1) * (66 << 10)  # in two or three times eight cycles
+    assert counts[update] * len(nonsense) < (16 / 8 + 1) * (66 << 10)  # in two or three batches of eight cycles
     assert counts["/joint_states"] == counts["/odom"] == found.count
     assert [count for topic, count in counts.items() if topic.endswith("/tasks/com/setpoint")] == [1]
     assert f"messages on {update}" in summarize(found)
 
 
 @pytest.mark.parametrize("whom", ["controller", "both"])
-def test_what_was_written_before_a_kill_can_be_read(tmp_path, whom):
+def test_a_file_is_readable_after_a_kill(tmp_path, whom):
     path, counter = tmp_path / "a.mcap", tmp_path / "count"
     counter.write_bytes(bytes(8))
     process = subprocess.Popen([sys.executable, str(SCRIPT), str(path), str(counter)])
@@ -289,7 +289,7 @@ def test_what_was_written_before_a_kill_can_be_read(tmp_path, whom):
     reader = McapReader(path)
     reader.open()
     assert sum(1 for _ in reader.messages(reader.connections)) == sum(count for *_, count in found.message_counts())
-    if whom == "controller":  # on a busy machine its end may fall into the recording of a fault before
+    if whom == "controller":  # on a busy computer its end may fall into the recording of an earlier fault
         kept = [Recording(each).last for each in (tmp_path / "faults").glob("go2-*.mcap")]
         assert max(kept) >= last - 1 - 20
 

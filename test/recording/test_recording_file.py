@@ -1,4 +1,4 @@
-"""A recording that is read: formats of other versions, and topics that are added after the run."""
+"""Reading of recordings: formats of other versions, and topics added after the run."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from wbc_controller.recording.cycle_layout import FORMAT, HEAD
 from wbc_controller.recording.mcap_file import McapMessages
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import Replay
-from wbc_controller.recording.report.run_from_recording import PHASES, run_of, truth_topics
+from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
 from wbc_controller.validation.fuzz.hostile_recordings import read_recording, write_messages
 
 
@@ -31,7 +31,7 @@ def test_a_recording_in_another_format_is_rejected_with_both_formats(record, tmp
     run = record(tmp_path / "a.mcap")
     run.stand(5)
     run.recorder.close()
-    expected = rf"a\.mcap: its format is {other}; this version reads format {FORMAT}: read it with the version of"
+    expected = rf"a\.mcap: format {other}; this version reads format {FORMAT}: use the version of"
     with pytest.raises(ConfigurationError, match=expected):
         Recording(tmp_path / "a.mcap")
 
@@ -44,7 +44,7 @@ def finished(record, tmp_path):
 
 
 def modified(path: Path, topic: str, change: Callable[[dict[str, Any]], None]) -> Path:
-    """The recording with the first message of a topic changed, with valid checksums."""
+    """Return the recording with a changed first message of a topic and valid checksums."""
     file = McapMessages(path)
     messages, done = [], False
     for place, time, payload in file:
@@ -67,24 +67,24 @@ def modified(path: Path, topic: str, change: Callable[[dict[str, Any]], None]) -
         ("start", lambda start: start.update(config="a: 1"), "has no key 'wbc_controller'"),
         ("start", lambda start: start.update(config="[" * 5000), "not valid YAML"),
         ("start", lambda start: start.update(software=[]), r"'software' is \[\], not .*Mapping"),
-        ("start", lambda start: start["layout"].pop(0), "its layout does not begin with number, now"),
+        ("start", lambda start: start["layout"].pop(0), "the layout must begin with number, now"),
         ("start", lambda start: start["layout"].pop(), "no numbers of references/contact/"),
-        ("start", lambda start: start["layout"][20].pop(), "its layout has the slot"),
-        ("start", lambda start: start["layout"][40].__setitem__(2, -1), "its layout has the slot"),
+        ("start", lambda start: start["layout"][20].pop(), "invalid slot"),
+        ("start", lambda start: start["layout"][40].__setitem__(2, -1), "invalid slot"),
         ("events", lambda event: event.pop("cycle"), "an event has no 'cycle'"),
         ("events", lambda event: event.update(fault="x"), "an event: 'fault' is 'x', not"),
         ("events", lambda event: event.update(requests={}), r"an event: 'requests' is {}, not list\[str\]"),
         ("events", lambda event: event.update(changes=[[{"$record": "Fault", "code": 1, "sentence": "",
                                                          "infeasibility": None}]]), "Fault: 'code' is 1, not str"),
-        ("memory", lambda memory: memory.update(cycle="x"), "a memory begins with"),
+        ("memory", lambda memory: memory.update(cycle="x"), "a memory must begin with"),
         ("memory", lambda memory: memory["memory"].pop("board"), "the memory before cycle 0: KeyError: 'board'"),
         ("memory", lambda memory: memory["memory"]["board"].update(_tuning=0), "_tuning is 0, not a TuningRamp"),
         ("memory", lambda memory: memory["memory"]["board"]["_weight_ramps"].update(com=1),
          r"_weight_ramps\['com'\] is 1, not a SoftRamp"),
         ("memory", lambda memory: memory["memory"]["supervisor"]["_tau"].update(shape=[1]), "cannot reshape array"),
-        ("memory", lambda memory: memory["memory"]["supervisor"]["_tau"].update(type="O"), "an array has the type"),
+        ("memory", lambda memory: memory["memory"]["supervisor"]["_tau"].update(type="O"), "array has the type"),
         ("memory", lambda memory: memory["memory"]["board"]["_trajectories"].update(com={"$trajectory": []}),
-         "a trajectory has no points"),
+         "trajectory has no points"),
     ],
 )  # fmt: skip
 def test_modified_json_with_a_valid_checksum_is_refused_with_the_value(finished, topic, change, reason):
@@ -142,15 +142,15 @@ def test_added_messages_stand_at_their_cycles_and_all_others_stay(finished):
     reader = McapReader(finished.path)
     reader.open()
     assert sum(1 for _ in reader.messages(reader.connections)) == len(after)
-    assert all(each.same for each in Replay(recording).run())
+    assert all(each.is_identical for each in Replay(recording).run())
 
 
 def test_the_report_shows_the_truth_and_the_phases(finished):
     add_topics(finished.path, added(finished))
     recording = Recording(finished.path)
-    run = run_of(recording, ControlCycle(recording.config, preflight=False))
+    run = make_run_data(recording, ControlCycle(recording.config, preflight=False))
     assert set(run.true_wrenches) == set(recording.config.settings.contacts)
-    first = next(i for i, cycle in enumerate(recording.cycles()) if cycle.number_of("has_command"))
+    first = next(i for i, cycle in enumerate(recording.cycles()) if cycle.scalar("has_command"))
     expected = np.arange(first, first + len(run.time))
     for forces in run.true_wrenches.values():
         np.testing.assert_array_equal(forces, np.tile(expected, (3, 1)).T)
@@ -159,7 +159,7 @@ def test_the_report_shows_the_truth_and_the_phases(finished):
 
 
 def test_with_an_estimated_base_the_report_shows_the_true_one(finished):
-    """The recording is of a base from odometry; with an estimated base, odometry is the truth of a simulation."""
+    """The recording has odometry; with an estimated base, odometry is the truth of a simulation."""
     config = finished.config.replace({"estimation.base_state": "imu"})
     controller = ControlCycle(config, preflight=False)
     (topic,) = [topic for topic in truth_topics(config.settings) if topic.key == "odom"]
@@ -168,9 +168,9 @@ def test_with_an_estimated_base_the_report_shows_the_true_one(finished):
         (cycle.stamp, encode(odometry(cycle.stamp, "world", controller.model.base_link, pose, np.zeros(6))))
         for cycle in finished.cycles()
     ]
-    assumed = run_of(finished, controller)
+    assumed = make_run_data(finished, controller)
     add_topics(finished.path, {(topic.name, topic.type): true})
-    shown = run_of(Recording(finished.path), controller)
+    shown = make_run_data(Recording(finished.path), controller)
     np.testing.assert_array_equal(shown.q[:, :7], np.tile(pose, (len(shown.q), 1)))
     np.testing.assert_array_equal(shown.q[:, 7:], assumed.q[:, 7:])
     assert (shown.com[:, 2] > 2.0).all()

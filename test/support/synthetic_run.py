@@ -5,7 +5,7 @@ import pinocchio as pin
 
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.recording.report.run_data import Phase, Result, RunData, supports_of
+from wbc_controller.recording.report.run_data import Phase, Result, RunData, collect_supports
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -20,7 +20,7 @@ def squat(name: str, duration: float, rate: float) -> tuple[RunData, RobotModel]
     """Make up a run of a robot on flat soles: stand, squat, and a shove."""
     settings, model = robot(name)
     rng = np.random.default_rng(1)
-    supports = supports_of(settings.contacts)
+    supports = collect_supports(settings.contacts)
     data = model.pinocchio.createData()
     time = np.arange(0.0, duration, 1.0 / rate)
     n = len(time)

@@ -1,1 +1,1 @@
-"""The ROS 2 interface, free of any transport: the table of topics, the message codec, and the decoding of messages."""
+"""The ROS 2 interface independent of the transport: table of topics, message codec, and decoders."""

@@ -1,8 +1,4 @@
-"""The message codec, the same for every transport: ROS 2 messages to bytes and back.
-
-The message classes come from the `rosbags` package (dataclasses with ROS 2's own field names); the serialized messages
-are little-endian CDR, as every ROS 2 middleware sends them.
-"""
+"""Codec of ROS 2 messages for all transports: dataclasses of `rosbags` to little-endian CDR and back."""
 
 from __future__ import annotations
 
@@ -17,7 +13,7 @@ TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 
 def message(type_name: str, **fields: Any) -> Any:
-    """Make a message of a type such as ``std_msgs/msg/String`` from all of its fields."""
+    """Make a message of a type, such as ``std_msgs/msg/String``, from all its fields."""
     return TYPES.types[type_name](**fields)
 
 
@@ -27,14 +23,10 @@ def encode(content: Any) -> bytes:
 
 
 def decode(payload: bytes, type_name: str) -> Any:
-    """Read a serialized message.
-
-    Raises:
-        InputRefused: if the bytes are not a message of that type.
-    """
+    """Deserialize a message; raises `InputRefused` if the bytes have another type."""
     try:
         return TYPES.deserialize_cdr(payload, type_name)
-    except Exception as error:  # malformed bytes can make the generated decoders raise any exception
+    except Exception as error:  # generated decoders raise any exception on malformed bytes
         raise InputRefused(f"{len(payload)} bytes are not a {type_name} ({type(error).__name__}: {error})") from error
 
 
@@ -50,25 +42,24 @@ def header(nanoseconds: int, frame: str = "") -> Any:
 
 
 def nanoseconds(time: Any) -> int:
-    """Read a builtin_interfaces/Time or Duration."""
+    """Return a builtin_interfaces/Time or Duration in ns."""
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
 
 
 def torques(tau: Any) -> Any:
-    """Make the std_msgs/Float64MultiArray that effort controllers take, from (na,) in N·m."""
+    """Make the std_msgs/Float64MultiArray of effort controllers from torques, (na,) in N·m."""
     dimension = message("std_msgs/msg/MultiArrayDimension", label="actuators", size=len(tau), stride=len(tau))
     layout = message("std_msgs/msg/MultiArrayLayout", dim=[dimension], data_offset=0)
     return message("std_msgs/msg/Float64MultiArray", layout=layout, data=tau)
 
 
 def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, values: Mapping[str, str]) -> Any:
-    """Make a diagnostic_msgs/DiagnosticArray with one status.
+    """Make a diagnostic_msgs/DiagnosticArray with one status at the time `wall`, ns.
 
     Args:
-        wall: time for the header, ns.
         level: 0 (OK), 1 (WARN) or 2 (ERROR).
-        name: ``node: subject``, the form by which diagnostic aggregators group.
-        hardware: the robot's name.
+        name: ``node: subject``, for the grouping by diagnostic aggregators.
+        hardware: name of the robot.
     """
     status = message(
         "diagnostic_msgs/msg/DiagnosticStatus",

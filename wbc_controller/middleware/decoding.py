@@ -1,4 +1,4 @@
-"""Decodes the messages of users into changes of references and settings."""
+"""Decoders of users' messages into changes of references and settings."""
 
 from __future__ import annotations
 
@@ -45,18 +45,18 @@ from wbc_controller.settings.files import read_yaml
 
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """The names and sizes that messages are checked against."""
+    """Valid names and sizes in messages."""
 
-    kinds: Mapping[str, str]  # kind of each task, such as ``frame_pose``, by its name
-    joints: Mapping[str, tuple[str, ...]]  # joints of each posture or torque task, by the task's name
+    kinds: Mapping[str, str]  # kind by task, such as ``frame_pose``
+    joints: Mapping[str, tuple[str, ...]]  # joints by posture or torque task
     contacts: tuple[str, ...]
-    frames: tuple[str, ...]  # names of the frames that accept external wrenches
-    robot_frames: Collection[str] = ()  # names of the robot's frames, in which setpoints may be given
-    #: By the task's name, the frame in which its references are given; without an entry it is the world.
+    frames: tuple[str, ...]  # frames for external wrenches
+    robot_frames: Collection[str] = ()  # frames of the robot for setpoints
+    #: Reference frame by task; the world for all others.
     reference_frames: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
 
-#: Form of the references, by kind of task; the kinds of `JOINT_FIELDS` take joints by name instead.
+#: Reference form by kind of task, except the kinds of `JOINT_FIELDS`, with joints by name.
 _FORMS: Mapping[str, ReferenceForm] = {
     "com": ReferenceForm(),
     "frame_position": ReferenceForm(),
@@ -81,58 +81,50 @@ def _quaternion(quaternion: Any) -> Array:
     return unit_quaternion(values, "the orientation ")
 
 
-#: Names accepted for the world frame in headers.
-WORLD_FRAMES = ("", "world", "odom", "map")
+WORLD_FRAMES = ("", "world", "odom", "map")  # of the world in headers
+#: Kinds of task with points, poses or directions as references, which may be given in a frame of the robot.
+_WORLD_KINDS = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
 
 
-#: Kinds of task whose references are points, poses or directions in the world, which a frame of the robot can hold.
-_PLACED = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
-
-
-def _in_world(content: Any, what: str) -> None:
+def _require_world_frame(content: Any, what: str) -> None:
     frame = content.header.frame_id
     if frame not in WORLD_FRAMES:
-        raise InputRefused(f"frame_id is {frame!r}; {what} is given in the world: {', '.join(WORLD_FRAMES[1:])}")
+        raise InputRefused(f"frame_id is {frame!r}; valid for {what}: {', '.join(WORLD_FRAMES[1:])}")
 
 
-def _in_frame_of(vocabulary: Vocabulary, task: str, content: Any) -> None:
-    """Refuse a trajectory that is not given in the task's reference frame."""
+def _require_reference_frame(vocabulary: Vocabulary, task: str, content: Any) -> None:
+    """Refuse a trajectory outside the task's reference frame."""
     wanted = vocabulary.reference_frames.get(task)
     if wanted is None:
-        _in_world(content, "a trajectory")
+        _require_world_frame(content, "a trajectory")
     elif content.header.frame_id != wanted:
         raise InputRefused(
-            f"frame_id is {content.header.frame_id!r}; a trajectory of task {task!r} is given in its reference frame "
+            f"frame_id is {content.header.frame_id!r}; valid for a trajectory of task {task!r}: its reference frame "
             f"{wanted!r}"
         )
 
 
 def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str = "frame_id") -> str:
-    """Return the frame of a setpoint for `SetSetpoint`: empty for the reference frame of the task.
-
-    Raises:
-        InputRefused: where setpoints of the task are not given in this frame.
-    """
+    """Return the frame of a setpoint for `SetSetpoint` (empty: the task's reference frame); refuse an invalid frame."""
     home = vocabulary.reference_frames.get(task)
     if frame == home or (home is None and frame in WORLD_FRAMES):
         return ""
-    own, placed = setpoint_frames(vocabulary.kinds[task], task), vocabulary.kinds[task] in _PLACED
+    own, placed = setpoint_frames(vocabulary.kinds[task], task), vocabulary.kinds[task] in _WORLD_KINDS
     if frame in own or (placed and frame in vocabulary.robot_frames):
         return frame
-    where = f"in its reference frame {home!r}" if home is not None else f"in the world ({', '.join(WORLD_FRAMES[1:])})"
-    at = [f"from its own reference ({', '.join(own)})"] if own else []
-    robot = ["in a frame of the robot"] if placed else []
-    said = " or ".join([where, *at, *robot])
+    where = f"its reference frame {home!r}" if home is not None else f"the world ({', '.join(WORLD_FRAMES[1:])})"
+    at = [f"relative to its reference ({', '.join(own)})"] if own else []
+    robot = ["a frame of the robot"] if placed else []
+    valid = " or ".join([where, *at, *robot])
     close = difflib.get_close_matches(frame, [*own, *(vocabulary.robot_frames if placed else ())], n=1)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise InputRefused(f"{what} is {reprlib.repr(frame)}; setpoints of task {task!r} are given {said}{hint}")
+    raise InputRefused(f"{what} is {reprlib.repr(frame)}; valid for setpoints of task {task!r}: {valid}{hint}")
 
 
 def setpoint_frames(kind: str, task: str) -> tuple[str, ...]:
-    """Return the frames at a task's own reference in which its setpoints may be given (`relative.own_frames`).
+    """Return the valid frames of relative setpoints (`relative.own_frames`).
 
-    The axes of a relative pose, a contact's wrench and joints know no heading; between two directions there is no
-    displacement.
+    Relative poses, contact wrenches and joints have no heading; two directions have no displacement.
     """
     reference, heading = own_frames(task)
     if kind == "axis_alignment":
@@ -146,7 +138,7 @@ def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Cha
     kind = vocabulary.kinds[task]
     if kind in JOINT_FIELDS:
         what, joints, frame = JOINT_FIELDS[kind], vocabulary.joints[task], content.header.frame_id
-        # Joints are in no frame, and drivers write what they like there; but what names the task means something.
+        # Drivers fill the frame of joints arbitrarily; only a frame of the task has a meaning.
         if frame.startswith(f"{task}/"):
             frame = _frame_of_setpoint(vocabulary, task, frame)
             return (SetSetpoint(task, _joint_steps(joints, content.name, getattr(content, what), what), frame=frame),)
@@ -164,7 +156,7 @@ def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Cha
 
 
 def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "the position") -> Array:
-    """Read a position in the task's reference form; coordinates that the form lacks are ignored."""
+    """Read a position in the task's reference form, without additional coordinates."""
     values = finite(_xyz(vector)[: form.vector], what)
     if form.direction:
         values = unit_vector(values, what)
@@ -172,26 +164,26 @@ def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "th
 
 
 def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Return the values of the task's joints by name; every joint of the task must be given."""
-    _as_many(names, values, what)
+    """Return the values of all joints of the task in its order."""
+    _require_equal_sizes(names, values, what)
     order = _joint_order(joints, names, what)
     return np.asarray(finite(values, what)[order])
 
 
 def _joint_steps(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Return the displacements of the task's joints by name; 0 for joints without one."""
-    _as_many(names, values, what)
-    _are_joints(joints, names)
+    """Return the displacements of the task's joints in its order; 0 for missing joints."""
+    _require_equal_sizes(names, values, what)
+    _require_joints(joints, names)
     steps = dict(zip(names, finite(values, what), strict=True))
     return np.array([steps.get(name, 0.0) for name in joints])
 
 
-def _as_many(names: Sequence[str], values: Any, what: str) -> None:
+def _require_equal_sizes(names: Sequence[str], values: Any, what: str) -> None:
     if len(values) != len(names):
         raise InputRefused(f"{what} has {len(values)} values for {len(names)} names")
 
 
-def _are_joints(joints: Sequence[str], names: Sequence[str]) -> None:
+def _require_joints(joints: Sequence[str], names: Sequence[str]) -> None:
     for name in names:
         if name not in joints:
             raise InputRefused(f"{name!r} is not a joint of this task; {valid_choices(name, joints)}")
@@ -199,8 +191,8 @@ def _are_joints(joints: Sequence[str], names: Sequence[str]) -> None:
 
 
 def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
-    """Return the index of each joint of a task in the names of a message, (k,)."""
-    _are_joints(joints, names)
+    """Return the index of each joint of the task in the names of a message, (k,)."""
+    _require_joints(joints, names)
     places = {name: i for i, name in enumerate(names)}
     missing = [name for name in joints if name not in places]
     if missing:
@@ -208,31 +200,28 @@ def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.n
     return np.array([places[name] for name in joints], dtype=np.intp)
 
 
-#: Points of a trajectory, at most.
-_MOST_POINTS = 5000
+_MAX_POINTS = 5000  # of a trajectory
 
 
 def _read_trajectory(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Change, ...]:
     if not content.points:
         raise InputRefused("the trajectory has no points")
-    if len(content.points) > _MOST_POINTS:
-        raise InputRefused(f"the trajectory has {len(content.points)} points; it takes at most {_MOST_POINTS}")
+    if len(content.points) > _MAX_POINTS:
+        raise InputRefused(f"the trajectory has {len(content.points)} points (limit {_MAX_POINTS})")
     kind = vocabulary.kinds[task]
     if kind == "posture":
         order = _joint_order(vocabulary.joints[task], content.joint_names, "positions")
         knots = [_joint_knot(order, point) for point in content.points]
     else:
-        _in_frame_of(vocabulary, task, content)
+        _require_reference_frame(vocabulary, task, content)
         if len(content.joint_names) > 1:
-            raise InputRefused(f"the trajectory has {len(content.joint_names)} joint names; this task takes one frame")
+            raise InputRefused(f"the trajectory has {len(content.joint_names)} joint names; valid: at most one frame")
         knots = [_frame_knot(_FORMS[kind], point) for point in content.points]
     times = [knot.time for knot in knots]
     if any(not (a < b) for a, b in itertools.pairwise(times)) or times[0] < 0.0:
-        raise InputRefused(f"time_from_start must rise from 0: {shortened(np.array(times))} s")
+        raise InputRefused(f"time_from_start must increase from 0, got {shortened(np.array(times))} s")
     if knots[-1].velocity.any():
-        raise InputRefused(
-            f"the last point has the velocity {shortened(knots[-1].velocity)}; a trajectory ends at rest"
-        )
+        raise InputRefused(f"the last point has the velocity {shortened(knots[-1].velocity)}; it must be 0")
     stamp = stamp_of(content)
     return (SetTrajectory(task, stamp * 1.0e-9 if stamp else None, tuple(knots)),)
 
@@ -249,14 +238,14 @@ def _joint_knot(order: np.ndarray, point: Any) -> Knot:
 
 def _frame_knot(form: ReferenceForm, point: Any) -> Knot:
     if len(point.transforms) != 1:
-        raise InputRefused(f"a point has {len(point.transforms)} transforms; this task takes one")
+        raise InputRefused(f"a point has {len(point.transforms)} transforms; valid: 1")
     transform = point.transforms[0]
     position = _position(form, transform.translation, transform.rotation)
     derivatives = []
     for what in ("velocities", "accelerations"):
         twists = getattr(point, what)
         if len(twists) > 1:
-            raise InputRefused(f"a point has {len(twists)} {what}; this task takes one")
+            raise InputRefused(f"a point has {len(twists)} {what}; valid: at most 1")
         six = [*_xyz(twists[0].linear), *_xyz(twists[0].angular)] if twists else np.zeros(6)
         derivatives.append(finite(six, what)[form.twist])
     return Knot(nanoseconds(point.time_from_start) * 1.0e-9, position, *derivatives)
@@ -264,25 +253,25 @@ def _frame_knot(form: ReferenceForm, point: Any) -> Knot:
 
 def _weight(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputRefused(f"a weight is a number, not {reprlib.repr(value)}")
+        raise InputRefused(f"weight is {reprlib.repr(value)}; it must be a number")
     if not (0.0 <= value <= 1.0e6):
-        raise InputRefused(f"a weight must be from 0 to 1e6, not {reprlib.repr(value)}")
+        raise InputRefused(f"weight is {reprlib.repr(value)}; valid: 0 to 1e6")
     return float(value)
 
 
 def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> tuple[Change, ...]:
-    _in_world(content, "an external wrench")
+    _require_world_frame(content, "an external wrench")
     return (SetExternalWrench(frame, _wrench(content)),)
 
 
 def _read_velocity(twist: Any) -> tuple[Change, ...]:
-    """Return the command to walk at a velocity; a velocity of zero is the command to stop."""
+    """Return the command to walk at a velocity, or to stop at zero velocity."""
     unused = twist.linear.z, twist.angular.x, twist.angular.y
     velocity = finite([twist.linear.x, twist.linear.y, twist.angular.z], "the velocity")
     if any(unused):
         raise InputRefused(
-            f"linear.z, angular.x and angular.y are {list(unused)}; a walking robot takes linear.x, linear.y and "
-            "angular.z: set the others to 0"
+            f"linear.z, angular.x and angular.y are {list(unused)}; they must be 0: walking uses linear.x, linear.y "
+            "and angular.z"
         )
     return (Walk(velocity if velocity.any() else None, streamed=True),)
 
@@ -291,34 +280,29 @@ def _wrench(content: Any) -> Array:
     return finite([*_xyz(content.wrench.force), *_xyz(content.wrench.torque)], "the wrench")
 
 
-#: Longest update in characters.
-_LONGEST_UPDATE = 4096
-
-
-#: Parses YAML in C where PyYAML was built with it.
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_MAX_UPDATE = 4096  # length of an update, characters
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # in C if available
 _UPDATE_FORM = (
     "an update is YAML such as {tasks: {com: {weight: 5.0, enabled: true, setpoint: [0, 0, 0.7]}}, "
     "contacts: {left_foot: {enabled: false}}}"
 )
-#: By section of an update: the keys that change references, and the keys that change settings.
+#: Keys of references and keys of settings, by section of an update.
 _UPDATE_KEYS = {
     "tasks": (("enabled", "weight", "setpoint", "frame"), ("stiffness", "damping", "gain", "setpoint_duration")),
     "contacts": (("enabled",), ("ramp",)),
 }
-#: Sections of an update that only change settings.
-_UPDATE_SETTINGS = ("control", "limits", "safety")
+_UPDATE_SETTINGS = ("control", "limits", "safety")  # with settings only
 
 
 def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:
-    """Read several changes; if one is refused, all are."""
-    if len(content.data) > _LONGEST_UPDATE:
-        raise InputRefused(f"an update has at most {_LONGEST_UPDATE} letters, not {len(content.data)}")
+    """Read several changes; one refusal refuses all."""
+    if len(content.data) > _MAX_UPDATE:
+        raise InputRefused(f"update has {len(content.data)} characters (limit {_MAX_UPDATE})")
     try:
         if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(content.data, Loader=_LOADER)):
-            raise InputRefused(f"an update has no aliases (*name); {_UPDATE_FORM}")
+            raise InputRefused(f"aliases (*name) are not supported; {_UPDATE_FORM}")
         update = read_yaml(content.data, "update", _LOADER)
-    except (yaml.YAMLError, RecursionError) as error:  # the latter on deep nesting
+    except (yaml.YAMLError, RecursionError) as error:  # RecursionError on deep nesting
         raise InputRefused(f"not valid YAML: {' '.join(str(error).split())}; {_UPDATE_FORM}") from error
     except ConfigurationError as error:
         raise InputRefused(f"{error}; {_UPDATE_FORM}") from error
@@ -342,7 +326,7 @@ def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Ch
             if not isinstance(fields, dict):
                 raise InputRefused(f"{section}.{name} is not a mapping; {_UPDATE_FORM}")
             if "frame" in fields and "setpoint" not in fields:
-                raise InputRefused(f"{section}.{name}.frame stands without a setpoint; it says where that is given")
+                raise InputRefused(f"{section}.{name}: 'frame' requires 'setpoint'")
             for key, value in fields.items():
                 if key == "frame" and section == "tasks":
                     continue  # it belongs to the setpoint
@@ -363,17 +347,16 @@ def _update_field(vocabulary: Vocabulary, section: str, name: str, key: Any, val
         return SetWeight(name, _weight(value))
     if key == "setpoint":
         if not isinstance(frame, str):
-            raise InputRefused(f"tasks.{name}.frame is the name of a frame, not {reprlib.repr(frame)}")
+            raise InputRefused(f"tasks.{name}.frame is {reprlib.repr(frame)}; it must be the name of a frame")
         if frame:
             frame = _frame_of_setpoint(vocabulary, name, frame, f"tasks.{name}.frame")
         return SetSetpoint(name, _setpoint_values(vocabulary, name, value), frame=frame)
     if not isinstance(value, bool):
-        raise InputRefused(f"{section}.{name}.enabled is true or false, not {reprlib.repr(value)}")
+        raise InputRefused(f"{section}.{name}.enabled is {reprlib.repr(value)}; valid: true or false")
     return EnableTask(name, value) if section == "tasks" else EnableContact(name, value)
 
 
 def _is_number(value: Any) -> bool:
-    """Return whether a YAML value is a number; integers too long for a double are refused before."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
@@ -382,14 +365,14 @@ def _setpoint_values(vocabulary: Vocabulary, task: str, value: Any) -> Array:
     form = ReferenceForm(vector=len(vocabulary.joints[task])) if kind in JOINT_FIELDS else _FORMS[kind]
     where = f"tasks.{task}.setpoint"
     if not isinstance(value, list) or not all(_is_number(number) for number in value):
-        raise InputRefused(f"{where} is a list of {form.size} numbers, not {reprlib.repr(value)}")
+        raise InputRefused(f"{where} is {reprlib.repr(value)}; it must be a list of {form.size} numbers")
     if len(value) != form.size:
         article = "an" if kind[0] in "aeiou" else "a"
-        raise InputRefused(f"{where} has {len(value)} values; {article} {kind} task takes {form.size}")
+        raise InputRefused(f"{where} has {len(value)} values; {article} {kind} task requires {form.size}")
     return form.position(value, where)
 
 
-#: The reader of each topic that changes references or settings, by its key in the topic table.
+#: Decoders by row of the topic table.
 READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change | ChangeSettings, ...]]] = {
     "setpoint": _read_setpoint,
     "trajectory": _read_trajectory,

@@ -1,4 +1,4 @@
-"""Decoder of joint states, and the base class of all decoders of measured states."""
+"""Decoder of joint states, and base class of the decoders of measured states."""
 
 from __future__ import annotations
 
@@ -17,62 +17,50 @@ from wbc_controller.records import Array
 
 _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N·m"}
 _NONE = np.zeros(0)
-_SPLIT = (
-    "; all joints arrive, but split over several messages: publish them in one, for example with the source_list of "
+_SPLIT_HINT = (
+    "; the joints are split over several messages: publish them in one, for example with the source_list of "
     "joint_state_publisher"
 )
-_UNMEASURED = "for a robot that measures no velocities, estimation.joint_velocity has to be differentiated"
+_VELOCITY_HINT = "for a robot without velocity sensors set estimation.joint_velocity to differentiated"
 
 
 class JointStates(NamedTuple):
-    """Measured joint states in the robot's joint order."""
+    """Measured joint states in the robot's joint order; ignored columns are empty."""
 
-    stamp: int  # timestamp, ns
-    position: Array = _NONE  # (nj,) in rad; like the other arrays it is empty if the reader ignores it
+    stamp: int  # ns
+    position: Array = _NONE  # (nj,) in rad
     velocity: Array = _NONE  # (nj,) in rad/s
     effort: Array = _NONE  # (nj,) in N·m
 
 
 class StateReader(ABC):
-    """Decoder of one stream of states.
+    """Decoder of one state topic.
 
-    The first message of a layout, i.e. with new text or array sizes, passes the codec, and its text is checked. The
-    offsets of its numbers hold for all messages of this layout: only their numbers are read and checked.
+    The codec decodes the first message of each layout (text and array sizes). Its number offsets hold for all later
+    messages of this layout, so that only their numbers are read and checked.
     """
 
     type: str
-    #: Paths of the numbers and arrays that are read, in the order of the values that `_decode` returns.
-    paths: tuple[str, ...]
+    paths: tuple[str, ...]  # fields of `_decode`, in order
 
     def __init__(self) -> None:
         self._layout: MessageLayout | None = None
-        self._index = np.zeros(0, dtype=np.intp)  # of the values among the numbers of the layout
+        self._index = np.zeros(0, dtype=np.intp)  # of the values in the numbers of the layout
 
     @abstractmethod
     def read(self, payload: bytes) -> Any:
-        """Decode and check a serialized message.
-
-        Returns:
-            The record of this stream, with arrays that own their data.
-
-        Raises:
-            InputRefused: if the bytes are not a message of this type and robot, or a value or the timestamp is invalid.
-        """
+        """Decode a serialized message into a record with its own arrays; raises `InputRefused` if invalid."""
 
     @abstractmethod
     def _check_text(self, content: Any) -> None:
-        """Raise `InputRefused` if names, frames or array sizes of a decoded message are invalid."""
+        """Raise `InputRefused` for invalid names, frames or array sizes."""
 
     def _decode(self, payload: bytes) -> tuple[int, Array]:
-        """Return the timestamp in ns, and a new array of the values at `paths`, (n,).
-
-        Raises:
-            InputRefused: if the message has another type, invalid text or array sizes, or an invalid timestamp.
-        """
+        """Return the timestamp, ns, and a new array of the values at `paths`, (n,); refuse invalid messages."""
         layout = self._layout
         if layout is None or not layout.fits(payload):
             content = decode(payload, self.type)
-            payload = encode(content)  # another writer may leave other bytes between the fields
+            payload = encode(content)  # padding bytes may differ between writers
             if layout is None or not layout.fits(payload):
                 self._check_text(content)
                 layout = MessageLayout(content)
@@ -82,23 +70,19 @@ class StateReader(ABC):
         return header_stamp(payload), numbers.take(self._index)
 
     def _index_in(self, layout: MessageLayout, content: Any) -> np.ndarray:
-        """Return the index of each value among the numbers of a layout, (n,)."""
+        """Return the index of each value in the numbers of a layout, (n,)."""
         return np.concatenate([layout.index_of(path) for path in self.paths])
 
 
 class JointStateReader(StateReader):
-    """Decoder of sensor_msgs/JointState, matched by joint name; additional joints are ignored.
-
-    Args:
-        columns: the arrays that are read: ``position``, ``velocity``, ``effort``; by default the first two.
-    """
+    """Decoder of sensor_msgs/JointState by joint name; additional joints are ignored."""
 
     type = "sensor_msgs/msg/JointState"
 
     def __init__(self, joints: Sequence[str], *columns: str) -> None:
         super().__init__()
         self._joints, self.paths = tuple(joints), columns or ("position", "velocity")
-        self._partial: set[str] = set()  # joints of messages in which others are missing
+        self._partial: set[str] = set()  # joints of incomplete messages
 
     def read(self, payload: bytes) -> JointStates:
         """Decode and check a serialized message; see `StateReader.read`."""
@@ -107,27 +91,27 @@ class JointStateReader(StateReader):
         if not np.isfinite(values).all():
             k, i = np.argwhere(~np.isfinite(columns))[0]
             column, joint = self.paths[k], self._joints[i]
-            hint = f"; {_UNMEASURED}" if column == "velocity" and np.isnan(columns[k]).all() else ""
+            hint = f"; {_VELOCITY_HINT}" if column == "velocity" and np.isnan(columns[k]).all() else ""
             raise InputRefused(
                 f"{column} of {joint!r} is {columns[k, i]} {_UNITS[column]}; every value must be finite{hint}"
             )
         return JointStates(stamp, **dict(zip(self.paths, columns, strict=True)))
 
     def _check_text(self, content: Any) -> None:
-        self._find(content.name)
+        self._joint_indices(content.name)
         for column in self.paths:
             size = len(getattr(content, column))
             if column == "velocity" and size == 0:
-                raise InputRefused(f"velocity has 0 values for {len(content.name)} names; {_UNMEASURED}")
+                raise InputRefused(f"velocity has 0 values for {len(content.name)} names; {_VELOCITY_HINT}")
             if size != len(content.name):
                 raise InputRefused(f"{column} has {size} values for {len(content.name)} names")
 
     def _index_in(self, layout: MessageLayout, content: Any) -> np.ndarray:
-        order = self._find(content.name)
+        order = self._joint_indices(content.name)
         return np.concatenate([layout.index_of(path)[order] for path in self.paths])
 
-    def _find(self, names: Sequence[str]) -> np.ndarray:
-        """Return the index of each of the robot's joints in the names of a message, (nj,)."""
+    def _joint_indices(self, names: Sequence[str]) -> np.ndarray:
+        """Return the index of each joint of the robot in the names of a message, (nj,)."""
         require_unique(names)
         missing = [name for name in self._joints if name not in names]
         if missing:
@@ -136,14 +120,14 @@ class JointStateReader(StateReader):
             raise InputRefused(
                 f"{len(missing)} of {len(self._joints)} joints are missing: {', '.join(missing)}"
                 + (f"; unknown joints: {unknown}" if unknown else "")
-                + (_SPLIT if self._partial.issuperset(self._joints) else "")
+                + (_SPLIT_HINT if self._partial.issuperset(self._joints) else "")
             )
         places = {name: i for i, name in enumerate(names)}
         return np.array([places[name] for name in self._joints], dtype=np.intp)
 
 
 def require_unique(names: Sequence[str]) -> None:
-    """Raise `InputRefused` if a joint is named more than once."""
-    twice = sorted(name for name, count in Counter(names).items() if count > 1)
-    if twice:
-        raise InputRefused(f"duplicate joint {twice[0]!r}; name each joint once")
+    """Raise `InputRefused` for duplicate joints."""
+    duplicates = sorted(name for name, count in Counter(names).items() if count > 1)
+    if duplicates:
+        raise InputRefused(f"duplicate joint {duplicates[0]!r}; name each joint once")

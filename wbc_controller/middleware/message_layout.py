@@ -1,7 +1,7 @@
-"""Byte offsets of the numbers in serialized messages, to read and write them without the codec.
+"""Byte offsets of numbers in serialized messages, to read and write them without the codec.
 
-The messages of a stream, such as joint states, differ only in their numbers: timestamp, floating-point fields and
-arrays of them. All other bytes, the text and the array sizes, form the layout.
+Messages of a stream differ only in their numbers: timestamp, floating-point fields and arrays. All other bytes (text
+and array sizes) form the layout.
 """
 
 from __future__ import annotations
@@ -17,18 +17,12 @@ from wbc_controller.middleware.codec import encode
 from wbc_controller.records import Array
 
 _STAMP = struct.Struct("<iI")
-#: Size of the encapsulation header, bytes. CDR aligns the numbers after it to multiples of eight.
-_START = 4
-#: Two values for the bytes of a message's numbers; bytes that differ between the two messages belong to numbers.
-_FILLINGS = (0x11, 0x22)
+_START = 4  # bytes of the encapsulation header; CDR aligns the numbers after it to multiples of eight
+_FILLINGS = (0x11, 0x22)  # two values for all bytes of numbers, which mark them as differing bytes
 
 
 class MessageLayout:
-    """Positions of the numbers in the serialized messages that have equal text and array sizes.
-
-    Attributes:
-        span: the bytes of a message that can be read as an array of floating-point numbers.
-    """
+    """Positions of the numbers in serialized messages with equal text and array sizes."""
 
     def __init__(self, content: Any) -> None:
         first, second = (np.frombuffer(encode(_filled(content, byte)), dtype=np.uint8) for byte in _FILLINGS)
@@ -42,32 +36,29 @@ class MessageLayout:
                 self._indices[path] = np.arange(start, start + count)
                 seen += 8 * count
         edges = np.flatnonzero(np.diff(np.concatenate([[True], differs, [True]]))).reshape(-1, 2).tolist()
-        self._pieces = [slice(start, stop) for start, stop in edges]  # the bytes that belong to no number
+        self._pieces = [slice(start, stop) for start, stop in edges]  # bytes outside the numbers
         self._constant = [first[piece].tobytes() for piece in self._pieces]
+        # `span`: bytes of a message as an array of doubles.
         self._size, self.span = len(first), slice(_START, _START + (len(first) - _START) // 8 * 8)
 
     def fits(self, payload: bytes) -> bool:
-        """Return whether a serialized message has this layout."""
+        """Return True if a serialized message has this layout."""
         return len(payload) == self._size and [payload[piece] for piece in self._pieces] == self._constant
 
     def index_of(self, *paths: str) -> np.ndarray:
-        """Return the index of each number of some fields in the array of `span`, (k,).
+        """Return the index of each number of fields such as ``pose.pose.position.x`` in the array of `span`, (k,).
 
-        Args:
-            paths: such as ``position`` or ``pose.pose.position.x``. A timestamp counts as one number.
-
-        Raises:
-            KeyError: if the message has no such numbers.
+        A timestamp counts as one number. A field without numbers raises `KeyError`.
         """
         return np.concatenate([self._indices[path] for path in paths])
 
 
 class Template:
-    """Serializes messages that differ only in their timestamp and some numbers.
+    """Serializer of messages with variable timestamp and numbers.
 
     Args:
-        content: a message of the layout; numbers that are not named in `fields` keep their values.
-        fields: the groups of numbers that `write` takes, each as the paths of consecutive fields.
+        content: message of the layout, with the constant values of other fields.
+        fields: groups of numbers for `write`, each with the paths of consecutive fields.
     """
 
     def __init__(self, content: Any, *fields: Sequence[str]) -> None:
@@ -78,14 +69,9 @@ class Template:
         self._fields = [_as_slice(layout.index_of(*paths)) for paths in fields]
 
     def write(self, nanoseconds: int, *values: Array) -> bytes:
-        """Serialize a message.
+        """Serialize a message with a timestamp (ignored without a header) and the numbers of each group.
 
-        Args:
-            nanoseconds: the timestamp, ns; ignored if the message has no header.
-            values: the numbers of each group of fields, in order.
-
-        Raises:
-            ValueError: if the number of groups, or the size of a group, differs from the message.
+        A different number of groups, or size of a group, raises `ValueError`.
         """
         if self._stamp is not None:
             _STAMP.pack_into(self._payload, self._stamp, *divmod(nanoseconds, 1_000_000_000))
@@ -97,14 +83,10 @@ class Template:
 
 
 def _as_slice(index: np.ndarray) -> slice:
-    """Return consecutive indices, (k,), as a slice.
-
-    Raises:
-        ValueError: if the indices are not consecutive.
-    """
+    """Return consecutive indices, (k,), as a slice; raises `ValueError` for other indices."""
     start, stop = int(index[0]), int(index[-1]) + 1
     if not np.array_equal(index, np.arange(start, stop)):
-        raise ValueError(f"the fields of a group follow one another in the message; theirs are {index.tolist()}")
+        raise ValueError(f"the fields of a group must be consecutive; their indices are {index.tolist()}")
     return slice(start, stop)
 
 
@@ -117,7 +99,7 @@ def _is_stamp(value: Any) -> bool:
 
 
 def _numbers(content: Any, path: str = "") -> Iterator[tuple[str, int]]:
-    """Yield the path of each field of numbers, in the order of serialization, and its size in units of eight bytes."""
+    """Yield the path and size (in units of eight bytes) of each numeric field, in the order of serialization."""
     for field in dataclasses.fields(content):
         value, here = getattr(content, field.name), f"{path}{field.name}"
         if isinstance(value, float):
@@ -135,7 +117,7 @@ def _numbers(content: Any, path: str = "") -> Iterator[tuple[str, int]]:
 
 
 def _filled(content: Any, byte: int) -> Any:
-    """Return a copy of a message in which every byte of every number has one value."""
+    """Return a copy of a message with one value in every byte of every number."""
     whole, number = (np.frombuffer(bytes([byte]) * 8, dtype=kind)[0].item() for kind in ("<u4", "<f8"))
     changed: dict[str, Any] = {}
     for field in dataclasses.fields(content):

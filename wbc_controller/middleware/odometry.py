@@ -1,4 +1,4 @@
-"""Where a base is, as messages: odometry, absolute poses, and the transform of its frame."""
+"""Messages of the base pose: odometry, absolute poses, and transforms."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from wbc_controller.records import Array
 def odometry(
     stamp: int, frame: str, base: str, pose: Array, twist: Array, covariances: tuple[Array, Array] | None = None
 ) -> Any:
-    """Make a nav_msgs/Odometry.
+    """Make a nav_msgs/Odometry with a stamp in ns.
 
     Args:
-        stamp: ns.
-        frame: in which the pose is.
-        base: the base's link, in whose axes the twist is.
+        frame: frame of the pose.
+        base: link of the base, with the axes of the twist.
         pose: position in m and quaternion x, y, z, w, (7,).
         twist: linear and angular velocity, (6,) in m/s and rad/s.
-        covariances: of position and turns about the axes of `frame`, and of the twist, (6, 6) each; None for zeros.
+        covariances: of position and rotations about the axes of `frame`, and of the twist, (6, 6); None for zeros.
     """
     of_pose, of_twist = covariances if covariances is not None else (np.zeros(36), np.zeros(36))
     moving = message("geometry_msgs/msg/Twist", linear=vector(twist[:3]), angular=vector(twist[3:]))
@@ -29,31 +28,23 @@ def odometry(
         "nav_msgs/msg/Odometry",
         header=header(stamp, frame),
         child_frame_id=base,
-        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_placed(pose), covariance=of_pose.ravel()),
+        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose), covariance=of_pose.ravel()),
         twist=message("geometry_msgs/msg/TwistWithCovariance", twist=moving, covariance=of_twist.ravel()),
     )
 
 
 def pose_with_covariance(stamp: int, frame: str, pose: Array, position: float, turn: float) -> Any:
-    """Make a geometry_msgs/PoseWithCovarianceStamped.
-
-    Args:
-        stamp: ns.
-        frame: in which the pose is.
-        pose: position in m and quaternion x, y, z, w, (7,).
-        position: standard deviation of the position, m.
-        turn: of the orientation, rad.
-    """
+    """Make a geometry_msgs/PoseWithCovarianceStamped from standard deviations of position, m, and rotation, rad."""
     covariance = np.diag([position**2] * 3 + [turn**2] * 3)
     return message(
         "geometry_msgs/msg/PoseWithCovarianceStamped",
         header=header(stamp, frame),
-        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_placed(pose), covariance=covariance.ravel()),
+        pose=message("geometry_msgs/msg/PoseWithCovariance", pose=_pose(pose), covariance=covariance.ravel()),
     )
 
 
 def transform(stamp: int, frame: str, base: str, pose: Array) -> Any:
-    """Make a tf2_msgs/TFMessage with the transform from a frame to the base, from its pose in it, (7,)."""
+    """Make a tf2_msgs/TFMessage with the transform from a frame to the base, from its pose, (7,)."""
     content = message(
         "geometry_msgs/msg/TransformStamped",
         header=header(stamp, frame),
@@ -63,7 +54,7 @@ def transform(stamp: int, frame: str, base: str, pose: Array) -> Any:
     return message("tf2_msgs/msg/TFMessage", transforms=[content])
 
 
-def _placed(pose: Array) -> Any:
+def _pose(pose: Array) -> Any:
     x, y, z = pose[:3].tolist()
     return message(
         "geometry_msgs/msg/Pose",

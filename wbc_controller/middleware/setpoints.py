@@ -12,11 +12,10 @@ from wbc_controller.middleware.message_layout import Template
 from wbc_controller.middleware.odometry import quaternion
 from wbc_controller.records import Array
 
-#: Kinds of task whose references are given by joint name, and the field of the JointState that holds them.
+#: Field of the JointState, by kind of task with references by joint name.
 JOINT_FIELDS = {"posture": "position", "torque": "effort"}
-#: The numbers of a geometry_msgs/WrenchStamped: force, then torque.
+#: Numeric fields of a geometry_msgs/WrenchStamped, and of the other types.
 WRENCH = tuple(f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz")
-#: The numbers of the other types.
 _NUMBERS = {
     "geometry_msgs/msg/PoseStamped": (
         *(f"pose.position.{axis}" for axis in "xyz"), *(f"pose.orientation.{part}" for part in "xyzw"),
@@ -33,11 +32,11 @@ def setpoint_message(
     """Make the message of a task's setpoint.
 
     Args:
-        type_name: its type, one of `TASK_TYPES`.
-        position: in the form of the task's references; coordinates that the form lacks are 0 in the message.
-        frame: for its header.
-        stamp: for its header, ns.
-        joints: names of the values, where the task is about joints.
+        type_name: type of `TASK_TYPES`.
+        position: in the task's reference form; missing coordinates become 0.
+        frame: frame of the header.
+        stamp: stamp of the header, ns.
+        joints: joint names of a joint task.
     """
     values = np.asarray(position, dtype=np.float64)
     top = header(stamp, frame)
@@ -56,28 +55,23 @@ def setpoint_message(
 
 
 class SetpointTemplate:
-    """Serializes the setpoints of one task: the bytes of `setpoint_message`, in which only stamp and numbers change."""
+    """Serializer of one task's setpoints, with the bytes of `setpoint_message`."""
 
     def __init__(
         self, type_name: str, kind: str, position: Array, *, frame: str = "world", joints: Sequence[str] = ()
     ) -> None:
-        """Lay out the message; the arguments are those of `setpoint_message`."""
+        """Lay out the message; arguments as for `setpoint_message`."""
         content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
         paths = (JOINT_FIELDS[kind],) if kind in JOINT_FIELDS else _NUMBERS[type_name]
         size = len(position) if kind in JOINT_FIELDS else len(paths)
         self._template, self._numbers = Template(content, paths), np.zeros(size)
         places = np.arange(min(len(position), size))
         if type_name == "geometry_msgs/msg/PoseStamped":
-            places[-4:] = range(3, 7)  # after a position, which may lack coordinates
+            places[-4:] = range(3, 7)  # after a position with possibly fewer coordinates
         self._places = places
 
     def write(self, stamp: int, position: Array) -> bytes:
-        """Serialize a setpoint.
-
-        Args:
-            stamp: for its header, ns.
-            position: of the same size as before.
-        """
+        """Serialize a setpoint with a stamp in ns and a position of the original size."""
         self._numbers[self._places] = position[: len(self._numbers)]
         return self._template.write(stamp, self._numbers)
 

@@ -13,15 +13,13 @@ from wbc_controller.inverse_dynamics.tasks.form import unit_quaternion
 from wbc_controller.middleware.joint_states import StateReader
 from wbc_controller.records import Array
 
-#: Largest magnitudes that an IMU measures, rad/s and m/s², and largest component of a force at a contact, N.
-FASTEST_IMU, HARDEST_IMU, HARDEST_CONTACT = 100.0, 1000.0, 1.0e5
-#: Frames in which absolute poses may be given, and their farthest position and largest variance, m, m² and rad².
+#: Largest angular velocity, rad/s, and specific force, m/s², of an IMU, and component of a contact force, N.
+MAX_IMU_RATE, MAX_IMU_FORCE, MAX_CONTACT_FORCE = 100.0, 1000.0, 1.0e5
+#: Valid frames, largest distance, m, and largest variance, m² and rad², of absolute poses.
 POSE_FRAMES = ("", "world", "map")
-FARTHEST_POSE, VAGUEST_POSE = 1.0e4, 100.0
-#: Smallest eigenvalue of a covariance, as a fraction of its trace: rounding.
-_ROUNDED = -1.0e-9
-#: The components of a covariance that are used: position and heading.
-_USED = [0, 1, 2, 5]
+MAX_POSE_DISTANCE, MAX_POSE_VARIANCE = 1.0e4, 100.0
+_ROUNDING = -1.0e-9  # smallest eigenvalue of a covariance, relative to its trace
+_USED = [0, 1, 2, 5]  # position and heading
 
 
 def _axes(path: str, axes: str = "xyz") -> tuple[str, ...]:
@@ -34,7 +32,7 @@ _POSE = (*_axes("pose.pose.position"), *_axes("pose.pose.orientation", "xyzw"))
 class BaseState(NamedTuple):
     """Measured state of a floating base."""
 
-    stamp: int  # timestamp, ns
+    stamp: int  # ns
     pose: Array  # position in m and quaternion x, y, z, w in the world, (7,)
     twist: Array  # linear and angular velocity in the base frame, (6,) in m/s and rad/s
 
@@ -42,23 +40,23 @@ class BaseState(NamedTuple):
 class ImuData(NamedTuple):
     """One measurement of an IMU, in its own axes."""
 
-    stamp: int  # timestamp, ns
+    stamp: int  # ns
     angular_velocity: Array  # (3,) in rad/s
-    specific_force: Array  # acceleration less gravity, (3,) in m/s²
+    specific_force: Array  # acceleration minus gravity, (3,) in m/s²
 
 
 class AbsolutePose(NamedTuple):
     """Measured pose of the base in the world."""
 
-    stamp: int  # timestamp, ns
+    stamp: int  # ns
     pose: Array  # position in m and quaternion x, y, z, w, (7,)
-    covariance: Array  # of the position and of turns about the world's axes, (6, 6) in m² and rad²
+    covariance: Array  # of position and rotations about the world's axes, (6, 6) in m² and rad²
 
 
 class ContactForce(NamedTuple):
     """Measured force on the robot at a contact."""
 
-    stamp: int  # timestamp, ns
+    stamp: int  # ns
     normal: float  # component along the contact's normal, N
     force: Array  # (3,) in N, in the axes of the message's frame
 
@@ -91,7 +89,7 @@ class OdometryReader(StateReader):
 
 
 class ImuReader(StateReader):
-    """Decoder of sensor_msgs/Imu; its orientation is not used."""
+    """Decoder of sensor_msgs/Imu without the orientation."""
 
     type = "sensor_msgs/msg/Imu"
     paths = (
@@ -107,13 +105,15 @@ class ImuReader(StateReader):
         """Decode and check a serialized message; see `StateReader.read`."""
         stamp, values = self._decode(payload)
         rate, force = values[:12], values[12:]  # three components, and nine of the covariance
-        _check_measured("angular_velocity", rate[:3], rate[3:], FASTEST_IMU, "rad/s")
-        _check_measured("linear_acceleration", force[:3], force[3:], HARDEST_IMU, "m/s²")
+        _check_measured("angular_velocity", rate[:3], rate[3:], MAX_IMU_RATE, "rad/s")
+        _check_measured("linear_acceleration", force[:3], force[3:], MAX_IMU_FORCE, "m/s²")
         return ImuData(stamp, rate[:3], force[:3])
 
     def _check_text(self, content: Any) -> None:
         if content.header.frame_id not in ("", self._frame):
-            raise InputRefused(f"header.frame_id is {content.header.frame_id!r}; the IMU's frame is {self._frame!r}")
+            raise InputRefused(
+                f"header.frame_id is {content.header.frame_id!r}; it must be the IMU's frame {self._frame!r}"
+            )
 
 
 class PoseReader(StateReader):
@@ -126,9 +126,9 @@ class PoseReader(StateReader):
         """Decode and check a serialized message; see `StateReader.read`."""
         stamp, values = self._decode(payload)
         pose = finite(values[:7], "the pose")
-        if not (np.abs(pose[:3]) <= FARTHEST_POSE).all():
+        if not (np.abs(pose[:3]) <= MAX_POSE_DISTANCE).all():
             raise InputRefused(
-                f"the position is {pose[:3].tolist()} m; at most {FARTHEST_POSE:g} m from the world's origin"
+                f"the position is {pose[:3].tolist()} m (limit {MAX_POSE_DISTANCE:g} m from the world's origin)"
             )
         pose[3:] = unit_quaternion(pose[3:], "the orientation ")
         return AbsolutePose(stamp, pose, _checked_covariance(values[7:]))
@@ -137,15 +137,15 @@ class PoseReader(StateReader):
         frame = content.header.frame_id
         if frame not in POSE_FRAMES:
             raise InputRefused(
-                f"header.frame_id is {frame!r}; an absolute pose is given in {', '.join(POSE_FRAMES[1:])}"
+                f"header.frame_id is {frame!r}; valid for an absolute pose: {', '.join(POSE_FRAMES[1:])}"
             )
 
 
 class ContactForceReader(StateReader):
-    """Decoder of geometry_msgs/WrenchStamped from a force sensor at a contact; its torque is not used.
+    """Decoder of geometry_msgs/WrenchStamped from a contact's force sensor, without the torque.
 
     Args:
-        normals: its unit normal in the axes of each frame in which the force may be given, (3,).
+        normals: unit normal of the contact, (3,), by valid frame of the force.
     """
 
     type = "geometry_msgs/msg/WrenchStamped"
@@ -159,48 +159,44 @@ class ContactForceReader(StateReader):
         """Decode and check a serialized message; see `StateReader.read`."""
         stamp, force = self._decode(payload)
         finite(force, "wrench.force")
-        if not (np.abs(force) <= HARDEST_CONTACT).all():
-            raise InputRefused(f"wrench.force is {force.tolist()} N; at a contact it is at most {HARDEST_CONTACT:g}")
+        if not (np.abs(force) <= MAX_CONTACT_FORCE).all():
+            raise InputRefused(f"wrench.force is {force.tolist()} N (limit {MAX_CONTACT_FORCE:g} N)")
         return ContactForce(stamp, float(self._normal @ force), force)
 
     def _check_text(self, content: Any) -> None:
         frame = content.header.frame_id
         if frame not in self._normals:
             raise InputRefused(
-                f"header.frame_id is {frame!r}; the force at contact {self._contact!r} is given in the axes of "
-                f"one of {', '.join(sorted(filter(None, self._normals)))}"
+                f"header.frame_id is {frame!r}; valid for the force at contact {self._contact!r}: "
+                f"{', '.join(sorted(filter(None, self._normals)))}"
             )
         self._normal = self._normals[frame]
 
 
 def _check_measured(what: str, values: Array, covariance: Array, limit: float, unit: str) -> None:
-    """Raise `InputRefused` if an IMU does not measure a quantity, or a value is not finite or above its limit."""
+    """Raise `InputRefused` for a quantity without measurement, a value that is not finite, or one above the limit."""
     if covariance[0] == -1.0:
-        raise InputRefused(f"{what}_covariance begins with -1: the IMU does not measure it")
+        raise InputRefused(f"{what}_covariance begins with -1: the IMU does not measure {what}")
     finite(values, what)
     if not (np.abs(values) <= limit).all():
-        raise InputRefused(f"{what} is {values.tolist()} {unit}; an IMU measures at most {limit:g}")
+        raise InputRefused(f"{what} is {values.tolist()} {unit} (limit {limit:g})")
 
 
 def _checked_covariance(rows: Array) -> Array:
-    """Return the symmetric part of a covariance, (6, 6), from its rows, (36,).
-
-    Raises:
-        InputRefused: if a value is not finite, or a variance or an eigenvalue is negative or too large.
-    """
+    """Return the symmetric part of a covariance, (6, 6), from its rows, (36,); refuse invalid values."""
     C = finite(rows, "the covariance").reshape(6, 6)
     C += C.T.copy()
     C *= 0.5
     variances = C.diagonal()
     if not (variances >= 0.0).all():
-        raise InputRefused(f"the covariance has the variances {variances.tolist()}; none is negative")
-    if not (variances[_USED] <= VAGUEST_POSE).all():
+        raise InputRefused(f"the covariance has the variances {variances.tolist()}; they must not be negative")
+    if not (variances[_USED] <= MAX_POSE_VARIANCE).all():
         raise InputRefused(
-            f"the covariance has the variances {variances.tolist()}; those of position and heading are at most "
-            f"{VAGUEST_POSE:g} m² and rad²"
+            f"the covariance has the variances {variances.tolist()} (limit {MAX_POSE_VARIANCE:g} m² and rad² for "
+            "position and heading)"
         )
     used = C[np.ix_(_USED, _USED)]
-    least = float(np.linalg.eigvalsh(used)[0])
-    if not least >= _ROUNDED * float(np.trace(used)):
-        raise InputRefused(f"the covariance of position and heading has the eigenvalue {least:.3g}; none is negative")
+    smallest = float(np.linalg.eigvalsh(used)[0])
+    if not smallest >= _ROUNDING * float(np.trace(used)):
+        raise InputRefused(f"the covariance of position and heading has the negative eigenvalue {smallest:.3g}")
     return C

@@ -1,4 +1,4 @@
-"""The live audit of the model, built from the settings."""
+"""Construction of the model audit from the settings."""
 
 from __future__ import annotations
 
@@ -11,17 +11,14 @@ from wbc_controller.settings import Settings
 
 
 def joint_efforts(model: RobotModel) -> Array:
-    """Return the largest torque that the actuators can apply at each joint, (nj,) in N·m.
-
-    An undriven joint takes the median of the others, as a scale for its torque residual.
-    """
+    """Return the largest actuator torque at each joint, (nj,) in N·m; undriven joints get the median of the others."""
     efforts = np.asarray(model.effort_limits @ np.abs(model.actuation.ratios))
     driven = efforts > 0.0
     return np.where(driven, efforts, np.median(efforts[driven]))
 
 
 def make_audit(settings: Settings, model: RobotModel) -> ModelAudit:
-    """Build the live audit of the model."""
+    """Build the model audit."""
     audit = settings.audit
     limits = AuditLimits(
         time_constant=audit.time_constant,

@@ -1,4 +1,4 @@
-"""Clocks of the loop: the machine's monotonic clock, and one that is set by hand."""
+"""Clocks of the loop: the computer's monotonic clock, and a manual clock for tests."""
 
 from __future__ import annotations
 
@@ -8,93 +8,83 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Measures ages and durations; it never runs backwards. The methods below suit a clock that runs by itself."""
+    """Monotonic clock for ages and durations. The default methods suit a free-running clock."""
 
     def now(self) -> float:
-        """Return the time since some fixed instant, s."""
+        """Return the time since a fixed instant, s."""
         ...
 
     def stamp(self) -> int:
         """Return the time for message headers, ns."""
         ...
 
-    def ahead(self) -> float:
-        """Return the time of `stamp` minus that of `now`, s."""
+    def clock_offset(self) -> float:
+        """Return `stamp` minus `now`, s."""
         return 0.0
 
     def resolution(self) -> float:
-        """Return the step between two times of the clock, s; 0 if it runs continuously, infinite if unknown yet."""
+        """Return the step of the clock, s: 0 for a continuous clock, infinite if still unknown."""
         return 0.0
 
     def refresh(self) -> None:
-        """Read the time if it arrives by messages; called on the loop's thread, after it has taken a state.
-
-        Raises:
-            TransportError: if the topic of the clock cannot be read.
-        """
+        """Read pending time messages after each state; errors raise `TransportError`."""
         return
 
-    def trouble(self) -> str | None:
-        """Return why ages cannot be measured at this moment, None if they can; called once per cycle."""
+    def clock_fault(self) -> str | None:
+        """Return the reason why ages cannot be measured, or None; called once per cycle."""
         return None
 
     def wait(self, stop: threading.Event, seconds: float) -> None:
-        """Wait for a duration on this clock, or until the event is set."""
+        """Wait for a duration on this clock, or for the event."""
         stop.wait(seconds)
 
 
 class MonotonicClock(Clock):
-    """The machine's monotonic clock.
+    """The computer's monotonic clock; with `synchronized` it reports steps of the wall clock."""
 
-    Args:
-        synchronized: True if stamps are compared with the wall clock: `trouble` then reports that it was set.
-    """
-
-    #: Step of the wall clock that is reported, s: below the smallest useful `safety.clock_tolerance`.
-    _STEP = 0.002
-    #: Time within which both clocks must be read for a comparison, s: a thread may lose the processor in between.
-    _AT_ONCE = 1.0e-4
+    _STEP = 0.002  # smallest reported step, s: below the smallest useful `safety.clock_tolerance`
+    _READ_TIME = 1.0e-4  # longest time between both readings, s; a preempted thread skips the comparison
 
     def __init__(self, *, synchronized: bool = False) -> None:
         self._synchronized = synchronized
-        self._ahead = time.time_ns() * 1.0e-9 - time.monotonic()
-        self._compare()
+        self._clock_offset = time.time_ns() * 1.0e-9 - time.monotonic()
+        self._update_offset()
 
     def now(self) -> float:
-        """Return the time since some fixed instant, s."""
+        """Return the time since a fixed instant, s."""
         return time.monotonic()
 
     def stamp(self) -> int:
         """Return the wall time since the epoch, ns."""
         return time.time_ns()
 
-    def ahead(self) -> float:
-        """Return the wall time minus that of `now`, s, as of the last `trouble`."""
-        return self._ahead
+    def clock_offset(self) -> float:
+        """Return the wall time minus `now`, s, measured by the last `clock_fault`."""
+        return self._clock_offset
 
-    def trouble(self) -> str | None:
-        """Report that the wall clock was set since the last call, if stamps are compared with it."""
+    def clock_fault(self) -> str | None:
+        """Report a step of the wall clock since the last call, if stamps are compared with it."""
         if not self._synchronized:
             return None
-        step = self._compare()
+        step = self._update_offset()
         if abs(step) <= self._STEP:
             return None
         return f"this computer's clock was set {'forward' if step > 0.0 else 'back'} by {abs(step):.3f} s"
 
-    def _compare(self) -> float:
-        """Read both clocks; return the change of their difference, s, or 0 if they could not be read at once."""
+    def _update_offset(self) -> float:
+        """Return the change of the offset between both clocks, s, or 0 if the thread was preempted."""
         before, wall, after = time.monotonic(), time.time_ns(), time.monotonic()
-        if after - before > self._AT_ONCE:
+        if after - before > self._READ_TIME:
             return 0.0
-        old, self._ahead = self._ahead, wall * 1.0e-9 - 0.5 * (before + after)
-        return self._ahead - old
+        old, self._clock_offset = self._clock_offset, wall * 1.0e-9 - 0.5 * (before + after)
+        return self._clock_offset - old
 
 
 class ManualClock(Clock):
-    """A clock that is set by hand, for lockstep runs and tests; `wait` waits for wall time."""
+    """Manually advanced clock for lockstep runs and tests; `wait` waits for wall time."""
 
     def __init__(self, time: float = 0.0) -> None:
-        self.time = time  # the present time, s
+        self.time = time  # s
 
     def now(self) -> float:
         """Return the present time, s."""

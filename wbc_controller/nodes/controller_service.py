@@ -36,8 +36,8 @@ from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.loop import ControlLoop
 from wbc_controller.nodes.outputs import Outputs
 from wbc_controller.nodes.ownership import Ownership
-from wbc_controller.nodes.realtime import apply, in_force
-from wbc_controller.nodes.simulated_clock import SimulatedClock, clock_of
+from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling
+from wbc_controller.nodes.simulated_clock import SimulatedClock, make_simulated_clock
 from wbc_controller.nodes.urdf import wait_for_urdf
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording
@@ -48,10 +48,9 @@ from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
 
-#: The row of the topic with the URDF, which is opened before the robot's other topics are known.
+#: Row of the URDF topic, opened before the robot's other topics are known.
 URDF_TOPIC = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
-#: Longest reason of a recording, in characters.
-_LONGEST_REASON = 40
+_LONGEST_REASON = 40  # of a recording, characters
 
 
 def run_controller(
@@ -69,15 +68,15 @@ def run_controller(
     """Run the controller until the event is set.
 
     Args:
-        activate: activate as soon as the inputs are fresh, without a command.
-        use_sim_time: measure ages and durations by the time on the clock topic.
+        activate: activate without a command when the inputs are fresh.
+        use_sim_time: measure ages and durations by the clock topic.
         record: file for a recording of the whole run; None keeps only the last seconds.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.
         TransportError: if a topic cannot be opened.
     """
-    with recording(settings, record, name=node) as recorder:  # a process of its own, before `apply`
+    with recording(settings, record, name=node) as recorder:  # starts its process before `apply_realtime`
         urdf = None
         if not settings.robot.urdf:
             rows = endpoints(URDF_TOPIC, node, namespace=namespace, remappings=remappings)
@@ -85,7 +84,7 @@ def run_controller(
         if stop.is_set():
             return
         controller = Controller(Config(settings, "", urdf), preflight=False)
-        apply(settings.control.realtime)
+        apply_realtime(settings.control.realtime)
         topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace, remappings=remappings)
         full_name = f"{namespace.rstrip('/')}/{node}"
         loop = make_loop(
@@ -111,16 +110,7 @@ def make_loop(
     recorder: Recorder | None = None,
     node: str = NODE_NAME,
 ) -> ControlLoop:
-    """Connect a controller to its topics.
-
-    Args:
-        timer: returns seconds, for the stage times.
-        recorder: records inputs, decisions and outputs; None records nothing.
-
-    Raises:
-        ConfigurationError: if settings and model do not fit together.
-        TransportError: if a topic cannot be opened.
-    """
+    """Connect a controller to its topics; `timer` measures the stages, s. Errors as for `run_controller`."""
     settings, model, qp = controller.config.settings, controller.model, controller.qp
     vocabulary = make_vocabulary(settings, model)
     published = {name: qp.contacts[name] for name in settings.contacts}
@@ -128,11 +118,11 @@ def make_loop(
     graph = transport
     _subscribe_requests(recorder, graph, topics)
     if recorder is not None:
-        transport = recorder.tap(transport, clock.stamp)
+        transport = recorder.wrap(transport, clock.stamp)
         observers = (*observers, recorder.observe)
     estimated = estimates_base(settings, model)
-    scheduling = in_force()
-    _log.info("scheduling: %s", scheduling or "not known")
+    scheduling = describe_scheduling()
+    _log.info("scheduling: %s", scheduling or "unknown")
     inputs = Inputs(
         model,
         vocabulary,
@@ -178,7 +168,7 @@ def make_loop(
 
 
 def _prepare(controller: Controller, change: Change | ChangeSettings) -> None:
-    """Validate a change on the thread that reads requests, which uses nothing that a cycle writes."""
+    """Validate a change on the request thread, without access to data of the cycle."""
     if isinstance(change, ChangeSettings):
         controller.live.prepare(change.settings, "update")
     else:
@@ -186,7 +176,6 @@ def _prepare(controller: Controller, change: Change | ChangeSettings) -> None:
 
 
 def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics: Sequence[Endpoint]) -> None:
-    """Subscribe to requests to record the last seconds."""
     (endpoint,) = [topic for topic in topics if topic.key == "record"]
     limit = LogLimit()
 
@@ -208,7 +197,7 @@ def _subscribe_requests(recorder: Recorder | None, transport: Transport, topics:
 def make_clock(
     settings: Settings, topics: Iterable[Endpoint], transport: Transport, *, use_sim_time: bool
 ) -> MonotonicClock | SimulatedClock:
-    """Make the clock of a loop: the machine's, or the one on the topic ``clock``."""
+    """Make the clock of a loop: the computer's, or simulated time from the topic ``clock``."""
     if use_sim_time:
-        return clock_of(topics, transport)
+        return make_simulated_clock(topics, transport)
     return MonotonicClock(synchronized=settings.safety.synchronized_clocks)

@@ -1,6 +1,6 @@
-"""The base estimator as a node: an IMU and the legs in, odometry out, by `estimation.base_estimator`.
+"""The base estimator as a node: odometry from an IMU and leg kinematics (`estimation.base_estimator`).
 
-The controller that estimates its base itself, with `estimation.base_state: imu`, needs no such node.
+With `estimation.base_state: imu` the controller estimates its base itself, without this node.
 """
 
 from __future__ import annotations
@@ -30,27 +30,19 @@ from wbc_controller.nodes.urdf import find_urdf
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.settings import Settings
 
-#: Frame in which the base is estimated (REP 105): it drifts, and never jumps; and that of absolute poses.
-FRAME, MAP = "odom", "map"
-#: Time for which a contact force of the controller marks its contact as active, s.
-_FRESH = 0.1
-#: Time between two transforms, s.
-_TRANSFORMS = 0.02
-#: Longest wait for joint states before the diagnostics are checked, s.
-_WAIT = 0.1
+FRAME, MAP = "odom", "map"  # REP 105: continuous, drifting odometry, and absolute poses
+_FRESH = 0.1  # validity of a contact force of the controller, s
+_TRANSFORMS = 0.02  # period, s
+_WAIT = 0.1  # for joint states between diagnostics, s
 
 _OK, _WARN = 0, 1
 _log = logging.getLogger(__name__)
 
 
 class EstimatorService:
-    """Answers each joint state with an estimate of the base.
+    """Base estimator that answers each joint state, on the thread that calls `cycle`.
 
-    Messages are taken and decoded on the thread that calls `cycle`.
-
-    Raises:
-        ConfigurationError: if the base is fixed, the IMU has no frame, or no contact could carry an estimate.
-        TransportError: if a topic cannot be opened.
+    A fixed base, an IMU without frame, or missing contacts raise `ConfigurationError`.
     """
 
     def __init__(
@@ -67,7 +59,7 @@ class EstimatorService:
         self._enabled = frozenset(name for name, spec in settings.contacts.items() if spec.enabled)
         self._base, self._clock = model.base_link, clock
         self._name, self._hardware = f"{namespace.strip('/')}/{ESTIMATOR_NODE}: base".strip("/"), model.name
-        self._pushed: dict[str, float] = {}  # time of the newest force of each contact
+        self._force_arrivals: dict[str, float] = {}  # s, by contact
         self._publish: dict[str, Publish] = {
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
@@ -82,27 +74,24 @@ class EstimatorService:
         self._stamp = -math.inf
         self._transform_due = self._diagnostics_due = -math.inf
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
-        self._refused: dict[str, str] = {}  # the newest reason of each topic, however many come
-        self._said = ""
+        self._refused: dict[str, str] = {}  # newest reason, by topic
+        self._published_text = ""
 
     def active_contacts(self) -> frozenset[str]:
-        """Take the controller's contact forces, and return the names of its active contacts.
-
-        Without recent forces, these are the contacts that the configuration enables. The thread that takes the states
-        takes the forces too: no other thread can delay one against the other.
-        """
+        """Return the contacts with recent contact forces of the controller; without any, the enabled contacts."""
         now = self._clock.now()
+        # On the thread of the states, so that forces and states have the same delay.
         for name, stream in self._forces.items():
             if stream.take():
-                self._pushed[name] = now
-        return frozenset(name for name, at in self._pushed.items() if now - at <= _FRESH) or self._enabled
+                self._force_arrivals[name] = now
+        return frozenset(name for name, at in self._force_arrivals.items() if now - at <= _FRESH) or self._enabled
 
     def cycle(self) -> None:
-        """Take the messages, and publish a new estimate."""
+        """Read the messages, and publish a new estimate."""
         latched = self._inputs.latch(self.active_contacts())
         for sentence in latched.refused:
             topic, named, reason = sentence.partition(": ")
-            if named:  # otherwise it is about a contact that is left out, which the diagnostics contain anyway
+            if named:  # without a topic: a slipping contact, already in the diagnostics
                 self._refused[topic] = reason
         estimator, found = self.estimator, self.estimator.odometry
         if found is not None and estimator.stamp > self._stamp:
@@ -118,31 +107,30 @@ class EstimatorService:
                 if poses is not None and poses.aligned:
                     self._publish["tf"](encode(transform(stamp, MAP, FRAME, poses.odometry.inverse().pose)))
         elif found is None:
-            self._stamp = -math.inf  # a new estimate may have a new clock
-        self._say(self._inputs.notes(), latched.estimate)
+            self._stamp = -math.inf  # the next estimate may have another clock
+        self._publish_diagnostics(self._inputs.notes(), latched.estimate)
 
-    def _say(self, notes: Mapping[str, str], about: Mapping[str, str]) -> None:
-        """Publish diagnostics if they are due, or their text has changed."""
+    def _publish_diagnostics(self, notes: Mapping[str, str], about: Mapping[str, str]) -> None:
         estimator, now = self.estimator, self._clock.now()
         text = estimator.waits_for if estimator.odometry is None else "the base is estimated"
         if estimator.odometry is not None and estimator.waits_for:
-            text += f"; in {MAP} it is not: {estimator.waits_for}"
+            text += f"; no estimate in {MAP}: {estimator.waits_for}"
         if estimator.slipping:
-            text += f"; {', '.join(estimator.slipping)} moves, and is left out"
-        changed = text.partition(":")[0] != self._said.partition(":")[0]
+            text += f"; contact {', '.join(estimator.slipping)} slips and is ignored"
+        changed = text.partition(":")[0] != self._published_text.partition(":")[0]
         if not changed and now < self._diagnostics_due:
             return
         if changed:
             _log.info("%s", text)
-        self._said, self._diagnostics_due = text, now + self._diagnostics_period
+        self._published_text, self._diagnostics_due = text, now + self._diagnostics_period
         refused, self._refused = self._refused, {}
         values: dict[str, str] = {"holding": ", ".join(sorted(self._inputs.holding)) or "none"}
         values |= {f"age/{name}": f"{age:.4f} s" for name, age in self._inputs.ages().items()} | self._inputs.status()
         found = estimator.covariance
         if found is not None:
-            turned, moving = np.sqrt(np.diag(found[0])[3:5].max()), np.sqrt(np.diag(found[1])[:3].max())
-            values["tilt"] = f"one standard deviation {turned:.5f} rad"
-            values["velocity"] = f"one standard deviation {moving:.5f} m/s"
+            tilt, speed = np.sqrt(np.diag(found[0])[3:5].max()), np.sqrt(np.diag(found[1])[:3].max())
+            values["tilt"] = f"standard deviation {tilt:.5f} rad"
+            values["velocity"] = f"standard deviation {speed:.5f} m/s"
         values |= {f"note/{name}": note for name, note in notes.items()} | dict(about)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
         level = _WARN if estimator.base is None or estimator.slipping or refused else _OK
@@ -152,8 +140,8 @@ class EstimatorService:
     def run(self, stop: threading.Event) -> None:
         """Run until stopped."""
         gc.collect()
-        gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
-        self._inputs.begin()
+        gc.freeze()  # exclude long-lived objects from later collections
+        self._inputs.discard_pending()
         while not stop.is_set():
             self._inputs.wait(_WAIT)
             self.cycle()
@@ -167,12 +155,7 @@ def run_estimator(
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
 ) -> None:
-    """Run the estimator until the event is set; arguments as for `run_controller`.
-
-    Raises:
-        ConfigurationError: as `EstimatorService` does.
-        TransportError: if a topic cannot be opened.
-    """
+    """Run the estimator until the event is set; arguments as for `run_controller`, errors as for `EstimatorService`."""
     topics = list(
         endpoints(
             ESTIMATOR_TOPICS, ESTIMATOR_NODE, contacts=settings.contacts, namespace=namespace, remappings=remappings

@@ -1,8 +1,7 @@
-"""The guard as a node: `safety.guard.Guard` on the topics of `middleware.topics.GUARD_TOPICS`, over any transport.
+"""The guard as a node: `safety.guard.Guard` on the topics of `middleware.topics.GUARD_TOPICS`, on any transport.
 
-It runs in a process of its own, so that it survives the death of the controller. It imports neither Pinocchio nor a
-solver: it takes a third of the memory, and has less that can go wrong. Another process, which ends before the guard
-begins, computes its damping from the robot's model.
+The guard's process survives the death of the controller. It imports neither Pinocchio nor a solver, for reliability and
+a third of the memory; a temporary process computes its damping from the robot's model.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.middleware.joint_states import JointStateReader
 from wbc_controller.middleware.log_limit import LogLimit
 from wbc_controller.middleware.topics import GUARD_TOPICS, Direction, Endpoint, endpoints
-from wbc_controller.middleware.transports.graph_watch import GraphWatch, Others
+from wbc_controller.middleware.transports.graph_watch import GraphWatch, OtherPublishers
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.nodes.clock import Clock, MonotonicClock
 from wbc_controller.nodes.urdf import find_urdf
@@ -38,39 +37,26 @@ from wbc_controller.records import Array, Mode
 from wbc_controller.safety.guard import Guard, GuardInputs, GuardLimits, GuardMode
 from wbc_controller.settings import Settings
 
-#: Name of the node, and prefix of its private topics.
 NODE_NAME = "guard"
-#: Longest reason of a refusal, in characters; a longer one is cut, since it may quote the message.
-_LONGEST_REASON = 300
+_LONGEST_REASON = 300  # of a refusal, characters
 
-#: Time between two lines of the log, s: a guard with too little patience takes over many times a second.
-_SILENCE = 1.0
-#: Time before a takeover in which a command can still arrive that this computer was too busy to receive, s.
-_SECOND_LOOK = 0.001
+#: Shortest time between two log lines, s: a guard with too little patience takes over many times per second.
+_WARNING_PERIOD = 1.0
+_RECHECK_DELAY = 0.001  # in which late commands of a busy computer can still arrive, s
 
-#: Topics that only the controller publishes, by key.
-_OF_CONTROLLER = ("joint_commands", "controller_state")
-#: Largest torque of a command, as a multiple of the effort limit: the controller's are within it, up to rounding.
-_LARGEST_TORQUE = 1.0 + 1.0e-6
+_CONTROLLER_KEYS = ("joint_commands", "controller_state")  # topics of the controller alone
+_LARGEST_TORQUE = 1.0 + 1.0e-6  # multiple of the effort limit, for rounding
 
 _OK, _WARN, _ERROR = 0, 1, 2
 _log = logging.getLogger(__name__)
 
 
 class GuardService:
-    """Monitors the controller's topics, and sends the torques of the guard.
+    """Monitor of the controller's topics, and publisher of the guard's torques.
 
-    The transport's callbacks decode commands and modes, and store joint states undecoded; everything else runs on the
-    thread that calls `cycle`. Before a takeover this thread reads the newest command and mode itself, in case the
-    computer is so busy that the callbacks did not run. Messages do not name their sender, so commands of any publisher
-    count; a second one is reported.
-
-    Attributes:
-        guard: the decisions.
-        watch: looks at the publishers of commands and modes; `run` starts its thread.
-
-    Raises:
-        TransportError: if a topic cannot be opened.
+    Callbacks of the transport decode commands and modes and store joint states; the rest runs on the thread of `cycle`.
+    Before a takeover this thread also reads the newest command and mode, since callbacks may be late. Commands of any
+    publisher count, because messages do not name their sender; `watch` reports a second publisher.
     """
 
     def __init__(
@@ -83,12 +69,12 @@ class GuardService:
         clock: Clock,
         namespace: str = "/",
     ) -> None:
-        """Subscribe to the topics; the damping is `make_guard_damping`'s, (na, nj)."""
+        """Subscribe to the topics; `damping` is (na, nj), from `make_guard_damping`."""
         self.guard = Guard(guard_limits(settings, robot.effort_limits, damping))
         self._clock = clock
         self._name, self._hardware = f"{namespace.strip('/')}/{NODE_NAME}: commands".strip("/"), robot.name
         joints = settings.robot.joints
-        # Each has one thread: that of the transport, and that of the cycles.
+        # One reader per thread: transport, and cycle.
         self._commands, self._unread_commands = (JointStateReader(joints, "effort") for _ in range(2))
         known = settings.estimation
         differentiated = known.joint_velocity == "differentiated"
@@ -97,8 +83,8 @@ class GuardService:
         self._period = 1.0 / settings.control.rate
         self._diagnostics_period = 1.0 / settings.control.diagnostics_rate
         self._diagnostics_due = -math.inf
-        self._said, self._limit = "", LogLimit()
-        self._unlogged, self._logged_at = 0, -math.inf  # changes of the state since the last line of the log, at s
+        self._published_text, self._limit = "", LogLimit()
+        self._unlogged, self._logged_at = 0, -math.inf  # changes since the last log line, and its time, s
         self._lock = threading.Lock()
         self._command_at, self._torques = -math.inf, np.zeros(len(robot.effort_limits))
         self._drive = robot.drive
@@ -111,37 +97,37 @@ class GuardService:
         self._publish: dict[str, Publish] = {
             topic.key: transport.advertise(topic) for topic in topics if topic.direction is Direction.OUT
         }
-        self._read: dict[str, bytes] = {}  # the newest command and mode that a callback has read
+        self._processed: dict[str, bytes] = {}  # newest command and mode
         readers: dict[str, Callable[[bytes], None]] = {
-            "joint_commands": partial(self._take_command, self._commands),
-            "controller_state": self._take_mode,
-            "joint_states": self._take_joint_states,
+            "joint_commands": partial(self._process_command, self._commands),
+            "controller_state": self._process_mode,
+            "joint_states": self._store_joint_states,
         }
-        self._unread: dict[str, Stream] = {}
+        self._streams: dict[str, Stream] = {}
         for topic in topics:
             if topic.key in readers:
                 transport.subscribe(topic, readers[topic.key])
-            if topic.key in _OF_CONTROLLER:
-                self._unread[topic.key] = transport.stream(topic, 1)
-        watched = {topic.key: topic for topic in topics if topic.key in _OF_CONTROLLER}
+            if topic.key in _CONTROLLER_KEYS:
+                self._streams[topic.key] = transport.stream(topic, 1)
+        watched = {topic.key: topic for topic in topics if topic.key in _CONTROLLER_KEYS}
         self._names = {key: topic.name for key, topic in watched.items()}
-        self._shared: dict[str, str] = {}  # publishers of a topic with several, by its key
-        self.watch = GraphWatch(transport, watched.values(), self._judge)
+        self._shared: dict[str, str] = {}  # of topics with several publishers, by key
+        self.watch = GraphWatch(transport, watched.values(), self._update_publishers)
 
-    def _read_newest(self) -> None:
-        """Read the newest command and mode on this thread, unless a callback has read them."""
-        newest = {key: payload for key, stream in self._unread.items() for payload in stream.take()}
-        unread = {key: payload for key, payload in newest.items() if payload != self._read.get(key)}
+    def _process_newest(self) -> None:
+        """Process the newest command and mode on this thread, unless a callback has done so."""
+        newest = {key: payload for key, stream in self._streams.items() for payload in stream.take()}
+        unread = {key: payload for key, payload in newest.items() if payload != self._processed.get(key)}
         if "controller_state" in unread:
-            self._take_mode(unread["controller_state"])
+            self._process_mode(unread["controller_state"])
         if "joint_commands" in unread:
-            self._take_command(self._unread_commands, unread["joint_commands"])
+            self._process_command(self._unread_commands, unread["joint_commands"])
 
-    def _take_command(self, reader: JointStateReader, payload: bytes) -> None:
-        now, self._read["joint_commands"] = self._clock.now(), payload
+    def _process_command(self, reader: JointStateReader, payload: bytes) -> None:
+        now, self._processed["joint_commands"] = self._clock.now(), payload
         try:
             tau = self._torques_of(reader.read(payload).effort)
-        except InputRefused as refusal:  # the guard does not count such a message as a command
+        except InputRefused as refusal:  # does not count as a command
             self._refuse("joint_commands", refusal)
             return
         with self._lock:
@@ -150,23 +136,19 @@ class GuardService:
             self._refused.pop("joint_commands", None)
 
     def _torques_of(self, effort: Array) -> Array:
-        """Return the torques of the actuators, (na,) in N·m, of a command at the joints, (nj,).
-
-        Raises:
-            InputRefused: if a torque is above its limit: it is not the controller's.
-        """
+        """Convert torques from the joints, (nj,), to the actuators, (na,), in N·m; refuse torques above a limit."""
         tau, limits = self._drive.from_joints(effort), self.guard.limits.effort
         within = np.abs(tau) <= _LARGEST_TORQUE * limits
         if not within.all():
             i = int((~within).argmax())
             raise InputRefused(
-                f"the torque of {self._drive.names[i]!r} is {tau[i]:.4g} N·m, above the limit of {limits[i]:.4g} N·m; "
-                "it is not a command of the controller"
+                f"torque of {self._drive.names[i]!r} is {tau[i]:.4g} N·m (limit {limits[i]:.4g} N·m): not a command of "
+                "the controller"
             )
         return tau
 
-    def _take_mode(self, payload: bytes) -> None:
-        self._read["controller_state"] = payload
+    def _process_mode(self, payload: bytes) -> None:
+        self._processed["controller_state"] = payload
         try:
             mode = Mode(decode(payload, self._types["controller_state"]).data.partition(" ")[0])
         except (InputRefused, ValueError) as error:
@@ -176,7 +158,7 @@ class GuardService:
             self._mode = mode
             self._refused.pop("controller_state", None)
 
-    def _take_joint_states(self, payload: bytes) -> None:
+    def _store_joint_states(self, payload: bytes) -> None:
         now = self._clock.now()
         with self._lock:
             self._joint_states = now, payload
@@ -189,18 +171,18 @@ class GuardService:
         if known is None and self._limit.passes(topic):
             _log.warning("%s refused: %s", topic, reason)
 
-    def _judge(self, others: Others) -> None:
-        """Report topics of the controller with several publishers; on the thread of the watch."""
+    def _update_publishers(self, others: OtherPublishers) -> None:
+        """Report topics of the controller with several publishers, on the thread of the watch."""
         shared = {key: ", ".join(names) for key, names in others.items() if len(names) > 1}
         for key, names in shared.items():
             _log.warning(
-                "%s has several publishers, %s: the guard cannot tell when the controller stops; end all but one",
+                "%s has several publishers: %s; the guard cannot detect the end of the controller: stop all but one",
                 self._names[key],
                 names,
             )
         self._shared = shared
 
-    def _heard(self) -> GuardInputs:
+    def _read_inputs(self) -> Heard:
         with self._lock:
             newest, self._joint_states = self._joint_states, None
         if newest is not None:
@@ -219,64 +201,63 @@ class GuardService:
             )
 
     def _velocity_in(self, payload: bytes) -> Array:
-        """Return the joint velocities of a joint state, measured or differentiated, (nj,) in rad/s."""
+        """Return the measured or differentiated joint velocities, (nj,) in rad/s."""
         joints = self._states.read(payload)
         if self._velocity_filter is None:
             return joints.velocity
         return self._velocity_filter.update(joints.stamp, joints.position)
 
     def cycle(self) -> float:
-        """Run one cycle: decide, send torques if the guard has taken over, and publish its state.
-
-        Returns:
-            Time of the next cycle, s on the clock.
-        """
-        now, heard = self._clock.now(), self._heard()
-        if not self.guard.sending and now >= self.guard.deadline(heard):
-            # If this thread was kept off the processor, so was the transport's thread: commands may be waiting.
-            time.sleep(_SECOND_LOOK)
-            self._read_newest()
-            now, heard = self._clock.now(), self._heard()
-        tau = self.guard.step(now, heard)
+        """Decide, send torques after a takeover, publish the state, and return the time of the next cycle, s."""
+        now, received = self._clock.now(), self._read_inputs()
+        if not self.guard.sending and now >= self.guard.deadline(received):
+            # A busy computer delays the transport's thread too: commands may be waiting.
+            time.sleep(_RECHECK_DELAY)
+            self._process_newest()
+            now, received = self._clock.now(), self._read_inputs()
+        tau = self.guard.step(now, received)
         if tau is not None:
             payload = encode(torques(self._drive.command(tau)))
-            if heard.command_at == self._command_at:  # send nothing if a command arrived during this cycle
+            if received.command_at == self._command_at:  # no command arrived during this cycle
                 self._publish["effort"](payload)
-        self._say(now, heard)
+        self._publish_diagnostics(now, received)
         if self.guard.sending:
             return now + self._period
-        # The deadline for answering a joint state that arrives from now on is at least the patience away.
-        return min(self.guard.deadline(heard), now + self.guard.limits.patience)
+        # A joint state that arrives later has a later deadline.
+        return min(self.guard.deadline(received), now + self.guard.limits.patience)
 
-    def _say(self, now: float, heard: GuardInputs) -> None:
-        """Publish the state if it has changed, and diagnostics if they are due."""
+    def _publish_diagnostics(self, now: float, received: Heard) -> None:
         guard, stale = self.guard, ""
-        if guard.mode is GuardMode.DAMPING and guard.velocity_is_stale(now, heard):
+        if guard.mode is GuardMode.DAMPING and guard.blind(now, received):
             note = f" ({self._refused['joint_states']})" if "joint_states" in self._refused else ""
-            stale = f"; zero torque, as the joint velocities are not fresh{note}"
+            stale = f"; zero torque, because the joint velocities are stale{note}"
         text = guard.mode.value + (f" {guard.reason}{stale}" if guard.reason else "")
-        changed = text != self._said
+        changed = text != self._published_text
         if changed:
-            if guard.reason or self._said.partition(" ")[0] in (GuardMode.DAMPING, GuardMode.ZERO, GuardMode.RELEASED):
+            if guard.reason or self._published_text.partition(" ")[0] in (
+                GuardMode.DAMPING,
+                GuardMode.ZERO,
+                GuardMode.RELEASED,
+            ):
                 self._unlogged += 1
-            self._said = text
+            self._published_text = text
             self._publish["state"](encode(message("std_msgs/msg/String", data=text)))
-        if self._unlogged and now - self._logged_at >= _SILENCE:
+        if self._unlogged and now - self._logged_at >= _WARNING_PERIOD:
             patience, others = 1e3 * guard.limits.patience, self._unlogged - 1
-            hint = f"; {others} changes before, not logged: guard.patience ({patience:g} ms) may be too short"
-            _log.warning("%s%s", text, hint if others > 1 else "")  # one: from a takeover to the return
+            hint = f"; {others} earlier changes not logged: guard.patience ({patience:g} ms) may be too short"
+            _log.warning("%s%s", text, hint if others > 1 else "")  # a takeover and its end are two changes
             self._unlogged, self._logged_at = 0, now
         if changed or now >= self._diagnostics_due:
             self._diagnostics_due = now + self._diagnostics_period
-            self._publish["diagnostics"](encode(self._diagnostics(now, heard, text)))
+            self._publish["diagnostics"](encode(self._diagnostics(now, received, text)))
 
-    def _diagnostics(self, now: float, heard: GuardInputs, text: str) -> Any:
+    def _diagnostics(self, now: float, received: Heard, text: str) -> Any:
         values = {
             "mode": self.guard.mode.value,
             "takeovers": str(self.guard.takeovers),
-            "age/joint_commands": f"{now - heard.command_at:.4f} s",
-            "age/joint_states": f"{now - heard.velocity_at:.4f} s",
-            "controller": heard.mode.value if heard.mode is not None else "unknown",
+            "age/joint_commands": f"{now - received.command_at:.4f} s",
+            "age/joint_states": f"{now - received.velocity_at:.4f} s",
+            "controller": received.mode.value if received.mode is not None else "unknown",
         }
         refused = dict(self._refused)
         values |= {f"refused/{topic}": reason for topic, reason in refused.items()}
@@ -285,9 +266,9 @@ class GuardService:
         return diagnostics(time.time_ns(), level, self._name, text, self._hardware, values)
 
     def run(self, stop: threading.Event) -> None:
-        """Run until stopped; the last message sent is never a damping torque."""
+        """Run until stopped; the last message is never a damping torque."""
         gc.collect()
-        gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
+        gc.freeze()  # exclude long-lived objects from later collections
         self.watch.start()
         try:
             while not stop.is_set():
@@ -299,7 +280,7 @@ class GuardService:
 
 
 def guard_limits(settings: Settings, effort: Array, damping: Array) -> GuardLimits:
-    """Derive the guard's limits from the settings, the effort limits, (na,) in N·m, and the damping, (na, nj)."""
+    """Return the guard's limits from the settings, the effort limits, (na,) in N·m, and the damping, (na, nj)."""
     guard, period = settings.guard, 1.0 / settings.control.rate
     return GuardLimits(
         patience=guard.patience,
@@ -314,17 +295,14 @@ def guard_limits(settings: Settings, effort: Array, damping: Array) -> GuardLimi
     )
 
 
-def _damping(settings: Settings, urdf: str) -> Array:
-    """Compute the damping, (na, nj), in a process of its own, which loads Pinocchio.
+def _compute_damping(settings: Settings, urdf: str) -> Array:
+    """Compute the damping, (na, nj), in a separate process with Pinocchio.
 
-    The process imports this module only: `multiprocessing` would run the main module again, and thus a second guard.
-
-    Raises:
-        ConfigurationError: if the process fails, with its last line.
+    Not by `multiprocessing`, which would import the main module and start a second guard.
     """
     place = str(Path(__file__).resolve().parents[2])
     done = subprocess.run(  # noqa: S603 - of this package
-        [sys.executable, "-c", f"from {__name__} import print_damping; print_damping()"],
+        [sys.executable, "-c", f"from {__name__} import write_damping; write_damping()"],
         input=pickle.dumps((settings, urdf)),
         capture_output=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [place, os.environ.get("PYTHONPATH")]))},
@@ -337,8 +315,8 @@ def _damping(settings: Settings, urdf: str) -> Array:
     return damping
 
 
-def print_damping() -> None:
-    """Write the damping for the settings and the URDF on standard input, both pickled."""
+def write_damping() -> None:
+    """Write the pickled damping for the pickled settings and URDF on standard input."""
     from wbc_controller.controller.build.guard import make_guard_damping
     from wbc_controller.controller.build.robot import make_model
 
@@ -355,16 +333,11 @@ def run_guard(
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
 ) -> None:
-    """Run the guard until the event is set; arguments as for `run_controller`.
-
-    Raises:
-        ConfigurationError: if the URDF and the settings do not fit together.
-        TransportError: if a topic cannot be opened.
-    """
+    """Run the guard until the event is set; arguments and errors as for `run_controller`."""
     topics = list(endpoints(GUARD_TOPICS, NODE_NAME, namespace=namespace, remappings=remappings))
     urdf = find_urdf(settings, transport, stop, topics)
     if stop.is_set():
         return
     description = describe(urdf, settings.robot)
-    damping = _damping(settings, urdf)
+    damping = _compute_damping(settings, urdf)
     GuardService(settings, description, damping, topics, transport, MonotonicClock(), namespace).run(stop)

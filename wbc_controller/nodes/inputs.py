@@ -1,10 +1,9 @@
 """The inputs of one control cycle: received messages, decoded, checked and latched.
 
-- States wait in the transport until the loop's thread takes them: no other thread runs when one arrives. Requests of
-  users pass `nodes.requests`. Messages above their size limit are counted and dropped.
-- A cycle decodes at most one joint state and one odometry, the newest, and takes a bounded number of requests. If the
-  base is estimated, the cycle decodes the IMU data since the last cycle, at most `_MOST_IMU` of them, absolute poses,
-  at most `_MOST_POSES`, and of each sensor at a contact the newest message.
+- States wait in the transport until the loop's thread takes them, so that their arrival wakes no other thread. Requests
+  pass `nodes.requests`. Messages above their size limit are counted and dropped.
+- A cycle decodes the newest joint state and odometry and a bounded number of requests. For an estimated base it decodes
+  at most `_MAX_IMU_SAMPLES` IMU samples, `_MAX_POSES` absolute poses, and the newest message of each contact sensor.
 """
 
 from __future__ import annotations
@@ -34,47 +33,40 @@ from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.middleware.transports.transport import Stream, Transport
 from wbc_controller.nodes.clock import Clock
 from wbc_controller.nodes.contact_sensors import KEYS, ContactSensors
-from wbc_controller.nodes.requests import Requests, refusal
+from wbc_controller.nodes.requests import Requests, refusal_reason
 from wbc_controller.records import Array, ChangeSettings, Fault, RobotState
 from wbc_controller.safety.checks import stale_inputs
 from wbc_controller.safety.plausibility import PlausibilityLimits
 from wbc_controller.safety.sample_plausibility import SampleCheck
 
-#: Largest message of a state, in bytes, by row of the topic table.
-_LARGEST = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, **dict.fromkeys(KEYS, 1 << 14)}
-#: Largest number of IMU data in one cycle: the newest, of an IMU that is that much faster than the loop.
-_MOST_IMU = 20
-#: Largest number of absolute poses in one cycle: the newest.
-_MOST_POSES = 4
-#: Largest number of states that wait in the transport: a message dropped for its size must not displace a good one.
-_STATE_DEPTH = 10
-#: Rows of the topic table that are not inputs of the control cycle.
-_NOT_LATCHED = ("robot_description", "clock", "record")
-#: Name of the base's estimate among the ages of the inputs.
-ESTIMATE = "base estimate"
-#: Time since joint states were taken after which the loop looks for newer ones, because it was preempted, s.
-_PREEMPTED = 0.005
-#: Smallest time on its way that explains a message's age, s.
-_WAITED = 0.01
+#: Largest state message, bytes, by row of the topic table.
+_MAX_BYTES = {"joint_states": 1 << 18, "odom": 1 << 16, "imu": 1 << 16, "pose": 1 << 16, **dict.fromkeys(KEYS, 1 << 14)}
+_MAX_IMU_SAMPLES = 20  # newest of one cycle, for an IMU faster than the loop
+_MAX_POSES = 4  # newest absolute poses of one cycle
+_STATE_DEPTH = 10  # an oversized message must not displace a valid one
+_NOT_LATCHED = ("robot_description", "clock", "record")  # rows outside the control cycle
+ESTIMATE = "base estimate"  # in the ages of the inputs
+_PREEMPTED = 0.005  # age of taken joint states that indicates a preemption, s
+_MIN_DELAY = 0.01  # smallest reported transit time, s
 
 
 @dataclass(slots=True)
 class _Queue:
-    """Messages of one topic that a cycle has not decoded yet."""
+    """Pending messages of one topic."""
 
     endpoint: Endpoint
     stream: Stream
-    pending: deque[tuple[float, bytes]]  # messages taken from the transport, with the times of arrival, s
+    pending: deque[tuple[float, bytes]]  # arrival, s, and serialized message
     largest: int
 
 
 @dataclass(slots=True)
 class _Source:
-    """Decoder of one topic with states, the tracker of its timestamps, and the newest accepted message."""
+    """Decoder of one state topic, its timestamp tracker, and its newest accepted message."""
 
     reader: StateReader
     stamps: StampTracker
-    check: SampleCheck | None = None  # rejects samples that the robot cannot reach
+    check: SampleCheck | None = None  # plausibility of the samples
     newest: Any = None
 
 
@@ -82,18 +74,17 @@ class Inputs:
     """Subscriptions of all incoming topics, latched at the start of each cycle.
 
     Args:
-        clock: dates the messages at their arrival.
-        prepare: validates a change before a cycle takes it; raises `ConfigurationError` or `InputRefused`.
-        clock_tolerance: largest time by which a timestamp may be ahead of the clock, s; None if the clocks are not
-            synchronized.
-        estimator: estimates a floating base; None if its odometry is measured elsewhere.
-        agreement: compares odometry with the legs; None to compare nothing.
-        sensing: the sensors at the contacts that the estimate uses; None to read none.
-        velocity_filter: computes joint velocities from positions; None if they are measured.
-        plausibility: limits of plausible joint states and odometry; None to accept any.
+        clock: clock of the arrivals.
+        prepare: validates a change; raises `ConfigurationError` or `InputRefused`.
+        clock_tolerance: largest lead of a timestamp over the clock, s; None without synchronized clocks.
+        estimator: estimator of the floating base, or None for odometry.
+        agreement: comparison of odometry with the legs, or None.
+        sensing: contact sensors of the estimate, or None.
+        velocity_filter: differentiator of joint positions, or None for measured velocities.
+        plausibility: limits of plausible joint states and odometry, or None.
 
     Attributes:
-        shared: node names of the publishers of an input with several, by the topic's name, for sentences.
+        shared: returns the publishers of inputs with several, by topic name, for messages.
     """
 
     def __init__(
@@ -116,17 +107,16 @@ class Inputs:
         self._clock = clock
         self.requests = Requests(vocabulary, prepare, self.wake)
         self._woken = False
-        self.clock_tolerance = clock_tolerance  # s; None if the clocks are not synchronized
+        self.clock_tolerance = clock_tolerance  # s
         self._velocity_filter = velocity_filter
-        self.estimator = estimator  # the estimator of the base; None if its state is measured
+        self.estimator = estimator
         self._agreement = agreement
-        self._imu: list[ImuSample] = []  # not estimated from yet
+        self._imu: list[ImuSample] = []  # since the last estimate
         self._poses: list[PoseSample] = []
-        self._base: tuple[Array, Array] | None = None  # pose and twist, estimated in the last cycle
+        self._base: tuple[Array, Array] | None = None  # pose and twist of the last cycle
         self._contact_sensors = ContactSensors(sensing, self._tracker) if sensing is not None else None
-        #: Names of the contacts that the base's estimate assumed to hold in the last cycle.
-        self.holding: Collection[str] = ()
-        self._refusals: dict[str, str] = {}  # newest reason of each topic whose newest message was refused
+        self.holding: Collection[str] = ()  # active contacts of the base estimate in the last cycle
+        self._refusals: dict[str, str] = {}  # by topic with a refused newest message
         columns = ("position", "velocity") if velocity_filter is None else ("position",)
         joints = _Source(JointStateReader(model.joints, *columns), self._tracker())
         self._sources = {"joint_states": joints}
@@ -138,8 +128,8 @@ class Inputs:
         elif model.floating_base:
             base_check = SampleCheck.of_base(plausibility) if plausibility is not None else None
             self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker(), base_check)
-        self._parts = dict(self._sources)  # without one of them there is no state
-        if estimator is not None and estimator.uses_poses:
+        self._parts = dict(self._sources)  # required for a state
+        if estimator is not None and estimator.takes_poses:
             self._sources["pose"] = _Source(PoseReader(), self._tracker())
         self._queues: dict[str, _Queue] = {}
         latched = [*self._sources, *(KEYS if sensing is not None else ())]
@@ -147,8 +137,8 @@ class Inputs:
             if endpoint.direction is Direction.OUT or endpoint.key in _NOT_LATCHED:
                 continue
             if endpoint.key in latched:
-                self._queues[endpoint.name] = _open(endpoint, transport)
-            elif endpoint.key not in _LARGEST:
+                self._queues[endpoint.name] = _open_queue(endpoint, transport)
+            elif endpoint.key not in _MAX_BYTES:
                 transport.subscribe(endpoint, partial(self.requests.put, endpoint))
         checked = [(queue.endpoint.name, self._sources.get(queue.endpoint.key)) for queue in self._queues.values()]
         self._checks = [
@@ -157,14 +147,7 @@ class Inputs:
         self._trigger = next(queue for queue in self._queues.values() if queue.endpoint.key == "joint_states")
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a joint state, an emergency stop, or `wake`; return whether one arrived in time.
-
-        Args:
-            seconds: longest wall time, s.
-
-        Raises:
-            TransportError: if the transport is closed, or the topic cannot be read.
-        """
+        """Wait for a joint state, an emergency stop, or `wake`, in wall time; return True if one arrived in time."""
         deadline, left = time.monotonic() + seconds, seconds
         while self._trigger.stream.wait(left):
             self._collect(self._trigger)
@@ -175,45 +158,42 @@ class Inputs:
         return False
 
     def wake(self) -> None:
-        """End the wait, or the next one if no thread waits. Any thread may call it."""
+        """End the present or next wait, from any thread."""
         self._woken = True
         self._trigger.stream.wake()
 
     def _collect(self, queue: _Queue) -> None:
-        """Take the messages of a topic from the transport, with their time of arrival; drop those that are too large.
-
-        The clock is read after the states: a simulator sends the time first, so the time of these states is there.
-        """
+        """Take the messages of a topic with their arrival, and drop oversized ones."""
         taken = queue.stream.take()
-        self._clock.refresh()
+        self._clock.refresh()  # after the states, because a simulator publishes the time first
         now = self._clock.now()
         for payload in taken:
             if len(payload) <= queue.largest:
                 queue.pending.append((now, payload))
             else:
-                self.requests.turn_away(queue.endpoint, f"more than {queue.largest} bytes")
+                self.requests.drop_unread(queue.endpoint, f"more than {queue.largest} bytes")
 
-    def begin(self) -> None:
-        """Drop the states that have arrived so far: their times of arrival, and so their ages, are not known."""
+    def discard_pending(self) -> None:
+        """Drop all waiting states, since their arrivals and ages are unknown."""
         for queue in self._queues.values():
             queue.stream.take()
             queue.pending.clear()
         self._clock.refresh()
 
     def restart(self) -> None:
-        """Accept the next timestamps as those of a new time: the clock has started again."""
+        """Restart the timestamp trackers, filters and estimates after a jump of the clock."""
         for source in self._sources.values():
             source.stamps = self._tracker()
             if source.check is not None:
                 source.check.restart()
         if self._velocity_filter is not None:
             self._velocity_filter.restart()
-        self.restart_estimate()
+        self.restart_estimator()
         if self._contact_sensors is not None:
             self._contact_sensors.restart()
 
-    def restart_estimate(self) -> None:
-        """Start the estimate of the base, or the comparison of odometry, again: the robot has to stand still."""
+    def restart_estimator(self) -> None:
+        """Restart the base estimate or the comparison of odometry; the robot must be at rest."""
         if self._agreement is not None:
             self._agreement.restart()
         if self.estimator is not None:
@@ -223,19 +203,18 @@ class Inputs:
     def _tracker(self) -> StampTracker:
         if self.clock_tolerance is None:
             return StampTracker()
-        return StampTracker(self._clock.ahead, self.clock_tolerance)
+        return StampTracker(self._clock.clock_offset, self.clock_tolerance)
 
-    def latch(self, holding: Collection[str] = (), *, controlled: bool = False) -> LatchedInputs:
-        """Decode the newest states, assemble the robot's state, and take the requests that have been read.
+    def latch(self, holding: Collection[str] = (), *, held: bool = False) -> LatchedInputs:
+        """Decode the newest states, assemble the robot's state, and take the decoded requests.
 
         Args:
-            holding: names of the contacts that should hold: an estimate of the base uses them, unless sensors at the
-                contacts measure otherwise.
-            controlled: whether the robot is under control: absolute poses that contradict must not move its world.
+            holding: names of the commanded contacts, used by the base estimate unless contact sensors disagree.
+            held: True if the robot is under control: contradicting absolute poses must not move its world.
         """
         refused: list[str] = []
         for queue in self._queues.values():
-            if not queue.pending:  # otherwise `wait` has just taken them
+            if not queue.pending:  # otherwise just taken by `wait`
                 self._collect(queue)
         if self._trigger.pending and self._clock.now() - self._trigger.pending[0][0] > _PREEMPTED:
             self._collect(self._trigger)
@@ -257,12 +236,12 @@ class Inputs:
             ages=self.ages(),
             clock_stall=max([part.stamps.clock_stall for part in self._parts.values()]),
             refused_states=tuple(refused),
-            requests=self.requests.take() if self.requests.wait_to_be_taken() else TakenRequests(),
+            requests=self.requests.take() if self.requests.has_decoded() else TakenRequests(),
             estimate=self._pose_notes(),
         )
 
-    def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
-        """Compare the newest odometry with the legs, after the torques are sent; arguments as for `latch`."""
+    def compare_odometry(self, holding: Collection[str], *, held: bool) -> None:
+        """Compare the newest odometry with the legs, after the torques were sent; arguments as for `latch`."""
         joints, odometry = self._sources["joint_states"].newest, self._newest_base()
         if self._agreement is None or joints is None or not odometry:
             return
@@ -270,7 +249,7 @@ class Inputs:
         self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
 
     def _decode(self, endpoint: Endpoint, arrival: float, payload: bytes, refused: list[str]) -> None:
-        """Decode one message, judge its timestamp, and keep it; a refused message leaves the last one in force."""
+        """Decode, check and store one message; after a refusal the last message stays in force."""
         key = endpoint.key
         try:
             if key in KEYS and self._contact_sensors is not None:
@@ -279,12 +258,12 @@ class Inputs:
             source = self._sources[key]
             newest = source.reader.read(payload)
             check = source.check
-            reason = check.check(*newest[:3]) if check is not None else ""
-            reason = reason or source.stamps.judge(newest.stamp, arrival) or ""
+            reason = check.look(*newest[:3]) if check is not None else ""
+            reason = reason or source.stamps.check_stamp(newest.stamp, arrival) or ""
             if reason:
                 raise InputRefused(reason)
         except Exception as error:
-            self._refusals[key] = refusal(endpoint, error) + self._publishers_note(endpoint.name)
+            self._refusals[key] = refusal_reason(endpoint, error) + self._publishers_note(endpoint.name)
             refused.append(f"{endpoint.name}: {self._refusals[key]}")
             return
         self._refusals.pop(key, None)
@@ -297,12 +276,12 @@ class Inputs:
             self._poses.append(PoseSample(1.0e-9 * newest.stamp, newest.pose, newest.covariance))
 
     def _publishers_note(self, topic: str) -> str:
-        """Return a note if a topic has several publishers; otherwise an empty text."""
+        """Return a note on a topic with several publishers, or an empty text."""
         names = self.shared().get(topic)
         return f"; {topic} has several publishers: {names}" if names else ""
 
     def _newest_base(self) -> tuple[()] | tuple[Array, Array] | None:
-        """Return pose, (7,), and twist, (6,), of a floating base, nothing for a fixed base; None if not known yet."""
+        """Return pose, (7,), and twist, (6,), of a floating base, () for a fixed base, or None if still unknown."""
         if self.estimator is not None:
             return self._base
         if not self._model.floating_base:
@@ -310,19 +289,19 @@ class Inputs:
         odometry = self._sources["odom"].newest
         return None if odometry is None else (odometry.pose, odometry.twist)
 
-    def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, controlled: bool) -> list[str]:
-        """Update the estimate of the base; report each newly silent sensor, left-out contact and refused pose."""
+    def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, held: bool) -> list[str]:
+        """Update the base estimate; return a sentence per new sensor timeout, slipping contact and refused pose."""
         sentences: list[str] = []
         self.holding = holding
         if self._contact_sensors is not None:
-            measured, silent = self._contact_sensors.decide(self._clock.now(), holding)
+            measured, silent = self._contact_sensors.update_active(self._clock.now(), holding)
             sentences += silent
-            if estimator.filter is not None:  # a robot that hangs at the start presses on nothing
+            if estimator.filter is not None:  # a hanging robot has no contact forces at the start
                 self.holding = measured
         joints: JointStates | None = self._sources["joint_states"].newest
         imu, self._imu = self._imu, []
         if not imu or joints is None:
-            del self._poses[:-_MOST_POSES]
+            del self._poses[:-_MAX_POSES]
             return sentences
         slipping = estimator.slipping
         estimator.update(imu, joints.position, joints.velocity, self.holding)
@@ -334,13 +313,13 @@ class Inputs:
             sentences += [f"{topic}: {reason}" for reason in contradictions]
         self._base = estimator.base
         return sentences + [
-            f"the base's estimate leaves out contact {name!r}, which moves, and takes it in again where it rests"
+            f"the base estimate ignores the slipping contact {name!r} until it rests"
             for name in estimator.slipping
             if name not in slipping
         ]
 
     def ages(self) -> dict[str, float]:
-        """Return the age of each part of the state at this moment, by its timestamp, s; infinite before the first."""
+        """Return the present age of each part of the state by its timestamp, s; infinite before the first message."""
         now = self._clock.now()
         ages = {name: part.stamps.age(now) for name, part in self._parts.items()}
         if self.estimator is not None:
@@ -348,12 +327,7 @@ class Inputs:
         return ages
 
     def fault(self, ages: Mapping[str, float], timeout: float) -> Fault | None:
-        """Return the input fault, or None.
-
-        Args:
-            ages: age of each part of the state, s.
-            timeout: largest allowed age, s.
-        """
+        """Return the input fault, or None, for the ages of the parts of the state and their limit, s."""
         for topic, check in self._checks:
             found = check.fault(topic) if check.in_row else None
             if found is not None:
@@ -367,53 +341,52 @@ class Inputs:
         return stale_inputs(measured, timeout, self.notes) or Fault("ESTIMATE_LOST", self.estimator.waits_for)
 
     def stamp_of_joint_states(self) -> int:
-        """Return the timestamp of the newest decoded joint state, ns; 0 before the first."""
+        """Return the timestamp of the newest joint state, ns; 0 before the first."""
         newest = self._sources["joint_states"].newest
         return 0 if newest is None else int(newest.stamp)
 
     def status(self) -> dict[str, str]:
-        """Return diagnostics: the number of rejected samples by topic, and the delay of computed joint velocities."""
+        """Return diagnostics: rejected samples by topic, and the delay of differentiated joint velocities."""
         values = {
             f"rejected/{key}": str(source.check.rejected)
             for key, source in self._sources.items()
             if source.check is not None and source.check.rejected
         }
-        made = self._velocity_filter
-        if made is not None:
-            late = f"{made.delay:.4f} s late" if math.isfinite(made.delay) else "not known yet"
-            values["joint_velocity"] = f"differentiated, {late}"
+        velocity_filter = self._velocity_filter
+        if velocity_filter is not None:
+            delay = f"{velocity_filter.delay:.4f} s" if math.isfinite(velocity_filter.delay) else "still unknown"
+            values["joint_velocity"] = f"differentiated, delay {delay}"
         return values
 
     def notes(self) -> dict[str, str]:
-        """Return explanations of the ages, by part of the state: a refusal, or the time of a message on its way."""
+        """Return explanations of the ages by part of the state: a refusal, or the transit time."""
         notes, now = {}, self._clock.now()
         if self.estimator is not None and self._base is None:
             notes[ESTIMATE] = self.estimator.waits_for
         if self._contact_sensors is not None:
             notes |= self._contact_sensors.notes()
         for name, part in self._parts.items():
-            waited = part.stamps.waited(now)
+            transit_time = part.stamps.transit_time(now)
             if name in self._refusals:
                 notes[name] = f"last refusal: {self._refusals[name]}"
-            elif waited > _WAITED and self.clock_tolerance is not None:
-                notes[name] = f"{waited:.3f} s of it on its way, or the clocks are not synchronized"
-            elif waited > _WAITED:
-                notes[name] = f"{waited:.3f} s of it on its way"
+            elif transit_time > _MIN_DELAY and self.clock_tolerance is not None:
+                notes[name] = f"{transit_time:.3f} s of it in transit, or the clocks are not synchronized"
+            elif transit_time > _MIN_DELAY:
+                notes[name] = f"{transit_time:.3f} s of it in transit"
         return notes
 
     def _pose_notes(self) -> dict[str, str]:
-        """Return diagnostics of absolute poses, by key: their age, and the results of their corrections."""
+        """Return diagnostics of absolute poses by key: age, and results of the corrections."""
         if self.estimator is None or "pose" not in self._sources:
             return {}
         age = self._sources["pose"].stamps.age(self._clock.now())
-        notes = {"pose/age": f"{age:.3f} s" if math.isfinite(age) else "none has come"}
+        notes = {"pose/age": f"{age:.3f} s" if math.isfinite(age) else "no pose received"}
         if "pose" in self._refusals:
             notes["pose/last refusal"] = self._refusals["pose"]
         return notes | (self.estimator.poses.values if self.estimator.poses is not None else {})
 
 
-def _open(endpoint: Endpoint, transport: Transport) -> _Queue:
-    """Subscribe to a topic with states."""
-    kept = {"imu": _MOST_IMU, "pose": _MOST_POSES}.get(endpoint.key, 1)
-    stream = transport.stream(endpoint, max(kept, _STATE_DEPTH))
-    return _Queue(endpoint, stream, pending=deque(maxlen=kept), largest=_LARGEST[endpoint.key])
+def _open_queue(endpoint: Endpoint, transport: Transport) -> _Queue:
+    capacity = {"imu": _MAX_IMU_SAMPLES, "pose": _MAX_POSES}.get(endpoint.key, 1)
+    stream = transport.stream(endpoint, max(capacity, _STATE_DEPTH))
+    return _Queue(endpoint, stream, pending=deque(maxlen=capacity), largest=_MAX_BYTES[endpoint.key])

@@ -1,4 +1,4 @@
-"""The control loop: in each cycle it latches the inputs, runs the controller and publishes the result."""
+"""The control loop: latches the inputs, runs the controller and publishes the result in each cycle."""
 
 from __future__ import annotations
 
@@ -27,30 +27,18 @@ from wbc_controller.safety.model_audit import ModelAudit
 
 _log = logging.getLogger(__name__)
 
-#: Time for which a logged sentence is not repeated, s.
-_SILENCE = 1.0
-#: Largest number of sentences that are logged in that time.
-_MOST_SAID = 20
-#: Figures and quoted names in a sentence, which may change from cycle to cycle.
+_WARNING_PERIOD = 1.0  # between two equal log messages, s
+_MAX_MESSAGES = 20  # log messages in that time
+#: Numbers and quoted names of a message, which may change from cycle to cycle.
 _FIGURES = re.compile(r"[-+\d.e]*\d[-+\d.e]*|'[^']*'")
-#: Longest time for which the interpreter leaves another thread running while the loop waits for it, s.
-_SWITCH_INTERVAL = 5.0e-4
-#: Modes in which the torques follow the references, or hold.
-_UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
-#: Rounding of the times of a clock, s.
-_ROUNDING = 1.0e-6
-#: Requests that undo an activation in the same cycle.
-_WITHDRAWN = ("damp", "reset")
+_SWITCH_INTERVAL = 5.0e-4  # longest wait of the loop for another thread, s
+_UNDER_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques of the solution
+_ROUNDING = 1.0e-6  # of clock times, s
+_CANCEL_ACTIVATION = ("damp", "reset")  # requests that cancel an activation in the same cycle
 
 
 class ControlLoop:
-    """Passes the latched inputs to the controller and its result to the outputs, once per cycle.
-
-    Args:
-        ownership: finds other publishers on the topics.
-        timer: returns seconds, for the stage times.
-        observers: called with the report of every cycle.
-    """
+    """Loop of inputs, controller and outputs; `timer` measures the stages, and `observers` receive every report."""
 
     def __init__(
         self,
@@ -76,16 +64,16 @@ class ControlLoop:
         self._timer = timer
         self._cycle = 0
         self._deadlines_missed = 0
-        self._due = -math.inf  # when `run_due` waits no longer
-        self._fresh_until = -math.inf  # when the newest joint states become stale, s on the clock
+        self._cycle_due = -math.inf  # next `run_due` without a joint state, s
+        self._fresh_until = -math.inf  # end of validity of the newest joint states, s
         self._activate_when_fresh = False
-        self._waits_for: tuple[str, ...] = ()
-        self._said: dict[str, float] = {}
-        self._mode_said = controller.mode
+        self._logged_contention: tuple[str, ...] = ()
+        self._logged: dict[str, float] = {}
+        self._logged_mode = controller.mode
 
     @property
     def estimator(self) -> BaseEstimator | None:
-        """The estimator of the base; None if its state is measured."""
+        """Estimator of the base, or None for odometry."""
         return self._inputs.estimator
 
     def cycle(self) -> CycleReport:
@@ -96,26 +84,28 @@ class ControlLoop:
         timeout, ages, stall = controller.state_timeout, latched.ages, latched.clock_stall
         now = clock.now()
         self._fresh_until = now + timeout - ages["joint_states"]
-        now += stall  # during a stall of the simulated clock, the timestamps of the states count
-        trouble = clock.trouble()
-        if trouble:
+        now += stall  # during a stall of the simulated clock, the stamps of the states advance
+        clock_fault = clock.clock_fault()
+        if clock_fault:
             self._inputs.restart()
         elif not (stall <= timeout):
-            trouble = self._clock_stall(stall, timeout)
+            clock_fault = self._clock_stall(stall, timeout)
         requests, waiting, before = latched.requests.commands, self._activate_when_fresh, controller.mode
-        if "reset" in requests and self._takes_reset(requests):
-            self._inputs.restart_estimate()
+        if "reset" in requests and self._accepts_reset(requests):
+            self._inputs.restart_estimator()
             ages = self._inputs.ages()
-        problem = Fault("CLOCK", trouble) if trouble else self._inputs.fault(ages, timeout) or self._bring_up.fault
-        if not trouble and (problem is not None or before not in _UNDER_CONTROL):
+        problem = (
+            Fault("CLOCK", clock_fault) if clock_fault else self._inputs.fault(ages, timeout) or self._bring_up.fault
+        )
+        if not clock_fault and (problem is not None or before not in _UNDER_CONTROL):
             coarse = self._coarse_clock(stall, timeout)
             problem = Fault("CLOCK", coarse) if coarse else problem
         self._ownership.refresh(now)
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
-            requests, refused = self._requests(requests, problem)
+            requests, refused = self._filter_requests(requests, problem)
         read = timer() - started
-        given = CycleInputs(
+        cycle_inputs = CycleInputs(
             now=now,
             state=latched.state,
             joint_velocity=latched.joint_velocity if ages["joint_states"] <= timeout else None,
@@ -123,21 +113,21 @@ class ControlLoop:
             requests=requests,
             changes=latched.requests.changes,
         )
-        result = controller.cycle(given)
+        result = controller.cycle(cycle_inputs)
         late = None
         clock.refresh()
         passed = max(0.0, clock.now() - now)
         if result.solution is not None and not max(ages.values()) + passed <= timeout:
             late = stale_inputs(self._inputs.ages(), timeout)
-        if late is not None:  # the process was stopped in mid-cycle: its torques must not be sent
+        if late is not None:  # the process was stopped during the cycle: its torques must not be sent
             withdrawn: tuple[str, ...] = ()
-            if before not in _UNDER_CONTROL:  # nothing has been sent yet: a refusal is enough
-                withdrawn, self._activate_when_fresh = _WITHDRAWN, waiting
-                refused += (f"command 'activate' is refused: when the torques were computed, {late.sentence}",)
-            again = CycleInputs(
+            if before not in _UNDER_CONTROL:  # no torques were sent yet
+                withdrawn, self._activate_when_fresh = _CANCEL_ACTIVATION, waiting
+                refused += (f"command 'activate' is refused: after the computation of the torques, {late.sentence}",)
+            repeated_inputs = CycleInputs(
                 now=now + passed, state=latched.state, joint_velocity=None, problem=late, requests=withdrawn
             )
-            result = controller.cycle(again)
+            result = controller.cycle(repeated_inputs)
         decided = timer()
         outputs.publish_command(result)
         sent = timer()
@@ -146,10 +136,10 @@ class ControlLoop:
         state, solution, references = result.state, result.solution, result.references
         audit = None
         if state is not None:
-            # While it is not active, the supervisor may have refused the very state.
+            # The supervisor of an inactive controller may have refused this state.
             trusted = solution if result.mode is Mode.ACTIVE else None
-            audit = self._audit.check(state, controller.qp.dynamics, trusted, result.command)
-            # Impacts of the feet are not explained by torques, and zero torque would drop a robot that walks.
+            audit = self._audit.look(state, controller.qp.dynamics, trusted, result.command)
+            # Torques do not explain impacts of the feet, and zero torque would drop a walking robot.
             walks = controller.walker is not None and controller.walker.moves
             explained = None if walks else trusted
             self._bring_up.check(
@@ -167,84 +157,77 @@ class ControlLoop:
         outputs.publish_tasks(now, latched.state, controller.qp.dynamics, references, solution)
         outputs.publish_markers(now, latched.state, references, solution)
         outputs.compose()
-        if self._said or report.refused or report.fault is not None or report.mode is not self._mode_said:
-            self._say(report, now)
+        if self._logged or report.refused or report.fault is not None or report.mode is not self._logged_mode:
+            self._log_changes(report, now)
         for observer in self.observers:
             observer(report)
         self._cycle += 1
         return report
 
     def _clock_stall(self, stall: float, timeout: float) -> str:
-        """Return the reason why ages cannot be measured during a stall of the clock: it is too coarse, or has stopped.
-
-        Args:
-            stall: advance of the stamps of the states since the clock moved, s.
-            timeout: limit of the ages, s.
-        """
+        """Return the clock fault for a stall of the clock, s, that exceeds the limit of the ages, s."""
         step = self._clock.resolution()
-        if stall <= 2.0 * step < math.inf:  # its next message may just be late
-            return _coarse_sentence(step, timeout, "state_timeout")
-        return f"the clock has stood still for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
+        if stall <= 2.0 * step < math.inf:  # the next clock message may be late
+            return _coarse_clock_message(step, timeout, "state_timeout")
+        return f"the clock stopped for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
 
     def _coarse_clock(self, stall: float, timeout: float) -> str | None:
-        """Return a sentence if the clock's steps are too coarse for ages and stamps, or unknown in a stall; else None.
-
-        Between two times of a synchronized clock, the stamps of the states are ahead of it by up to one step.
-        """
+        """Return the reason if the clock's steps are too coarse, or unknown during a stall; None otherwise."""
         step, limit, key = self._clock.resolution(), timeout, "state_timeout"
-        tolerance = self._inputs.clock_tolerance
+        tolerance = self._inputs.clock_tolerance  # stamps lead a synchronized clock by up to one step
         if tolerance is not None and tolerance < timeout:
             limit, key = tolerance, "clock_tolerance"
         if math.isinf(step) and stall > 0.0:
             return (
-                f"the step of the clock is unknown: it has shown one time only, and the states' stamps have advanced "
+                f"the step of the clock is unknown: only one time was received, and the stamps of the states advanced "
                 f"by {1e3 * stall:.0f} ms since then"
             )
-        return _coarse_sentence(step, limit, key) if limit + _ROUNDING < step < math.inf else None
+        return _coarse_clock_message(step, limit, key) if limit + _ROUNDING < step < math.inf else None
 
-    def _takes_reset(self, words: tuple[str, ...]) -> bool:
-        """Return whether the supervisor accepts the first 'reset' of some requests: it does unless it is in control."""
-        return self.controller.mode not in _UNDER_CONTROL or "damp" in words[: words.index("reset")]
+    def _accepts_reset(self, requests: tuple[str, ...]) -> bool:
+        """Return True if the supervisor is not in control at the first 'reset' of the requests, and accepts it."""
+        return self.controller.mode not in _UNDER_CONTROL or "damp" in requests[: requests.index("reset")]
 
-    def _requests(self, words: tuple[str, ...], problem: Fault | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return the requests for the controller, and a sentence for each one refused because of another owner."""
-        if self._activate_when_fresh and any(word != "activate" for word in words):
-            _log.warning("command %r: the activation at the start is cancelled", words[0])
+    def _filter_requests(
+        self, requests: tuple[str, ...], problem: Fault | None
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the requests for the controller, and a sentence for each refusal because of another owner."""
+        if self._activate_when_fresh and any(word != "activate" for word in requests):
+            _log.warning("command %r cancels the activation at the start", requests[0])
             self._activate_when_fresh = False
         contested = self._ownership.contested
         if contested:
-            if self._activate_when_fresh and contested != self._waits_for:
-                self._waits_for = contested
+            if self._activate_when_fresh and contested != self._logged_contention:
+                self._logged_contention = contested
                 _log.warning("the activation at the start waits: %s", "; ".join(contested))
             sentence = f"command 'activate' is refused: {'; '.join(contested)}"
-            return tuple(word for word in words if word != "activate"), (sentence,) * words.count("activate")
+            return tuple(word for word in requests if word != "activate"), (sentence,) * requests.count("activate")
         if self._activate_when_fresh and problem is None and math.isfinite(self._clock.resolution()):
             self._activate_when_fresh = False
-            words = ("activate", *words)
-        return words, ()
+            requests = ("activate", *requests)
+        return requests, ()
 
-    def _say(self, report: CycleReport, now: float) -> None:
-        """Log refusals, faults and modes: refusals that recur in every cycle once per second, a fault once."""
-        if any(not (0.0 <= now - at < _SILENCE) for at in self._said.values()):
-            self._said = {topic: at for topic, at in self._said.items() if 0.0 <= now - at < _SILENCE}
+    def _log_changes(self, report: CycleReport, now: float) -> None:
+        """Log refusals (recurring ones once per second), a fault once, and modes."""
+        if any(not (0.0 <= now - at < _WARNING_PERIOD) for at in self._logged.values()):
+            self._logged = {topic: at for topic, at in self._logged.items() if 0.0 <= now - at < _WARNING_PERIOD}
         for refused in report.refused:
             self._log(logging.WARNING, f"refused {refused}", now)
         if report.fault is not None:
-            said = f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}"
-            topic = self._log(logging.WARNING, said, now)
-            if topic in self._said:
-                self._said[topic] = now  # silent for as long as it lasts
-        elif self._mode_said is Mode.HOLDING is not report.mode:  # it may hold and follow in turn
+            message = f"{report.mode.value}: {report.fault.code}: {report.fault.sentence}"
+            topic = self._log(logging.WARNING, message, now)
+            if topic in self._logged:
+                self._logged[topic] = now  # no repetition while it lasts
+        elif self._logged_mode is Mode.HOLDING is not report.mode:  # modes may alternate
             self._log(logging.INFO, f"mode: {report.mode.value}", now)
-        elif report.mode is not self._mode_said:
+        elif report.mode is not self._logged_mode:
             _log.info("mode: %s", report.mode.value)
-        self._mode_said = report.mode
+        self._logged_mode = report.mode
 
     def _log(self, level: int, sentence: str, now: float) -> str:
-        """Log a sentence unless its topic has been logged within the last second; returns the topic."""
-        topic = _FIGURES.sub("#", sentence)[:60]  # figures may change from cycle to cycle
-        if topic not in self._said and len(self._said) < _MOST_SAID:
-            self._said[topic] = now
+        topic = _FIGURES.sub("#", sentence)[:60]
+        if topic not in self._logged and len(self._logged) < _MAX_MESSAGES:
+            self._logged[topic] = now
             _log.log(level, "%s", sentence)
         return topic
 
@@ -273,14 +256,14 @@ class ControlLoop:
 
         Args:
             period: time between cycles, s.
-            triggered: run one cycle for each joint state, and once they are stale one cycle per period; otherwise run
-                on absolute deadlines.
-            activate: activate as soon as the inputs are fresh and the robot has no other owner, without a command.
+            triggered: True for one cycle per joint state, and one per period after they are stale; False for absolute
+                deadlines.
+            activate: activate without a command when the inputs are fresh and the robot has no other owner.
         """
         self._activate_when_fresh = activate
         switch_interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_INTERVAL)
-        self._inputs.begin()
+        self._inputs.discard_pending()
         self._inputs.requests.start_reader()
         try:
             self._ownership.start(stop)
@@ -292,23 +275,15 @@ class ControlLoop:
             self._shut_down()
 
     def run_due(self, now: float, period: float) -> bool:
-        """Run the triggered cycle if one is due, as `run` does, in simulated time.
-
-        Args:
-            now: simulated time, s; the loop may use another clock.
-            period: time between cycles, s.
-
-        Returns:
-            True if a cycle was due.
-        """
-        if not self._inputs.wait(0.0) and now < self._due:
+        """Run a triggered cycle if due at a simulated time, s (independent of the loop's clock); return True if due."""
+        if not self._inputs.wait(0.0) and now < self._cycle_due:
             return False
         self._guarded_cycle()
-        self._due = now + self._patience(period)
+        self._cycle_due = now + self._wait_time(period)
         return True
 
     def wake(self) -> None:
-        """Interrupt the wait for a joint state, so that a loop ends at once when its `stop` event is set."""
+        """Interrupt the wait for a joint state, for an immediate stop."""
         self._inputs.wake()
 
     def _shut_down(self) -> None:
@@ -320,7 +295,7 @@ class ControlLoop:
 
     def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
         gc.collect()
-        gc.freeze()  # objects from start-up live for the whole run: excluding them keeps later collections short
+        gc.freeze()  # exclude long-lived objects from later collections
         deadline = self._clock.now() + period
         while not stop.is_set():
             if triggered:
@@ -332,7 +307,7 @@ class ControlLoop:
             if now > deadline:
                 missed = int((now - deadline) / period) + 1
                 self._deadlines_missed += missed
-                deadline += missed * period  # deadlines stay on their grid, so that lateness does not accumulate
+                deadline += missed * period  # on the original grid, so that delays do not accumulate
             try:
                 self._clock.wait(stop, deadline - now if deadline > now else 0.0)
             except TransportError as error:
@@ -341,29 +316,29 @@ class ControlLoop:
             deadline += period
 
     def _guarded_wait(self, stop: threading.Event, period: float) -> None:
-        """Wait for the next joint state; if the transport fails, the next cycles damp."""
+        """Wait for the next joint state; a failure of the transport leads to damping."""
         try:
-            self._inputs.wait(self._patience(period))
+            self._inputs.wait(self._wait_time(period))
         except TransportError as error:
             self.controller.fail(error)
             stop.wait(period)
 
     def _guarded_cycle(self) -> None:
-        """Run one cycle; an exception leads to zero torques now, and to damping with a fault."""
+        """Run one cycle; an exception leads to zero torques, then damping with a fault."""
         try:
             self.cycle()
         except Exception as error:
             self.controller.fail(error)
             self._outputs.publish_zeros()
 
-    def _patience(self, period: float) -> float:
-        """Return the time to wait for the next joint state, s: until the last one is stale, then one period."""
+    def _wait_time(self, period: float) -> float:
+        """Return the longest wait for the next joint state, s: until the last one is stale, then one period."""
         return max(period, min(self._fresh_until - self._clock.now(), self.controller.state_timeout))
 
 
-def _coarse_sentence(step: float, limit: float, key: str) -> str:
-    """Return a sentence on a clock whose step, s, is above a limit, s, of the settings."""
+def _coarse_clock_message(step: float, limit: float, key: str) -> str:
+    """Return the message for a clock step above a limit, s."""
     return (
-        f"the clock moves in steps of {1e3 * step:.0f} ms, too coarse to measure ages up to {1e3 * limit:.0f} ms "
+        f"the clock advances in steps of {1e3 * step:.0f} ms, too coarse for ages up to {1e3 * limit:.0f} ms "
         f"(safety.{key}): publish it at the rate of the states"
     )

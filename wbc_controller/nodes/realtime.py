@@ -1,8 +1,7 @@
 """Real-time scheduling, processors and locked memory of the controller's process, by `control.realtime` (Linux).
 
-All threads of the process get the scheduling class and the processors, those that it starts later too: the loop waits
-for the thread that brings a state, and for whichever thread holds the interpreter's lock. Were one of these an ordinary
-thread, another program could keep it, and with it the loop, from a processor.
+Scheduling class and processors apply to all present and later threads, because the loop waits for the receiving thread
+and for the holder of the interpreter's lock: preemption of either would delay the loop.
 """
 
 from __future__ import annotations
@@ -23,43 +22,33 @@ _KEY = "control.realtime"
 _HELP = "see docs/real_time.md"
 #: Scheduling classes, by the names of the settings and of Linux.
 _CLASSES = {"other": "SCHED_OTHER", "fifo": "SCHED_FIFO", "rr": "SCHED_RR"}
-#: Of mlockall(2): what is mapped now, and what will be.
-_MCL_CURRENT, _MCL_FUTURE = 1, 2
-#: Bit of capabilities(7) by which no limit holds for locked memory.
-_CAP_IPC_LOCK = 14
-#: Processors that Linux can number.
-_NUMBERS = range(1024)
-#: Where Linux is told how long processors may take to wake; what is asked holds while the file is open.
-_WAKING = Path("/dev/cpu_dma_latency")
-_waking: list[int] = []  # that file: the system closes it when the process ends, however it ends
+_MCL_CURRENT, _MCL_FUTURE = 1, 2  # of mlockall(2)
+_CAP_IPC_LOCK = 14  # bit of capabilities(7) without limit of locked memory
+_NUMBERS = range(1024)  # processor numbers of Linux
+#: PM QoS device: the requested wake-up latency holds while the file is open.
+_LATENCY_DEVICE = Path("/dev/cpu_dma_latency")
+_latency_file: list[int] = []  # descriptor, open until the process ends
 
 
-def apply(settings: RealtimeSettings) -> None:
-    """Apply the settings to this process, until it ends.
+def apply_realtime(settings: RealtimeSettings) -> None:
+    """Apply the settings to this process until its end.
 
-    A refusal of the system is an error, not a warning: these settings are off by default, so a user who sets them needs
-    them, and their absence would show only on a busy machine.
-
-    Raises:
-        ConfigurationError: if the system refuses, with the remedy.
+    A refusal by the system raises `ConfigurationError`; ignored, it would show only on a busy computer.
     """
     if settings != RealtimeSettings() and not hasattr(os, "sched_setscheduler"):
-        raise ConfigurationError(f"{_KEY}: {sys.platform} has none of it, Linux does; {_HELP}")
+        raise ConfigurationError(f"{_KEY}: not supported on {sys.platform}; requires Linux; {_HELP}")
     if settings.affinity:
-        _use_processors(sorted(set(settings.affinity)))
+        _set_affinity(sorted(set(settings.affinity)))
     if settings.cpu_dma_latency is not None:
-        _stay_awake(settings.cpu_dma_latency)
+        _limit_wakeup_latency(settings.cpu_dma_latency)
     if settings.lock_memory:
         _lock_memory()
     if settings.scheduling != "other":
-        _schedule(settings.scheduling, settings.priority)
+        _set_scheduling(settings.scheduling, settings.priority)
 
 
-def step_back() -> None:
-    """Lower the real-time priority of the calling thread, if it has one, below all other threads of its process.
-
-    A computing thread of that class would keep a processor from others of its priority, such as receiving threads.
-    """
+def lower_thread_priority() -> None:
+    """Lower the real-time priority of the calling thread by one, so that it does not block the receiving threads."""
     if hasattr(os, "sched_getscheduler"):
         number, priority = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
         if number in (os.SCHED_FIFO, os.SCHED_RR) and priority > 1:
@@ -67,14 +56,14 @@ def step_back() -> None:
 
 
 def processors() -> set[int]:
-    """Return the numbers of the processors that this process may use; empty if unknown."""
+    """Return the permitted processors of this process; empty if unknown."""
     return set(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else set()
 
 
-def in_force(process: int = 0) -> str:
-    """Describe the scheduling of a process: ``fifo 50 on processors 2, 3, memory locked, cpu_dma_latency held``.
+def describe_scheduling(process: int = 0) -> str:
+    """Describe the scheduling of a process's main thread, or of the calling thread (0); empty if unknown.
 
-    The process is given by its number, for its main thread, or by 0 for the calling thread. Empty if unknown.
+    Example: ``fifo 50 on processors 2, 3, memory locked, cpu_dma_latency held``.
     """
     if not hasattr(os, "sched_getscheduler"):
         return ""
@@ -83,66 +72,67 @@ def in_force(process: int = 0) -> str:
     if number in (os.SCHED_FIFO, os.SCHED_RR):
         words += f" {os.sched_getparam(process).sched_priority}"
     processors = sorted(os.sched_getaffinity(process))
-    words += f" on processor{'s' if len(processors) > 1 else ''} {_listed(processors)}"
+    words += f" on processor{'s' if len(processors) > 1 else ''} {_join_numbers(processors)}"
     if int(_status("VmLck", process or "self").split()[0]):
         words += ", memory locked"
-    return words + (", cpu_dma_latency held" if _stays_awake(process or "self") else "")
+    return words + (", cpu_dma_latency held" if _holds_wakeup_latency(process or "self") else "")
 
 
-def _use_processors(processors: list[int]) -> None:
-    key = f"{_KEY}.affinity = [{_listed(processors)}]"
+def _set_affinity(processors: list[int]) -> None:
+    key = f"{_KEY}.affinity = [{_join_numbers(processors)}]"
     before = os.sched_getaffinity(0)
-    with contextlib.suppress(OSError):  # none of them is there: what is in force says so
+    with contextlib.suppress(OSError):  # no such processor, checked below
         os.sched_setaffinity(0, processors)
-    if os.sched_getaffinity(0) != set(processors):  # Linux takes those that are there, and says nothing of the others
+    if os.sched_getaffinity(0) != set(processors):  # Linux ignores missing processors silently
         os.sched_setaffinity(0, _NUMBERS)
-        there = os.sched_getaffinity(0)
+        available = os.sched_getaffinity(0)
         os.sched_setaffinity(0, before)
-        missing = [number for number in processors if number not in there]
+        missing = [number for number in processors if number not in available]
         raise ConfigurationError(
-            f"{key}: this process has no processor {_listed(missing)}. Valid: {_listed(sorted(there))}; {_HELP}"
+            f"{key}: processor {_join_numbers(missing)} is not available; valid: {_join_numbers(sorted(available))}; "
+            f"{_HELP}"
         )
     for thread in _threads():
-        with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+        with contextlib.suppress(ProcessLookupError):  # the thread has ended
             os.sched_setaffinity(thread, processors)
 
 
-def _schedule(name: str, priority: int) -> None:
+def _set_scheduling(name: str, priority: int) -> None:
     key = f"{_KEY}.scheduling = {name}, priority = {priority}"
     for thread in _threads():
         try:
             os.sched_setscheduler(thread, getattr(os, _CLASSES[name]), os.sched_param(priority))
-        except ProcessLookupError:  # as above
+        except ProcessLookupError:  # the thread has ended
             continue
         except PermissionError as error:
             raise ConfigurationError(
-                f"{key}: the system refuses it ({error.strerror}). Allow the user `rtprio {priority}` in "
-                f"/etc/security/limits.d and log in anew (for a systemd unit LimitRTPRIO={priority}, for a container "
-                f"--ulimit rtprio={priority}), or give the process CAP_SYS_NICE; {_HELP}"
+                f"{key}: refused by the system ({error.strerror}). Allow the user `rtprio {priority}` in "
+                f"/etc/security/limits.d and log in again (systemd unit: LimitRTPRIO={priority}; container: "
+                f"--ulimit rtprio={priority}), or grant CAP_SYS_NICE; {_HELP}"
             ) from error
 
 
-def _stay_awake(latency: int) -> None:
-    """Limit the wake-up time of processors to `latency`, µs, until the process ends."""
+def _limit_wakeup_latency(latency: int) -> None:
+    """Limit the wake-up latency of the processors, µs, until the process ends."""
     key = f"{_KEY}.cpu_dma_latency = {latency}"
     try:
-        if not _waking:
-            _waking.append(os.open(_WAKING, os.O_WRONLY))  # a process that is started does not inherit it
-        os.write(_waking[0], struct.pack("=i", latency))
+        if not _latency_file:
+            _latency_file.append(os.open(_LATENCY_DEVICE, os.O_WRONLY))  # child processes do not inherit it
+        os.write(_latency_file[0], struct.pack("=i", latency))
     except OSError as error:
         raise ConfigurationError(
-            f"{key}: the system refuses it ({error.strerror}: {_WAKING}). Allow it by the line "
-            f'KERNEL=="{_WAKING.name}", GROUP="realtime", MODE="0660" in /etc/udev/rules.d/99-realtime.rules, with the '
-            f"user in that group (for a container --device {_WAKING}); {_HELP}"
+            f"{key}: refused by the system ({error.strerror}: {_LATENCY_DEVICE}). Add the line "
+            f'KERNEL=="{_LATENCY_DEVICE.name}", GROUP="realtime", MODE="0660" to /etc/udev/rules.d/99-realtime.rules '
+            f"and the user to that group (container: --device {_LATENCY_DEVICE}); {_HELP}"
         ) from error
 
 
-def _stays_awake(process: int | str) -> bool:
-    """Return True if a process limits the wake-up time of processors; False also if that cannot be read."""
+def _holds_wakeup_latency(process: int | str) -> bool:
+    """Return True if a process holds the wake-up latency; False also if its files cannot be read."""
     with contextlib.suppress(OSError):
         for file in Path(f"/proc/{process}/fd").iterdir():
-            with contextlib.suppress(OSError):  # it has been closed meanwhile
-                if file.readlink() == _WAKING:
+            with contextlib.suppress(OSError):  # just closed
+                if file.readlink() == _LATENCY_DEVICE:
                     return True
     return False
 
@@ -150,20 +140,20 @@ def _stays_awake(process: int | str) -> bool:
 def _lock_memory() -> None:
     key = f"{_KEY}.lock_memory = true"
     allow = (
-        "Allow the user `memlock unlimited` in /etc/security/limits.d and log in anew (for a systemd unit "
-        f"LimitMEMLOCK=infinity, for a container --ulimit memlock=-1), or give the process CAP_IPC_LOCK; {_HELP}"
+        "Allow the user `memlock unlimited` in /etc/security/limits.d and log in again (systemd unit: "
+        f"LimitMEMLOCK=infinity; container: --ulimit memlock=-1), or grant CAP_IPC_LOCK; {_HELP}"
     )
     limit = _locked_memory_limit()
-    if limit is not None:  # below it mlockall could succeed, and a later allocation fail while the robot stands
-        raise ConfigurationError(f"{key}: the process may lock {limit / 1024:.0f} kB alone. {allow}")
+    if limit is not None:  # mlockall could succeed, and a later allocation fail during operation
+        raise ConfigurationError(f"{key}: the process may lock only {limit / 1024:.0f} kB. {allow}")
     number = _mlockall(_MCL_CURRENT | _MCL_FUTURE)
     if number:
-        what = "there is not enough memory" if number == errno.ENOMEM else os.strerror(number)
-        raise ConfigurationError(f"{key}: the system refuses it ({what}). {allow}")
+        what = "not enough memory" if number == errno.ENOMEM else os.strerror(number)
+        raise ConfigurationError(f"{key}: refused by the system ({what}). {allow}")
 
 
 def _locked_memory_limit() -> int | None:
-    """Return the largest memory that the process may lock, bytes; None without a limit."""
+    """Return the limit of locked memory, bytes, or None."""
     import resource  # Windows has none
 
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
@@ -172,13 +162,12 @@ def _locked_memory_limit() -> int | None:
 
 
 def _mlockall(flags: int) -> int:
-    """Call mlockall(2); return 0, or the number of the error."""
+    """Call mlockall(2); return 0 or the error number."""
     libc = ctypes.CDLL(None, use_errno=True)
     return ctypes.get_errno() if libc.mlockall(flags) else 0
 
 
 def _threads() -> list[int]:
-    """Return the numbers of the threads of this process."""
     return [int(path.name) for path in Path("/proc/self/task").iterdir()]
 
 
@@ -188,5 +177,5 @@ def _status(field: str, process: int | str = "self") -> str:
     return next((line.partition(":")[2].strip() for line in lines if line.startswith(f"{field}:")), "0")
 
 
-def _listed(numbers: Iterable[int]) -> str:
+def _join_numbers(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, numbers))

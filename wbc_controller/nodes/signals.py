@@ -1,4 +1,4 @@
-"""Shutting down on SIGINT, SIGTERM and SIGHUP."""
+"""Shutdown on SIGINT, SIGTERM and SIGHUP."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def exit_by_signals() -> None:
-    """Let SIGTERM and SIGHUP raise `SystemExit`, so that a terminated command ends the processes it has started."""
+    """Raise `SystemExit` on SIGTERM and SIGHUP, so that a terminated command stops its child processes."""
 
     def leave(number: int, frame: object) -> None:
         raise SystemExit(128 + number)
@@ -24,19 +24,15 @@ def exit_by_signals() -> None:
 
 @contextlib.contextmanager
 def set_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Let SIGINT, SIGTERM and SIGHUP set an event, and do nothing else.
+    """Set an event on SIGINT, SIGTERM and SIGHUP (closed terminal; still ignored under ``nohup``).
 
-    SIGHUP comes when the terminal or the SSH connection closes. A process that ignores it from the start, as under
-    ``nohup``, still ignores it.
-
-    The event is set on a thread of its own. A signal handler interrupts the main thread; if that is inside the event's
-    `wait`, it holds the lock that `set` needs, and a handler that called `set` would wait for ever.
+    A separate thread sets the event: a handler that interrupts the event's `wait` on the main thread would deadlock.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
 
     def watch() -> None:
-        while numbers := os.read(reading, 1):  # no bytes once the other end is closed
+        while numbers := os.read(reading, 1):  # empty after the other end was closed
             if numbers[0] in ENDING:
                 stop.set()
 

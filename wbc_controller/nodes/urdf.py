@@ -1,4 +1,4 @@
-"""The URDF of a node: read from a file, or received on a topic."""
+"""The URDF of a node, from a file or a topic."""
 
 from __future__ import annotations
 
@@ -16,40 +16,27 @@ from wbc_controller.settings import Settings
 
 _log = logging.getLogger(__name__)
 
-#: Longest message, in bytes: a URDF, its length, the end of the string and the padding.
-_LARGEST = LARGEST_URDF + 16
+_LARGEST = LARGEST_URDF + 16  # bytes: URDF, length, terminator and padding
 
-#: Time between two warnings, s.
-_PATIENCE = 5.0
+_WARNING_PERIOD = 5.0  # s
 
 
-def urdf_of(payload: bytes, endpoint: Endpoint) -> str:
-    """Read the URDF of a serialized message on a topic.
-
-    Raises:
-        InputRefused: if it is too long, which is checked before it is decoded, or no message of its type.
-    """
+def decode_urdf(payload: bytes, endpoint: Endpoint) -> str:
+    """Decode the URDF from a serialized message; raises `InputRefused` if too long or of another type."""
     if len(payload) > _LARGEST:
-        raise InputRefused(f"{len(payload)} bytes are too long for a URDF; it may have {LARGEST_URDF}")
+        raise InputRefused(f"URDF has {len(payload)} bytes (limit {LARGEST_URDF})")
     return str(decode(payload, endpoint.type).data)
 
 
 def find_urdf(settings: Settings, transport: Transport, stop: threading.Event, topics: Iterable[Endpoint]) -> str:
-    """Read the URDF from the file in the settings, or wait for it as `wait_for_urdf` does.
-
-    Raises:
-        ConfigurationError: if the file cannot be read.
-    """
+    """Return the URDF from the file of the settings, or from the topic by `wait_for_urdf`."""
     return read_urdf(settings.robot.urdf) if settings.robot.urdf else wait_for_urdf(transport, stop, topics)
 
 
 def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[Endpoint]) -> str:
-    """Wait for the latched URDF on the topic ``robot_description``, with a warning every 5 s.
+    """Wait for the first valid URDF on the latched topic ``robot_description``, with a warning every 5 s.
 
-    The first usable message counts. The log reports the first message that is refused.
-
-    Returns:
-        The URDF; empty if `stop` is set before it arrives, which is noticed within 5 s.
+    The log reports the first refused message. The result is empty within 5 s after `stop` was set.
     """
     arrived = threading.Event()
     found, refused = "", False
@@ -59,7 +46,7 @@ def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[
         if arrived.is_set():
             return
         try:
-            found = urdf_of(payload, endpoint)
+            found = decode_urdf(payload, endpoint)
         except InputRefused as error:
             if not refused:
                 _log.warning("refused %s: %s", endpoint.name, error)
@@ -69,21 +56,20 @@ def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[
 
     (endpoint,) = (topic for topic in topics if topic.key == "robot_description")
     transport.subscribe(endpoint, receive)
-    while not arrived.wait(_PATIENCE if not stop.is_set() else 0.0):
+    while not arrived.wait(_WARNING_PERIOD if not stop.is_set() else 0.0):
         if stop.is_set():
             return ""
         _log.warning(
-            "robot.urdf is empty: still waiting for the URDF on %s; %s", endpoint.name, _cause(transport, endpoint)
+            "robot.urdf is empty: still waiting for the URDF on %s; %s",
+            endpoint.name,
+            _missing_cause(transport, endpoint),
         )
     return found
 
 
-def _cause(transport: Transport, endpoint: Endpoint) -> str:
-    """Return the probable reason why no message of a latched topic has arrived."""
+def _missing_cause(transport: Transport, endpoint: Endpoint) -> str:
+    """Return the probable cause of a missing latched message."""
     names = transport.publishers(endpoint)
     if not names:
-        return "it has no publisher"
-    return (
-        f"{', '.join(names)} publishes it, but nothing arrives: the publisher has to be latched (durability transient "
-        "local), not volatile"
-    )
+        return "no publisher"
+    return f"publisher {', '.join(names)} must be latched (durability transient local), not volatile"

@@ -1,4 +1,4 @@
-"""The endpoints of the controller, and the names that messages may use, for one robot."""
+"""Endpoints of the controller for one robot, and the valid names in messages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wbc_controller.settings import NODE_NAME, Settings
 
 
 def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
-    """Collect the names that messages are checked against."""
+    """Collect the valid names of messages."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
     joints = {
         name: tuple(task.joints) or model.driven_joints
@@ -26,7 +26,7 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
         if isinstance(task, schema.ContactWrenchTask):
             contact = settings.contacts[task.contact]
             whole = isinstance(contact, schema.SurfaceContact | schema.FixedContact)
-            frame = contact.frame if whole else contact.against  # None (world axes) for a point or wheel on the world
+            frame = contact.frame if whole else contact.against  # None: world axes, for a point or wheel on the world
             if frame is not None:
                 reference_frames[name] = frame
     robot_frames = frozenset(frame.name for frame in model.pinocchio.frames)
@@ -36,12 +36,12 @@ def make_vocabulary(settings: Settings, model: RobotModel) -> Vocabulary:
 
 
 def wrench_frames(settings: Settings, model: RobotModel) -> tuple[str, ...]:
-    """Frames that accept external wrenches: the base, and every frame named by a task or contact."""
+    """Return the frames for external wrenches: the base, and the frames of tasks and contacts."""
     return tuple(dict.fromkeys([model.base_link, *named_frames(settings)]))
 
 
 def named_frames(settings: Settings) -> tuple[str, ...]:
-    """Every frame named by a task or contact."""
+    """Return the frames of all tasks and contacts."""
     named = [task.frame for task in settings.tasks.values() if hasattr(task, "frame")]
     named += [contact.frame for contact in settings.contacts.values()]
     return tuple(dict.fromkeys(named))

@@ -1,4 +1,4 @@
-"""Topics that are added to a recording after the run: the true state of a simulation, the phases of a demo."""
+"""Topics added to a recording after the run: true state of a simulation, phases of a demo."""
 
 from __future__ import annotations
 
@@ -13,20 +13,14 @@ from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, McapMessa
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.writer import CHUNK_BYTES
 
-#: Messages of each topic, by its name and type: stamp in ns and serialized message, in order of the stamps.
+#: Messages by name and type of the topic: stamp, ns, and serialized message, in order of the stamps.
 AddedTopics = Mapping[tuple[str, str], Sequence[tuple[int, bytes]]]
 
 
 def add_topics(path: Path, added: AddedTopics) -> None:
-    """Add topics to a recording. Each message is recorded at the time of the cycle with its stamp.
+    """Add topics to a recording in place, with each message at the time of the cycle with its stamp.
 
-    Args:
-        path: the recording; the new one replaces it.
-        added: the topics and their messages.
-
-    Raises:
-        ConfigurationError: if the file is not a recording of a controller.
-        OSError: if the new file cannot be written.
+    Raises `ConfigurationError` if the file is not a recording, and `OSError` if it cannot be written.
     """
     recording = Recording(path)
     stamps, times = np.array([(cycle.stamp, cycle.time) for cycle in recording.cycles()], dtype=np.float64).T
@@ -38,7 +32,7 @@ def add_topics(path: Path, added: AddedTopics) -> None:
         messages.append([(round(float(np.interp(stamp, stamps, times))), number, data) for stamp, data in content])
     recorded = ((time, topic.number, data) for topic, time, data in McapMessages(path))
     draft = path.with_suffix(".part")
-    draft.unlink(missing_ok=True)  # a link would write elsewhere
+    draft.unlink(missing_ok=True)  # do not follow a link
     file, builder = McapFile(draft, topics), ChunkBuilder()
     for time, channel, data in heapq.merge(recorded, *messages, key=lambda message: message[0]):
         builder.add(channel, time, data)

@@ -1,4 +1,4 @@
-"""The numbers of a recorded cycle: slots, in groups; each group is a topic with an array of doubles."""
+"""Layout of a recorded cycle: slots of numbers in groups, each group a topic with an array of doubles."""
 
 from __future__ import annotations
 
@@ -16,15 +16,13 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, Mode, Reference, References
 
-#: Version of the format of recordings; other versions are rejected.
-FORMAT = 4
+FORMAT = 4  # version of recordings; other versions are rejected
 MODES = tuple(Mode)
-#: Inputs with recorded ages, and stages with recorded times.
-AGES = ("joint_states", "odom", "imu", "base estimate")
+AGES = ("joint_states", "odom", "imu", "base estimate")  # recorded ages and stage times
 STAGES = (
     "read", "compute", "compute/build", "compute/solve", "compute/unpack", "supervise", "write", "total", "audit",
 )  # fmt: skip
-#: Numbers at the start of every cycle, all finite.
+#: First numbers of every cycle, all finite.
 HEAD = (
     "number", "now", "stamp_seconds", "stamp_nanoseconds", "mode", "has_state", "has_joint_velocity", "has_command",
     "has_solution", "has_references", "same_state", "has_event", "fault", "iterations", "relaxed", "deadlines_missed",
@@ -33,7 +31,7 @@ HEAD = (
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """Some numbers of a cycle."""
+    """Named numbers of a cycle."""
 
     group: str
     name: str
@@ -56,7 +54,7 @@ def cycle_slots(model: RobotModel, contacts: Mapping[str, Contact]) -> tuple[Slo
 
 
 def reference_slots(tasks: Mapping[str, Task], contacts: Mapping[str, Contact]) -> tuple[Slot, ...]:
-    """Return the slots of the references, which are recorded when they change."""
+    """Return the slots of the references, recorded after changes."""
     slots = [Slot("references", "number", 1)]
     for name, task in tasks.items():
         slots.append(Slot("references", f"position/{name}", task.form.size))
@@ -67,8 +65,8 @@ def reference_slots(tasks: Mapping[str, Task], contacts: Mapping[str, Contact]) 
     return tuple(slots)
 
 
-def places_of(slots: Sequence[Slot]) -> Iterator[tuple[Slot, slice]]:
-    """Return the place of each slot in a row."""
+def slot_slices(slots: Sequence[Slot]) -> Iterator[tuple[Slot, slice]]:
+    """Yield each slot with its place in a row."""
     start = 0
     for slot in slots:
         yield slot, slice(start, start + slot.size)
@@ -76,24 +74,24 @@ def places_of(slots: Sequence[Slot]) -> Iterator[tuple[Slot, slice]]:
 
 
 def split(slots: Sequence[Slot], row: Array) -> dict[str, Array]:
-    """Split a row by the names of its slots."""
-    return {slot.name: row[place] for slot, place in places_of(slots)}
+    """Split a row by slot name."""
+    return {slot.name: row[place] for slot, place in slot_slices(slots)}
 
 
 class CycleRow:
-    """Makes the rows of cycles. Absent numbers are NaN."""
+    """Writer of cycle rows, with NaN for absent numbers."""
 
     def __init__(self, slots: Sequence[Slot]) -> None:
-        self._places = {slot.name: place for slot, place in places_of(slots)}
+        self._places = {slot.name: place for slot, place in slot_slices(slots)}
         self._empty = np.full(sum(slot.size for slot in slots), np.nan)
 
     def write(self, number: int, taped: CycleRecord, report: CycleReport | None, *, same: bool, event: bool) -> Array:
         """Return the row of a cycle.
 
         Args:
-            report: report of the loop; None for a cycle that was computed again before its command was sent.
-            same: True if its state is the object of the previous cycle.
-            event: True if it has an event, which is recorded later: a killed process may not record it.
+            report: report of the loop; None for a cycle that was repeated before its command was sent.
+            same: True if the state is the object of the previous cycle.
+            event: True if an event follows, which a killed process may not record.
         """
         result, inputs = taped.result, taped.inputs
         state, velocity = inputs.state, inputs.joint_velocity
@@ -146,11 +144,7 @@ class CycleRow:
 
 
 class ReferencesRow:
-    """Makes rows of references: of changed ones, and regularly.
-
-    Args:
-        every: number of cycles after which unchanged references are repeated, so that the last seconds have them.
-    """
+    """Writer of rows of changed references, repeated after `every` cycles for the recordings of the last seconds."""
 
     def __init__(self, every: int) -> None:
         self._every = every
@@ -159,7 +153,7 @@ class ReferencesRow:
         self._weights: list[float] = []
 
     def write(self, number: int, references: References) -> Array | None:
-        """Return the row of a cycle's references; None if the last row has them."""
+        """Return the row of a cycle's references, or None if unchanged."""
         tasks = [*references.tasks.values()]
         weights = [*references.weights.values(), *references.contacts.values()]
         if number < self._due and weights == self._weights and all(map(operator.is_, tasks, self._tasks)):

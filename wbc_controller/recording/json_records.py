@@ -1,4 +1,4 @@
-"""Records of the package as JSON and back, bit for bit: arrays as base64 of their bytes, records by name and field."""
+"""Records of the package as JSON and back, bit for bit: arrays as base64, records by name and field."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.swing import Axis, SwingFoot
 from wbc_controller.walking.walker import Step
 
-#: All records that a recording may contain.
+#: Valid records of a recording.
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
@@ -45,38 +45,20 @@ _RECORDS: Mapping[str, Callable[..., Any]] = {
 
 
 def to_json(value: Any) -> str:
-    """Write a value as one line of JSON.
-
-    Raises:
-        TypeError: if it contains an object that is not one of the records.
-    """
-    return json.dumps(_plain(value), separators=(",", ":"), allow_nan=False)
+    """Return a value as one line of JSON; an object outside the valid records raises `TypeError`."""
+    return json.dumps(_to_plain(value), separators=(",", ":"), allow_nan=False)
 
 
 def from_json(text: str) -> Any:
-    """Read the result of `to_json`; sequences become lists.
-
-    Raises:
-        ValueError: if the text is not a result of `to_json`, or a field of a record has another type.
-    """
+    """Read the result of `to_json`, with sequences as lists; other text or types raise `ValueError`."""
     try:
-        return _value(json.loads(text))
+        return _from_plain(json.loads(text))
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError) as error:
         raise ValueError(f"not a value of a recording: {type(error).__name__}: {error}") from error
 
 
 def require_types(values: Any, types: Mapping[str, Any], what: str, optional: Mapping[str, Any] | None = None) -> None:
-    """Check the types of named values.
-
-    Args:
-        values: a mapping, as read from JSON.
-        types: annotation of each required value, by name.
-        what: name of the mapping, for the error.
-        optional: annotations of values that may be absent.
-
-    Raises:
-        ValueError: if a value is missing or has another type.
-    """
+    """Check the types of a mapping named `what`; a missing value or another type raises `ValueError`."""
     if not isinstance(values, Mapping):
         raise ValueError(f"{what} is {reprlib.repr(values)}, not a mapping")
     missing = [name for name in types if name not in values]
@@ -89,7 +71,6 @@ def require_types(values: Any, types: Mapping[str, Any], what: str, optional: Ma
 
 
 def _has_type(value: Any, kind: Any) -> bool:
-    """Return True if a value has the type of an annotation."""
     outer, inner = get_origin(kind), get_args(kind)
     if kind is Any:
         return True
@@ -98,7 +79,7 @@ def _has_type(value: Any, kind: Any) -> bool:
     if outer in (Union, UnionType):
         return any(_has_type(value, each) for each in inner)
     if outer is np.ndarray:
-        return isinstance(value, np.ndarray | float)  # arrays without axes are written as numbers
+        return isinstance(value, np.ndarray | float)  # 0-d arrays are written as numbers
     if outer in (tuple, list, Sequence):
         return isinstance(value, list | tuple) and all(_has_type(each, inner[0]) for each in value)
     if outer is Mapping:
@@ -109,17 +90,16 @@ def _has_type(value: Any, kind: Any) -> bool:
 
 @cache
 def _types_of(record: Callable[..., Any]) -> Mapping[str, Any]:
-    """Return the annotations of a record's fields."""
     return get_type_hints(record)
 
 
-def _plain(value: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     if value is None or (isinstance(value, bool | int | str) and not isinstance(value, enum.Enum)):
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else {"$float": repr(float(value))}
     if isinstance(value, np.ndarray):
-        # The order is kept: products of a matrix stored by rows and by columns differ in their last bit.
+        # The memory order affects the last bit of products.
         order: Literal["F", "C"] = "F" if value.flags.fnc else "C"
         data = base64.b64encode(value.tobytes(order)).decode("ascii")
         return {"$array": data, "type": value.dtype.str, "shape": list(value.shape), "order": order}
@@ -130,22 +110,22 @@ def _plain(value: Any) -> Any:
     if isinstance(value, complex):
         return {"$complex": [value.real, value.imag]}
     if isinstance(value, Trajectory):
-        return {"$trajectory": [_plain(knot) for knot in value.knots]}
+        return {"$trajectory": [_to_plain(knot) for knot in value.knots]}
     if isinstance(value, Mapping):
         if all(isinstance(key, str) and key[:1] != "$" for key in value):
-            return {key: _plain(each) for key, each in value.items()}
-        return {"$map": [[_plain(key), _plain(each)] for key, each in value.items()]}
+            return {key: _to_plain(each) for key, each in value.items()}
+        return {"$map": [[_to_plain(key), _to_plain(each)] for key, each in value.items()]}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [_to_plain(each) for each in value]
     name = type(value).__name__
     if name not in _RECORDS:
         raise TypeError(f"a recording cannot contain a {name}; valid: {', '.join(_RECORDS)}")
-    return {"$record": name, **{f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}}
+    return {"$record": name, **{f.name: _to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}}
 
 
-def _value(plain: Any) -> Any:
+def _from_plain(plain: Any) -> Any:
     if isinstance(plain, list):
-        return [_value(each) for each in plain]
+        return [_from_plain(each) for each in plain]
     if not isinstance(plain, dict):
         return plain
     if "$float" in plain:
@@ -153,7 +133,7 @@ def _value(plain: Any) -> Any:
     if "$array" in plain:
         kind = np.dtype(plain["type"])
         if kind.kind not in "bif" or not kind.itemsize:
-            raise ValueError(f"an array has the type {plain['type']!r}; valid: numbers")
+            raise ValueError(f"array has the type {plain['type']!r}; valid: numeric types")
         values = np.frombuffer(base64.b64decode(plain["$array"]), dtype=kind)
         array = values.reshape(plain["shape"], order=plain.get("order", "C")).copy("K")
         array.setflags(write=False)
@@ -165,13 +145,13 @@ def _value(plain: Any) -> Any:
     if "$complex" in plain:
         return complex(*plain["$complex"])
     if "$trajectory" in plain:
-        knots = [_value(knot) for knot in plain["$trajectory"]]
+        knots = [_from_plain(knot) for knot in plain["$trajectory"]]
         if not knots or not _has_type(knots, list[Knot]):
-            raise ValueError("a trajectory has no points, or other values than points")
+            raise ValueError("trajectory has no points, or invalid points")
         return Trajectory(knots)
     if "$map" in plain:
-        return {_value(key): _value(each) for key, each in plain["$map"]}
-    fields = {key: _value(each) for key, each in plain.items() if key != "$record"}
+        return {_from_plain(key): _from_plain(each) for key, each in plain["$map"]}
+    fields = {key: _from_plain(each) for key, each in plain.items() if key != "$record"}
     if "$record" not in plain:
         return fields
     lists = {key: tuple(each) for key, each in fields.items() if isinstance(each, list)}

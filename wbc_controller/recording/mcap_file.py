@@ -1,11 +1,8 @@
-"""MCAP files: written so that they are complete after every chunk, and read up to their first damage.
+"""MCAP files: complete after every chunk, and readable up to their first damage.
 
-The package `mcap` serializes and parses the records (https://mcap.dev/spec). Its `Writer` writes the end of a file
-only when it closes the file, which a killed process never does. `McapFile` therefore writes each chunk together with an
-end of the file; the next chunk replaces this end. The index of all chunks is written when the file is closed; without
-it, readers scan the file.
-
-The process that writes recordings imports this module, so it imports little.
+The package `mcap` (https://mcap.dev/spec) writes the end of a file only on closing. `McapFile` writes an end after each
+chunk, so that a killed process leaves a complete file; closing adds the index of chunks. The module has few imports for
+a fast start of the writer process.
 """
 
 from __future__ import annotations
@@ -41,10 +38,9 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 MAGIC = b"\x89MCAP0\r\n"
 _COMPRESSION_LEVEL = 1
-#: Largest chunk that is expanded, bytes: chunks of `writer.CHUNK_BYTES` end with a message of any size. Largest ratio
-#: of the sizes of all chunks, expanded, and of the file, for files above the former.
+#: Largest expanded chunk, bytes (`writer.CHUNK_BYTES` plus a message), and ratio of all expanded chunks to the file.
 _LARGEST_CHUNK, _LARGEST_RATIO = 64 << 20, 1000
-#: Errors of the parser and of the decompressors on damaged data.
+#: Errors of parser and decompressors on damaged data.
 _DAMAGE = (McapError, struct.error, zstandard.ZstdError, ValueError, KeyError, OverflowError, MemoryError, RuntimeError)
 
 
@@ -52,34 +48,30 @@ _DAMAGE = (McapError, struct.error, zstandard.ZstdError, ValueError, KeyError, O
 class Topic:
     """One topic of a file."""
 
-    number: int  # number of its channel
+    number: int  # channel
     name: str
-    type: str  # message type, such as ``std_msgs/msg/String``
-    definition: str  # definition of the type in the format ``ros2msg``
+    type: str  # such as ``std_msgs/msg/String``
+    definition: str  # of the type, in the format ``ros2msg``
 
 
 @dataclass(frozen=True, slots=True)
 class PackedChunk:
     """Serialized, compressed messages."""
 
-    data: bytes  # the chunk record, followed by one message index per channel
-    index: ChunkIndex  # entry of the file's index, with offsets from the beginning of `data`
-    counts: dict[int, int]  # number of messages per channel
+    data: bytes  # chunk record, and one message index per channel
+    index: ChunkIndex  # entry of the file's index, with offsets from the start of `data`
+    counts: dict[int, int]  # messages per channel
 
 
 def exists(path: Path) -> bool:
-    """Return True if a file exists.
-
-    Raises:
-        OSError: if it is a symbolic link to a missing file: writing there would create a file elsewhere.
-    """
+    """Return True if a file exists; a symbolic link to a missing file raises `OSError`."""
     if path.is_symlink() and not path.exists():
-        raise OSError(errno.ENOENT, f"it is a symbolic link to {str(path.readlink())!r}, which does not exist")
+        raise OSError(errno.ENOENT, f"symbolic link to the missing file {str(path.readlink())!r}")
     return path.exists()
 
 
 class ChunkBuilder:
-    """Collects messages to a chunk. Log times never decrease: readers without an index take messages as they come."""
+    """Builder of a chunk with non-decreasing log times, for readers without an index."""
 
     def __init__(self) -> None:
         self._newest = 0
@@ -88,11 +80,11 @@ class ChunkBuilder:
 
     @property
     def size(self) -> int:
-        """Size of the collected messages, bytes."""
+        """Size of the messages, bytes."""
         return int(self._messages.count)
 
     def add(self, channel: int, time: int, payload: bytes) -> None:
-        """Add a message with a time in ns. Its log time is at least that of the previous message."""
+        """Add a message with a time in ns."""
         self._newest = max(time, self._newest)
         index = self._indexes.setdefault(channel, MessageIndex(channel, []))
         index.records.append((self._newest, self._messages.count))
@@ -101,7 +93,7 @@ class ChunkBuilder:
         ).write(self._messages)  # fmt: skip
 
     def take(self) -> PackedChunk | None:
-        """Return a chunk of all messages since the last call, or None without messages."""
+        """Return a chunk of the messages since the last call, or None."""
         if not self._indexes:
             return None
         indexes, self._indexes = self._indexes, {}
@@ -135,16 +127,12 @@ class ChunkBuilder:
 
 
 class McapFile:
-    """A file that is being written; it is complete after every call."""
+    """File in writing, complete after every call."""
 
     def __init__(self, path: Path, topics: Iterable[Topic]) -> None:
-        """Create the file, or replace an existing one.
-
-        Raises:
-            OSError: if the file cannot be written, or is a symbolic link to a missing file.
-        """
+        """Create or replace the file; raises `OSError`, also for a symbolic link to a missing file."""
         self.path = path
-        self.end = 0  # size of the file without its end records, bytes
+        self.end = 0  # size without the end records, bytes
         schemas: dict[str, Schema] = {}
         channels = []
         for topic in topics:
@@ -157,7 +145,7 @@ class McapFile:
                     id=topic.number,
                     topic=topic.name,
                     message_encoding="cdr",
-                    metadata={"offered_qos_profiles": ""},  # rosbag2 expects this entry
+                    metadata={"offered_qos_profiles": ""},  # for rosbag2
                     schema_id=schema.id,
                 )
             )
@@ -168,11 +156,7 @@ class McapFile:
         self._append(MAGIC + _serialized(Header("ros2", "wbc_controller"), *self._definitions))
 
     def write(self, chunk: PackedChunk) -> None:
-        """Append a chunk.
-
-        Raises:
-            OSError: if it cannot be written; the earlier chunks remain.
-        """
+        """Append a chunk; after an `OSError` the earlier chunks remain."""
         start = self.end
         self._append(chunk.data)
         offsets = {channel: start + offset for channel, offset in chunk.index.message_index_offsets.items()}
@@ -180,11 +164,7 @@ class McapFile:
         self._counts.update(chunk.counts)
 
     def close(self) -> None:
-        """Write the index of all chunks, and close the file.
-
-        Raises:
-            OSError: if the index cannot be written; the file stays readable without it.
-        """
+        """Write the index of all chunks and close the file; after an `OSError` it stays readable without index."""
         try:
             if self._indexes:
                 statistics = Statistics(
@@ -207,14 +187,14 @@ class McapFile:
         self.end += len(data)
 
     def _write_at_end(self, data: bytes) -> None:
-        """Replace the end records of the file by `data`; on an error restore them."""
+        """Replace the end records by `data`; restore them on an error."""
         self._file.seek(self.end)
         view = memoryview(data)
         try:
             while view:
                 view = view[self._file.write(view) :]
         except OSError:
-            with contextlib.suppress(OSError):  # the earlier chunks are worth more than a proper end
+            with contextlib.suppress(OSError):  # the earlier chunks remain
                 self._file.truncate(self.end)
                 self._file.seek(self.end)
                 self._file.write(_end_of_file(0))
@@ -229,23 +209,14 @@ def _serialized(*records: McapRecord) -> bytes:
 
 
 def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
-    """Return the end records of a file; without a summary, readers scan the file.
-
-    Args:
-        data_size: size of everything before them, bytes.
-        summary: records of the summary.
-    """
+    """Return the end records after `data_size` bytes; without a summary, readers scan the file."""
     data_end = _serialized(DataEnd(0))
     footer = Footer(summary_start=data_size + len(data_end) if summary else 0, summary_offset_start=0, summary_crc=0)
     return data_end + _serialized(*summary, footer) + MAGIC
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
-    """Read the records of a file of some bytes, also those in chunks, up to the size that chunks declare.
-
-    Raises:
-        ValueError: if a chunk contains more than it declares, or is too large.
-    """
+    """Yield the records of a file of `size` bytes and of its chunks; an oversized chunk raises `ValueError`."""
     expanded = 0
     reader = StreamReader(file, skip_magic=True, emit_chunks=True, validate_crcs=True, record_size_limit=size)
     for record in reader.records:
@@ -253,39 +224,34 @@ def _records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
             yield record
             continue
         if record.compression not in ("", "zstd"):
-            raise ValueError(f"a chunk has the compression {record.compression!r}; valid: 'zstd', ''")
+            raise ValueError(f"chunk compression {record.compression!r}; valid: 'zstd', ''")
         declared, contained = record.uncompressed_size, len(record.data)
         if record.compression == "zstd":
             contained = zstandard.frame_content_size(record.data)  # -1 if unknown; then `declared` limits it
         if contained not in (-1, declared):
-            raise ValueError(f"a chunk declares {declared} bytes and contains {contained}")
+            raise ValueError(f"chunk declares {declared} bytes, but contains {contained}")
         expanded += declared
         if declared > _LARGEST_CHUNK or expanded > max(_LARGEST_RATIO * size, _LARGEST_CHUNK):
             raise ValueError(
-                f"a chunk expands to {declared} bytes (limit {_LARGEST_CHUNK}, in all {_LARGEST_RATIO} × file)"
+                f"chunk expands to {declared} bytes (limit {_LARGEST_CHUNK}, in total {_LARGEST_RATIO} × file)"
             )
         yield from breakup_chunk(record, validate_crc=True)
 
 
 class McapMessages:
-    """The messages of a file, up to its first damage."""
+    """Messages of a file up to its first damage."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.topics: dict[int, Topic] = {}  # the topics by number of their channel; filled while the messages are read
-        self.damage = ""  # why the reading ended early; empty if the file is complete
+        self.topics: dict[int, Topic] = {}  # by channel; filled during the reading
+        self.damage = ""  # reason of an early end, or empty
 
     def __iter__(self) -> Iterator[tuple[Topic, int, bytes]]:
-        """Read all messages: topic, time of arrival in ns, and serialized message.
-
-        Raises:
-            OSError: if the file cannot be read.
-            ValueError: if the file is not an MCAP file.
-        """
+        """Yield topic, time of arrival in ns, and serialized message; another file type raises `ValueError`."""
         schemas: dict[int, Schema] = {}
         with self.path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise ValueError("it does not begin as an MCAP file")
+                raise ValueError("not an MCAP file")
             size = os.fstat(file.fileno()).st_size
             records = _records(file, size)
             while True:
@@ -300,11 +266,11 @@ class McapMessages:
                         self.topics[record.id] = Topic(record.id, record.topic, schema.name, schema.data.decode())
                     topic = self.topics[record.channel_id] if isinstance(record, Message) else None
                 except (EndOfFile, RecordLengthLimitExceeded):
-                    self.damage = "its last record is incomplete"
+                    self.damage = "the last record is incomplete"
                     return
                 except _DAMAGE as error:
                     at_end = file.read(1) == b""
-                    self.damage = "its last record is incomplete" if at_end else f"a record is damaged ({error})"
+                    self.damage = "the last record is incomplete" if at_end else f"a record is damaged ({error})"
                     return
                 if topic is not None and isinstance(record, Message):
                     yield topic, record.publish_time, record.data

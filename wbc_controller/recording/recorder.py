@@ -1,8 +1,7 @@
-"""The flight recorder: inputs, decisions and outputs of every cycle, sent to a process that writes files.
+"""The flight recorder: inputs, decisions and outputs of every cycle, sent to a writer process.
 
-The loop's thread collects the numbers and messages of some cycles and sends them through a pipe. A thread of the
-recorder converts everything rare to JSON: requests, refusals, faults, changed settings, and every two seconds the
-memory of the controller.
+The loop's thread sends numbers and messages in batches through a pipe. A separate thread converts rare events and the
+controller's memory (every two seconds) to JSON.
 """
 
 from __future__ import annotations
@@ -50,31 +49,22 @@ from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
 
-#: Time between two records of the controller's memory, s: a replay begins at one of them.
-_SNAPSHOT = 2.0
-#: Cycles that are sent together, which halves the cost of each.
-_TOGETHER = 8
-#: Largest number of bytes and of messages that wait for the end of a cycle.
-_WAITING, _MOST = 8 << 20, 10_000
-#: Largest number of bytes per topic between two batches, for more than one message: a flooded topic must not displace
-#: cycles from the recording.
-_SHARE = 64 << 10
-#: Largest recorded message, bytes: the controller rejects larger messages unread, and the events report it.
-_LARGEST = 1 << 20
-#: Time for which a warning is not repeated, s.
-_SILENCE = 10.0
-#: Status without a recorder.
+_SNAPSHOT = 2.0  # period of the controller's memory, the starting points of a replay, s
+_BATCH = 8  # cycles, for half the cost of each
+_MAX_WAITING_BYTES, _MAX_MESSAGES = 8 << 20, 10_000  # waiting for the end of a cycle
+_MAX_TOPIC_BYTES = 64 << 10  # of several messages per topic and batch: floods must not displace cycles
+_MAX_MESSAGE_BYTES = 1 << 20  # the controller rejects larger messages with an event
+_WARNING_PERIOD = 10.0  # s
 NOT_RECORDED = "nothing is recorded: recorder.seconds is 0"
-#: Topics of the recorder, below the controller's name.
-OWN = "recording"
-#: Packages on which the last bit of a torque depends.
+OWN = "recording"  # namespace of the recorder's topics
+#: Packages that affect the last bits of torques.
 _SOFTWARE = (
     "wbc_controller", "numba", "llvmlite", "numpy", "scipy", "pin", "daqp", "osqp", "proxsuite", "qpsolvers", "coal",
 )  # fmt: skip
 _ARRAY, _STRING = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
 
 
-def folder_of(settings: Settings) -> Path:
+def recording_folder(settings: Settings) -> Path:
     """Return the folder of the recordings of faults."""
     if settings.recorder.folder:
         return Path(settings.recorder.folder).expanduser()
@@ -82,8 +72,8 @@ def folder_of(settings: Settings) -> Path:
     return Path(state) / "wbc_controller"
 
 
-def software() -> dict[str, str]:
-    """Return the versions of everything on which torques depend."""
+def software_versions() -> dict[str, str]:
+    """Return all versions that affect torques."""
     versions = {"python": platform.python_version(), "machine": platform.machine()}
     for name in _SOFTWARE:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
@@ -92,20 +82,22 @@ def software() -> dict[str, str]:
 
 
 class Recorder:
-    """Records the cycles of one loop.
+    """Recorder of the cycles of one loop.
 
     Args:
-        file: receives the whole run; None keeps the last seconds only.
-        patient: wait for the process instead of dropping cycles: for runs in simulated time.
+        file: file of the whole run; None for the last seconds only.
+        patient: wait for the process instead of dropping cycles, in simulated time.
     """
 
     def __init__(self, settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = "") -> None:
         seconds = settings.recorder.seconds
         self._whole_run = file is not None
-        self._kept = f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"
+        self._mode_text = (
+            f"all is recorded in {str(file)!r}" if file is not None else f"the last {seconds:g} s are kept"
+        )
         plan = {
             "file": str(file) if file is not None else None,
-            "folder": str(folder_of(settings)) if seconds > 0.0 else None,
+            "folder": str(recording_folder(settings)) if seconds > 0.0 else None,
             "seconds": seconds,
             "files": settings.recorder.files,
             "name": name or "robot",
@@ -113,21 +105,21 @@ class Recorder:
         self._process = WriterProcess(plan, patient=patient)
         self._settings = settings
         self._topics: list[list[Any]] = []
-        #: Messages since the last batch: topic, stamp in ns or None for that of the cycle, serialized message.
+        #: Messages since the last batch: topic, stamp, ns (None: stamp of the cycle), serialized message.
         self._messages: list[tuple[int, int | None, bytes]] = []
-        self._waiting = 0
-        self._taken: dict[int, int] = {}  # waiting bytes by topic
-        self._dropped: Counter[int] = Counter()  # messages by topic, since the last event
+        self._waiting_bytes = 0
+        self._waiting_by_topic: dict[int, int] = {}  # by topic
+        self._dropped: Counter[int] = Counter()  # messages by topic since the last event
         self._json_frames: deque[bytes] = deque()  # from the thread
         self._jobs: queue.SimpleQueue[Callable[[], bytes] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write_json, name="scribe", daemon=True)
         self._controller: Controller | None = None
         self._number = 0
-        #: Cycles since the last batch: records, report, time, and number of the messages before them.
+        #: Cycles since the last batch: records, report, time, and number of earlier messages.
         self._cycles: list[tuple[list[CycleRecord], CycleReport, int, int]] = []
         self._last = 0  # time of the last cycle, ns
-        self._lost = 0
-        self._warned = -_SILENCE
+        self._dropped_cycles = 0
+        self._warned_at = -_WARNING_PERIOD
         self._state: object = None
         self._mode: Mode | None = None
         self._fault: Fault | None = None
@@ -137,17 +129,15 @@ class Recorder:
         self._snapshot_due = 0
         self._yaml: list[tuple[Settings, str]] = []  # of the start, and the newest
 
-    def tap(self, transport: Transport, stamp: Callable[[], int]) -> Transport:
-        """Return a transport that records its messages.
-
-        Args:
-            stamp: returns the time of messages, ns.
-        """
+    def wrap(self, transport: Transport, stamp: Callable[[], int]) -> Transport:
+        """Return a transport that records its messages with times from `stamp`, ns."""
         self._stamp = stamp
-        return RecordingTransport(transport, self.channel, self.came, self.went, whole_run=self._whole_run)
+        return RecordingTransport(
+            transport, self.channel, self.record_incoming, self.record_outgoing, whole_run=self._whole_run
+        )
 
     def attach(self, controller: Controller, node: str, robot: str) -> None:
-        """Begin to record a controller, after all topics were opened."""
+        """Begin the recording of a controller, after all topics were opened."""
         self._controller = controller
         config = controller.config
         slots = cycle_slots(controller.model, controller.contacts)
@@ -162,10 +152,10 @@ class Recorder:
             content = list(members)
             end = start + sum(slot.size for slot in content)
             number = self.channel(f"{topic}/{group}", _ARRAY)
-            self._groups.append((number, _start_of_array(content), slice(start, end)))
+            self._groups.append((number, _array_prefix(content), slice(start, end)))
             start = end
         self._references_topic = self.channel(f"{topic}/references", _ARRAY)
-        self._references_start = _start_of_array(references)
+        self._references_start = _array_prefix(references)
         self._events = self.channel(f"{topic}/events", _STRING)
         self._memories = self.channel(f"{topic}/memory", _STRING)
         about_topic, urdf_topic = (self.channel(f"{topic}/{name}", _STRING) for name in ("start", "robot_description"))
@@ -175,7 +165,7 @@ class Recorder:
             "format": FORMAT,
             "robot": robot,
             "node": node,
-            "software": software(),
+            "software": software_versions(),
             "config": config.to_yaml(),
             "layout": [[slot.group, slot.name, slot.size] for slot in (*slots, *references)],
             "modes": [mode.value for mode in MODES],
@@ -187,7 +177,7 @@ class Recorder:
         self._live = controller.live.newest
         self._yaml = [(self._live.settings, "")]
         self._thread.start()
-        self._remember(controller)
+        self._record_memory(controller)
 
     def channel(self, topic: str, kind: str) -> int:
         """Add a topic, and return its number."""
@@ -195,42 +185,46 @@ class Recorder:
         self._topics.append([len(self._topics) + 1, topic, kind, definition])
         return len(self._topics)
 
-    def came(self, topic: int, payload: bytes) -> None:
-        """Record an incoming message with the present time; from any thread."""
-        size, taken = len(payload), self._taken.get(topic, 0)
-        if size > _LARGEST or self._waiting >= _WAITING or len(self._messages) >= _MOST:  # the loop does not run
+    def record_incoming(self, topic: int, payload: bytes) -> None:
+        """Record an incoming message with the present time, from any thread."""
+        size, taken = len(payload), self._waiting_by_topic.get(topic, 0)
+        if (
+            size > _MAX_MESSAGE_BYTES
+            or self._waiting_bytes >= _MAX_WAITING_BYTES
+            or len(self._messages) >= _MAX_MESSAGES
+        ):  # the loop is stopped
             return
-        if taken and taken + size > _SHARE:
+        if taken and taken + size > _MAX_TOPIC_BYTES:
             self._dropped[topic] += 1
             return
-        self._taken[topic] = taken + size
-        self._waiting += size
+        self._waiting_by_topic[topic] = taken + size
+        self._waiting_bytes += size
         self._messages.append((topic, self._stamp(), payload))
 
-    def went(self, topic: int, payload: bytes) -> None:
+    def record_outgoing(self, topic: int, payload: bytes) -> None:
         """Record an outgoing message with the time of its cycle."""
-        if len(self._messages) < _MOST:
+        if len(self._messages) < _MAX_MESSAGES:
             self._messages.append((topic, None, payload))
 
     def status(self) -> dict[str, str]:
-        """Return the status for `/diagnostics`: the last message of the process, and the number of its messages."""
-        count, sentence = self._process.said
+        """Return the status for `/diagnostics`: last message, and number of messages."""
+        count, sentence = self._process.last_message
         if self._process.dead:
             sentence = "the recorder has ended: nothing is recorded any more"
-        elif self._lost:
-            sentence = f"the recorder does not keep up: {self._lost} cycles were dropped"
-        return {"recorder": sentence or self._kept, "recorder_said": str(count)}
+        elif self._dropped_cycles:
+            sentence = f"the recorder is too slow: {self._dropped_cycles} cycles were dropped"
+        return {"recorder": sentence or self._mode_text, "recorder_said": str(count)}
 
     def request(self, reason: str = "REQUEST") -> None:
-        """Write the last seconds to a file; from any thread."""
+        """Write the last seconds to a file, from any thread."""
         self._trigger = frame(TRIGGER, 0, reason.encode())
 
     def observe(self, report: CycleReport) -> None:
-        """Record the cycles since the last call: an observer of the loop, called after the torques were sent."""
+        """Record the cycles since the last call, as an observer of the loop."""
         try:
             self._observe(report)
-        except Exception:  # a defect of the recorder must not end the run
-            _log.exception("the recorder has failed: nothing is recorded any more")
+        except Exception:  # must not end the run
+            _log.exception("the recorder failed: nothing is recorded any more")
             if self._controller is not None:
                 self._controller.tape = None
 
@@ -241,14 +235,14 @@ class Recorder:
         if controller.tape:
             self._cycles.append((controller.tape, report, self._stamp(), len(self._messages)))
             controller.tape = []
-        if len(self._cycles) >= _TOGETHER or self._trigger is not None:
+        if len(self._cycles) >= _BATCH or self._trigger is not None:
             self._send()
         if self._number >= self._snapshot_due:
             self._send()
-            self._remember(controller)
+            self._record_memory(controller)
 
     def _send(self) -> None:
-        """Send the cycles and messages since the last call, and the frames of the thread."""
+        """Send the cycles and messages since the last call, and the JSON frames."""
         batch: list[bytes] = []
         cycles, self._cycles = self._cycles, []
         begin, number = 0, self._number
@@ -260,26 +254,26 @@ class Recorder:
         end = len(self._messages)  # other threads append more
         self._add_messages(batch, begin, end, self._last)
         del self._messages[:end]
-        self._waiting = 0
-        self._taken = {}
+        self._waiting_bytes = 0
+        self._waiting_by_topic = {}
         while self._json_frames:
             batch.append(self._json_frames.popleft())
         trigger, self._trigger = self._trigger, None
         if trigger is not None:
             batch.append(trigger)
         if not self._process.send(b"".join(batch)):
-            self._lose(self._number - number)
-            if not self._process.dead:  # a trigger is repeated until there is room in the pipe
+            self._count_dropped(self._number - number)
+            if not self._process.dead:  # repeat the trigger until the pipe has room
                 self._trigger = self._trigger or trigger
-        elif self._lost:
-            self._lost, self._snapshot_due = 0, self._number
+        elif self._dropped_cycles:
+            self._dropped_cycles, self._snapshot_due = 0, self._number
 
     def _add_messages(self, batch: list[bytes], begin: int, end: int, at: int) -> None:
         for topic, stamp, payload in self._messages[begin:end]:
             batch.append(frame(topic, at if stamp is None else stamp, payload))
 
     def _add_cycle(self, batch: list[bytes], taped: CycleRecord, report: CycleReport | None, at: int) -> None:
-        """Add the frames of one cycle; only the last one of a loop's cycle has a report."""
+        """Add the frames of one cycle; only the last cycle of a loop's cycle has a report."""
         same, self._state = taped.inputs.state is not None and taped.inputs.state is self._state, taped.inputs.state
         event = self._add_event(taped, report, at)
         row = self._row.write(self._number, taped, report, same=same, event=event)
@@ -290,16 +284,16 @@ class Recorder:
             batch.append(frame(self._references_topic, at, self._references_start + changed.tobytes()))
         self._number += 1
 
-    def _lose(self, cycles: int) -> None:
-        """Count dropped cycles: a replay continues at the next memory."""
-        self._lost += cycles
+    def _count_dropped(self, cycles: int) -> None:
+        """Count dropped cycles; a replay resumes at the next memory."""
+        self._dropped_cycles += cycles
         now = time.monotonic()
-        if now - self._warned >= _SILENCE:
-            self._warned = now
-            _log.warning("the recorder does not keep up: %d cycles were dropped", self._lost)
+        if now - self._warned_at >= _WARNING_PERIOD:
+            self._warned_at = now
+            _log.warning("the recorder is too slow: %d cycles were dropped", self._dropped_cycles)
 
     def _add_event(self, taped: CycleRecord, report: CycleReport | None, at: int) -> bool:
-        """Give the rare parts of a cycle to the thread; returns True if there are any."""
+        """Pass the event of a cycle to the thread; return True if there is one."""
         result, inputs = taped.result, taped.inputs
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
@@ -329,15 +323,14 @@ class Recorder:
         self._jobs.put(lambda: frame(self._events, at, _string(to_json(self._with_yaml(event)))))
         return True
 
-    def _remember(self, controller: Controller) -> None:
-        """Record the memory of the controller before the next cycle."""
+    def _record_memory(self, controller: Controller) -> None:
         self._snapshot_due = self._number + self._every
         content = {"cycle": self._number, "settings": self._live.settings, "memory": controller.memory()}
         at = self._stamp()
         self._jobs.put(lambda: frame(self._memories, at, _string(to_json(self._with_yaml(content)))))
 
     def _with_yaml(self, content: Mapping[str, Any]) -> dict[str, Any]:
-        """Replace settings by YAML: empty for the settings of the start."""
+        """Replace settings by YAML; empty for the settings of the start."""
         settings = content.get("settings")
         if settings is None:
             return dict(content)
@@ -351,13 +344,13 @@ class Recorder:
         while (job := self._jobs.get()) is not None:
             try:
                 self._json_frames.append(job())
-            except Exception:  # a defect of the recorder must not end the run
+            except Exception:  # must not end the run
                 _log.exception("an event or a memory could not be recorded")
 
     def close(self) -> None:
-        """Write everything, and end."""
+        """Write everything and end."""
         if self._thread.is_alive():
-            self._send()  # gives the thread the events of the last cycles
+            self._send()  # passes the last events to the thread
             self._jobs.put(None)
             self._thread.join()
             self._send()
@@ -369,7 +362,7 @@ class Recorder:
 def start_recorder(
     settings: Settings, file: Path | None = None, *, patient: bool = False, name: str = ""
 ) -> Recorder | None:
-    """Start a recorder, with the arguments of `Recorder`; None if it is off, or cannot be started, which is logged."""
+    """Start a recorder with the arguments of `Recorder`; return None if it is off, or cannot be started (logged)."""
     if file is None and not settings.recorder.seconds > 0.0:
         return None
     try:
@@ -381,7 +374,7 @@ def start_recorder(
 
 @contextlib.contextmanager
 def recording(settings: Settings, file: Path | None, *, name: str = "") -> Iterator[Recorder | None]:
-    """Provide a recorder for a run, as `start_recorder` returns it."""
+    """Open a recorder for a run by `start_recorder`."""
     recorder = start_recorder(settings, file, name=name)
     try:
         yield recorder
@@ -390,8 +383,8 @@ def recording(settings: Settings, file: Path | None, *, name: str = "") -> Itera
             recorder.close()
 
 
-def _start_of_array(slots: Sequence[Slot]) -> bytes:
-    """Return a serialized array of these slots up to its numbers."""
+def _array_prefix(slots: Sequence[Slot]) -> bytes:
+    """Return a serialized array of the slots without its numbers."""
     labels = [message("std_msgs/msg/MultiArrayDimension", label=s.name, size=s.size, stride=s.size) for s in slots]
     layout = message("std_msgs/msg/MultiArrayLayout", dim=labels, data_offset=0)
     count = sum(slot.size for slot in slots)

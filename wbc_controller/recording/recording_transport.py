@@ -1,4 +1,4 @@
-"""A transport that records its messages."""
+"""Transport that records its messages."""
 
 from __future__ import annotations
 
@@ -9,63 +9,63 @@ from wbc_controller.middleware.transports.transport import Publish, Stream, Tran
 
 
 class RecordingTransport:
-    """Passes messages on and records them; outgoing ones after they were sent, so that none is delayed.
+    """Wrapper of a transport that records messages; outgoing ones after they were sent.
 
     Args:
         add_topic: returns the number of a topic and type.
-        came: takes the number of the topic and the bytes of incoming messages.
-        went: likewise, of outgoing messages.
-        whole_run: True to record topics without other subscriptions, too.
+        record_incoming: called with the number of the topic and the bytes of a message.
+        record_outgoing: called likewise.
+        whole_run: True to record topics without other subscriptions too.
     """
 
     def __init__(
         self,
         transport: Transport,
         add_topic: Callable[[str, str], int],
-        came: Callable[[int, bytes], None],
-        went: Callable[[int, bytes], None],
+        record_incoming: Callable[[int, bytes], None],
+        record_outgoing: Callable[[int, bytes], None],
         *,
         whole_run: bool,
     ) -> None:
         self.discovery_time = transport.discovery_time
         self._transport = transport
         self._add_topic = add_topic
-        self._came, self._went = came, went
+        self._record_incoming, self._record_outgoing = record_incoming, record_outgoing
         self._whole_run = whole_run
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
         publish = self._transport.advertise(endpoint)
-        went, topic = self._went, self._add_topic(endpoint.name, endpoint.type)
+        record_outgoing, topic = self._record_outgoing, self._add_topic(endpoint.name, endpoint.type)
 
         def send(payload: bytes) -> None:
             publish(payload)
-            went(topic, payload)
+            record_outgoing(topic, payload)
 
         return send
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
         """Open a topic for reading."""
-        came, topic = self._came, self._add_topic(endpoint.name, endpoint.type)
+        record_incoming, topic = self._record_incoming, self._add_topic(endpoint.name, endpoint.type)
 
         def receive(payload: bytes) -> None:
-            came(topic, payload)
+            record_incoming(topic, payload)
             callback(payload)
 
         self._transport.subscribe(endpoint, receive)
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """Open a topic for reading whose messages are recorded when they are taken."""
+        """Open a topic for reading by hand; taken messages are recorded."""
         stream = self._transport.stream(endpoint, depth)
-        return _RecordingStream(stream, self._came, self._add_topic(endpoint.name, endpoint.type))
+        return _RecordingStream(stream, self._record_incoming, self._add_topic(endpoint.name, endpoint.type))
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the names of the publishers, as the transport."""
+        """Return the node names of the other publishers on a topic."""
         return self._transport.publishers(endpoint)
 
-    def is_read(self, endpoint: Endpoint) -> bool:
-        """Return True if there is a subscription; a recording of the whole run is one."""
-        return self._whole_run or self._transport.is_read(endpoint)
+    def has_reader(self, endpoint: Endpoint) -> bool:
+        """Return True if a subscription exists or the whole run is recorded."""
+        return self._whole_run or self._transport.has_reader(endpoint)
 
     def close(self) -> None:
         """Close the transport."""
@@ -73,15 +73,13 @@ class RecordingTransport:
 
 
 class _RecordingStream:
-    """A stream that records the messages that are taken from it."""
-
-    def __init__(self, stream: Stream, came: Callable[[int, bytes], None], topic: int) -> None:
-        self._stream, self._came, self._topic = stream, came, topic
+    def __init__(self, stream: Stream, record_incoming: Callable[[int, bytes], None], topic: int) -> None:
+        self._stream, self._record_incoming, self._topic = stream, record_incoming, topic
         self.wait, self.wake = stream.wait, stream.wake
 
     def take(self) -> list[bytes]:
-        """Return the serialized messages since the last call, oldest first."""
+        """Take the serialized messages, oldest first."""
         taken = self._stream.take()
         for payload in taken:
-            self._came(self._topic, payload)
+            self._record_incoming(self._topic, payload)
         return taken

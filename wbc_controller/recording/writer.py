@@ -1,8 +1,7 @@
-"""The process that writes recordings. The loop's process sends it frames through a pipe.
+"""The writer process of recordings, with frames of the loop's process from a pipe.
 
-A separate process takes neither the interpreter's lock nor memory from the loop, and it outlives the loop's process: if
-that is killed, it writes the last seconds and closes its files. It imports little, so that it starts fast. It prints
-its messages to the standard output, one per line.
+It shares neither the interpreter's lock nor memory with the loop, and outlives a killed loop to write the last seconds
+and close the files. It has few imports for a fast start, and prints its messages to standard output, one per line.
 """
 
 from __future__ import annotations
@@ -24,40 +23,33 @@ from typing import Any
 
 from wbc_controller.recording.mcap_file import ChunkBuilder, McapFile, PackedChunk, Topic, exists
 
-#: Start of a frame: length of its content, code or number of the topic, and time in ns.
-FRAME = struct.Struct("<IHq")
-#: Codes of frames that are not messages: the topics, a message at the start of every file, a reason to write the last
-#: seconds, and the end.
+FRAME = struct.Struct("<IHq")  # length of the content, code or number of the topic, time in ns
+#: Codes of other frames: topics, a message at the start of every file, a reason to write the last seconds, and the end.
 TOPICS, PINNED, TRIGGER, END = range(0xFF00, 0xFF04)
-#: Longest time in which messages are collected to a chunk, s, and size of a full chunk.
-CHUNK_SECONDS, CHUNK_BYTES = 0.4, 1 << 20
-#: Time between two reads of the pipe, s.
-_POLL = 0.02
-#: Largest size of the last seconds, and of the data that wait for the disk, bytes.
-_RING_BYTES, _WAITING_BYTES = 64 << 20, 64 << 20
-#: Time that a file of a fault continues after the last fault, and its longest duration, s.
-_AFTER, _LONGEST = 2.0, 60.0
-#: Time for which a warning is not repeated, s.
-_SILENCE = 30.0
+CHUNK_SECONDS, CHUNK_BYTES = 0.4, 1 << 20  # largest duration, s, and size of a chunk
+_POLL = 0.02  # of the pipe, s
+_RING_BYTES, _WAITING_BYTES = 64 << 20, 64 << 20  # limits of the last seconds, and of the queue of the disk
+_FILE_AFTER_FAULT, _LONGEST = 2.0, 60.0  # duration of a file after the last fault, and in total, s
+_WARNING_PERIOD = 30.0  # s
 
 
 def frame(code: int, at: int, content: bytes) -> bytes:
-    """Return a frame: its code or the number of its topic, its time in ns, and its content."""
+    """Return a frame with its code or number of the topic, time in ns, and content."""
     return FRAME.pack(len(content), code, at) + content
 
 
-class Sink:
-    """One file. Each error is a warning, and the file is tried again with every chunk."""
+class FileSink:
+    """File that warns of each error and retries with every chunk."""
 
-    def __init__(self, path: Path, say: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, report: Callable[[str], None]) -> None:
         self.path = path
-        self._say = say
+        self._report = report
         self._file: McapFile | None = None
-        self._begun = False  # True once it contains the messages at the start of every file
-        self._lost, self._warned = 0, -_SILENCE
+        self._begun = False  # after the messages at the start of every file
+        self._missing, self._warned_at = 0, -_WARNING_PERIOD
 
     def write(self, chunk: PackedChunk, topics: list[Topic], begin: Callable[[int], PackedChunk | None]) -> None:
-        """Write a chunk; `begin` returns the messages at the start of a file, for a time in ns."""
+        """Write a chunk, after the messages of `begin` (for a time in ns) at the start of a file."""
         try:
             if self._file is None:
                 self._file = McapFile(self.path, topics)
@@ -68,16 +60,16 @@ class Sink:
                 self._begun = True
             self._file.write(chunk)
         except OSError as error:
-            self._lost += 1
+            self._missing += 1
             self._warn(error)
         else:
-            if self._lost:
-                missing = "1 chunk is" if self._lost == 1 else f"{self._lost} chunks are"
-                self._say(f"the recording {str(self.path)!r} resumed; {missing} missing")
-                self._lost, self._warned = 0, -_SILENCE
+            if self._missing:
+                missing = "1 chunk is" if self._missing == 1 else f"{self._missing} chunks are"
+                self._report(f"the recording {str(self.path)!r} resumed; {missing} missing")
+                self._missing, self._warned_at = 0, -_WARNING_PERIOD
 
     def probe(self) -> None:
-        """Warn at the start if the file cannot be written; leave no empty file."""
+        """Warn if the file cannot be written; leave no empty file."""
         try:
             new = not exists(self.path)
             self.path.open("xb" if new else "ab").close()
@@ -96,30 +88,30 @@ class Sink:
 
     def _warn(self, error: OSError) -> None:
         now = time.monotonic()
-        if now - self._warned >= _SILENCE:
-            self._warned = now
-            self._say(f"the recording {str(self.path)!r} cannot be written: {error.strerror or error}")
+        if now - self._warned_at >= _WARNING_PERIOD:
+            self._warned_at = now
+            self._report(f"the recording {str(self.path)!r} cannot be written: {error.strerror or error}")
 
 
 class Writer:
-    """Collects messages to chunks, keeps the last chunks, and gives them to a thread that writes files.
+    """Collector of chunks, with a buffer of the last ones and a thread that writes files.
 
     Args:
         plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the
-            robot, and the largest number of ``files`` in the folder.
+            robot, and largest number of ``files`` in the folder.
     """
 
-    def __init__(self, plan: dict[str, Any], say: Callable[[str], None]) -> None:
-        self._plan, self._say = plan, say
+    def __init__(self, plan: dict[str, Any], report: Callable[[str], None]) -> None:
+        self._plan, self._report = plan, report
         self._topics: list[Topic] = []
-        self._pinned: dict[int, bytes] = {}
+        self._first_messages: dict[int, bytes] = {}
         self._builder = ChunkBuilder()
-        self._begun = 0.0  # time of the first message of the chunk, s
+        self._begun = 0.0  # start of the chunk, s
         self._ring: deque[PackedChunk] = deque()
         self._ring_bytes = 0
-        self._run = Sink(Path(plan["file"]), say) if plan["file"] else None
-        self._fault: Sink | None = None  # the file of a fault that is being written
-        self._until = self._latest = 0.0  # its end, and its latest end, s
+        self._run = FileSink(Path(plan["file"]), report) if plan["file"] else None
+        self._fault: FileSink | None = None  # open file of a fault
+        self._until = self._latest = 0.0  # its planned and latest end, s
         self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._queued = self._written = 0  # bytes
         self._dropped = 0
@@ -128,12 +120,12 @@ class Writer:
         if self._run is not None:
             self._jobs.put(self._run.probe)
 
-    def take(self, code: int, at: int, payload: bytes) -> None:
-        """Take one frame."""
+    def process(self, code: int, at: int, payload: bytes) -> None:
+        """Process one frame."""
         if code == TOPICS:
             self._topics = [Topic(*each) for each in json.loads(payload)]
         elif code == PINNED:
-            self._pinned[int.from_bytes(payload[:2], "little")] = payload[2:]
+            self._first_messages[int.from_bytes(payload[:2], "little")] = payload[2:]
         elif code == TRIGGER:
             self._write_last_seconds(payload.decode())
         else:
@@ -144,16 +136,16 @@ class Writer:
                 self.flush()
 
     def poll(self) -> None:
-        """Close the chunk and the file of a fault when they are due."""
+        """Close the chunk and the file of a fault if due."""
         now = time.monotonic()
-        if self._builder.size and (not self._ring or now - self._begun >= CHUNK_SECONDS):  # the first one at once
+        if self._builder.size and (not self._ring or now - self._begun >= CHUNK_SECONDS):  # the first chunk at once
             self.flush()
         if self._fault is not None and now >= self._until:
             self.flush()
             self._close_fault()
 
     def flush(self) -> None:
-        """Close the chunk, write it, and keep it with the last seconds."""
+        """Close and write the chunk, and buffer it with the last seconds."""
         chunk = self._builder.take()
         if chunk is None:
             return
@@ -166,7 +158,7 @@ class Writer:
             self._ring_bytes -= len(self._ring.popleft().data)
 
     def end(self, reason: str = "") -> None:
-        """Write everything, and close all files; with a reason, write the last seconds too."""
+        """Write everything and close all files; with a reason, write the last seconds too."""
         if reason:
             self._write_last_seconds(reason)
         self.flush()
@@ -177,13 +169,13 @@ class Writer:
         self._disk.join()
 
     def _write_last_seconds(self, reason: str) -> None:
-        """Write the last seconds and the next ones to a new file, or continue the present one."""
+        """Write the last and next seconds to a new file, or continue the present one."""
         if self._plan["folder"] is None:
             return
         now = time.monotonic()
         if self._fault is not None:
-            self._until = min(now + _AFTER, self._latest)
-            self._say(f"the last seconds are already in {str(self._fault.path)!r}, which is continued ({reason})")
+            self._until = min(now + _FILE_AFTER_FAULT, self._latest)
+            self._report(f"the last seconds are already in {str(self._fault.path)!r}, now continued ({reason})")
             return
         self.flush()
         folder = Path(self._plan["folder"])
@@ -194,11 +186,11 @@ class Writer:
             number += 1
             path = folder / f"{stem}-{number}.mcap"
         self._jobs.put(lambda: self._make_room(folder))
-        self._fault = Sink(path, self._say)
-        self._until, self._latest = now + _AFTER, now + _LONGEST
+        self._fault = FileSink(path, self._report)
+        self._until, self._latest = now + _FILE_AFTER_FAULT, now + _LONGEST
         for chunk in self._ring:
             self._queue(self._fault, chunk)
-        self._say(f"the last seconds are written to {str(path)!r} ({reason})")
+        self._report(f"the last seconds are written to {str(path)!r} ({reason})")
 
     def _close_fault(self) -> None:
         if self._fault is not None:
@@ -206,7 +198,6 @@ class Writer:
             self._fault = None
 
     def _make_room(self, folder: Path) -> None:
-        """Make the folder, and remove the oldest recordings of this robot from it."""
         pattern = f"{self._plan['name']}-[0-9]*-[0-9]*-*.mcap"
         with contextlib.suppress(OSError):  # reported when the file is created
             folder.mkdir(parents=True, exist_ok=True)
@@ -214,11 +205,11 @@ class Writer:
             for path in old[: max(0, len(old) - self._plan["files"] + 1)]:
                 path.unlink()
 
-    def _queue(self, sink: Sink, chunk: PackedChunk) -> None:
+    def _queue(self, sink: FileSink, chunk: PackedChunk) -> None:
         if self._queued - self._written > _WAITING_BYTES:
             self._dropped += 1
             if self._dropped == 1:
-                self._say(f"the disk of {str(sink.path)!r} is too slow: chunks of the recording are dropped")
+                self._report(f"the disk of {str(sink.path)!r} is too slow: chunks of the recording are dropped")
             return
         self._queued += len(chunk.data)
 
@@ -229,9 +220,9 @@ class Writer:
         self._jobs.put(job)
 
     def _start_of_file(self, at: int) -> PackedChunk | None:
-        """Return the messages at the start of every file, with a time in ns."""
+        """Return the messages at the start of every file, at a time in ns."""
         builder = ChunkBuilder()
-        for topic, payload in self._pinned.items():
+        for topic, payload in self._first_messages.items():
             builder.add(topic, at, payload)
         return builder.take()
 
@@ -241,11 +232,9 @@ class Writer:
 
 
 def frames(read: Callable[[], bytes | None], idle: Callable[[], None]) -> Iterator[tuple[int, int, bytes]]:
-    """Read the frames of a pipe up to its end: code, time in ns, and content.
+    """Yield code, time in ns, and content of the frames of a pipe up to its end.
 
-    Args:
-        read: returns new data, None without new data, and no bytes at the end.
-        idle: called after each read.
+    `read` returns new data, None, or no bytes at the end; `idle` is called after each read.
     """
     rest = b""
     while (data := read()) != b"":
@@ -266,7 +255,7 @@ def frames(read: Callable[[], bytes | None], idle: Callable[[], None]) -> Iterat
 
 def main() -> None:
     """Run the process until its pipe ends."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # only the end of the pipe ends it
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # ends with the pipe only
         signal.signal(number, signal.SIG_IGN)
     if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) != os.SCHED_OTHER:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -274,7 +263,7 @@ def main() -> None:
     os.nice(5)
     os.set_blocking(0, False)
 
-    def say(sentence: str) -> None:
+    def report(sentence: str) -> None:
         with contextlib.suppress(OSError):  # the loop's process has ended
             os.write(1, sentence.encode() + b"\n")
 
@@ -284,12 +273,12 @@ def main() -> None:
         except BlockingIOError:
             return None
 
-    writer = Writer(json.loads(sys.argv[1]), say)
+    writer = Writer(json.loads(sys.argv[1]), report)
     for code, at, payload in frames(read, writer.poll):
         if code == END:
             writer.end()
             return
-        writer.take(code, at, payload)
+        writer.process(code, at, payload)
     writer.end("CONTROLLER_DIED")
 
 

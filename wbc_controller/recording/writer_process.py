@@ -1,4 +1,4 @@
-"""The process that writes recordings, as the loop's process starts it and sends it frames."""
+"""Start of the writer process, and its pipe on the side of the loop."""
 
 from __future__ import annotations
 
@@ -17,24 +17,13 @@ from wbc_controller.recording.writer import END, frame
 
 _log = logging.getLogger(__name__)
 
-#: Size of the pipe, bytes: the largest that Linux permits ordinary users.
-_PIPE = 1 << 20
-#: Longest time to close the files at the end, s.
-_PATIENCE = 20.0
-#: Time between two attempts to send the end, s.
-_RETRY = 0.005
+_PIPE = 1 << 20  # bytes: Linux's limit for ordinary users
+_TIMEOUT = 20.0  # of the closing of the files, s
+_RETRY = 0.005  # period of attempts to send the end, s
 
 
 class WriterProcess:
-    """Starts the process, and sends it frames without waiting for it.
-
-    Attributes:
-        dead: True if the process has ended.
-        said: number of messages of the process, and the last one.
-
-    Args:
-        patient: wait if the pipe is full: for runs in simulated time, which drop nothing.
-    """
+    """Writer process with a non-blocking pipe of frames (blocking if `patient`, for simulated time)."""
 
     def __init__(self, plan: dict[str, Any], *, patient: bool) -> None:
         root = str(Path(__file__).resolve().parents[2])
@@ -53,12 +42,12 @@ class WriterProcess:
         if sys.platform == "linux":
             import fcntl
 
-            with contextlib.suppress(OSError):  # a lower limit of the system: stalls of the process drop cycles sooner
+            with contextlib.suppress(OSError):  # lower system limit: less buffer
                 fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, _PIPE)
         os.set_blocking(self._pipe, patient)
-        self._rest: memoryview | None = None  # of a batch that did not fit
-        self.dead = self._closed = False
-        self.said = 0, ""
+        self._unsent: memoryview | None = None  # rest of a batch
+        self.dead = self._closed = False  # `dead`: the process has ended
+        self.last_message = 0, ""  # number of messages, and text of the last one
         self._listener = threading.Thread(target=self._listen, args=(our_input,), name="recorder", daemon=True)
         self._listener.start()
 
@@ -66,19 +55,19 @@ class WriterProcess:
         with os.fdopen(pipe, "rb") as lines:
             for line in lines:
                 sentence = line.decode("utf-8", "replace").rstrip()
-                self.said = self.said[0] + 1, sentence
+                self.last_message = self.last_message[0] + 1, sentence
                 _log.warning("%s", sentence)
 
     def send(self, batch: bytes) -> bool:
-        """Send whole frames. Returns False if they are dropped. Called by one thread at a time."""
+        """Send whole frames from one thread at a time; return False if dropped."""
         if self.dead:
             return False
         try:
-            if self._rest is not None:
-                self._rest = self._write(self._rest)
-            if self._rest is not None:
+            if self._unsent is not None:
+                self._unsent = self._write(self._unsent)
+            if self._unsent is not None:
                 return False
-            self._rest = self._write(memoryview(batch))
+            self._unsent = self._write(memoryview(batch))
         except OSError as error:
             self.dead = True
             _log.warning("the recorder has ended (%s): nothing is recorded any more", error.strerror or error)
@@ -86,7 +75,7 @@ class WriterProcess:
         return True
 
     def _write(self, data: memoryview) -> memoryview | None:
-        """Write as much as fits, and return the rest."""
+        """Write as much as possible, and return the rest."""
         try:
             while data:
                 data = data[os.write(self._pipe, data) :]
@@ -95,21 +84,21 @@ class WriterProcess:
         return None
 
     def close(self) -> None:
-        """Let the process write everything, and end. A second call does nothing."""
+        """Let the process write everything and end. A second call does nothing."""
         if self._closed:
             return
         self._closed = True
-        ends = time.monotonic() + _PATIENCE
+        ends = time.monotonic() + _TIMEOUT
         while not self.dead and not self.send(frame(END, 0, b"")) and time.monotonic() < ends:
             time.sleep(_RETRY)
-        while not self.dead and self._rest is not None and time.monotonic() < ends:
+        while not self.dead and self._unsent is not None and time.monotonic() < ends:
             self.send(b"")
             time.sleep(_RETRY)
         os.close(self._pipe)
         self.dead = True
         try:
-            self._process.wait(_PATIENCE)
+            self._process.wait(_TIMEOUT)
         except subprocess.TimeoutExpired:
-            _log.warning("the recorder still writes after %g s; it continues in the background", _PATIENCE)
+            _log.warning("the recorder has not finished after %g s; it continues in the background", _TIMEOUT)
             return
         self._listener.join()

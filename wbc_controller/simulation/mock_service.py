@@ -8,7 +8,7 @@ from pathlib import Path
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.middleware.topics import MOCK_TOPICS, endpoints
-from wbc_controller.middleware.transports.graph_watch import GraphWatch, Others
+from wbc_controller.middleware.transports.graph_watch import GraphWatch, OtherPublishers
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.settings import Settings
 from wbc_controller.settings.resources import read_text

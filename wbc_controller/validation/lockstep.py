@@ -13,7 +13,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.middleware.transports.memory import MemoryBus, MemoryTransport
 from wbc_controller.nodes.clock import ManualClock
 from wbc_controller.nodes.controller_service import make_loop
-from wbc_controller.nodes.simulated_clock import clock_of
+from wbc_controller.nodes.simulated_clock import make_simulated_clock
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
@@ -50,7 +50,7 @@ class Lockstep:
         self.controller = Controller(settings, preflight=False, model=self.model)
         transport = MemoryTransport(self.bus)
         self._manual = ManualClock()
-        self.clock = clock_of(self.topics, transport) if use_sim_time else self._manual
+        self.clock = make_simulated_clock(self.topics, transport) if use_sim_time else self._manual
         self.loop = make_loop(self.controller, transport, self.clock, self.topics, **options)
         self.user = User(settings, self.model, self.topics, MemoryTransport(self.bus))
         self._data = self.model.pinocchio.createData()

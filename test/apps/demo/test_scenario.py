@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import yaml
 from chains import joint, link
-from chains import robot as urdf_of
+from chains import robot as decode_urdf
 
 from wbc_controller.apps.demo.derived import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
@@ -86,7 +86,7 @@ ARM = {
 @pytest.fixture
 def arm(tmp_path):
     """Path of its file."""
-    urdf = urdf_of(
+    urdf = decode_urdf(
         link("base"), link("column"), joint("turn", "base", "column", "0 0 1"),
         link("upper"), joint("lift", "column", "upper"), link("lower"), joint("bend", "upper", "lower"),
         link("hand", 0.3), joint("roll", "lower", "hand", "1 0 0"),

@@ -1,4 +1,4 @@
-"""Buses: each makes transports that can hear each other, and nobody else."""
+"""Isolated buses with connected transports."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PARTICIPANTS = {"memory": MemoryParticipants, "dds": DdsParticipants, "ros2": R
 
 @pytest.fixture(params=_PARTICIPANTS)
 def join(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Transport]]:
-    """Make one more transport on this test's bus: ``join("node", "/namespace")``."""
+    """Make another transport on this test's bus: ``join("node", "/namespace")``."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     participants = _PARTICIPANTS[request.param]()
     opened: list[Transport] = []
@@ -42,7 +42,7 @@ def join(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Ite
 
 @pytest.fixture(scope="session")
 def eventually() -> Callable[..., None]:
-    """Wait until something is true: ``eventually(condition, again)`` does `again` before each look."""
+    """Wait for a condition: ``eventually(condition, again)`` calls `again` before each check."""
 
     def eventually(
         condition: Callable[[], bool], again: Callable[[], None] = lambda: None, seconds: float = 60
@@ -60,7 +60,7 @@ def eventually() -> Callable[..., None]:
 
 @pytest.fixture(scope="session")
 def example() -> Callable[[str], Any]:
-    """Make a message of any type in which every field has a value, and no two the same by accident."""
+    """Make a message of any type with a distinct value in every field."""
     return lambda type_name: _filled(type_name, iter(range(1, 100_000)))
 
 
@@ -81,7 +81,7 @@ def _value(description: Any, numbers: Iterator[int]) -> Any:
             return True
         return number + 0.25 if name.startswith("float") else number % 100
     element, length = detail
-    # Three of a sequence: an odd number of strings or bytes moves what follows off its alignment.
+    # Three elements: an odd number of strings or bytes shifts the alignment of later fields.
     values = [_value(element, numbers) for _ in range(length if kind == Nodetype.ARRAY else 3)]
     if element[0] == Nodetype.BASE and element[1][0] not in ("string", "bool"):
         return np.array(values, dtype=_DTYPES.get(element[1][0], element[1][0]))

@@ -1,4 +1,4 @@
-"""What every transport promises, run on each of them."""
+"""The interface of all transports, run on each of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from wbc_controller.errors import TransportError
 from wbc_controller.middleware import topics
 from wbc_controller.middleware.codec import decode, encode, header, message, nanoseconds, stamp
 from wbc_controller.middleware.topics import Direction, Endpoint, counterpart, endpoints
-from wbc_controller.nodes.simulated_clock import clock_of
+from wbc_controller.nodes.simulated_clock import make_simulated_clock
 
 pytestmark = pytest.mark.live
 
@@ -187,7 +187,7 @@ def test_callback_that_raises_is_logged_and_the_next_message_arrives(join, event
     publish, reader = join("writer").advertise(endpoint("/command")), join("reader")
     reader.subscribe(endpoint("/command"), fail_once)
     log = logging.getLogger(type(reader).__module__)
-    log.addHandler(caplog.handler)  # ROS 2's launch, where it is installed, keeps records from the root logger
+    log.addHandler(caplog.handler)  # an installed ROS 2 launch keeps records from the root logger
     eventually(lambda: len(received) >= 2, lambda: publish(text("x")))
     log.removeHandler(caplog.handler)
     assert "callback for /command failed" in caplog.text
@@ -210,7 +210,7 @@ def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventuall
         join("reader").stream(ODOM, depth=2),
     )
     eventually(stream.take, lambda: publish(text("first")))
-    time.sleep(0.05)  # what was on its way when one came
+    time.sleep(0.05)  # messages in transit
     stream.take()
     assert stream.take() == []
     for i in range(5):
@@ -221,7 +221,7 @@ def test_a_stream_keeps_the_newest_messages_until_they_are_taken(join, eventuall
     assert stream.take() == []
 
 
-def test_who_waits_on_a_stream_is_told_of_each_message(join, eventually):
+def test_a_message_ends_the_wait_of_a_stream(join, eventually):
     publish, stream = (
         join("writer").advertise(endpoint("/odom", topics.STATE_OUT)),
         join("reader").stream(ODOM, depth=1),
@@ -247,11 +247,11 @@ def test_that_a_writer_is_gone_is_no_message(join, eventually):
     time.sleep(0.05)
     stream.take()
     writer.close()
-    stream.wait(0.5)  # DDS tells of it
+    stream.wait(0.5)  # DDS reports it
     assert stream.take() == []
 
 
-def test_who_waits_on_a_stream_can_be_woken(join):
+def test_wake_ends_the_wait_of_a_stream(join):
     stream = join("reader").stream(ODOM, depth=1)
     stream.wake()
     assert stream.wait(20.0)
@@ -278,10 +278,10 @@ def test_a_stream_ends_with_its_transport(join):
 
 @pytest.fixture
 def clock_and_writer(join):
-    """A simulated clock, a function that publishes a time in ns, and the transports of their nodes."""
+    """A simulated clock, a function that publishes a time, ns, and the transports of their nodes."""
     reader, writer = join("reader"), join("writer")
     (topic,) = endpoints([topic for topic in topics.CONTROLLER_TOPICS if topic.key == "clock"], "reader")
-    clock, publish = clock_of([topic], reader), writer.advertise(counterpart(topic))
+    clock, publish = make_simulated_clock([topic], reader), writer.advertise(counterpart(topic))
     tell = lambda time_ns: publish(encode(message("rosgraph_msgs/msg/Clock", clock=stamp(time_ns))))  # noqa: E731
     return clock, tell, reader, writer
 
@@ -307,8 +307,8 @@ def test_the_simulated_time_is_read_while_the_transport_s_thread_is_busy(clock_a
     assert shown == [7.0]
 
 
-def test_the_time_that_was_sent_before_a_state_is_there_with_it(clock_and_writer, eventually):
-    """Within a tenth of the limit of the stamps: two topics are two readers, whose order DDS does not promise."""
+def test_a_time_published_before_a_state_arrives_with_it(clock_and_writer, eventually):
+    """Within a tenth of the limit of the stamps, because DDS does not order two topics."""
     clock, tell, reader, writer = clock_and_writer
     states, period = endpoint("/joint_states", topics.STATE_IN, "sensor_msgs/msg/JointState"), 2_000_000
     stream = reader.stream(states, depth=1)
@@ -363,7 +363,7 @@ def test_the_other_nodes_that_publish_on_a_topic_are_named(join, eventually):
     other.advertise(endpoint("/odometry"))
     publish = other.advertise(odom)
     eventually(lambda: own.publishers(odom) == ("/a/estimator",))
-    third.advertise(odom)  # of the same name as the node that asks
+    third.advertise(odom)  # with the name of the asking node
     eventually(lambda: own.publishers(odom) == ("/a/estimator", "/controller"))
     eventually(lambda: other.publishers(odom) == ("/controller", "/controller"))
     assert own.publishers(endpoint("/nothing")) == ()
@@ -377,19 +377,19 @@ def test_the_other_nodes_that_publish_on_a_topic_are_named(join, eventually):
         own.publishers(odom)
 
 
-def test_a_writer_knows_whether_somebody_reads(join, eventually):
+def test_has_reader(join, eventually):
     own, other = join("controller"), join("viewer", "/a")
     markers = endpoint("/markers")
     own.advertise(markers)
     own.advertise(endpoint("/odom"))
-    assert not own.is_read(markers)
+    assert not own.has_reader(markers)
     other.subscribe(markers, lambda payload: None)
-    eventually(lambda: own.is_read(markers))
-    assert not own.is_read(endpoint("/odom"))
-    assert not own.is_read(endpoint("/nothing"))
-    assert not other.is_read(markers)  # which it has not opened for writing
+    eventually(lambda: own.has_reader(markers))
+    assert not own.has_reader(endpoint("/odom"))
+    assert not own.has_reader(endpoint("/nothing"))
+    assert not other.has_reader(markers)  # not advertised by it
     other.close()
-    eventually(lambda: not own.is_read(markers))
+    eventually(lambda: not own.has_reader(markers))
     own.close()
     with pytest.raises(TransportError, match="/markers"):
-        own.is_read(markers)
+        own.has_reader(markers)

@@ -1,4 +1,4 @@
-"""What is particular to the embedded DDS: types, environment, discovery, and other processes."""
+"""The embedded DDS: types, environment, discovery, and other processes."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_generated_type_describes_the_bytes_that_the_codec_writes(example, type_
 
 
 def _with_lists(content):
-    """Turn arrays into the lists that cyclonedds takes."""
+    """Convert arrays into lists for cyclonedds."""
     if isinstance(content, np.ndarray):
         return content.tolist()
     if isinstance(content, list):
@@ -89,7 +89,7 @@ def _with_lists(content):
     return content
 
 
-def test_type_name_and_hash_are_those_of_ros2():
+def test_type_name_and_hash_equal_ros2():
     assert dds_type_name("sensor_msgs/msg/JointState") == "sensor_msgs::msg::dds_::JointState_"
     assert idl_type("sensor_msgs/msg/JointState").__idl__.idl_transformed_typename == dds_type_name(
         "sensor_msgs/msg/JointState"
@@ -135,7 +135,7 @@ def test_bad_settings(environment, domain, said):
         domain_settings(environment, domain)
 
 
-def test_what_the_user_configured_comes_last_and_peers_are_escaped():
+def test_the_user_s_configuration_comes_last_and_peers_are_escaped():
     xml = configuration(DomainSettings(0, DiscoveryRange.LOCALHOST, ('a"&b',)), "file:///mine.xml")
     assert xml.endswith(",file:///mine.xml")
     assert "'a\"&amp;b'" in xml
@@ -144,7 +144,7 @@ def test_what_the_user_configured_comes_last_and_peers_are_escaped():
 
 @pytest.mark.parametrize("discovery_range", [DiscoveryRange.LOCALHOST, DiscoveryRange.SUBNET, DiscoveryRange.OFF])
 def test_a_lost_packet_is_sent_again_within_a_few_cycles(discovery_range):
-    """Not after Cyclone's 100 ms: `wbc fuzz floods --kinds large` beside other work shows it."""
+    """Not after Cyclone's 100 ms: `wbc fuzz floods --kinds large` beside other load shows it."""
     assert "<HeartbeatInterval>10 ms</HeartbeatInterval>" in configuration(DomainSettings(0, discovery_range))
 
 
@@ -152,7 +152,7 @@ def test_a_lost_packet_is_sent_again_within_a_few_cycles(discovery_range):
 @pytest.mark.parametrize("discovery_range", DiscoveryRange.__members__)
 def test_every_configuration_is_accepted_by_cyclone(domain_id, discovery_range, monkeypatch):
     if discovery_range in ("SUBNET", "SYSTEM_DEFAULT"):
-        monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)  # the same configuration, kept on this machine
+        monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)  # the same configuration, limited to this computer
     DdsTransport("node", domain_id=domain_id, discovery_range=discovery_range).close()
 
 
@@ -195,7 +195,7 @@ def test_a_loopback_that_the_user_configures_too_is_named_once(uri, monkeypatch,
     here.subscribe(endpoint("/pong"), pongs.append)
     ping, stop = here.advertise(endpoint("/ping")), here.advertise(endpoint("/stop"))
     with subprocess.Popen([sys.executable, "-c", code, str(DOMAIN)], env=os.environ | SEES_THIS_FILE) as echo:
-        eventually(lambda: pongs, lambda: ping(text("hello")))  # a process without that configuration hears it
+        eventually(lambda: pongs, lambda: ping(text("hello")))  # a process without that configuration receives it
         eventually(lambda: echo.poll() is not None, lambda: stop(text("")))
     assert decode(pongs[0], STRING).data == "hello"
     here.close()
@@ -212,7 +212,7 @@ ENFORCED = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
 
 
 @pytest.mark.parametrize("command", ["run", "mock", "guard"])
-def test_the_commands_end_at_once_where_security_is_enforced(command):
+def test_the_commands_refuse_enforced_security(command):
     ended = subprocess.run(
         [sys.executable, "-m", "wbc_controller", command, "go2"],
         env=os.environ | ENFORCED | {"ROS_DOMAIN_ID": str(DOMAIN)},
@@ -226,7 +226,7 @@ def test_the_commands_end_at_once_where_security_is_enforced(command):
 
 
 @pytest.mark.parametrize("environment", [{"ROS_SECURITY_ENABLE": "true"}, ENFORCED | {"ROS_SECURITY_ENABLE": "false"}])
-def test_where_security_is_only_wished_for_it_is_said_that_there_is_none(environment, caplog):
+def test_permissive_security_is_a_warning(environment, caplog):
     domain_settings(environment)
     assert ["cannot secure" in line for line in caplog.messages] == [True] * (
         environment["ROS_SECURITY_ENABLE"] == "true"
@@ -249,7 +249,7 @@ transport.close()
 """
 
 
-def test_a_stranger_on_the_network_is_heard_only_where_the_network_was_asked_for(network):
+def test_other_hosts_are_discovered_only_with_subnet(network):
     unset = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "CYCLONEDDS_URI")
     environment = {name: value for name, value in os.environ.items() if name not in unset}
     environment |= SEES_THIS_FILE

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.live
 
 STRING = "std_msgs/msg/String"
 RANGES = ("", "LOCALHOST", "SUBNET")
-#: Variables of the shell that would decide what is tested here.
+#: Shell variables that would affect the test.
 _SHELL = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "CYCLONEDDS_URI")
 
 
@@ -40,7 +40,7 @@ def set_range(monkeypatch):
 
 
 def exchange(wbc, ros, name, eventually):
-    """Send a message in each direction until both have arrived."""
+    """Send messages in both directions until both arrive."""
     heard_by_ros, heard_by_wbc = [], []
     ros.subscribe(topic(f"{name}/to_ros"), heard_by_ros.append)
     wbc.subscribe(topic(f"{name}/to_wbc"), heard_by_wbc.append)
@@ -58,7 +58,7 @@ def exchange(wbc, ros, name, eventually):
 @pytest.mark.parametrize("wbc_range", RANGES, ids=lambda value: f"wbc_{value or 'unset'}")
 @pytest.mark.parametrize("ros_range", RANGES, ids=lambda value: f"ros_{value or 'unset'}")
 def test_all_ranges_but_off_discover_each_other_on_one_host(ros_range, wbc_range, set_range, eventually):
-    """One embedded participant starts before the ROS 2 node, one after it; messages cross in both directions."""
+    """One embedded participant starts before the ROS 2 node, one after it; messages pass in both directions."""
     domain = own_domain()
     opened = []
 
@@ -144,7 +144,7 @@ _WBC_SPEAKER = textwrap.dedent("""
 
 
 def test_ros2_nodes_of_another_host_hear_only_subnet(network):
-    """Also while a ROS 2 node with SUBNET, which the other host discovers, runs beside the embedded DDS."""
+    """Also with a ROS 2 node with SUBNET, discovered by the other host, beside the embedded DDS."""
     pytest.importorskip("rclpy")
     environment = {name: value for name, value in os.environ.items() if name not in _SHELL}
     environment |= {
@@ -182,4 +182,4 @@ def test_subnet_without_a_network_card_uses_the_loopback(network):
     words = network.words("robot", sys.executable, "-c", code)
     ended = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=60)
     assert ended.returncode == 0, ended.stderr
-    assert "no network interface but the loopback: topics stay on this computer" in ended.stderr
+    assert "the loopback is the only network interface: topics stay on this computer" in ended.stderr

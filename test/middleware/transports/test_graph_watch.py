@@ -1,4 +1,4 @@
-"""Who else publishes: told at each change, a nameless node only when it stays nameless."""
+"""Other publishers: reported at each change, unnamed nodes after the second check."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOPICS = [Endpoint(key, "", f"/{key}", "std_msgs/msg/String", Direction.OUT, STA
 
 
 class Told(MemoryTransport):
-    """A transport whose graph is what a test says."""
+    """Transport with a given graph."""
 
     def __init__(self):
         super().__init__(MemoryBus())
@@ -27,38 +27,38 @@ class Told(MemoryTransport):
         return self.names if endpoint.key == "odom" else ()
 
 
-def test_each_change_is_told_once():
+def test_each_change_is_reported_once():
     bus, told = MemoryBus(), []
     own, other = MemoryTransport(bus, "own"), MemoryTransport(bus, "other")
     watch = GraphWatch(own, TOPICS, told.append)
-    watch.look()
+    watch.check()
     own.advertise(TOPICS[0])
-    watch.look()
+    watch.check()
     assert told == []
     other.advertise(TOPICS[0])
-    watch.look()
-    watch.look()
+    watch.check()
+    watch.check()
     other.close()
-    watch.look()
+    watch.check()
     assert told == [{"odom": ("/other",), "effort": ()}, {"odom": (), "effort": ()}]
 
 
-def test_a_node_whose_name_has_not_arrived_yet_is_not_taken_for_one_without_a_name():
+def test_a_pending_name_is_not_reported_as_unnamed():
     transport, told = Told(), []
     watch = GraphWatch(transport, TOPICS, told.append)
     transport.names = (UNNAMED,)
-    watch.look()
+    watch.check()
     transport.names = ("/guard",)
-    watch.look()
+    watch.check()
     assert told == [{"odom": ("/guard",), "effort": ()}]
     transport.names = (UNNAMED, "/guard")
-    watch.look()
+    watch.check()
     assert len(told) == 1
-    watch.look()
+    watch.check()
     assert told[1:] == [{"odom": (UNNAMED, "/guard"), "effort": ()}]
 
 
-def test_a_thread_looks_until_it_is_stopped(monkeypatch):
+def test_the_thread_checks_until_stopped(monkeypatch):
     monkeypatch.setattr(graph_watch, "PERIOD", 0.001)
     bus, changed = MemoryBus(), threading.Event()
     own, other = MemoryTransport(bus, "own"), MemoryTransport(bus, "other")
@@ -74,14 +74,14 @@ def test_a_thread_looks_until_it_is_stopped(monkeypatch):
     watch.stop()
 
 
-def test_a_graph_that_cannot_be_read_is_said(monkeypatch, caplog):
+def test_an_unreadable_graph_is_logged(monkeypatch, caplog):
     monkeypatch.setattr(graph_watch, "PERIOD", 0.001)
     own = MemoryTransport(MemoryBus(), "own")
     watch = GraphWatch(own, TOPICS, lambda others: None)
     watch.start()
     own.close()
     watch._thread.join(20.0)
-    assert "other publishers are no longer watched" in caplog.text
+    assert "the check for other publishers has ended" in caplog.text
     watch.stop()
     with pytest.raises(TransportError, match="/odom"):
-        watch.look()
+        watch.check()

@@ -1,4 +1,4 @@
-"""The embedded DDS and a real ROS 2 hear each other on every topic of the table."""
+"""The embedded DDS and a real ROS 2 exchange messages on every topic of the table."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def endpoint(name, qos, type_name=STRING):
 
 
 class Counter(Waitable):
-    """Counts the waits of the executor of its node."""
+    """Counter of the waits of a node's executor."""
 
     def __init__(self):
         super().__init__(ReentrantCallbackGroup())
@@ -101,7 +101,7 @@ def peer():
 
 
 def at_500_hz(publish, payload, arrived, count=250):
-    """Publish until so many messages have arrived; returns the number published."""
+    """Publish until a number of messages has arrived; return the number of published messages."""
     for number in itertools.count():
         if arrived() >= count:
             return number
@@ -138,7 +138,7 @@ def test_messages_do_not_wake_the_executor(spun, peer):
 
 
 def test_the_executor_pauses_between_two_waits(spun, peer):
-    # rclpy's own clock subscription is the executor's: with a simulator's clock, each message would wake it.
+    # rclpy's clock subscription belongs to the executor: with simulated time each message would wake it.
     clock = "rosgraph_msgs/msg/Clock"
     node, transport, counter = spun(use_sim_time=True)
     publish = peer.advertise(endpoint("/clock", topics.STATE_OUT, clock))
@@ -167,11 +167,11 @@ def test_wake_ups_without_a_callback_are_paced(spun):
 
 @pytest.fixture
 def warned(monkeypatch, caplog, eventually):
-    """Open a subscription and a publisher of another node; returns the warnings."""
+    """Open a subscription and a publisher of another node; return the warnings."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setattr(ros2_graph, "PERIOD", 0.02)
     caplog.set_level(logging.WARNING, "wbc_controller")
-    participants = Ros2Participants(), Ros2Participants()  # on Fast DDS a topic has one type in a participant
+    participants = Ros2Participants(), Ros2Participants()  # on Fast DDS a topic has one type per participant
     reader, writer = (
         each.transport(name, "/ns") for each, name in zip(participants, ("reader", "writer"), strict=True)
     )
@@ -201,9 +201,7 @@ def test_a_publisher_of_another_type_is_named_once(warned):
     (sentence,) = warned(
         endpoint("/command", topics.REQUEST), endpoint("/command", topics.REQUEST, "std_msgs/msg/Bool")
     )
-    assert sentence == (
-        "no messages on /command from /ns/writer: their type is std_msgs/msg/Bool; publish std_msgs/msg/String"
-    )
+    assert sentence == ("no messages on /command from /ns/writer: type std_msgs/msg/Bool; publish std_msgs/msg/String")
 
 
 def test_compatible_publishers_are_not_warned_of(warned):
@@ -219,7 +217,7 @@ def test_tf_is_omitted_without_its_package(monkeypatch, caplog):
         publish = transport.advertise(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
         publish(b"")
         assert caplog.messages == ["/tf is not published: the package tf2_msgs is not installed"]
-        assert not transport.is_read(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
+        assert not transport.has_reader(endpoint("/tf", topics.TF_OUT, "tf2_msgs/msg/TFMessage"))
     finally:
         transport.close()
         participants.close()

@@ -1,4 +1,4 @@
-"""What is drawn is where it is: checked against Pinocchio, the solution and the references, not against the drawing."""
+"""Geometry of the markers against Pinocchio, the solution and the references."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def points(marker):
 
 
 def scene(controller):
-    """The markers of the last message by namespace and id."""
+    """Return the markers of the last message by namespace and id."""
     found = {}
     for marker in controller.received("markers")[-1].markers:
         assert (marker.ns, marker.id) not in found, "RViz would show only the last one"
@@ -51,7 +51,7 @@ def test_every_marker_is_one_that_rviz_takes(bench, name):
         assert 0 <= controller.time - nanoseconds(marker.header.stamp) < 10e6
         assert marker.type == KINDS.get(namespace, marker.type)
         assert marker.action == 0
-        assert marker.pose.orientation.w == 1.0  # a quaternion of zeros is refused
+        assert marker.pose.orientation.w == 1.0  # a zero quaternion is refused
         assert marker.color.a > 0.0
         assert nanoseconds(marker.lifetime) == 30_000_000  # three periods
         assert marker.scale.x > 0.0
@@ -77,7 +77,7 @@ def test_the_forces_are_the_solution_s_at_their_centre_of_pressure(bench, name):
         length = np.linalg.norm(force[:3]) * FORCE_LENGTH / weight
         assert np.linalg.norm(tip - origin) == pytest.approx(length, rel=1e-2), contact
         torque += np.cross(origin, (tip - origin) * weight / FORCE_LENGTH)
-    # Acting where they start, the forces change the horizontal angular momentum as the solution does.
+    # The forces at their points of application change the horizontal angular momentum as the solution does.
     data = model.pinocchio.createData()
     com = pin.centerOfMass(model.pinocchio, data, controller.q)
     lever = np.cross(com, total * weight / FORCE_LENGTH)
@@ -128,14 +128,14 @@ def test_the_support_is_the_hull_of_the_feet(bench):
         np.testing.assert_array_equal(foot[:, 1], np.roll(foot[:, 0], -1, axis=0))
 
 
-def test_a_task_s_error_is_drawn_from_where_it_is_to_where_it_should_be(bench, make):
+def test_task_errors_are_lines_to_the_reference(bench, make):
     controller, drop = standing(bench, "go2", tasks={"com": {"setpoint_duration": 0.0}}), np.array([0.0, 0.0, 0.05])
     start = points(scene(controller)["task_errors", 0])[0]
     controller.send("setpoint", make.point(start - drop), "com")
     controller.cycle(10)
     found = scene(controller)
     line = points(found["task_errors", 0])
-    assert len(line) == 2  # of its tasks com alone has a place
+    assert len(line) == 2  # only com has a place in the world
     np.testing.assert_allclose(line[1] - line[0], -drop, atol=1e-6)
     np.testing.assert_allclose(points(found["references", 0]), line[1:])
 
@@ -156,16 +156,16 @@ def test_kinds_of_tasks_that_have_a_place(bench, make):
     pin.framesForwardKinematics(model.pinocchio, data, controller.q)
     at = {name: data.oMf[model.frame_id(name, "")].translation for name in ("left_rubber_hand", "torso_link")}
     starts = lines[:, 0]
-    assert sum(np.allclose(start, at["left_rubber_hand"]) for start in starts) == 2  # the hand, and the grip
-    assert sum(np.allclose(start, at["torso_link"]) for start in starts) == 1  # the gaze; the one that is off is not
+    assert sum(np.allclose(start, at["left_rubber_hand"]) for start in starts) == 2  # hand, grip
+    assert sum(np.allclose(start, at["torso_link"]) for start in starts) == 1  # gaze, not the disabled task
     (gaze,) = [line for line in lines if np.allclose(line[0], at["torso_link"])]
     np.testing.assert_allclose(gaze[1] - gaze[0], [1.0, 0.0, 0.0], atol=0.05)  # the point 1 m ahead
-    for line in lines:  # the robot is held where it was when they began
+    for line in lines:  # the robot is held at its initial pose
         if not np.allclose(line[0], at["torso_link"]):
             assert np.linalg.norm(line[1] - line[0]) < 0.06
 
 
-def test_before_activation_what_does_not_need_an_answer_is_drawn(bench):
+def test_markers_before_activation(bench):
     controller = bench("g1")
     controller.cycle(3)
     assert {namespace for namespace, _ in scene(controller)} == {"contacts", "com", "capture_point"}
@@ -189,21 +189,21 @@ def test_the_rate_is_the_configured_one(bench):
         assert expected[0] <= len(controller.received("markers")) <= expected[1], rate
 
 
-def test_they_are_drawn_while_somebody_reads_them(bench, monkeypatch):
+def test_markers_are_composed_on_demand(bench, monkeypatch):
     readers = set()
-    monkeypatch.setattr(MemoryTransport, "is_read", lambda self, endpoint: endpoint.key in readers)
+    monkeypatch.setattr(MemoryTransport, "has_reader", lambda self, endpoint: endpoint.key in readers)
     controller = bench("go2", {"control": {"markers_rate": 50.0}})
     controller.cycle(50)
     assert not controller.received("markers")
     readers.add("markers")
-    controller.cycle(100)  # it is seen within 0.1 s
+    controller.cycle(100)  # detected within 0.1 s
     seen = len(controller.received("markers"))
     assert seen >= 4
     readers.clear()
     controller.cycle(51)
     seen = len(controller.received("markers"))
     controller.cycle(50)
-    assert len(controller.received("markers")) <= seen + 1  # one may have been on its way
+    assert len(controller.received("markers")) <= seen + 1  # one may be in transit
 
 
 def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):

@@ -1,4 +1,4 @@
-"""A reference that cannot be reached is said, with the constraint in the way; one that is on its way is not."""
+"""Reports of unreachable references with the binding constraints, and none during an approach."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.controller.controller import Controller
-from wbc_controller.nodes.diagnostics.shortfall import Shortfall, _distance, in_the_way, in_words
+from wbc_controller.nodes.diagnostics.shortfall import Shortfall, _distance, describe_binding, describe_constraint
 
 PERIOD = 0.1
 
@@ -19,10 +19,7 @@ def controller():
 
 
 def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0, approach=0.0):
-    """The sentences of the last of some looks, with a reference of the centre of mass that is so far away.
-
-    Of the first look's error the share `approach` is gone in the last one.
-    """
+    """Return the last report's sentences with a com reference `far` away, after the share `approach` of the error."""
     shortfall, dynamics = Shortfall({"com": controller.tasks["com"]}), controller.dynamics
     found = ()
     for i in range(times):
@@ -34,7 +31,7 @@ def said(controller, goal, *, times, binding, weight=50.0, velocity=0.0, approac
     return found
 
 
-def test_what_stays_short_is_said_with_what_is_in_the_way(controller):
+def test_a_persistent_error_is_reported_with_binding_constraints(controller):
     binding = {"motion:FL_calf_joint:upper": 3.0, "torque:RL_thigh_joint:lower": 0.5, "cone:front_left_foot": 1.0e-6}
     (sentence,) = said(controller, [0.0, 0.0, 0.035], times=12, binding=binding)
     assert sentence == (
@@ -46,14 +43,14 @@ def test_what_stays_short_is_said_with_what_is_in_the_way(controller):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"times": 10},  # not for long enough
-        {"goal": [0.0, 0.0, 0.009]},  # near enough
-        {"velocity": 0.1},  # on its way
-        {"approach": 0.5},  # it comes nearer
-        {"weight": 0.04},  # outweighed: it takes what the others leave
+        {"times": 10},  # too short
+        {"goal": [0.0, 0.0, 0.009]},  # near the reference
+        {"velocity": 0.1},  # in motion
+        {"approach": 0.5},  # approaching
+        {"weight": 0.04},  # minor weight
     ],
 )
-def test_what_is_no_shortfall(controller, changes):
+def test_no_shortfall(controller, changes):
     assert said(controller, **{"goal": [0.0, 0.0, 0.035], "times": 12, "binding": {}, **changes}) == ()
 
 
@@ -63,9 +60,9 @@ def test_a_pose_is_short_by_a_distance_and_an_angle():
     assert _distance(np.array([0.0, 0.1, 0.0]), "rad") == "0.10 rad"
 
 
-def test_where_nothing_binds():
-    assert in_the_way({}) == "nothing; other tasks or forces outweigh it"
-    assert in_the_way({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
+def test_without_binding_constraints():
+    assert describe_binding({}) == "none; other tasks or forces outweigh it"
+    assert describe_binding({f"rows:{i}": 1.0 for i in range(5)}) == "rows:0, rows:1, rows:2, and 2 more"
 
 
 @pytest.mark.parametrize(
@@ -78,4 +75,4 @@ def test_where_nothing_binds():
     ],
 )
 def test_constraints_in_words(name, words):
-    assert in_words(name) == words
+    assert describe_constraint(name) == words

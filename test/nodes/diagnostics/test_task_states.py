@@ -1,4 +1,4 @@
-"""Where tasks are, and where they are wanted, as messages."""
+"""Values and references of tasks as messages."""
 
 from functools import partial
 
@@ -17,8 +17,8 @@ from wbc_controller.nodes.wiring import make_vocabulary
 
 
 @pytest.mark.parametrize("robot", ["g1", "talos", "go2"])
-def test_each_round_says_of_every_task_where_it_is_wanted_and_where_it_is(robot, robot_of, changed):
-    """With the frame of a task whose references are in one of the robot's, and in a later round too."""
+def test_each_round_contains_reference_and_value_of_every_task(robot, robot_of, changed):
+    """With the frame of a task with relative references, and in a later round."""
     settings, model = robot_of(robot)
     feet = [contact.frame for contact in settings.contacts.values()][:2]
     held = {"type": "relative_pose", "frame": feet[0], "reference_frame": feet[1]}

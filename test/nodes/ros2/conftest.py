@@ -1,4 +1,4 @@
-"""What the tests on a real graph share: an installation of this checkout, and a node that commands and listens."""
+"""Fixtures of tests on a real graph: an installation of this checkout, and a node that commands and listens."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ from launching import PATIENCE, ROOT
 
 @pytest.fixture
 def environment(tmp_path):
-    """An installation as colcon makes it, of this checkout; and a domain of its own."""
+    """An installation of this checkout as by colcon, with its own domain."""
     binaries, index = tmp_path / "lib/wbc_controller", tmp_path / "share/ament_index/resource_index/packages"
     share = tmp_path / "share/wbc_controller"
     for folder in (binaries, index, share):
@@ -41,7 +41,7 @@ def environment(tmp_path):
 
 @pytest.fixture
 def user(environment, monkeypatch):
-    """A node that commands and listens."""
+    """Node that commands and listens."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     import rclpy
     from rclpy.executors import SingleThreadedExecutor

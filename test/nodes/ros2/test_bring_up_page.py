@@ -1,4 +1,4 @@
-"""docs/bring-up.md followed by its own commands with ROS 2: its launch line, and its lines of `ros2 topic`."""
+"""docs/bring-up.md with its ROS 2 commands: launch line, and `ros2 topic` lines."""
 
 import re
 import shlex
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.live
 
 
 def commands(part):
-    """The lines of ROS 2 in the blocks of a part of the page, in order, each as its words."""
+    """Return the ROS 2 commands in the blocks of a part of the page, in order, split into words."""
     blocks = "\n".join(re.findall(r"```bash\n(.*?)```", part, re.DOTALL)).replace("\\\n", " ")
     lines = re.findall(r"^ros2 .*$", blocks, re.MULTILINE)
     return [shlex.split(line, comments=True) for line in lines]
@@ -41,7 +41,7 @@ FEET, STAND = (commands(part) for part in PAGE.split("## 5."))
 
 @pytest.fixture
 def robot(environment, user, tmp_path):
-    """Launches a file of the page, at half of real time for a machine that is busy; the test's view of it."""
+    """Runner of a launch file of the page at half of real time, and the test's view of it."""
     node, until = user
     states, seen, started = [], {}, []
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -71,7 +71,7 @@ def robot(environment, user, tmp_path):
     for process in started:
         process.send_signal(signal.SIGINT)
         output, _ = process.communicate(timeout=patience(PATIENCE))
-        print(states, output)  # shown by pytest where the test fails
+        print(states, output)  # shown by pytest after a failure
         assert process.returncode == 0
         assert "Traceback" not in output
 
@@ -99,7 +99,7 @@ def test_anymal_on_its_feet(robot):
     until(lambda: seen["/wbc_controller/tasks/com/reference"].point.x == pytest.approx(before + 0.02, abs=1e-6))
     until(lambda: seen["/wbc_controller/tasks/com/value"].point.x == pytest.approx(before + 0.02, abs=2e-3))
     calm = seen["/wbc_controller/tasks/com/value"].point.y
-    pushing = threading.Thread(target=run, args=(push,))  # the command goes on for a second after it has published
+    pushing = threading.Thread(target=run, args=(push,))  # the command continues for a second after publishing
     pushing.start()
     until(lambda: abs(seen["/wbc_controller/tasks/com/value"].point.y - calm) > 2e-3)
     pushing.join()
@@ -111,7 +111,7 @@ def test_anymal_on_its_feet(robot):
     def said():
         return [status.message for status in seen["/diagnostics"].status if "wbc_controller" in status.name]
 
-    until(lambda: said() == ["active"])  # the audit has seen the push, and says so for a while
+    until(lambda: said() == ["active"])  # the audit reports the push for a while
 
 
 def test_the_stand(robot):

@@ -11,9 +11,9 @@ import pytest
 import setuptools
 
 ROOT = Path(__file__).resolve().parents[3]
-#: Libraries that ROS 2, or another library of the list, brings.
+#: Libraries of ROS 2 or of another library of the list.
 BROUGHT = {"numpy", "pyyaml"}
-#: The entry points of launch_testing and launch_testing_ros.
+#: Entry points of launch_testing and launch_testing_ros.
 PLUGINS = "launch_testing", "launch_ros"
 
 
@@ -35,7 +35,7 @@ def test_the_documented_installation_contains_all_libraries_of_package_and_tests
 
 @pytest.mark.parametrize("plugin", PLUGINS)
 def test_the_plugins_of_a_sourced_ros_2_are_not_loaded(tmp_path, plugin):
-    """They import each test file under its bare name, so that two files of one name end the collection."""
+    """They import each test file under its bare name, so that equal file names end the collection."""
     (tmp_path / "plugin_of_a_test.py").write_text("raise RuntimeError('the plugin is loaded')\n", encoding="utf-8")
     distribution = tmp_path / "plugin_of_a_test-1.dist-info"
     distribution.mkdir()

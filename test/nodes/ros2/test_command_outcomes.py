@@ -1,4 +1,4 @@
-"""The outcome of a command that came by a service: that of the cycle which took it."""
+"""Outcomes of service commands, from the cycle that processed them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from wbc_controller.records import Fault, Mode
 
 @pytest.fixture
 def asked():
-    """A pending 'activate', and the list of its answers."""
-    return ask("activate")
+    """A pending 'activate', and the list of its responses."""
+    return send("activate")
 
 
-def ask(word):
+def send(word):
     waiting, outcome = CommandOutcomes(), []
-    waiting.ask(word, lambda: None, lambda *answer: outcome.append(answer))
+    waiting.submit(word, lambda: None, lambda *respond: outcome.append(respond))
     return waiting, outcome
 
 
@@ -46,14 +46,14 @@ def test_a_refusal_is_the_answer(asked):
     assert outcome == [(False, "command 'activate' is refused: why")]
 
 
-def test_a_mode_that_does_not_confirm_it_says_why(asked):
+def test_an_unconfirmed_command_has_the_reason(asked):
     waiting, outcome = asked
     waiting.observe(report(Mode.DAMPING, ("activate",), fault=Fault("FALLEN", "it lies")))
     assert outcome == [(False, "damping FALLEN: it lies")]
 
 
 @pytest.mark.parametrize(
-    ("last", "answer"),
+    ("last", "respond"),
     [
         (report(Mode.INACTIVE), (True, "inactive")),
         (
@@ -62,14 +62,14 @@ def test_a_mode_that_does_not_confirm_it_says_why(asked):
         ),
     ],
 )
-def test_a_deactivation_is_answered_at_the_end_of_its_ramp(last, answer):
-    waiting, outcome = ask("deactivate")
+def test_a_deactivation_is_answered_at_the_end_of_its_ramp(last, respond):
+    waiting, outcome = send("deactivate")
     waiting.observe(report(Mode.ACTIVE, ("deactivate",)))
     for mode in (Mode.ACTIVE, Mode.HOLDING, Mode.ACTIVE):
-        waiting.observe(report(mode, refused=("command 'deactivate' is refused",)))  # another one
+        waiting.observe(report(mode, refused=("command 'deactivate' is refused",)))  # another fault
     assert outcome == []
     waiting.observe(last)
-    assert outcome == [answer]
+    assert outcome == [respond]
 
 
 def test_one_that_was_turned_away_is_answered_too(asked, monkeypatch):
@@ -79,7 +79,7 @@ def test_one_that_was_turned_away_is_answered_too(asked, monkeypatch):
         waiting.observe(report())
     assert outcome == []
     waiting.observe(report())
-    assert outcome == [(False, "command 'activate' was not taken within 10 cycles; send it again")]
+    assert outcome == [(False, "command 'activate' was dropped: not processed in 10 cycles; send it again")]
 
 
 def test_the_end_of_the_loop_answers(asked):

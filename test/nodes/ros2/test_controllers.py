@@ -1,4 +1,4 @@
-"""The controllers of ros2_control that are shipped fit the robots that are shipped."""
+"""The shipped controllers of ros2_control fit the shipped robots."""
 
 from pathlib import Path
 

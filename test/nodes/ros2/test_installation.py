@@ -1,4 +1,4 @@
-"""The refusal of two ROS 2 in one process: the wheels of PyPI, and a sourced installation."""
+"""Refusal of two ROS 2 in one process: the wheels of PyPI, and a sourced installation."""
 
 import os
 import subprocess
@@ -11,12 +11,12 @@ import pytest
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.nodes.ros2 import installation
-from wbc_controller.nodes.ros2.installation import refuse_mixture
+from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 
 
 @pytest.fixture
 def environment(tmp_path, monkeypatch):
-    """A virtual environment with the wheels, and no ROS 2 sourced; returns the folder of its packages."""
+    """Make a virtual environment with the wheels and without a sourced ROS 2; return the folder of its packages."""
     prefix = tmp_path / "venv"
     site = prefix / "lib/python3.12/site-packages"
     _make(prefix / "lib/librcl.so")
@@ -26,7 +26,7 @@ def environment(tmp_path, monkeypatch):
     monkeypatch.setattr(installation, "distribution", lambda name: SimpleNamespace(locate_file=lambda path: site))
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
     monkeypatch.setenv("LD_LIBRARY_PATH", str(prefix / "lib"))  # as the wheels set it
-    # Some test may have imported the real one, whose module find_spec would return.
+    # An earlier test may have imported the real module, which find_spec would return.
     monkeypatch.delitem(sys.modules, "rclpy", raising=False)
     return site
 
@@ -37,14 +37,14 @@ def _make(path: Path) -> None:
 
 
 def test_the_wheels_alone_are_accepted(environment):
-    refuse_mixture()
+    refuse_mixed_installations()
 
 
 def test_a_workspace_and_the_prefix_of_the_wheels_are_no_second_installation(environment, tmp_path, monkeypatch):
     workspace = tmp_path / "ws/install/my_package"
     _make(workspace / "share/ament_index/resource_index/packages/my_package")
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{workspace}:{sys.prefix}")
-    refuse_mixture()
+    refuse_mixed_installations()
 
 
 @pytest.mark.parametrize(("variable", "folder"), [("AMENT_PREFIX_PATH", ""), ("LD_LIBRARY_PATH", "lib")])
@@ -52,11 +52,11 @@ def test_a_sourced_installation_is_refused_with_both_paths(environment, tmp_path
     sourced = tmp_path / "opt/ros/jazzy"
     _make(sourced / "lib/librcl.so")
     monkeypatch.setenv(variable, f"{tmp_path / 'ws'}:{sourced / folder}")
-    with pytest.raises(ConfigurationError, match="two installations of ROS 2 would be mixed") as refusal:
-        refuse_mixture()
+    with pytest.raises(ConfigurationError, match="two installations of ROS 2: wheels") as refusal:
+        refuse_mixed_installations()
     assert f"in {environment}, " in str(refusal.value)
     assert f" in {sourced}. " in str(refusal.value)
-    assert "in a shell that has not sourced ROS 2" in str(refusal.value)
+    assert "a shell without a sourced ROS 2" in str(refusal.value)
 
 
 def test_rclpy_from_another_place_than_the_wheels_is_refused(environment, tmp_path, monkeypatch):
@@ -64,7 +64,7 @@ def test_rclpy_from_another_place_than_the_wheels_is_refused(environment, tmp_pa
     _make(sourced / "rclpy/__init__.py")
     monkeypatch.syspath_prepend(str(sourced))  # as PYTHONPATH does
     with pytest.raises(ConfigurationError) as refusal:
-        refuse_mixture()
+        refuse_mixed_installations()
     assert f" in {sourced}. " in str(refusal.value)
 
 
@@ -74,7 +74,7 @@ def test_a_sourced_installation_alone_is_accepted(environment, tmp_path, monkeyp
 
     monkeypatch.setattr(installation, "distribution", missing)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "venv"))
-    refuse_mixture()
+    refuse_mixed_installations()
 
 
 #: Fails if a module of ROS 2 is imported.
@@ -88,7 +88,7 @@ from wbc_controller.nodes.ros2 import installation
 from wbc_controller.errors import ConfigurationError
 def refuse(): raise ConfigurationError("two installations of ROS 2")
 import wbc_controller.node as node
-node.refuse_mixture = refuse
+node.refuse_mixed_installations = refuse
 node.{main}()
 """
 

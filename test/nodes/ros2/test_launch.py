@@ -1,4 +1,4 @@
-"""The launch file, on its own processes: a robot stands, and everything ends as it should."""
+"""Launch files in their own processes: the robot balances, and all processes end correctly."""
 
 import itertools
 import signal
@@ -31,7 +31,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def end(*processes):
-    """End launch files as Ctrl-C does; what they have said, which pytest shows where the test fails."""
+    """End launch files as Ctrl-C does, and return their output."""
     for process in processes:
         process.send_signal(signal.SIGINT)
     outputs = [process.communicate(timeout=patience(PATIENCE))[0] for process in processes]
@@ -56,7 +56,7 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
     hold = node.create_publisher(Bool, "/r1/mock_robot/hold", 10)
     setpoint = node.create_publisher(PointStamped, "/r1/wbc_controller/tasks/com/setpoint", 10)
 
-    # Half of real time, and ages by the simulator's clock, so that a busy machine keeps up too.
+    # Half of real time, and ages by simulated time, for a busy computer.
     process = launch(environment, "robot:=g1", "namespace:=r1", "real_time_factor:=0.5", "use_sim_time:=true")
     try:
         until(lambda: all(publisher.get_subscription_count() for publisher in (command, hold, setpoint)))
@@ -64,7 +64,7 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
         until(lambda: height)
 
         def active():
-            if states[-1] == "inactive" and next(tries) % 10 == 0:  # refused until joint states have arrived
+            if states[-1] == "inactive" and next(tries) % 10 == 0:  # refused until joint states arrive
                 command.publish(String(data="activate"))
             return states[-1] == "active"
 
@@ -95,7 +95,7 @@ def test_g1_stands_squats_and_ends_with_zero_torques(environment, user):
 def test_a_robot_that_does_not_exist_ends_the_controller_with_the_reason(environment):
     process = launch(environment, "config:=/nowhere/robot.yaml", "mock:=false")
     output, _ = process.communicate(timeout=patience(PATIENCE))
-    assert "config = '/nowhere/robot.yaml': there is no such file" in output
+    assert "config = '/nowhere/robot.yaml': file not found" in output
     assert "exit code 2" in output
     assert "Traceback" not in output
 
@@ -133,7 +133,7 @@ def test_every_argument_is_described(environment, file, arguments):
 
 @pytest.fixture
 def stand_in(environment, tmp_path):
-    """Install an executable that notes the words and the parameters it was started with."""
+    """Install an executable that records its arguments and parameters."""
 
     def install(package, executable):
         folder = tmp_path / "lib" / package
@@ -158,7 +158,7 @@ def wait_for(files, process):
     end(process)
 
 
-def test_rviz_is_started_with_the_layout_where_that_is_asked_for(environment, stand_in):
+def test_rviz_starts_with_the_layout_on_request(environment, stand_in):
     notes = stand_in("rviz2", "rviz2")
     wait_for([notes], launch(environment, "rviz:=true", "mock:=false", "namespace:=r3"))
     words = notes.read_text().split("\n")
@@ -230,7 +230,7 @@ def test_two_robots_in_one_graph(environment, user):
     assert all(output.count("process has finished cleanly") == 2 for output in outputs)
 
 
-def test_the_launch_file_for_a_robot_that_is_there(environment, stand_in):
+def test_the_launch_file_for_a_real_robot(environment, stand_in):
     notes = [stand_in("wbc_controller", "wbc_controller"), stand_in("wbc_controller", "guard")]
     process = launch(
         environment, "config:=my.yaml", "odom:=/estimator/odom", "effort:=/torques", "guard:=true", "namespace:=r4",

@@ -38,7 +38,7 @@ from wbc_controller.settings.files import find_configuration, load_settings
 pytestmark = pytest.mark.live
 
 DOMAIN = own_domain()
-#: A busy machine must not look like a robot that stands still.
+#: Timeouts for a busy computer.
 PATIENT = {"safety__state_timeout": 1.0}
 SUCCESS, FAILURE, ERROR = (getattr(TransitionCallbackReturn, name) for name in ("SUCCESS", "FAILURE", "ERROR"))
 
@@ -54,7 +54,7 @@ def context(monkeypatch):
 
 @pytest.fixture
 def log():
-    """What the node logs; not by caplog, since the pytest plugin of launch ends the propagation of all loggers."""
+    """Collect the node's log; caplog does not, since the pytest plugin of launch disables log propagation."""
     records, handler = [], logging.Handler()
     handler.emit = records.append
     loggers = [logging.getLogger(f"wbc_controller.nodes.ros2.{name}") for name in ("controller_node", "lifecycle_gate")]
@@ -115,13 +115,13 @@ def spin(context):
     if thread.ident is not None:
         thread.join()
     executor.shutdown()
-    for node in others:  # or the next test would find them in the graph
+    for node in others:  # otherwise the next test finds them in the graph
         node.destroy_node()
 
 
 @pytest.fixture
 def robot(context):
-    """A node that publishes the state of a G1 that hangs still."""
+    """Node that publishes the state of a hanging G1."""
     settings = load_settings(find_configuration("g1"))
     node = rclpy.create_node("robot", context=context)
     joints = JointState(name=settings.robot.joints, position=settings.robot.posture)
@@ -151,7 +151,7 @@ def on_executor(executor, function):
 
 @pytest.fixture
 def bring_up(make_node, spin, context):
-    """Spin a controller's node, a user's and others, and pass through some transitions of the first."""
+    """Spin a controller's node, a user's and others, and run some transitions of the first."""
 
     def bring_up(*others, transitions=("configure", "activate"), **overrides):
         node, user = make_node(robot="g1", **overrides), rclpy.create_node("user", context=context)
@@ -164,7 +164,7 @@ def bring_up(make_node, spin, context):
 
 
 def caller(user, name):
-    """A function that calls a service of the controller; it gives its success and message."""
+    """Return a function that calls a service of the controller and returns success and message."""
     client = user.create_client(Trigger, f"/wbc_controller/{name}")
 
     def call():
@@ -198,7 +198,7 @@ def test_transitions_there_and_back_twice(make_node, log):
         ({"robot": "g1", "tasks__com__weight": -1.0}, "tasks.com.weight = -1.0: "),
         ({"robot": "g1", "robot__posture": [0.0]}, "posture has 1 values for 29 joints"),
         ({"robot": "g1", "tasks__torso__frame": "trunk"}, "trunk"),
-        ({}, "has no robot: give -p robot:="),
+        ({}, "has no robot: pass -p robot:="),
     ],
 )
 def test_bad_parameters_fail_the_transition_with_the_reason_and_can_be_mended(make_node, log, overrides, said):
@@ -254,8 +254,8 @@ def test_parameters_are_changed_live_or_refused_with_the_reason(make_node):
         ("tasks.com.stiffness", "stiff", "should be a valid number"),
         ("robot.joints", ["a"], "robot.posture has"),
         ("control.rate", 100.0, "control.rate: read only when the controller is configured"),
-        ("robot", "talos", "robot: read only when the node is configured"),
-        ("use_sim_time", True, "use_sim_time: read only when the node is configured"),
+        ("robot", "talos", "robot: not live; configure the node again to change it"),
+        ("use_sim_time", True, "use_sim_time: not live; configure the node again to change it"),
     ):
         before = node.get_parameter_or(name).value
         reason = set_one(node, name, value)
@@ -277,14 +277,14 @@ def test_the_whole_configuration_is_shown_as_parameters_while_there_is_one(make_
     assert set_one(node, "tasks.com.stiffness", 70.0) is True
     assert node.trigger_cleanup() == SUCCESS
     assert not node.has_parameter("limits.acceleration")
-    assert set_one(node, "robot", "talos") is True  # and what was set stays, as if it had been given at the start
+    assert set_one(node, "robot", "talos") is True  # the set value stays, as if set at the start
     assert node.trigger_configure() == SUCCESS
     com = node._loop.controller.live.settings.tasks["com"]
     assert (com.weight, com.stiffness) == (3.0, 70.0)
 
 
 @pytest.mark.parametrize("given", [{"robot": "go2"}, {"config": str(find_configuration("go2"))}])
-def test_what_is_shown_can_be_dumped_and_read_again(make_node, given):
+def test_declared_parameters_can_be_dumped_and_read_again(make_node, given):
     node = make_node(**given, tasks__com__weight=3.0)
     assert node.trigger_configure() == SUCCESS
     dumped = values(node)
@@ -296,13 +296,13 @@ def test_what_is_shown_can_be_dumped_and_read_again(make_node, given):
     )
 
 
-def test_what_an_update_changes_is_shown(bring_up):
+def test_an_update_changes_the_parameters(bring_up):
     node, user, _ = bring_up()
     publish = user.create_publisher(String, "/wbc_controller/update", 10)
     until(lambda: publish.get_subscription_count() == 1, patience=10)
     publish.publish(String(data="{tasks: {com: {stiffness: 33.0}}}"))
     until(lambda: node.get_parameter("tasks.com.stiffness").value == 33.0, patience=10)
-    assert not node.has_parameter("robot.joints")  # beside robot
+    assert not node.has_parameter("robot.joints")  # together with robot
 
 
 def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
@@ -312,7 +312,7 @@ def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
     user.create_subscription(String, "/wbc_controller/state", lambda message: said.append(message.data), 10)
     until(lambda: publish.get_subscription_count() == 1, patience=10)
     publish.publish(String(data="estop"))
-    for _ in range(5):  # of which one is logged in a second
+    for _ in range(5):  # one of them is logged per second
         publish.publish(String(data="estop"))
     until(lambda: "/wbc_controller/command ignored: the node is not active" in text_of(log), patience=10)
     assert text_of(log).count("/wbc_controller/command ignored") == 1
@@ -323,7 +323,7 @@ def test_a_command_sent_before_activation_is_not_obeyed_later(bring_up, log):
     assert said == ["inactive", "fault ESTOP: emergency stop by command"]
 
 
-def test_services_say_what_happened(bring_up):
+def test_services_return_the_outcome(bring_up):
     node, user, executor = bring_up(transitions=())
     activate, stop, reset = (caller(user, name) for name in ("activate", "stop", "reset"))
     success, text = activate()
@@ -342,7 +342,7 @@ def test_services_say_what_happened(bring_up):
 def test_the_last_seconds_are_recorded_on_request(bring_up, robot, tmp_path):
     node, user, executor = bring_up(robot, transitions=(), recorder__folder=str(tmp_path), **PATIENT)
     call = caller(user, "record")
-    assert call() == (False, "the node is not active; ros2 lifecycle shows its state")
+    assert call() == (False, "the node is not active; check its state with ros2 lifecycle get")
     for transition in (node.trigger_configure, node.trigger_activate):
         assert on_executor(executor, transition) == SUCCESS
     time.sleep(0.2)  # of cycles
@@ -395,7 +395,7 @@ def test_simulated_time_is_honoured(bring_up, robot):
         clock.publish(Clock(clock=at))
         robot.publish(at)
 
-    assert "no time has arrived on /clock" in activate()[1]
+    assert "no time was received on /clock" in activate()[1]
     robot.timer.cancel()
     timer = user.create_timer(0.005, time_goes_on)
     until(lambda: node._loop._clock.now() > 7.0 and activate()[0], patience=20)
@@ -426,13 +426,13 @@ def test_a_loop_that_fails_sends_zeros_and_ends_in_error_processing(bring_up, lo
     user.create_subscription(Float64MultiArray, "/effort_controller/commands", torques.append, 10)
     loop = node._loop
     until(lambda: node.count_subscribers("/effort_controller/commands"), patience=10)
-    time.sleep(0.5)  # until the writer knows the reader too
-    loop.controller.supervisor._tau = loop.controller.supervisor._tau + 1.0  # as if torques were being sent
+    time.sleep(0.5)  # until the writer has discovered the reader
+    loop.controller.supervisor._tau = loop.controller.supervisor._tau + 1.0  # as with active torques
 
     def broken():
         raise OSError("broken on purpose")
 
-    loop._guarded_cycle = broken  # around a cycle: what fails inside one is damped
+    loop._guarded_cycle = broken  # around a cycle: an error inside a cycle leads to damping
     assert on_executor(executor, node.trigger_activate) == SUCCESS
     until(lambda: "error processing" in text_of(log), patience=10)
     assert "broken on purpose" in text_of(log)
@@ -461,7 +461,7 @@ def test_a_description_that_is_too_long_is_refused_before_it_is_decoded(make_nod
     publisher = user.create_publisher(String, "/robot_description", latched)
     assert node.trigger_configure() == FAILURE
     publisher.publish(String(data="x" * 5_000_000))
-    until(lambda: "bytes are too long for a URDF; it may have 4000000" in text_of(log), patience=20)
+    until(lambda: "bytes (limit 4000000)" in text_of(log), patience=20)
     assert node.trigger_configure() == FAILURE
     publisher.publish(String(data=read_urdf(load_settings(find_configuration("g1")).robot.urdf)))
     until(lambda: node.trigger_configure() == SUCCESS, patience=20)

@@ -1,4 +1,4 @@
-"""The three executables on a real graph: what they open is what the security policy allows; and the guard on rclpy."""
+"""The three executables on a real graph: topics as in the security policy, and the guard on rclpy."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from wbc_controller.nodes.ros2.security_policy import CLOCK, security_policy
 
 pytestmark = pytest.mark.live
 
-#: Its own: where other tests of this process have left nodes of the same names, the graph does not say which it shows.
+#: Own domain: nodes of other tests with equal names would be ambiguous in the graph.
 DOMAIN = own_domain()
 NODES = {"wbc_controller": "main", "mock_robot": "mock_main", "guard": "guard_main"}
 until = partial(wait_until, patience=120.0)
@@ -38,7 +38,7 @@ until = partial(wait_until, patience=120.0)
 
 @pytest.fixture
 def graph(monkeypatch):
-    """A node that looks and listens, spun on a thread."""
+    """Node that queries and listens, spun on a thread."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=DOMAIN)
@@ -61,7 +61,7 @@ def graph(monkeypatch):
 
 @pytest.fixture
 def start(graph):
-    """Starts an executable on Go2, patient enough for a shared machine."""
+    """Start an executable on Go2 with timeouts for a busy computer."""
     started = []
 
     def make(name, *words):
@@ -83,7 +83,7 @@ def start(graph):
 
 
 def topics_of(look, name):
-    """The topics of a node, by a function of the graph; none before the graph knows the node."""
+    """Return the topics of a node by a function of the graph; empty before its discovery."""
     try:
         return {topic for topic, _ in look(name, "/")}
     except NodeNameNonExistentError:
@@ -96,12 +96,12 @@ def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_control
     for name in said:
         graph.create_subscription(String, f"/{name}/state", lambda m, name=name: said.update({name: m.data}), latched)
     graph.create_subscription(Float64MultiArray, "/effort_controller/commands", lambda m: torques.append(m.data), 10)
-    start("mock_robot", "-p", "real_time_factor:=0.3")  # it does not fall behind on a busy machine
+    start("mock_robot", "-p", "real_time_factor:=0.3")  # fast enough on a busy computer
     start("guard")
     controller = start("wbc_controller", "-p", "activate:=true")
     until(lambda: said["wbc_controller"] == "active" and said["guard"] == "watching", "an active controller")
 
-    # With markers_rate and the others as configured: the policy of this very configuration.
+    # The policy of this configuration, with markers_rate.
     settings, model = robot_of("go2")
     allowed = {}
     root = ElementTree.fromstring(security_policy(settings, model))  # noqa: S314 - made by the code under test
@@ -119,15 +119,15 @@ def test_they_open_what_the_policy_allows_and_the_guard_follows_a_killed_control
         for qualifier, look in opened.items():
             unused = {CLOCK} if qualifier == "subscribe" else set()
             if (name, qualifier) == ("mock_robot", "subscribe"):
-                unused |= {"/wbc_controller/joint_commands"}  # in lockstep this one, otherwise the torques
-            if (name, qualifier) == ("mock_robot", "publish"):  # what sensors at the feet would say, as drivers
+                unused |= {"/wbc_controller/joint_commands"}  # in lockstep joint commands, otherwise torques
+            if (name, qualifier) == ("mock_robot", "publish"):  # foot sensors, as from drivers
                 unused |= {
                     topic for topic in allowed[name, qualifier] if topic.endswith(("/holds", "/measured_wrench"))
                 }
                 if find_spec("tf2_msgs") is None:
                     unused.add("/tf")
             expected = allowed[name, qualifier] - unused
-            # The graph becomes known one endpoint after the other, and later than the first messages.
+            # The graph becomes known endpoint by endpoint, after the first messages.
             until(
                 lambda: {topic for topic, _ in look(name, "/")} == expected,  # noqa: B023 - called in this round only
                 f"what {name} may {qualifier} to be what it does: {sorted(expected)}",

@@ -11,7 +11,7 @@ from wbc_controller.middleware.topics import CONTROLLER_TOPICS, ESTIMATOR_TOPICS
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()  # noqa: S314  # our own file
-#: What ROS 2 gives to Python, by the start of the module's name.
+#: Python modules of ROS 2, by the start of the module's name.
 OF_ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "rcl_interfaces")
 
 
@@ -31,7 +31,7 @@ def test_the_form_is_that_of_format_3():
     assert PACKAGE.find("export/build_type").text == "ament_python"
 
 
-def test_it_says_what_setup_py_and_the_licence_say():
+def test_package_xml_agrees_with_setup_py_and_the_licence():
     setup = (ROOT / "setup.py").read_text(encoding="utf-8")
     (version,), (licence,) = texts("version"), texts("license")
     assert f'version="{version}"' in setup
@@ -41,7 +41,7 @@ def test_it_says_what_setup_py_and_the_licence_say():
     assert f'PACKAGE = "{texts("name")[0]}"' in setup
 
 
-def test_no_dependency_stands_twice():
+def test_dependencies_are_unique():
     for tag in ("exec_depend", "test_depend"):
         assert len(texts(tag)) == len(set(texts(tag)))
 

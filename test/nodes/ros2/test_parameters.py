@@ -1,4 +1,4 @@
-"""From ROS 2 parameters to settings; needs no ROS 2."""
+"""From ROS 2 parameters to settings, without ROS 2."""
 
 import array
 import re
@@ -13,17 +13,17 @@ from wbc_controller.settings.nesting import nested
 G1 = find_configuration("g1")
 
 
-def flat(tree, prefix=""):
+def flatten(tree, prefix=""):
     for key, value in tree.items():
         if isinstance(value, dict):
-            yield from flat(value, f"{prefix}{key}.")
+            yield from flatten(value, f"{prefix}{key}.")
         elif value is not None and value != []:
             yield f"{prefix}{key}", value
 
 
 def test_the_dotted_parameters_of_a_file_are_the_file():
     settings = load_settings(G1)
-    parameters = dict(flat(settings.model_dump(exclude_unset=True)))
+    parameters = dict(flatten(settings.model_dump(exclude_unset=True)))
     assert "tasks.com.weight" in parameters
     ros = {"use_sim_time": False, "qos_overrides./parameter_events.publisher.depth": 1000, "autostart": True}
     assert settings_from(parameters | ros, "/wbc_controller", [], ["autostart"])[0] == settings
@@ -51,17 +51,17 @@ def test_a_node_without_a_section_takes_the_controllers_section_of_the_parameter
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [
-        ({}, "/n has no robot: give -p robot:=<name> (Valid: g1, go2, talos)"),
+        ({}, "/n has no robot: pass -p robot:=<name> (Valid: g1, go2, talos)"),
         ({"robot": "talo"}, "did you mean 'talos'?"),
         ({"robot": "g1", "config": "x.yaml"}, "both name a configuration"),
-        ({"config": "x.yaml"}, "config = 'x.yaml': there is no such file"),
-        ({"robot": 1}, "robot = 1: must be a text"),
+        ({"config": "x.yaml"}, "config = 'x.yaml': file not found"),
+        ({"robot": 1}, "robot = 1: must be a string"),
         ({"robot": "g1", "tasks.com.weight": -1.0}, "tasks.com.weight = -1.0: "),
         ({"robot": "g1", "contorl.rate": 1.0}, "contorl: unknown key; did you mean 'control'?"),
         ({"control": 1, "control.rate": 1.0}, "parameter control = 1: there is a parameter control.rate too"),
     ],
 )
-def test_what_cannot_be_used_is_named(parameters, said):
+def test_invalid_parameters_are_refused(parameters, said):
     with pytest.raises(ConfigurationError) as caught:
         settings_from(parameters, "/n", [])
     assert said in str(caught.value)

@@ -1,4 +1,4 @@
-"""The policy allows what the nodes really open, and nothing else."""
+"""The policy permits exactly the topics and services of the nodes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK
 from wbc_controller.simulation.mock_robot import MockRobot
 
 CONTROLLER = "wbc_controller"
-#: What an element may hold and which attributes it has to have, by SROS 2's schema; `?` where it need not have it.
+#: Valid children and attributes of each element by SROS 2's schema; `?` for optional attributes.
 SCHEMA = {
     "policy": ({"enclaves"}, {"version"}),
     "enclaves": ({"enclave"}, set()),
@@ -48,7 +48,7 @@ SCHEMA = {
 
 
 class Recorder(MemoryTransport):
-    """A transport of its own bus; it knows the names of the topics that are opened."""
+    """Transport on its own bus that records the names of opened topics."""
 
     def __init__(self):
         self.bus = MemoryBus()
@@ -64,7 +64,7 @@ class Recorder(MemoryTransport):
 
 
 def read(text):
-    """The names that each enclave's node may use, by `publish`, `subscribe`, `request` and `reply`."""
+    """Return the names of each enclave by `publish`, `subscribe`, `request` and `reply`."""
     allowed = {}
     for enclave in ElementTree.fromstring(text).iter("enclave"):  # noqa: S314 - made by the code under test
         rules = allowed[enclave.get("path")] = {}
@@ -78,7 +78,7 @@ def read(text):
 
 
 def opened(settings, model, namespace="/", remappings=None):
-    """What each node opens when it runs."""
+    """Return the opened topics and services of each running node."""
     places = {"namespace": namespace, "remappings": remappings}
     controller, mock, guard, estimator = (Recorder() for _ in range(4))
     topics = controller_endpoints(settings, model, **places)
@@ -97,7 +97,7 @@ def opened(settings, model, namespace="/", remappings=None):
 @pytest.mark.parametrize(
     ("namespace", "remappings"), [("/", None), ("/r1", {"odom": "/estimator/odom", "~/state": "mode"})]
 )
-def test_each_node_may_do_what_it_does_and_nothing_else(robot_of, name, namespace, remappings):
+def test_each_node_has_exactly_its_permissions(robot_of, name, namespace, remappings):
     settings, model = robot_of(name)
     allowed = read(security_policy(settings, model, namespace, remappings))
     prefix = namespace.rstrip("/")
@@ -117,7 +117,7 @@ def test_each_node_may_do_what_it_does_and_nothing_else(robot_of, name, namespac
         assert "request" not in rules
 
 
-def test_the_controller_may_hear_the_imu_where_the_base_is_estimated_and_odometry_where_not(robot_of, changed):
+def test_imu_or_odometry_is_permitted_by_base_state(robot_of, changed):
     settings, model = robot_of("go2")
     for source, other in (("odom", "/imu"), ("imu", "/odom")):
         heard = read(security_policy(changed(settings, {"estimation": {"base_state": source}}), model))
@@ -127,7 +127,7 @@ def test_the_controller_may_hear_the_imu_where_the_base_is_estimated_and_odometr
         assert sensed == (source == "imu")
 
 
-def test_poses_are_heard_and_sent_by_those_who_are_set_to(robot_of, changed):
+def test_poses_are_permitted_by_settings(robot_of, changed):
     settings, model = robot_of("go2")
     for source, asked in (("odom", True), ("imu", True), ("imu", False)):
         changes = {"estimation": {"base_state": source, "absolute_pose": asked}, "mock": {"pose_rate": 20.0 * asked}}
@@ -152,7 +152,7 @@ def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
     assert rules["request"] == set().union(*(allowed[f"/{node}"]["reply"] for node in nodes))
 
 
-def test_what_a_robot_does_not_have_is_not_allowed(robot_of, changed):
+def test_topics_without_use_are_not_permitted(robot_of, changed):
     settings, model = robot_of("go2")
     assert "/robot_description" not in read(security_policy(settings, model))["/wbc_controller"]["subscribe"]
     assert "/odom" in read(security_policy(settings, model))["/wbc_controller"]["subscribe"]
@@ -192,8 +192,8 @@ def test_the_command_prints_it(robot_of, tmp_path):
     assert result.stdout == security_policy(settings, model, "/r1", {"odom": "/base"})
 
 
-def test_every_incoming_row_is_for_somebody_s_publisher(robot_of, changed):
-    """Nobody may publish what no enclave needs: the robot's own topics are the mock robot's, and none is left out."""
+def test_every_incoming_row_has_a_permitted_publisher(robot_of, changed):
+    """No enclave may publish unneeded names; the mock robot's enclave has all topics of the robot."""
     settings, model = robot_of("g1")
     heard = set()
     for source in ("odom", "imu"):

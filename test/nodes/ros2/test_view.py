@@ -1,4 +1,4 @@
-"""`wbc view` beside a controller and a mock robot on rclpy: it shows what they say, and commands them."""
+"""`wbc view` with a controller and a mock robot on rclpy: display and commands."""
 
 import re
 import signal
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.live
 
 @pytest.fixture
 def page(environment, tmp_path):
-    """A browser on the page of Go2, which may command."""
+    """A browser on the page of Go2 with permission to command."""
     log = tmp_path / "view.log"
     with log.open("wb") as output:
         view = subprocess.Popen(
@@ -81,4 +81,4 @@ def test_it_shows_and_commands_nodes_of_ros2(environment, user, page, tmp_path):
     finally:
         for each in nodes:
             each.send_signal(signal.SIGINT)
-        print(states, [each.wait(patience(PATIENCE)) for each in nodes])  # shown by pytest if the test fails
+        print(states, [each.wait(patience(PATIENCE)) for each in nodes])  # shown by pytest after a failure

@@ -1,4 +1,4 @@
-"""The executables where there is no ROS 2."""
+"""The executables without ROS 2."""
 
 import signal
 import subprocess
@@ -6,13 +6,13 @@ import sys
 
 import pytest
 
-#: Commands that need no ROS 2, by the executable's function.
+#: Equivalent commands without ROS 2, by function of the executable.
 COMMANDS = {"main": "run", "mock_main": "mock", "guard_main": "guard", "estimator_main": "estimate"}
 
 
 @pytest.mark.parametrize("main", COMMANDS)
 def test_the_executables_say_how_to_do_without(main):
-    # None in sys.modules makes an import fail, on machines that have ROS 2 too.
+    # None in sys.modules makes an import fail, also with an installed ROS 2.
     code = f"import sys; sys.modules['rclpy'] = None; from wbc_controller.node import {main}; {main}()"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 2
@@ -21,7 +21,7 @@ def test_the_executables_say_how_to_do_without(main):
     assert "Traceback" not in ended.stderr
 
 
-#: Sends the signal at the moment at which the modules of a node are looked for.
+#: Sends the signal during the import of a node's modules.
 INTERRUPTED = """
 import os, signal, sys
 class Finder:

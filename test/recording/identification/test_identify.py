@@ -1,4 +1,4 @@
-"""What is found from a recording, against the mock robot that made it."""
+"""Identification from a recording, against the mock robot of the recording."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from wbc_controller import Simulation
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.recording.identification.equations import Equations, moments
+from wbc_controller.recording.identification.equations import Equations, select_samples
 from wbc_controller.recording.identification.fit import fit
-from wbc_controller.recording.identification.identify_command import fitted, identify, report
+from wbc_controller.recording.identification.identify_command import fit_cycles, identify, report
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.faults.fault import FaultContext
 from wbc_controller.simulation.faults.world import MassError
@@ -23,12 +23,12 @@ from wbc_controller.simulation.faults.world import MassError
 HEAVIER, DRY, VISCOUS, SECONDS = 0.15, 0.8, 0.3, 6
 
 
-#: Largest changes of the orientations that are asked for, about x, y and z in rad.
+#: Largest commanded changes of the orientations about x, y and z, rad.
 TURNS = {"base": [0.25, 0.15, 0.2], "pelvis": [0.1, 0.1, 0.2], "torso": [0.15, 0.15, 0.3]}
 
 
 def moved(robot, heavier, seconds, **friction):
-    """Record a robot, heavier and with more friction than its model, that sways and turns."""
+    """Record a swaying robot with more mass and friction than its model."""
     simulation = Simulation(load(robot).replace({f"mock.{key}": of for key, of in friction.items()}), preflight=False)
     controller = simulation.controller
     rng, rows = np.random.default_rng(0), []
@@ -61,7 +61,7 @@ def recording():
 
 
 def assert_honest(found, mass, dry=DRY, viscous=VISCOUS):
-    """The errors of all values are as large as their standard errors say."""
+    """The errors of all values agree with their standard errors."""
     true = {"mass": mass, "armature": 0.01, "dry": dry, "viscous": viscous}
     for kind, value in true.items():
         own = [i for i, name in enumerate(found.names) if name.partition(" ")[0] == kind]
@@ -72,14 +72,14 @@ def assert_honest(found, mass, dry=DRY, viscous=VISCOUS):
 
 
 def test_masses_and_frictions_of_the_mock_robot_are_found_within_5_percent(recording):
-    found, model = fitted(load("go2").settings, recording)
+    found, model = fit_cycles(load("go2").settings, recording)
     text = report(found, model)
     print(text)
     values = dict(zip(found.names, found.values, strict=True))
     told = {name for i, name in enumerate(found.names) if found.determined(i)}
     assert {"mass base", *(f"dry {joint}" for joint in model.joints if "hip" not in joint)} <= told
     assert values["mass base"] == pytest.approx(1.0 + HEAVIER, rel=0.05)
-    # The hips turn slowly and alike: their sum is found, and each of them within its standard error.
+    # The hips turn slowly and alike: their sum is determined, and each of them within its standard error.
     hips = [values[f"dry {joint}"] for joint in model.joints if "hip" in joint]
     assert np.mean(hips) == pytest.approx(DRY, rel=0.05)
     for name in told:
@@ -88,17 +88,17 @@ def test_masses_and_frictions_of_the_mock_robot_are_found_within_5_percent(recor
     assert_honest(found, 1.0 + HEAVIER)
     friction = yaml.safe_load(text[text.index("robot:") :])["robot"]["friction"]
     assert friction["FL_calf_joint"]["dry"] == pytest.approx(DRY, rel=0.05)
-    load("go2").replace({"robot.friction": friction})  # it is one that can be used
+    load("go2").replace({"robot.friction": friction})  # usable
 
 
 def test_the_errors_of_a_humanoid_with_heavier_links_are_within_their_standard_errors():
-    found, _ = fitted(load("g1").settings, moved("g1", 0.1, 5))
+    found, _ = fit_cycles(load("g1").settings, moved("g1", 0.1, 5))
     assert_honest(found, 1.1, 0.0, 0.0)
     values = dict(zip(found.names, found.values, strict=True))
     assert values["mass torso_link"] == pytest.approx(1.1, abs=0.05)
 
 
-def test_what_the_equations_do_not_show_stays_as_the_model_has_it_and_nothing_is_negative():
+def test_undetermined_values_stay_nominal_and_none_is_negative():
     rng = np.random.default_rng(0)
     A = np.zeros((200, 3))
     A[:, 1:] = rng.normal(size=(200, 2))
@@ -117,7 +117,7 @@ def test_no_moment_spans_a_change_of_contacts_or_a_gap(recording):
     columns = {name: values[:300].copy() for name, values in recording.items()}
     columns[f"force/{next(iter(contacts))}"][100:] = np.nan
     columns["stamp"][200:] += 50_000_000
-    seen = moments(columns, model, contacts)
+    seen = select_samples(columns, model, contacts)
     places = [int(np.flatnonzero((columns["q"] == q).all(axis=1))[0]) for q in seen.q]
     assert {len(held) for place, held in zip(places, seen.contacts, strict=True) if place < 100} == {4}
     assert {len(held) for place, held in zip(places, seen.contacts, strict=True) if place > 100} == {3}
@@ -131,16 +131,16 @@ def test_no_moment_spans_a_change_of_contacts_or_a_gap(recording):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda columns: columns.pop("q"), "the recording lacks q"),
-        (lambda columns: columns.update(tau=np.zeros((9, 3))), "tau has (3,) values in each cycle; this robot has 12"),
-        (lambda columns: columns["mode"].__setitem__(slice(None), "damping"), "have regular states, an active"),
+        (lambda columns: columns.pop("q"), "missing in the recording: q"),
+        (lambda columns: columns.update(tau=np.zeros((9, 3))), "tau has (3,) values per cycle; this robot has 12"),
+        (lambda columns: columns["mode"].__setitem__(slice(None), "damping"), "has regular states, an active"),
     ],
 )
-def test_a_recording_that_cannot_be_used_is_refused_with_the_reason(recording, change, said):
+def test_an_unusable_recording_is_refused_with_the_reason(recording, change, said):
     columns = {name: values[:200].copy() for name, values in recording.items()}
     change(columns)
     with pytest.raises(ConfigurationError, match=re.escape(said)):
-        fitted(load("go2").settings, columns)
+        fit_cycles(load("go2").settings, columns)
 
 
 def test_a_file_that_is_no_recording_is_refused(tmp_path):

@@ -1,4 +1,4 @@
-"""Tests of replays use a controller whose cycles are recorded, with a memory every 100 cycles: they stay short."""
+"""Fixture of replay tests: a controller with recorded cycles, and a memory every 100 cycles for short recordings."""
 
 import pytest
 from recorded_run import record

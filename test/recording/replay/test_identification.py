@@ -1,4 +1,4 @@
-"""`wbc identify` reads what the flight recorder writes."""
+"""`wbc identify` with a file of the flight recorder."""
 
 from __future__ import annotations
 
@@ -13,5 +13,7 @@ def test_a_file_of_the_flight_recorder_is_read(record, tmp_path):
     run = record(tmp_path / "run.mcap")
     run.stand(200)
     run.recorder.close()
-    with pytest.raises(ConfigurationError, match=r"run\.mcap: in no moment of the recording does anything move"):
+    with pytest.raises(
+        ConfigurationError, match=r"run\.mcap: the recording contains no motion that its contacts permit"
+    ):
         identify(load("go2").settings, tmp_path / "run.mcap")

@@ -1,4 +1,4 @@
-"""Recordings solved again: bit for bit, explained, compared, reported."""
+"""Replay of recordings: bit for bit, explanation, comparison, report."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wbc_controller.cli import main
 from wbc_controller.recording.replay.comparison import compare
 from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.replay.recording_summary import summarize
-from wbc_controller.recording.report.run_from_recording import run_of
+from wbc_controller.recording.report.run_from_recording import make_run_data
 
 
 def wbc(*words: object) -> tuple[int, str]:
@@ -23,7 +23,7 @@ def wbc(*words: object) -> tuple[int, str]:
 
 
 def busy(run, make) -> None:
-    """Stand, and change references, weights, gains and contacts on the way."""
+    """Stand, with changes of references, weights, gains and contacts."""
     bench = run.bench
     run.stand(20)
     com = bench.loop.controller.dynamics.com
@@ -46,20 +46,20 @@ def recorded(record, tmp_path, make):
     return run.finish(tmp_path / "a.mcap")
 
 
-def test_all_cycles_and_those_from_any_memory_on_come_out_bit_for_bit(recorded):
+def test_replay_from_any_memory_is_identical(recorded):
     assert sorted(recorded.memories)[0] == 0
     middle = sorted(recorded.memories)[-1]
     assert 100 <= middle < recorded.last
     replay = Replay(recorded)
-    solved = [(each.cycle.number, each.same, each.exact) for each in replay.run()]
+    solved = [(each.cycle.number, each.is_identical, each.exact) for each in replay.run()]
     assert solved == [(i, True, True) for i in range(recorded.count)]
     assert replay.skipped == 0
-    later = [(each.cycle.number, each.same) for each in replay.run(recorded.last)]
+    later = [(each.cycle.number, each.is_identical) for each in replay.run(recorded.last)]
     assert later == [(i, True) for i in range(middle, recorded.count)]
     assert any(each.result.solution is not None for each in replay.run(5, 8))
 
 
-def test_what_is_estimated_beside_the_model_is_remembered_too(record, tmp_path, make):
+def test_the_memory_contains_the_estimated_disturbance(record, tmp_path, make):
     friction = {"FL_calf_joint": {"dry": 0.5, "viscous": 0.1}}
     run = record(tmp_path / "b.mcap", {"estimation": {"disturbance": "always"}, "robot": {"friction": friction}})
     busy(run, make)
@@ -67,23 +67,23 @@ def test_what_is_estimated_beside_the_model_is_remembered_too(record, tmp_path, 
     middle = sorted(replay.recorded.memories)[-1]
     solved = list(replay.run(replay.recorded.last))
     assert [each.cycle.number for each in solved] == list(range(middle, replay.recorded.count))
-    assert all(each.same for each in solved)
+    assert all(each.is_identical for each in solved)
     assert np.abs(solved[-1].result.solution.disturbance.estimate).max() > 0.0
 
 
 def test_a_bit_that_is_another_one_is_found(recorded):
     solved = list(Replay(recorded).run(0, 30))
-    assert all(each.same for each in solved)
+    assert all(each.is_identical for each in solved)
     cycle = solved[-1].cycle
     for name in ("tau", "v_dot"):
         values = {**cycle.values, name: np.nextafter(cycle.values[name], np.inf)}
-        assert not replace(solved[-1], cycle=replace(cycle, values=values)).same
-    recorded.events[3]["requests"] = []  # it is not activated then
-    assert [each.same for each in Replay(recorded).run(0, 6)] == [True] * 3 + [False] * 4
+        assert not replace(solved[-1], cycle=replace(cycle, values=values)).is_identical
+    recorded.events[3]["requests"] = []  # not active then
+    assert [each.is_identical for each in Replay(recorded).run(0, 6)] == [True] * 3 + [False] * 4
 
 
-def test_a_cycle_whose_event_was_lost_is_left_out_with_those_behind_it(recorded):
-    """An event is written after its cycle: a controller that is killed may have got to the one alone."""
+def test_cycles_after_a_missing_event_are_skipped(recorded):
+    """An event is written after its cycle: a killed controller may have written only the cycle."""
     asked = max(number for number, event in recorded.events.items() if "requests" in event)
     del recorded.events[asked]
     behind = sorted(number for number in recorded.memories if number > asked)
@@ -91,7 +91,7 @@ def test_a_cycle_whose_event_was_lost_is_left_out_with_those_behind_it(recorded)
     replay = Replay(recorded)
     solved = list(replay.run())
     assert [each.cycle.number for each in solved] == [*range(asked), *range(begun, recorded.count)]
-    assert all(each.same for each in solved)
+    assert all(each.is_identical for each in solved)
     assert replay.skipped == begun - asked
     for number in behind:
         del recorded.memories[number]
@@ -99,7 +99,7 @@ def test_a_cycle_whose_event_was_lost_is_left_out_with_those_behind_it(recorded)
     assert replay.skipped == recorded.count - asked
 
 
-def test_behind_a_cycle_that_failed_it_goes_on_from_the_next_memory(record, tmp_path, monkeypatch):
+def test_after_a_failed_cycle_the_replay_resumes_at_the_next_memory(record, tmp_path, monkeypatch):
     run = record(tmp_path / "a.mcap")
     run.stand(20)
     controller = run.bench.loop.controller
@@ -116,7 +116,7 @@ def test_behind_a_cycle_that_failed_it_goes_on_from_the_next_memory(record, tmp_
     assert fault.fault.code == "INTERNAL_ERROR"
     replay = Replay(recorded)
     solved = list(replay.run())
-    assert all(each.same for each in solved)
+    assert all(each.is_identical for each in solved)
     assert 0 < replay.skipped <= 16
     assert len(solved) + replay.skipped == recorded.count
 
@@ -129,17 +129,17 @@ def test_a_recording_that_begins_later_is_solved_from_its_first_memory_on(record
     recorded = run.finish()
     assert recorded.first > 0
     replay = Replay(recorded)
-    solved = [each.same for each in replay.run()]
+    solved = [each.is_identical for each in replay.run()]
     assert len(solved) == recorded.count - replay.skipped > 0
     assert all(solved)
 
 
 def test_a_solver_with_a_memory_of_its_own_is_exact_from_the_start_alone(record, tmp_path):
-    # Not ProxQP: its last bits differ between two objects with the same problems.
+    # Not ProxQP: its last bits differ between two objects with equal problems.
     run = record(tmp_path / "a.mcap", {"solver": {"name": "osqp"}})
     run.stand(130)
     recorded = run.finish(tmp_path / "a.mcap")
-    assert all(each.same and each.exact for each in Replay(recorded).run(0, 60))
+    assert all(each.is_identical and each.exact for each in Replay(recorded).run(0, 60))
     later = list(Replay(recorded).run(125))
     assert not any(each.exact for each in later)
     assert max(each.difference for each in later) < 1.0e-2
@@ -149,7 +149,7 @@ def test_the_commands(recorded, tmp_path):
     path = recorded.path
     status, said = wbc("replay", path)
     assert status == 0
-    assert f"{recorded.count} cycles solved again: all torques are the same, bit for bit" in said
+    assert f"{recorded.count} cycles replayed: all torques are equal bit for bit" in said
     for words in ("no fault", "command activate", "contact front_left_foot off", "settings changed"):
         assert words in said
     status, said = wbc("replay", path, "--cycle", 60)
@@ -158,32 +158,32 @@ def test_the_commands(recorded, tmp_path):
         assert words in said
     status, said = wbc("replay", path, "--cycle", 99999)
     assert status == 2
-    assert f"--cycle 99999: the recording has the cycles 0 to {recorded.last}" in said
+    assert f"--cycle 99999: valid: 0 to {recorded.last}" in said
     (tmp_path / "b.mcap").write_bytes(path.read_bytes()[:40])
     assert wbc("replay", tmp_path / "b.mcap")[0] == 2
     (tmp_path / "c.mcap").write_text("a text")
     status, said = wbc("replay", tmp_path / "c.mcap")
-    assert (status, "it does not begin as an MCAP file" in said) == (2, True)
+    assert (status, "not an MCAP file" in said) == (2, True)
 
 
-def test_another_configuration_beside_it(recorded, tmp_path):
+def test_comparison_with_another_configuration(recorded, tmp_path):
     other = tmp_path / "other.yaml"
     other.write_text(recorded.config.replace({"tasks.com.stiffness": 400.0}).to_yaml())
     plots = tmp_path / "plots.html"
     status, said = wbc("replay", recorded.path, "--config", other, "--plot", plots)
     assert status == 0
-    assert "the mode differs in 0, " in said
-    assert float(re.search(r"the torques by up to ([\d.]+) N", said).group(1)) > 1e-3
+    assert "different modes in 0 cycles, " in said
+    assert float(re.search(r"largest torque difference ([\d.]+) N", said).group(1)) > 1e-3
     assert "Plotly.newPlot" in plots.read_text()
     same = compare(recorded, recorded.config)
     np.testing.assert_allclose(same.other[:20], same.recorded[:20], atol=1e-9)
-    same = recorded.config.replace({"tasks.com.stiffness": 150.0})  # as it has been updated
+    same = recorded.config.replace({"tasks.com.stiffness": 150.0})  # after its update
     light = same.replace({"tasks.com.weight": 0.01, "tasks.base.weight": 500.0})
-    for config, differs in ((same, False), (light, True)):  # from a memory later on, which has the weights of then
+    for config, differs in ((same, False), (light, True)):  # from a later memory, with its weights
         solved = [each for each in Replay(recorded, config).run(recorded.last) if each.cycle.number > recorded.last - 5]
         assert [each.difference > 1e-3 for each in solved] == [differs] * 5
     status, said = wbc("replay", recorded.path, "--config", "g1")
-    assert (status, "its joints are not those of the recording" in said) == (2, True)
+    assert (status, "the joints must be those of the recording" in said) == (2, True)
     assert wbc("replay", recorded.path, "--plot", plots)[0] == 2
 
 
@@ -198,8 +198,8 @@ def test_a_long_story_is_cut_in_the_middle(recorded):
     assert "cycle 1199" in said[-1]
 
 
-def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_path, monkeypatch):
-    monkeypatch.setattr("wbc_controller.recording.report.run_report.run_of", partial(run_of, largest=100))
+def test_the_report_of_a_recording_has_no_simulation_truth(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr("wbc_controller.recording.report.run_report.make_run_data", partial(make_run_data, largest=100))
     every = -(-recorded.count // 100)
     status, said = wbc("report", recorded.path, "--out", tmp_path / "a.html")
     assert status == 0
@@ -211,7 +211,7 @@ def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_
     from wbc_controller.controller.cycle import ControlCycle
 
     controller = ControlCycle(recorded.config, preflight=False)
-    fewer, made = run_of(recorded, controller, largest=100), run_of(recorded, controller)
+    fewer, made = make_run_data(recorded, controller, largest=100), make_run_data(recorded, controller)
     assert (fewer.stride, made.stride) == (every, 1)
     assert every > 1
     assert len(fewer.time) == pytest.approx(len(made.time) / every, abs=1)
@@ -220,6 +220,6 @@ def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_
     assert [mode for _, mode in made.modes] == ["active", "inactive", "active"]
     reached = made.com_reference[60] - made.com_reference[20]
     assert reached[0] > 0.0
-    assert (np.diff(made.com_reference[22:38, 0]) > 0.0).all()  # in every cycle, with no weight on its way
+    assert (np.diff(made.com_reference[22:38, 0]) > 0.0).all()  # in every cycle, without a weight ramp
     assert np.isfinite(made.task_errors["com"]).all()
     assert [phase.name for phase in made.phases] == ["activate", "deactivate", "activate"]

@@ -16,7 +16,7 @@ from wbc_controller.controller.visualization.page_report import resource
 from wbc_controller.controller.visualization.plots import POINTS, thin_out
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.recording.report.motion import MAX_FRAMES, encode_poses, frame_indices, joint_poses
-from wbc_controller.recording.report.run_data import Result, supports_of
+from wbc_controller.recording.report.run_data import Result, collect_supports
 from wbc_controller.recording.report.run_plots import friction_use, run_plots
 from wbc_controller.recording.report.run_report import write_run_report
 from wbc_controller.settings.files import find_configuration, load_settings
@@ -69,7 +69,7 @@ def test_the_page_holds_the_results(run, page):
     assert "never &lt;in it&gt;" in page
 
 
-def test_the_verdict_names_what_failed(run, tmp_path):
+def test_the_verdict_names_missed_targets(run, tmp_path):
     recording, model = run
     failed = Result("Stays <up>", "yes", "no", False)
     spoiled = dataclasses.replace(recording, results=(*recording.results, failed))
@@ -79,7 +79,7 @@ def test_the_verdict_names_what_failed(run, tmp_path):
     assert 'class="pill fail"' in page
 
 
-def test_poses_of_the_page_are_those_of_pinocchio(run, page):
+def test_poses_of_the_page_equal_pinocchio(run, page):
     recording, model = run
     data = embedded(page, "motion-data")
     poses = decode_poses(data["poses"])
@@ -93,7 +93,7 @@ def test_poses_of_the_page_are_those_of_pinocchio(run, page):
     arm = np.array([0.1, 0.1, 0.1])
     for frame in (0, len(frames) // 3, len(frames) - 1):
         pin.forwardKinematics(model.pinocchio, kinematics, recording.q[frames[frame]])
-        for i in range(data["joints"]):  # g1 has a visual on every joint but the world's
+        for i in range(data["joints"]):  # g1 has a visual on every joint except the world
             where = pin.XYZQUATToSE3(poses[frame, i] / np.r_[1, 1, 1, np.full(4, np.linalg.norm(poses[frame, i, 3:]))])
             assert np.linalg.norm(where.act(arm) - kinematics.oMi[i + 1].act(arm)) < 1e-3
 
@@ -107,7 +107,7 @@ def test_quaternions_do_not_jump_to_their_negatives(run):
     assert np.abs(np.diff(poses[:, :, 3:], axis=0)).max() < 0.1
 
 
-def test_packed_poses_are_exact_where_nothing_moves():
+def test_packed_poses_at_rest_are_exact():
     poses = np.tile(np.array([1.5, -2.0, 0.3, 0.0, 0.0, 0.0, 1.0]), (4, 2, 1))
     np.testing.assert_allclose(decode_poses(encode_poses(poses)), poses, atol=1e-12)
 
@@ -116,7 +116,7 @@ def test_forces_stand_in_the_page_in_world_axes(run, page):
     recording, model = run
     data = embedded(page, "motion-data")
     forces = np.frombuffer(base64.b64decode(data["forces"]), "<f4").reshape(len(frame_indices(recording.time)), 2, 2, 6)
-    # The synthetic squat keeps its soles flat, so that the world's vertical is the contacts' normal.
+    # The synthetic squat keeps its soles flat, so that vertical and contact normal agree.
     np.testing.assert_allclose(forces[0, :, 0, 5], [w[0, 2] for w in recording.contact_wrenches.values()], rtol=1e-3)
     np.testing.assert_allclose(forces[0, :, 0, 2], 0.0, atol=2e-3)
     assert data["weight"] == pytest.approx(model.mass * model.gravity)
@@ -151,7 +151,7 @@ def test_a_bare_recording_makes_a_page(run, tmp_path):
     assert "No targets were checked" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
-def test_what_cannot_be_shown_is_refused(run, tmp_path):
+def test_an_invalid_run_is_refused(run, tmp_path):
     recording, model = run
     with pytest.raises(ValueError, match="19 columns"):
         write_run_report(
@@ -224,8 +224,8 @@ def test_mathematics_of_the_replay(tmp_path):
 
 
 def test_supports_of_surfaces_and_points():
-    foot = supports_of(load_settings(find_configuration("g1")).contacts)["left_foot"]
+    foot = collect_supports(load_settings(find_configuration("g1")).contacts)["left_foot"]
     np.testing.assert_allclose(foot.placement, [0.035, 0.0, -0.035, 0.0, 0.0, 0.0, 1.0])
     np.testing.assert_allclose(np.ptp(foot.corners, axis=0), [0.17, 0.05, 0.0])
-    paw = supports_of(load_settings(find_configuration("go2")).contacts)["front_left_foot"]
+    paw = collect_supports(load_settings(find_configuration("go2")).contacts)["front_left_foot"]
     np.testing.assert_array_equal(paw.corners, [[0.0, 0.0, 0.0]])

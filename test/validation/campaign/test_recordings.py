@@ -35,7 +35,7 @@ def test_what_another_fault_left_is_found_out(left):
 
 def test_cycles_that_come_out_differently_are_found_out(left, monkeypatch):
     place, outcome = left
-    monkeypatch.setattr("wbc_controller.recording.replay.cycle_replay.ReplayedCycle.same", False)
+    monkeypatch.setattr("wbc_controller.recording.replay.cycle_replay.ReplayedCycle.is_identical", False)
     assert re.search(r"of (\d+) cycles \1 do not come out", place.mistake(outcome.code, outcome.sentence))
 
 

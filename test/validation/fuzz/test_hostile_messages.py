@@ -116,7 +116,7 @@ class TestWhatIsBrokenIsFound:
 
         monkeypatch.setitem(decoding.READERS, "weight", broken)
         failure = self.found("controller")
-        assert "an error was logged: reading a message on /wbc_controller/tasks/" in failure.why
+        assert "an error was logged: decoding a message on /wbc_controller/tasks/" in failure.why
         assert len(failure.messages) == 1
         assert failure.repeated
 
@@ -138,7 +138,7 @@ class TestWhatIsBrokenIsFound:
         assert (why or "").startswith("refused messages changed board_trajectories.com")
 
     def test_a_refused_message_that_is_used(self, monkeypatch):
-        original = Requests._decoded
+        original = Requests._decode
 
         def broken(self, endpoint, payload):
             read = original(self, endpoint, payload)
@@ -146,7 +146,7 @@ class TestWhatIsBrokenIsFound:
                 self._estop.set()
             return read
 
-        monkeypatch.setattr(Requests, "_decoded", broken)
+        monkeypatch.setattr(Requests, "_decode", broken)
         assert "was refused, and is used all the same" in self.found("controller", 100).why
 
     def test_a_refused_message_that_changes_the_mode(self, monkeypatch):

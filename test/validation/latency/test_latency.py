@@ -61,7 +61,7 @@ def test_the_file_holds_the_same_figures():
 
 def test_the_robot_s_thread_stands_behind_the_others_and_what_it_raises_is_raised(monkeypatch):
     behind, ran = [], []
-    monkeypatch.setattr(latency, "step_back", lambda: behind.append(threading.get_ident()))
+    monkeypatch.setattr(latency, "lower_thread_priority", lambda: behind.append(threading.get_ident()))
 
     def run(stop):
         ran.append(threading.get_ident())
@@ -77,7 +77,7 @@ def test_the_robot_s_thread_stands_behind_the_others_and_what_it_raises_is_raise
 def test_what_it_starts_has_other_processors_than_the_controller_names(robot_of, monkeypatch, named, others):
     done = []
     monkeypatch.setattr(latency, "processors", lambda: {0, 1, 2})
-    monkeypatch.setattr(latency, "apply", done.append)  # to this process; what it starts inherits it
+    monkeypatch.setattr(latency, "apply_realtime", done.append)  # to this process; what it starts inherits it
     monkeypatch.setattr(latency._Bench, "_start", lambda self, name: done.append(name))
     settings, asked = robot_of("go2")[0], RealtimeSettings(scheduling="fifo", priority=50, affinity=named)
     settings = settings.model_copy(update={"control": settings.control.model_copy(update={"realtime": asked})})

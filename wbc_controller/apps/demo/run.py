@@ -40,7 +40,7 @@ from wbc_controller.recording.added_topics import add_topics
 from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.report.run_data import Result
-from wbc_controller.recording.report.run_from_recording import PHASES, run_of, truth_topics
+from wbc_controller.recording.report.run_from_recording import PHASES, make_run_data, truth_topics
 from wbc_controller.recording.report.run_report import write_run_report
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
@@ -229,7 +229,7 @@ def _conclude(console: Console, stage: _Stage, director: Director, failure: str 
     try:
         add_topics(stage.record, {**director.log.kept, (PHASES, "std_msgs/msg/String"): phases})
         recording = Recording(stage.record)
-        run = run_of(recording, ControlCycle(recording.config, preflight=False), largest=recording.count)
+        run = make_run_data(recording, ControlCycle(recording.config, preflight=False), largest=recording.count)
     except ConfigurationError as error:
         console.print(f"[red]the demo ended before the controller sent a command: {failure or error}[/red]")
         return False

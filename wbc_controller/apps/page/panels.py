@@ -13,7 +13,7 @@ from wbc_controller.apps.terminal.robot_status import RobotStatus
 from wbc_controller.apps.terminal.status_view import binding, facts, next_step, task_rows
 from wbc_controller.controller.visualization.scene import friction_used
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
-from wbc_controller.nodes.diagnostics.shortfall import in_words
+from wbc_controller.nodes.diagnostics.shortfall import describe_constraint
 from wbc_controller.records import Array
 
 #: Colours of the modes.
@@ -101,7 +101,8 @@ def _binding(status: RobotStatus) -> str:
         return '<h4>Binding constraints</h4><span class="muted">none</span>'
     most = max(_leading(cost) for _, cost in found) or 1.0
     rows = "".join(
-        f"<tr><td>{escape(_plain(in_words(name)))}</td><td>{_bar(_leading(cost) / most, color='#7950f2')}</td>"
+        f"<tr><td>{escape(_plain(describe_constraint(name)))}</td>"
+        f"<td>{_bar(_leading(cost) / most, color='#7950f2')}</td>"
         f'<td class="n muted">{escape(cost)}</td></tr>'
         for name, cost in found[:_NAMED]
     )

@@ -90,10 +90,10 @@ class Playback:
 
     def _of(self, cycle: RecordedCycle) -> Snapshot:
         values, model = cycle.values, self._robot.model
-        mode = MODES[int(cycle.number_of("mode"))].value
+        mode = MODES[int(cycle.scalar("mode"))].value
         moved = time_of(self._recorded, cycle.time)
         fault = next((m.text for m in reversed(self.marks) if m.kind == "fault" and m.time <= moved + 1.0e-6), "")
-        if cycle.number_of("fault") and fault:
+        if cycle.scalar("fault") and fault:
             mode += f" {fault}"
         torques = values["tau"]
         at_joints = model.actuation.at_joints(np.array(torques)) if np.isfinite(torques).all() else None
@@ -123,13 +123,13 @@ class Playback:
         before: tuple[str, frozenset[str]] | None = None
         pushed = -_ONE
         for number, cycle in enumerate(recorded.cycles()):
-            if not cycle.number_of("has_state"):
+            if not cycle.scalar("has_state"):
                 continue
             at = time_of(recorded, cycle.time)
             if number % every == 0:
                 self._times.append(at)
                 self._cycles.append(cycle)
-            mode = MODES[int(cycle.number_of("mode"))].value
+            mode = MODES[int(cycle.scalar("mode"))].value
             made = frozenset(
                 name for name in self._robot.contacts if np.isfinite(cycle.values[f"force/{name}"]).all()
             ) if mode == "active" else (before[1] if before is not None else frozenset())  # fmt: skip

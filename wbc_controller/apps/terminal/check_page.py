@@ -19,8 +19,8 @@ from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
 from wbc_controller.inverse_dynamics.contacts.support import support_polygon
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
-from wbc_controller.recording.report.motion import motion_of
-from wbc_controller.recording.report.run_data import RunData, supports_of
+from wbc_controller.recording.report.motion import make_motion
+from wbc_controller.recording.report.run_data import RunData, collect_supports
 from wbc_controller.records import Array, RobotState, frozen
 from wbc_controller.settings.config import Config
 
@@ -62,7 +62,7 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
         com_reference=np.full((1, 3), np.nan),
         disturbance=np.zeros(1),
         contact_wrenches={key: force[None] for key, force in forces.items()},
-        supports=supports_of(settings.contacts),
+        supports=collect_supports(settings.contacts),
     )
     rows: list[tuple[tuple[str, str], bool | None]] = [((each.subject, each.text), None) for each in findings]
     caption = (
@@ -76,7 +76,7 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
             verdict=failure or "ok",
             passed=not failure,
             facts={"Mass": f"{model.mass:.1f} kg", "Joints": str(model.nj), "Contacts": str(len(active))},
-            motion=motion_of(picture, model),
+            motion=make_motion(picture, model),
             drawing=Drawing("From above", caption, _floor_plan(qp, active, undersides(settings, qp))),
             table=ResultTable("Findings", (), rows or [(("The check ended with the error above.",), None)]),
         ),

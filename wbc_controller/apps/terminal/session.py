@@ -213,7 +213,7 @@ class Session:
             TransportError: if it could not be sent.
         """
         publication, content = self.open(request.node, request.key, request.subject), request.make(self.hear)
-        if not publication.finds_reader(self._patience):
+        if not publication.wait_for_reader(self._patience):
             raise NoAnswer(self._absent(request.node))
         publication(encode(content))
 

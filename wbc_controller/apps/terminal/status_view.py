@@ -15,7 +15,7 @@ from rich.text import Text
 
 from wbc_controller.apps.terminal.robot_status import RobotStatus
 from wbc_controller.middleware.setpoints import JOINT_FIELDS
-from wbc_controller.nodes.diagnostics.shortfall import in_words
+from wbc_controller.nodes.diagnostics.shortfall import describe_constraint
 from wbc_controller.settings import Settings
 
 #: Colours of the levels of a status.
@@ -76,7 +76,7 @@ def facts(robot: RobotStatus) -> list[tuple[str, str]]:
     found.append(("ages", ", ".join(ages)))
     found.append(("guard", robot.guard or "no messages"))
     if "binding" in values:
-        found.append(("binding", ", ".join(in_words(name) for name, _ in binding(values)) or "none"))
+        found.append(("binding", ", ".join(describe_constraint(name) for name, _ in binding(values)) or "none"))
     audit = [
         f"{key.removeprefix('audit/').replace('_', ' ')} {value}"
         for key, value in values.items()

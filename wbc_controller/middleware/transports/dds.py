@@ -1,7 +1,4 @@
-"""ROS 2's topics without ROS 2: CycloneDDS from PyPI, with ROS 2's topic names, types and serialized messages.
-
-Only the files ``dds*.py`` import cyclonedds.
-"""
+"""Transport on CycloneDDS from PyPI, with ROS 2's topic names, types and serialized messages but without ROS 2."""
 
 from __future__ import annotations
 
@@ -33,26 +30,24 @@ _log = logging.getLogger(__name__)
 
 _Callback = Callable[[bytes], None]
 
-#: Longest time for which a full network buffer may block a publisher, ns. It is short because cyclonedds holds Python's
-#: global lock meanwhile, and losing a message is better than losing a control cycle.
+#: Longest blocking of a publisher by a full network buffer, ns: cyclonedds holds Python's global lock meanwhile, and a
+#: lost message is better than a lost control cycle.
 _MAX_BLOCKING_TIME = 10_000_000
 
 
 class DdsTransport:
-    """One node on a DDS domain.
-
-    Callbacks run one at a time on one thread of this transport.
+    """One node on a DDS domain, with callbacks on one thread.
 
     Args:
-        domain_id: domain, 0 to 232; by default that of ``ROS_DOMAIN_ID``.
-        discovery_range: ``SUBNET``, ``LOCALHOST``, ``OFF`` or ``SYSTEM_DEFAULT``; by default that of
-            ``ROS_AUTOMATIC_DISCOVERY_RANGE``, and without it ``LOCALHOST``.
+        domain_id: domain, 0 to 232; default ``ROS_DOMAIN_ID``.
+        discovery_range: ``SUBNET``, ``LOCALHOST``, ``OFF`` or ``SYSTEM_DEFAULT``; default
+            ``ROS_AUTOMATIC_DISCOVERY_RANGE``, then ``LOCALHOST``.
 
     Raises:
-        TransportError: if a setting is not valid, security is enforced, or DDS cannot be started.
+        TransportError: for an invalid setting, enforced security, or a failure of DDS.
     """
 
-    discovery_time = 1.5  # Fast DDS and Cyclone need 1.1 s to introduce their writers to each other
+    discovery_time = 1.5  # 1.1 s between Fast DDS and Cyclone
 
     def __init__(
         self, node: str, namespace: str = "/", domain_id: int | None = None, discovery_range: str | None = None
@@ -71,7 +66,7 @@ class DdsTransport:
         self._participant: Any = None
         open_domain(self._settings)
         try:
-            # ROS 2 recognises only participants that name a security enclave.
+            # ROS 2 requires the name of a security enclave.
             qos = DdsQos(Policy.Userdata(b"enclave=/;"))
             self._participant = DomainParticipant(self._settings.domain_id, qos)
             self._announcement = NodeAnnouncement(self._participant, node, namespace)
@@ -92,33 +87,30 @@ class DdsTransport:
 
     @property
     def domain(self) -> int:
-        """The DDS domain."""
+        """DDS domain."""
         return self._settings.domain_id
 
     def deliver(self, endpoint: Endpoint, payload: bytes, found_within: float, patience: float) -> bool:
-        """Open a topic, send one message, and wait until its readers have it.
+        """Open a topic, send one message, and wait for the acknowledgment of its readers.
 
         Args:
-            endpoint: the topic.
-            found_within: wall time to wait for a reader of the topic, s.
-            patience: wall time to wait for the acknowledgment, s.
+            endpoint: topic.
+            found_within: timeout for a reader, s.
+            patience: timeout for the acknowledgment, s; then `TransportError`.
 
         Returns:
-            False if the topic has no reader; nothing is sent then.
-
-        Raises:
-            TransportError: if it could not be sent, or was not acknowledged in time.
+            False without a reader; then nothing was sent.
         """
         publication = self.advertise(endpoint)
-        if not publication.finds_reader(found_within):
+        if not publication.wait_for_reader(found_within):
             return False
         publication(payload)
-        if not publication.acknowledged(patience):
+        if not publication.wait_for_acknowledgment(patience):
             raise TransportError(f"a message on {endpoint.name} was not acknowledged in {patience:g} s")
         return True
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading; the callback runs on the transport's thread."""
+        """Open a topic for reading, with the callback on the transport's thread."""
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
             announcement, dispatcher = self._opened(endpoint)
             reader = DataReader(self._participant, self._topic(endpoint), _reader_qos(endpoint))
@@ -126,7 +118,7 @@ class DdsTransport:
             announcement.add_reader(reader)
 
     def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
-        """Open a topic for reading, whose messages wait in DDS until they are taken."""
+        """Open a topic for reading by hand, with a queue in DDS."""
         endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
         with self._lock, _translated(f"cannot subscribe to {endpoint.name}"):
             announcement, _ = self._opened(endpoint)
@@ -137,26 +129,22 @@ class DdsTransport:
             return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the node name of each publisher on a topic, other than this node's own, sorted."""
-        with self._lock, _translated(f"cannot look at {endpoint.name}"):
+        """Return the node names of the other publishers on a topic, sorted."""
+        with self._lock, _translated(f"cannot query {endpoint.name}"):
             if self._closed:
-                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
+                raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
             self._graph = self._graph or Graph(self._participant)
             return self._graph.publishers(_dds_name(endpoint))
 
-    def is_read(self, endpoint: Endpoint) -> bool:
-        """Return True if a topic that this transport has opened for writing has a reader."""
-        with _translated(f"cannot look at {endpoint.name}"):  # no lock: the loop waits for nobody who opens topics
+    def has_reader(self, endpoint: Endpoint) -> bool:
+        """Return True if an advertised topic has a reader."""
+        with _translated(f"cannot query {endpoint.name}"):  # without the lock, which would block the loop
             if self._closed:
-                raise TransportError(f"cannot look at {endpoint.name}: the transport is closed")
-            return any(each.is_read for each in self._publications.get(endpoint.name, ()))
+                raise TransportError(f"cannot query {endpoint.name}: the transport is closed")
+            return any(each.has_reader for each in self._publications.get(endpoint.name, ()))
 
     def close(self) -> None:
-        """Stop the thread and delete all DDS entities. A second call does nothing.
-
-        Raises:
-            TransportError: if called from a callback, as it would wait for that callback to end.
-        """
+        """Stop the thread and delete all DDS entities, once; a call from a callback raises `TransportError`."""
         if self._dispatcher is not None:
             self._dispatcher.refuse_own_thread()
         with self._closing:
@@ -164,7 +152,7 @@ class DdsTransport:
                 if self._closed:
                     return
                 self._closed = True
-            # Without holding `_lock`: a callback that opens a topic needs it, and `stop` waits for the callback.
+            # Without `_lock`: `stop` waits for a callback, which may open a topic.
             if self._dispatcher is not None:
                 self._dispatcher.stop()
             self._delete_entities()
@@ -200,7 +188,7 @@ def _translated(attempt: str) -> contextlib.AbstractContextManager[None]:
 
 
 class DdsPublication:
-    """Publishes on one topic. It may be called from several threads, as a DDS write is thread-safe."""
+    """Thread-safe publisher on one topic."""
 
     def __init__(self, topic: str, writer: Any) -> None:
         self.topic = topic
@@ -215,21 +203,21 @@ class DdsPublication:
             dds_raw.write(self._writer, payload)
 
     @property
-    def is_read(self) -> bool:
+    def has_reader(self) -> bool:
         """True if the topic has a reader."""
         return bool(self._writer.get_matched_subscriptions())
 
-    def finds_reader(self, patience: float) -> bool:
-        """Wait for a reader of the topic, at most `patience` seconds; True if there is one."""
+    def wait_for_reader(self, patience: float) -> bool:
+        """Wait for a reader of the topic, at most `patience` seconds; return True if there is one."""
         deadline = time.monotonic() + patience
-        while not self.is_read:
+        while not self.has_reader:
             if time.monotonic() >= deadline:
                 return False
             time.sleep(0.005)
         return True
 
-    def acknowledged(self, patience: float) -> bool:
-        """Wait until all readers have what was sent, for at most `patience` seconds."""
+    def wait_for_acknowledgment(self, patience: float) -> bool:
+        """Wait for the acknowledgment of all readers, at most `patience` seconds; return True if it arrived."""
         with _translated(f"cannot publish on {self.topic}"):
             return bool(self._writer.wait_for_acks(round(1e9 * patience)))
 
@@ -240,7 +228,7 @@ class DdsPublication:
 
 
 class _Stream:
-    """A reader whose messages are taken by hand; a wait for them runs in C, without the interpreter."""
+    """Reader with messages taken by hand, and a wait without the interpreter's lock."""
 
     def __init__(self, endpoint: Endpoint, reader: Any, participant: Any) -> None:
         self._endpoint, self._reader = endpoint, reader
@@ -251,14 +239,14 @@ class _Stream:
         self._woken = self._closed = False
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages since the last call, oldest first."""
-        self._check_open()
+        """Take the serialized messages, oldest first."""
+        self._require_open()
         with _translated(f"cannot read {self._endpoint.name}"):
             return dds_raw.take(self._reader, self._endpoint.qos.depth)
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a message or for `wake`, at most `seconds`; True if one of them came in time."""
-        self._check_open()
+        """Wait for a message or `wake`, at most `seconds`; return True if one arrived."""
+        self._require_open()
         with _translated(f"cannot wait for {self._endpoint.name}"):
             triggered = self._triggers.wait(seconds)
             if self._woken:
@@ -267,10 +255,10 @@ class _Stream:
             return triggered
 
     def wake(self) -> None:
-        """End the present or else the next wait."""
+        """End the present or next wait."""
         if not self._closed:
             self._guard.set(True)
-            self._woken = True  # behind, so that no guard that is set is forgotten
+            self._woken = True  # after the guard, so that a set guard is always reset
 
     def delete(self) -> None:
         self.wake()
@@ -278,13 +266,13 @@ class _Stream:
         self._triggers.delete()
         dds_raw.delete(self._reader)
 
-    def _check_open(self) -> None:
+    def _require_open(self) -> None:
         if self._closed:
             raise TransportError(f"cannot read {self._endpoint.name}: the transport is closed")
 
 
 class _Dispatcher:
-    """A thread that waits for all readers at once, and passes each message to its callback."""
+    """Thread that waits for all readers and calls their callbacks."""
 
     def __init__(self, participant: Any, name: str) -> None:
         self._triggers = dds_raw.Triggers(participant)
@@ -301,7 +289,7 @@ class _Dispatcher:
 
     def refuse_own_thread(self) -> None:
         if threading.current_thread() is self._thread:
-            raise TransportError("close() was called from a callback, for whose end it would wait for ever")
+            raise TransportError("close() was called from a callback: it would wait forever for the callback's end")
 
     def stop(self) -> None:
         self._stop.set(True)
@@ -321,15 +309,15 @@ class _Dispatcher:
                 self._triggers.wait()
                 numbers = self._triggers.triggered()
         except Exception:
-            _log.exception("the DDS reader thread died: no more messages will arrive")
+            _log.exception("the DDS reader thread failed: no more messages will arrive")
 
     def _dispatch(self, number: int) -> None:
-        with self._adding:  # the number of a new reader may be reported before it is in the dictionary
+        with self._adding:  # a new reader may trigger before its registration
             endpoint, reader, callback = self._readers[number]
         for payload in dds_raw.take(reader, endpoint.qos.depth):
             try:
                 callback(payload)
-            except Exception:  # an error must not stop later messages or other topics
+            except Exception:  # must not stop other messages
                 _log.exception("callback for %s failed", endpoint.name)
 
 
@@ -352,7 +340,7 @@ def _writer_qos(endpoint: Endpoint) -> Any:
     history = Policy.History.KeepLast(endpoint.qos.depth)
     unlimited = -1
     return DdsQos(
-        # In Cyclone, the history for late readers is separate from the history for retransmission.
+        # Cyclone has separate histories for late readers and for retransmission.
         Policy.DurabilityService(0, history, unlimited, unlimited, unlimited),
         Policy.WriterDataLifecycle(autodispose=False),
         base=_reader_qos(endpoint),

@@ -1,4 +1,4 @@
-"""The nodes of readers and writers: announces our own for `ros2 topic info -v`, and reads those of others."""
+"""Nodes of DDS readers and writers: own announcements for `ros2 topic info -v`, and names of other nodes."""
 
 from __future__ import annotations
 
@@ -20,19 +20,13 @@ from wbc_controller.middleware.transports.transport import UNNAMED
 
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _DISCOVERY = "ros_discovery_info"
-#: Bytes before and of the participant's identifier, with which an announcement begins.
-_HEADER, _GID = 4, 16
-#: Announcements that wait to be read, at most: a controller that starts sends one for each of its 150 endpoints.
-_ANNOUNCEMENTS = 1000
-#: Changes of the graph that one look takes, at most.
-_CHANGES = 10_000
+_HEADER, _GID = 4, 16  # bytes of header and participant's identifier in an announcement
+_ANNOUNCEMENTS = 1000  # queue length: a starting controller sends one for each of its 150 endpoints
+_CHANGES = 10_000  # graph changes per update
 
 
 class NodeAnnouncement:
-    """Announces to ROS 2 the name of the node that owns a participant's readers and writers.
-
-    DDS itself has no nodes: ROS 2 adds them by this topic, a list that is published again at each change.
-    """
+    """Announcement of the node of a participant's readers and writers, published by ROS 2's topic at each change."""
 
     def __init__(self, participant: Any, node: str, namespace: str) -> None:
         self._participant_gid = _gid(participant)
@@ -79,18 +73,14 @@ class NodeAnnouncement:
 
 
 class Graph:
-    """The writers in a domain, with the names of their nodes.
-
-    The writers come from DDS's own discovery, and the names from what ROS 2's nodes announce. Nothing is read until
-    somebody asks: a look costs 60 µs where nothing has changed.
-    """
+    """Writers of a domain from DDS discovery, with node names from the announcements; updated on demand (60 µs)."""
 
     def __init__(self, participant: Any) -> None:
         self._own = participant.guid.bytes
         self._lock = threading.Lock()
-        self._writers: dict[bytes, tuple[bytes, str]] = {}  # by GUID: its participant, and its topic
+        self._writers: dict[bytes, tuple[bytes, str]] = {}  # participant and topic by GUID
         self._announced: dict[bytes, bytes] = {}  # by participant: the newest announcement, serialized
-        self._names: dict[bytes, tuple[bytes, dict[bytes, str]]] = {}  # by participant: read from which, and what
+        self._names: dict[bytes, tuple[bytes, dict[bytes, str]]] = {}  # by participant: announcement and its names
         self._changes = dds_raw.writers_reader(participant)
         qos = Qos(
             Policy.Reliability.Reliable(max_blocking_time=0),
@@ -101,13 +91,12 @@ class Graph:
         self._announcements = DataReader(participant, self._topic, qos)
 
     def publishers(self, topic: str) -> tuple[str, ...]:
-        """Node name of each writer of a DDS topic in other participants, sorted; `UNNAMED` where not known.
+        """Return the sorted node names (or `UNNAMED`) of the writers of a DDS topic in other participants.
 
-        Raises:
-            DDSException: if the graph cannot be read.
+        A failure of the reading raises `DDSException`.
         """
         with self._lock:
-            self._look()
+            self._update()
             writers = [(owner, guid) for guid, (owner, name) in self._writers.items() if name == topic]
             return tuple(sorted(self._name(owner, guid) for owner, guid in writers if owner != self._own))
 
@@ -116,8 +105,8 @@ class Graph:
         for entity in (self._announcements, self._topic, self._changes):
             dds_raw.delete(entity)
 
-    def _look(self) -> None:
-        """Take what has changed. An announcement arrives after its writer, so that those without one can be dropped."""
+    def _update(self) -> None:
+        """Read the changes. Writers arrive before their announcements; announcements without writers are dropped."""
         for payload in dds_raw.take(self._announcements, _ANNOUNCEMENTS):
             self._announced[payload[_HEADER : _HEADER + _GID]] = payload
         for guid, owner, topic in dds_raw.take_writers(self._changes, _CHANGES):
@@ -125,9 +114,9 @@ class Graph:
                 self._writers.pop(guid, None)
             else:
                 self._writers[guid] = owner, topic
-        there = {owner for owner, topic in self._writers.values() if topic == _DISCOVERY}
-        self._announced = {owner: payload for owner, payload in self._announced.items() if owner in there}
-        self._names = {owner: names for owner, names in self._names.items() if owner in there}
+        present = {owner for owner, topic in self._writers.values() if topic == _DISCOVERY}
+        self._announced = {owner: payload for owner, payload in self._announced.items() if owner in present}
+        self._names = {owner: names for owner, names in self._names.items() if owner in present}
 
     def _name(self, owner: bytes, writer: bytes) -> str:
         payload = self._announced.get(owner, b"")
@@ -137,10 +126,10 @@ class Graph:
 
 
 def _announced_writers(payload: bytes) -> Iterator[tuple[bytes, str]]:
-    """GUID and node of each writer in an announcement; none where it cannot be read."""
+    """Yield GUID and node of each writer in an announcement."""
     try:
         announcement = decode(payload, _TYPE)
-    except InputRefused:  # of a participant that is no ROS 2 node
+    except InputRefused:  # not a ROS 2 node
         return
     for node in announcement.node_entities_info_seq:
         name = f"{node.node_namespace.rstrip('/')}/{node.node_name}"
@@ -149,5 +138,5 @@ def _announced_writers(payload: bytes) -> Iterator[tuple[bytes, str]]:
 
 
 def _gid(entity: Any) -> Any:
-    """Return ROS 2's identifier of a DDS entity: on Jazzy, the sixteen bytes of its GUID."""
+    """Return ROS 2's identifier of a DDS entity: the sixteen bytes of its GUID (Jazzy)."""
     return message("rmw_dds_common/msg/Gid", data=np.frombuffer(entity.guid.bytes, dtype=np.uint8))

@@ -1,8 +1,7 @@
-"""Serialized reads and writes with the internal functions of cyclonedds (11.0), which only this file uses.
+"""Serialized reads and writes with internal functions of cyclonedds (11.0), used only here.
 
-The public ``write`` and ``take`` convert every message field by field in Python, which takes twice as long as our
-codec. The public ``WaitSet.wait`` returns how many readers have data, but not which, so that each message would require
-a check of all readers. Both are thin wrappers around the functions used here.
+The public ``write`` and ``take`` convert messages in Python, at half the speed of our codec. ``WaitSet.wait`` returns
+only the number of triggered readers, which would require a check of all readers per message.
 """
 
 from __future__ import annotations
@@ -17,37 +16,28 @@ from cyclonedds.core import DDSException, InstanceState, ReadCondition, SampleSt
 from cyclonedds.internal import dds_c_t, dds_infinity
 
 _ANY = SampleState.Any | ViewState.Any | InstanceState.Any
-_ENCAPSULATION = 4  # bytes of header before the fields; the C code does not check for them
+_ENCAPSULATION = 4  # header bytes, not checked by the C code
 
 
 def write(writer: Any, payload: bytes) -> None:
-    """Send one serialized message.
-
-    Raises:
-        DDSException: if it could not be sent.
-        ValueError: if the bytes cannot be a serialized message.
-    """
+    """Send one serialized message; raises `DDSException` on a failure and `ValueError` for too few bytes."""
     size = len(payload)
     if size < _ENCAPSULATION:
         raise ValueError(f"{size} bytes are not a serialized message")
     if size % 4:
-        payload = payload.ljust(-(-size // 4) * 4, b"\0")  # DDS counts payloads in words of four bytes
+        payload = payload.ljust(-(-size // 4) * 4, b"\0")  # DDS payloads are multiples of four bytes
     status = ddspy_write(writer._ref, payload)
     if status < 0:
         raise DDSException(status)
 
 
 def take(reader: Any, limit: int) -> list[bytes]:
-    """Take the serialized messages from a reader's queue, oldest first.
-
-    Raises:
-        DDSException: if the reader could not be read.
-    """
+    """Take the serialized messages from a reader's queue, oldest first; raises `DDSException` on a failure."""
     samples = ddspy_take(reader._ref, _ANY, limit)
     if isinstance(samples, int):
         raise DDSException(samples)
-    # A sample without valid data only reports that its writer is gone.
-    if len(samples) == 1:  # in nearly every cycle
+    # Samples without valid data report the end of a writer.
+    if len(samples) == 1:  # the usual case
         payload, info = samples[0]
         return [payload] if info.valid_data else []
     return [payload for payload, info in samples if info.valid_data]
@@ -59,13 +49,10 @@ def writers_reader(participant: Any) -> Any:
 
 
 def take_writers(reader: Any, limit: int) -> list[tuple[bytes, bytes, str | None]]:
-    """Take what has changed about the writers of the domain: about 4 µs for each, as their QoS is not converted.
+    """Take the changes of the domain's writers without their QoS (4 µs each); raises `DDSException` on a failure.
 
     Returns:
-        GUID of the writer, GUID of its participant, and the topic's name; None where the writer is gone.
-
-    Raises:
-        DDSException: if the reader could not be read.
+        GUID of the writer, GUID of its participant, and the topic's name or None for a removed writer.
     """
     samples = ddspy_take_endpoint(reader._ref, limit, lambda *values: values, lambda qos: None)
     if isinstance(samples, int):
@@ -77,29 +64,29 @@ def take_writers(reader: Any, limit: int) -> list[tuple[bytes, bytes, str | None
 
 
 def delete(entity: Any) -> None:
-    """Delete an entity now, not with the last reference to its Python object. Deleting it twice is harmless."""
+    """Delete an entity before its Python object. A second call does nothing."""
     entity.__del__()
 
 
 class Triggers:
-    """Waits for readers and guard conditions, and reports which have triggered. Any thread may attach, one waits."""
+    """Wait set of readers and guard conditions that reports the triggered ones; any thread may attach, one waits."""
 
     def __init__(self, participant: Any) -> None:
         self._waitset = WaitSet(participant)
         self._attached: list[Any] = []
-        self._numbers = (dds_c_t.attach * 0)()  # takes what has triggered
+        self._numbers = (dds_c_t.attach * 0)()  # output of the wait
         self._count = 0
 
     def attach_guard(self, guard: Any) -> int:
-        """Attach a guard condition; returns the number by which `triggered` reports it."""
+        """Attach a guard condition; return its number for `triggered`."""
         return self._attach(guard)
 
     def attach_reader(self, reader: Any) -> int:
-        """Attach a reader; returns the number by which `triggered` reports it while it holds messages."""
+        """Attach a reader; return its number for `triggered` while it has messages."""
         return self._attach(ReadCondition(reader, _ANY))
 
     def wait(self, seconds: float = math.inf) -> bool:
-        """Block until an attached entity has triggered, or the time is over; whether one has."""
+        """Wait for a trigger or the timeout; return True after a trigger."""
         numbers = self._numbers
         timeout = dds_infinity if seconds == math.inf else round(1e9 * seconds)
         count = self._waitset._waitset_wait(self._waitset._ref, numbers, len(numbers), timeout)
@@ -109,7 +96,7 @@ class Triggers:
         return bool(count)
 
     def triggered(self) -> list[int]:
-        """The numbers of some that have triggered in the last wait."""
+        """Return the numbers of triggered entities of the last wait."""
         numbers = self._numbers
         return [number for number in numbers[: min(self._count, len(numbers))] if number is not None]
 
@@ -120,10 +107,10 @@ class Triggers:
             delete(condition)
 
     def _attach(self, condition: Any) -> int:
-        # Appended first, as the number may be reported at once. Numbers start at 1: C returns 0 as a null pointer.
+        # Appended first, because the number may trigger at once. Numbers start at 1: 0 is a null pointer in C.
         self._attached.append(condition)
         number = len(self._attached)
-        self._numbers = (dds_c_t.attach * number)()  # whoever waits goes on with the one before
+        self._numbers = (dds_c_t.attach * number)()  # a waiting thread keeps the old array
         status = self._waitset._waitset_attach(self._waitset._ref, condition._ref, ctypes.c_void_p(number))
         if status < 0:
             raise DDSException(status)

@@ -1,7 +1,4 @@
-"""ROS 2 message types as DDS types, generated from the definitions that the codec uses.
-
-The classes are never instantiated: a DDS participant needs them to announce the right type name and type information.
-"""
+"""ROS 2 message types as DDS types from the codec's definitions, for the type information of DDS discovery."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from rosbags.interfaces import Nodetype
 from wbc_controller.errors import TransportError, valid_choices
 from wbc_controller.middleware.codec import TYPES
 
-#: ROS 2's mapping of its own primitive types to IDL; its ``char`` is an unsigned byte.
+#: ROS 2's mapping of primitive types to IDL; ``char`` is an unsigned byte.
 _PRIMITIVES: dict[str, Any] = {
     **{f"{kind}{bits}": getattr(types, f"{kind}{bits}") for kind in ("int", "uint") for bits in (8, 16, 32, 64)},
     **{name: getattr(types, name) for name in ("byte", "float32", "float64")},
@@ -30,18 +27,15 @@ def dds_type_name(type_name: str) -> str:
 
 
 def type_hash(type_name: str) -> str:
-    """Return the hash of a type as ROS 2 writes it, such as ``RIHS01_a13ee3…``."""
+    """Return ROS 2's hash of a type, such as ``RIHS01_a13ee3…``."""
     return str(TYPES.hash_rihs01(type_name))
 
 
 @functools.cache
 def idl_type(type_name: str) -> Any:
-    """Generate the class from which cyclonedds makes a topic.
+    """Generate the topic class of a type; an unknown or unsupported type raises `TransportError`.
 
-    The result is cached, because cyclonedds compares classes first by identity, and only then, slowly, by content.
-
-    Raises:
-        TransportError: if the type is unknown, or has a field without a DDS type here.
+    Cached, because cyclonedds compares different classes slowly by content.
     """
     if type_name not in TYPES.fielddefs:
         raise TransportError(f"unknown message type {type_name!r}: {valid_choices(type_name, TYPES.fielddefs)}")
@@ -70,5 +64,5 @@ def _field_type(description: Any, where: str) -> Any:
     if name == "string":
         return types.bounded_str[bound] if bound else str
     if name not in _PRIMITIVES:
-        raise TransportError(f"{where} is a {name}, which has no DDS type here: {valid_choices(name, _PRIMITIVES)}")
+        raise TransportError(f"{where} has the unsupported type {name}: {valid_choices(name, _PRIMITIVES)}")
     return _PRIMITIVES[name]

@@ -1,4 +1,4 @@
-"""Watch of the other publishers on some topics: periodic looks at the graph, on a thread of its own."""
+"""Periodic check for other publishers on some topics, on a separate thread."""
 
 from __future__ import annotations
 
@@ -12,50 +12,43 @@ from wbc_controller.middleware.transports.transport import UNNAMED, Transport
 
 _log = logging.getLogger(__name__)
 
-#: Time between two looks, s.
-PERIOD = 0.25
+PERIOD = 0.25  # period of the checks, s
 
-#: Node names of the other publishers, by the key of their topic in the topic table.
-Others = Mapping[str, tuple[str, ...]]
+OtherPublishers = Mapping[str, tuple[str, ...]]  # node names by row of the topic table
 
 
 class GraphWatch:
-    """Looks for other publishers on some topics, and reports each change.
+    """Monitor of the other publishers on some topics.
 
-    A node without a name counts from the second look on: names arrive a little later than publishers.
+    Unnamed nodes count from the second check on, because names arrive after publishers.
     """
 
-    def __init__(self, transport: Transport, topics: Iterable[Endpoint], changed: Callable[[Others], None]) -> None:
-        """Create a watch of topics with different keys, which has not looked yet.
-
-        `changed` is called with the other publishers on all topics at each change, on the thread that looks.
-        """
+    def __init__(
+        self, transport: Transport, topics: Iterable[Endpoint], changed: Callable[[OtherPublishers], None]
+    ) -> None:
+        """Create a watch of topics with different keys; `changed` receives all other publishers at each change."""
         self._transport = transport
         self._topics = {topic.key: topic for topic in topics}
         self._changed = changed
         self._found: dict[str, tuple[str, ...]] = {}
-        self._said: dict[str, tuple[str, ...]] = dict.fromkeys(self._topics, ())
+        self._reported: dict[str, tuple[str, ...]] = dict.fromkeys(self._topics, ())
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def look(self) -> None:
-        """Look once.
-
-        Raises:
-            TransportError: if the transport is closed, or the graph cannot be read.
-        """
+    def check(self) -> None:
+        """Check once; raises `TransportError` if the transport is closed or the graph cannot be read."""
         before, self._found = self._found, {key: self._transport.publishers(at) for key, at in self._topics.items()}
         others = {
             key: tuple(name for name in names if name != UNNAMED or UNNAMED in before.get(key, ()))
             for key, names in self._found.items()
         }
-        if others != self._said:
-            self._said = others
+        if others != self._reported:
+            self._reported = others
             self._changed(others)
 
     def start(self) -> None:
-        """Look once now, and then on a thread of its own, every `PERIOD`, until `stop`."""
-        self.look()
+        """Check now, then every `PERIOD` on a separate thread until `stop`."""
+        self.check()
         self._ended.clear()
         self._thread = threading.Thread(target=self._run, name="graph", daemon=True)
         self._thread.start()
@@ -70,7 +63,7 @@ class GraphWatch:
     def _run(self) -> None:
         while not self._ended.wait(PERIOD):
             try:
-                self.look()
+                self.check()
             except TransportError:
-                _log.exception("other publishers are no longer watched")
+                _log.exception("the check for other publishers has ended")
                 return

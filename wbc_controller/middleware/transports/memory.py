@@ -1,4 +1,4 @@
-"""Messages within one process, without middleware, threads or waiting, for tests and simulation."""
+"""In-process transport for tests and simulation, without middleware, threads or delays."""
 
 from __future__ import annotations
 
@@ -15,14 +15,10 @@ _log = logging.getLogger(__name__)
 
 
 class MemoryBus:
-    """The readers and writers of each topic, shared by the participants of one process.
-
-    Messages are delivered on the publisher's thread, before ``publish()`` returns. As in ROS 2, a reader that requests
-    reliable or latched messages is not connected to a writer that offers less.
-    """
+    """Readers and writers of all topics, with delivery on the publisher's thread and ROS 2's QoS matching."""
 
     def __init__(self) -> None:
-        # Re-entrant, because a callback may publish, as a simulated robot does in lockstep.
+        # Re-entrant, because callbacks may publish, as in lockstep.
         self.lock = threading.RLock()
         self.types = TopicTypes()
         self.readers: defaultdict[str, list[_Reader]] = defaultdict(list)
@@ -48,7 +44,7 @@ class MemoryTransport:
         return writer.publish
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading; the callback runs on the publisher's thread."""
+        """Open a topic for reading, with the callback on the publisher's thread."""
         with self._bus.lock:
             self._check(endpoint)
             reader = _Reader(endpoint, callback, self)
@@ -58,21 +54,21 @@ class MemoryTransport:
                     reader.deliver(writer.endpoint, writer.latched)
 
     def stream(self, endpoint: Endpoint, depth: int) -> _Stream:
-        """Open a topic for reading, whose messages wait until they are taken."""
+        """Open a topic for reading by hand."""
         stream = _Stream(endpoint, depth, self)
         self.subscribe(endpoint, stream.put)
         return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the node name of each publisher on a topic, other than this transport's own, sorted."""
-        self._check_open(f"look at {endpoint.name}")
+        """Return the node names of the other publishers on a topic, sorted."""
+        self._require_open(f"query {endpoint.name}")
         with self._bus.lock:
             owners = [writer.owner for writer in self._bus.writers[endpoint.name]]
         return tuple(sorted(owner.name for owner in owners if owner is not self))
 
-    def is_read(self, endpoint: Endpoint) -> bool:
-        """Return True if a topic that this transport has opened for writing has a reader."""
-        self._check_open(f"look at {endpoint.name}")
+    def has_reader(self, endpoint: Endpoint) -> bool:
+        """Return True if an advertised topic has a reader."""
+        self._require_open(f"query {endpoint.name}")
         with self._bus.lock:
             own = [writer for writer in self._bus.writers[endpoint.name] if writer.owner is self]
             return any(reader.matches(writer.endpoint) for writer in own for reader in self._bus.readers[endpoint.name])
@@ -86,50 +82,48 @@ class MemoryTransport:
             for writers in self._bus.writers.values():
                 writers[:] = [writer for writer in writers if writer.owner is not self]
 
-    def _check_open(self, attempt: str) -> None:
+    def _require_open(self, attempt: str) -> None:
         if self.closed:
             raise TransportError(f"cannot {attempt}: the transport is closed")
 
     def _check(self, endpoint: Endpoint) -> None:
-        self._check_open(f"open {endpoint.name}")
+        self._require_open(f"open {endpoint.name}")
         self._bus.types.check(endpoint.name, endpoint.type)
 
 
 class _Stream:
-    """The newest messages of a topic."""
-
     def __init__(self, endpoint: Endpoint, depth: int, owner: MemoryTransport) -> None:
         self._endpoint, self._owner = endpoint, owner
-        self._came = threading.Condition()  # guards the two below
+        self._changed = threading.Condition()  # guards the next two attributes
         self._newest: deque[bytes] = deque(maxlen=depth)
         self._woken = False
 
     def put(self, payload: bytes) -> None:
-        with self._came:
+        with self._changed:
             self._newest.append(payload)
-            self._came.notify()
+            self._changed.notify()
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages since the last call, oldest first."""
-        self._owner._check_open(f"read {self._endpoint.name}")
-        with self._came:
+        """Take the serialized messages, oldest first."""
+        self._owner._require_open(f"read {self._endpoint.name}")
+        with self._changed:
             newest = list(self._newest)
             self._newest.clear()
         return newest
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a message or for `wake`, at most `seconds`; True if one of them came in time."""
-        self._owner._check_open(f"read {self._endpoint.name}")
-        with self._came:
-            came = self._came.wait_for(lambda: self._newest or self._woken, seconds)
+        """Wait for a message or `wake`, at most `seconds`; return True if one arrived."""
+        self._owner._require_open(f"read {self._endpoint.name}")
+        with self._changed:
+            triggered = self._changed.wait_for(lambda: self._newest or self._woken, seconds)
             self._woken = False
-        return bool(came)
+        return bool(triggered)
 
     def wake(self) -> None:
-        """End the present or else the next wait."""
-        with self._came:
+        """End the present or next wait."""
+        with self._changed:
             self._woken = True
-            self._came.notify()
+            self._changed.notify()
 
 
 class _Writer:
@@ -140,7 +134,7 @@ class _Writer:
 
     def publish(self, payload: bytes) -> None:
         with self._bus.lock:
-            self.owner._check_open(f"publish on {self.endpoint.name}")
+            self.owner._require_open(f"publish on {self.endpoint.name}")
             if self.endpoint.qos.latched:
                 self.latched = payload
             for reader in list(self._bus.readers[self.endpoint.name]):
@@ -153,13 +147,15 @@ class _Reader:
         self._callback = callback
 
     def matches(self, offered: Endpoint) -> bool:
-        asked = self.endpoint.qos
-        return not (self.owner.closed or asked.reliable > offered.qos.reliable or asked.latched > offered.qos.latched)
+        requested = self.endpoint.qos
+        return not (
+            self.owner.closed or requested.reliable > offered.qos.reliable or requested.latched > offered.qos.latched
+        )
 
     def deliver(self, offered: Endpoint, payload: bytes) -> None:
         if not self.matches(offered):
             return
         try:
             self._callback(payload)
-        except Exception:  # an error must not stop the publisher or other readers
+        except Exception:  # must not stop the publisher or other readers
             _log.exception("callback for %s failed", self.endpoint.name)

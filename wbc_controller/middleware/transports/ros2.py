@@ -1,4 +1,4 @@
-"""The topics on a ROS 2 node, with rclpy 7.1 (Jazzy) or later."""
+"""Transport on a ROS 2 node, with rclpy 7.1 (Jazzy) or later."""
 
 from __future__ import annotations
 
@@ -26,32 +26,25 @@ from wbc_controller.middleware.transports.transport import Publish, TopicTypes, 
 
 _log = logging.getLogger(__name__)
 
-#: Longest time, at closing, for which delivery of the last messages to the reliable readers is awaited, s.
-_LAST_WORDS = 0.5
-#: Packages of messages that nodes run without: PyPI has no wheel of this one.
-_OPTIONAL_PACKAGES = ("tf2_msgs",)
+_DRAIN_TIME = 0.5  # timeout for the last messages to reliable readers, s
+_OPTIONAL_PACKAGES = ("tf2_msgs",)  # message packages without wheels on PyPI
 
 
 class Ros2Transport:
-    """Opens its topics on an existing node, plain or lifecycle, which the node's owner spins.
+    """Topics with serialized messages on an existing plain or lifecycle node, in all lifecycle states.
 
-    Messages stay serialized: no Python message object is made. Callbacks run one at a time, on a thread of the
-    transport (`Reader`). The quality of service can be overridden by the node's parameters ``qos_overrides.<topic>.…``.
-    A topic whose message is of an optional package is not published if the package is not installed.
-
-    Args:
-        node: an ``rclpy.node.Node`` or ``rclpy.lifecycle.LifecycleNode``. A lifecycle node's topics work in all of its
-            lifecycle states: the safety supervisor decides which commands are accepted.
+    Callbacks run one at a time on the transport's thread (`Reader`). Node parameters ``qos_overrides.<topic>.…``
+    override the quality of service. Topics of missing optional packages are not published.
     """
 
-    discovery_time = 1.5  # Fast DDS and Cyclone need 1.1 s to introduce their writers to each other
+    discovery_time = 1.5  # 1.1 s between Fast DDS and Cyclone
 
     def __init__(self, node: Any) -> None:
         self._node = node
         self._group = ReaderGroup()
         self._reader = Reader(node.context)
         self._compatibility = CompatibilityWatch(node)
-        # Re-entrant, because a callback may publish, open topics, or close the transport.
+        # Re-entrant, because callbacks may publish, open topics, or close the transport.
         self._lock = threading.RLock()
         self._closed = False
         self._types = TopicTypes()
@@ -83,7 +76,7 @@ class Ros2Transport:
         return publish
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading; the callback runs on the reader's thread."""
+        """Open a topic for reading, with the callback on the reader's thread."""
 
         def deliver(payload: bytes) -> None:
             with self._lock:
@@ -91,23 +84,23 @@ class Ros2Transport:
                     return
                 try:
                     callback(payload)
-                except Exception:  # an error would end the reader, and with it all topics
+                except Exception:  # must not stop the reader of all topics
                     _log.exception("callback for %s failed", endpoint.name)
 
         self._reader.add(self._subscription(endpoint), deliver)
 
     def _subscription(self, endpoint: Endpoint) -> Any:
-        """Subscribe without the executor, which neither takes the messages nor handles their events."""
+        """Subscribe without messages or events for the executor."""
         with self._lock:
             message_class = self._check(endpoint)
             with _translated(f"cannot subscribe to {endpoint.name}"):
                 subscription = self._node.create_subscription(
                     message_class,
                     endpoint.name,
-                    lambda message: None,  # unused: the messages are taken by hand
+                    lambda message: None,  # unused
                     _profile(endpoint.qos),
                     callback_group=self._group,
-                    # On Fast DDS the default event handlers wake the executor at every message.
+                    # On Fast DDS the default event handlers wake the executor with each message.
                     event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
                     qos_overriding_options=QoSOverridingOptions.with_default_policies(),
                     raw=True,
@@ -117,34 +110,31 @@ class Ros2Transport:
             return subscription
 
     def stream(self, endpoint: Endpoint, depth: int) -> RawStream:
-        """Open a topic for reading, whose messages wait in the middleware until they are taken."""
+        """Open a topic for reading by hand, with a queue in the middleware."""
         endpoint = dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=depth))
         stream = RawStream(endpoint.name, depth, self._subscription(endpoint), self._node.context)
         self._streams.append(stream)
         return stream
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the node name of each publisher on a topic, other than this transport's own, sorted."""
+        """Return the node names of the other publishers on a topic, sorted."""
         with self._lock:
-            self._check_open(f"look at {endpoint.name}")
-            with _translated(f"cannot look at {endpoint.name}"):
+            self._require_open(f"query {endpoint.name}")
+            with _translated(f"cannot query {endpoint.name}"):
                 found = self._node.get_publishers_info_by_topic(endpoint.name)
         names, own = sorted(map(node_name, found)), self._node.get_fully_qualified_name()
         for _ in range(min(len(self._publishers.get(endpoint.name, ())), names.count(own))):
             names.remove(own)
         return tuple(names)
 
-    def is_read(self, endpoint: Endpoint) -> bool:
-        """Return True if a topic that this transport has opened for writing has a reader."""
+    def has_reader(self, endpoint: Endpoint) -> bool:
+        """Return True if an advertised topic has a reader."""
         with self._lock:
-            self._check_open(f"look at {endpoint.name}")
+            self._require_open(f"query {endpoint.name}")
             return any(publisher.get_subscription_count() for publisher in self._publishers.get(endpoint.name, ()))
 
     def close(self) -> None:
-        """Close all topics, but not the node. A second call does nothing.
-
-        The last messages, such as zero torques, are given a moment to reach their reliable readers.
-        """
+        """Close all topics, but not the node, after the delivery of the last messages. A second call does nothing."""
         with self._lock:
             self._closed = True
         for stream in self._streams:
@@ -152,7 +142,7 @@ class Ros2Transport:
         self._reader.close()
         self._compatibility.close()
         with self._lock:
-            deadline = time.monotonic() + _LAST_WORDS
+            deadline = time.monotonic() + _DRAIN_TIME
             publishers = [publisher for each in self._publishers.values() for publisher in each]
             for publisher in publishers:
                 publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
@@ -163,12 +153,12 @@ class Ros2Transport:
             self._publishers.clear()
             self._subscriptions = []
 
-    def _check_open(self, attempt: str) -> None:
+    def _require_open(self, attempt: str) -> None:
         if self._closed:
             raise TransportError(f"cannot {attempt}: the transport is closed")
 
     def _check(self, endpoint: Endpoint) -> Any:
-        self._check_open(f"open {endpoint.name}")
+        self._require_open(f"open {endpoint.name}")
         self._types.check(endpoint.name, endpoint.type)
         return _message_class(endpoint.type)
 

@@ -1,7 +1,6 @@
-"""Publishers in ROS 2's graph: their node names, and warnings of those that a subscription cannot receive from.
+"""Publishers in ROS 2's graph: node names, and warnings of incompatible types and quality of service.
 
-rclpy's own warning needs an event handler for each subscription. On Fast DDS its wait condition is that of the
-messages, so that each message would wake the executor. These warnings are read from the graph instead.
+rclpy's own warnings need an event handler per subscription, which on Fast DDS wakes the executor with every message.
 """
 
 from __future__ import annotations
@@ -17,35 +16,31 @@ from wbc_controller.middleware.transports.transport import UNNAMED
 
 _log = logging.getLogger(__name__)
 
-#: Time in which each topic is checked once, s: a check takes 0.1 ms, so they are spread over this time.
-PERIOD = 2.0
-#: Number of the check that warns of a publisher: the name of its node arrives a little later than the publisher.
-_WARNING_CHECK = 2
-#: Name that rclpy gives a node whose name has not arrived, or that is not of ROS 2.
-_NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"
-#: Prefix of the incompatible policies in rclpy's list of reasons.
-_ERROR = "ERROR: "
+PERIOD = 2.0  # for one check of all topics (0.1 ms each), s
+_WARNING_CHECK = 2  # number of the check, because node names arrive after publishers
+_NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"  # rclpy's name of an unknown node
+_ERROR = "ERROR: "  # of incompatible policies in rclpy's reasons
 
 
 def node_name(info: Any) -> str:
-    """Return the fully qualified name of the node of an endpoint, or `UNNAMED`."""
+    """Return the fully qualified node name of an endpoint, or `UNNAMED`."""
     if info.node_name == _NODE_NAME_UNKNOWN:
         return UNNAMED
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 class CompatibilityWatch:
-    """Compares subscriptions with the publishers on their topics, one topic after the other, on its own thread."""
+    """Periodic comparison of subscriptions with the publishers on their topics, on a separate thread."""
 
     def __init__(self, node: Any) -> None:
         self._node = node
-        self._subscriptions: list[tuple[Any, str]] = []  # with their message types
-        self._checks: dict[str, dict[bytes, int]] = {}  # number by topic and incompatible publisher
+        self._subscriptions: list[tuple[Any, str]] = []  # and message types
+        self._checks: dict[str, dict[bytes, int]] = {}  # checks by topic and incompatible publisher
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
 
     def add(self, subscription: Any, message_type: str) -> None:
-        """Watch the topic of one more subscription."""
+        """Add a subscription."""
         self._subscriptions.append((subscription, message_type))
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="compatibility", daemon=True)
@@ -65,10 +60,10 @@ class CompatibilityWatch:
                 self._check(*self._subscriptions[count % len(self._subscriptions)])
         except Exception:
             if self._node.context.ok():
-                _log.exception("publishers are no longer checked for compatible type and quality of service")
+                _log.exception("the check of publishers for compatible type and quality of service has ended")
 
     def _check(self, subscription: Any, message_type: str) -> None:
-        """Check the publishers of one topic, and warn of each incompatible one once."""
+        """Check the publishers of one topic, and warn once of each incompatible one."""
         topic = subscription.topic_name
         before, checks = self._checks.get(topic, {}), {}
         for info in self._node.get_publishers_info_by_topic(topic):
@@ -82,9 +77,9 @@ class CompatibilityWatch:
 
 
 def _problem(info: Any, qos: Any, message_type: str, topic: str) -> str:
-    """Return why a publisher's messages do not reach a subscription, with the remedy; empty if they do."""
+    """Return incompatibility and remedy of a publisher, or an empty text."""
     if info.topic_type != message_type:
-        return f"their type is {info.topic_type}; publish {message_type}"
+        return f"type {info.topic_type}; publish {message_type}"
     compatibility, reasons = qos_check_compatible(info.qos_profile, qos)
     if compatibility != QoSCompatibility.ERROR:
         return ""

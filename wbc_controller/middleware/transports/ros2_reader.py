@@ -1,4 +1,4 @@
-"""Takes the messages of raw subscriptions without rclpy's executor: on a separate thread, or by hand."""
+"""Readers of raw subscriptions without rclpy's executor: on a separate thread, or by hand."""
 
 from __future__ import annotations
 
@@ -17,24 +17,22 @@ from wbc_controller.errors import TransportError
 
 _log = logging.getLogger(__name__)
 
-#: Longest wait before the reader checks whether its context has been shut down, ns.
-_LONGEST_WAIT = 200_000_000
+_LONGEST_WAIT = 200_000_000  # ns, then a check for a shutdown
 
 
 class ReaderGroup(ReentrantCallbackGroup):  # type: ignore[misc]  # rclpy has no types
-    """Excludes the subscriptions of a `Reader` from the executor."""
+    """Callback group that excludes the subscriptions of a `Reader` from the executor."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Return False: no executor may wait for an entity of this group."""
+        """Return False for all entities."""
         return False
 
 
 class Reader:
-    """Waits for messages, and passes each to its callback, one at a time, on one thread.
+    """Thread that passes messages to their callbacks, one at a time.
 
-    rclpy's executor builds a new wait set of all entities of the node before each callback. With the 150 entities of a
-    controller's node that takes longer than the spare time of a control period, and it holds the interpreter lock
-    meanwhile. This reader keeps its wait set: a message costs a twentieth of that time.
+    Its persistent wait set takes a twentieth of the time of rclpy's executor, which builds a wait set of all entities
+    before each callback.
     """
 
     def __init__(self, context: Any) -> None:
@@ -47,7 +45,7 @@ class Reader:
         self._thread: threading.Thread | None = None
 
     def add(self, subscription: Any, callback: Callable[[bytes], None]) -> None:
-        """Start to read a subscription; the callback must not raise."""
+        """Add a subscription; the callback must not raise."""
         with self._lock:
             self._callbacks[subscription] = callback
             self._changed = True
@@ -57,7 +55,7 @@ class Reader:
         self._guard.trigger()
 
     def close(self) -> None:
-        """Stop the thread; afterwards no callback runs, except one that called this."""
+        """Stop the thread, and all callbacks except the calling one."""
         with self._lock:
             self._closed = True
             thread = self._thread
@@ -70,17 +68,17 @@ class Reader:
             while not self._closed and self._context.ok():
                 with self._lock:
                     callbacks, self._changed = dict(self._callbacks), False
-                # Holding the handles keeps them from being destroyed during the wait.
+                # Held handles are not destroyed during the wait.
                 with contextlib.ExitStack() as held:
                     for entity in (*callbacks, self._guard, self._context):
                         held.enter_context(entity.handle)
                     self._read(callbacks)
         except Exception:
             if self._context.ok():
-                _log.exception("reading has failed: no more messages arrive")
+                _log.exception("the reader thread failed: no more messages will arrive")
 
     def _read(self, callbacks: dict[Any, Callable[[bytes], None]]) -> None:
-        """Read these subscriptions until their list changes or the reader is closed."""
+        """Read subscriptions until their list changes or the reader is closed."""
         by_pointer = {subscription.handle.pointer: (subscription, call) for subscription, call in callbacks.items()}
         handles = [subscription.handle for subscription in callbacks]
         wait_set = rclpy_implementation.WaitSet(len(handles), 1, 0, 0, 0, 0, self._context.handle)
@@ -98,9 +96,9 @@ class Reader:
 
 
 class RawStream:
-    """A subscription whose newest `depth` messages are taken by hand; a wait for them runs without the interpreter.
+    """Subscription with the newest `depth` messages taken by hand, and a wait without the interpreter's lock.
 
-    The subscription is excluded from the executor. After the context has been shut down, no more messages arrive.
+    After the shutdown of the context no more messages arrive.
     """
 
     def __init__(self, topic: str, depth: int, subscription: Any, context: Any) -> None:
@@ -112,7 +110,7 @@ class RawStream:
         self._closed = False
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages since the last call, oldest first."""
+        """Take the serialized messages, oldest first."""
         taken: list[bytes] = []
         handle = self._subscription.handle
         with self._translated(), handle:
@@ -124,37 +122,37 @@ class RawStream:
         return taken
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a message or for `wake`, at most `seconds`; True if one of them came in time."""
-        came = None
+        """Wait for a message or `wake`, at most `seconds`; return True if one arrived."""
+        triggered = None
         handle, guard = self._subscription.handle, self._guard.handle
-        # Holding the handles keeps them from being destroyed during the wait.
+        # Held handles are not destroyed during the wait.
         with self._translated(), self._context.handle, handle, guard:
             self._wait_set.clear_entities()
             self._wait_set.add_subscription(handle)
             self._wait_set.add_guard_condition(guard)
             self._wait_set.wait(round(1e9 * seconds))
-            came = any(self._wait_set.get_ready_entities(kind) for kind in ("subscription", "guard_condition"))
-        if came is None:
+            triggered = any(self._wait_set.get_ready_entities(kind) for kind in ("subscription", "guard_condition"))
+        if triggered is None:
             time.sleep(seconds)
-        return bool(came)
+        return bool(triggered)
 
     def wake(self) -> None:
-        """End the present or else the next wait."""
+        """End the present or next wait."""
         if not self._closed and self._context.ok():
             self._guard.trigger()
 
     def close(self) -> None:
-        """Refuse to read from now on."""
+        """End the present wait, and refuse further reads."""
         self.wake()
         self._closed = True
 
     @contextlib.contextmanager
     def _translated(self) -> Iterator[None]:
-        """Translate errors of rclpy into `TransportError`; none where the context has been shut down."""
+        """Translate rclpy's errors into `TransportError`; ignore them after the shutdown of the context."""
         if self._closed:
             raise TransportError(f"cannot read {self._topic}: the transport is closed")
         try:
             yield
-        except Exception as error:  # rclpy's errors here have no common base class
+        except Exception as error:  # rclpy's errors have no common base class
             if self._context.ok():
                 raise TransportError(f"cannot read {self._topic}: {error}") from error

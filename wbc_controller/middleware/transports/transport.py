@@ -1,4 +1,4 @@
-"""The interface of every transport, and what they share: translated errors, and one message type per topic."""
+"""Interface of all transports, with common error translation and one message type per topic."""
 
 from __future__ import annotations
 
@@ -9,104 +9,73 @@ from typing import Protocol
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint
 
-#: Sends one serialized message: little-endian CDR with its four-byte encapsulation header.
+#: Function that sends one serialized message: little-endian CDR with its encapsulation header.
 Publish = Callable[[bytes], None]
-#: Stands for a node whose name is not known: it is not a ROS 2 node, or its name has not arrived yet.
-UNNAMED = "(a participant without a node name)"
+UNNAMED = "(a participant without a node name)"  # unknown node: not of ROS 2, or with a pending name
 
 
 class Stream(Protocol):
-    """A topic whose newest messages wait until they are taken: no thread runs when one comes."""
+    """Topic with a queue of its newest messages, read without a callback thread.
+
+    The methods raise `TransportError` if the transport is closed or the topic cannot be read.
+    """
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages since the last call, oldest first, at most as many as the stream keeps.
-
-        Raises:
-            TransportError: if the transport is closed, or the topic cannot be read.
-        """
+        """Take the serialized messages of the queue, oldest first."""
         ...
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a message or for `wake`, at most `seconds` of wall time; True if one of them came in time.
+        """Wait for a message or `wake`, at most `seconds` of wall time; return True if one arrived.
 
-        Another thread may use the interpreter meanwhile.
-
-        Raises:
-            TransportError: if the transport is closed, or the topic cannot be read.
+        Other threads may run meanwhile.
         """
         ...
 
     def wake(self) -> None:
-        """End the present or else the next wait. Any thread may call it."""
+        """End the present or next wait, from any thread."""
         ...
 
 
 class Transport(Protocol):
-    """Carries messages in ROS 2's serialized form, so that one codec (`middleware.codec`) serves all transports.
+    """Transport of serialized ROS 2 messages (`middleware.codec`).
 
-    Callbacks run on the transport's thread: they must be short and must not raise.
-
-    Attributes:
-        discovery_time: time after which the other nodes know what this one has opened, and the reverse, s; longer on a
-            machine that is overloaded.
+    Callbacks run on the transport's thread: they must be short and must not raise. The methods raise `TransportError`
+    if the transport is closed, a topic cannot be opened, or the graph cannot be read.
     """
 
-    discovery_time: float
+    discovery_time: float  # of mutual discovery, s
 
     def advertise(self, endpoint: Endpoint) -> Publish:
-        """Open a topic for writing.
-
-        Returns:
-            A function that sends one serialized message. It may be called from any thread.
-
-        Raises:
-            TransportError: if the topic cannot be opened.
-        """
+        """Open a topic for writing; return the thread-safe function that sends one serialized message."""
         ...
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading; the callback is called with each serialized message.
-
-        Raises:
-            TransportError: if the topic cannot be opened.
-        """
+        """Open a topic for reading; the callback receives each serialized message."""
         ...
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """Open a topic for reading, whose newest `depth` messages wait until they are taken.
-
-        Raises:
-            TransportError: if the topic cannot be opened.
-        """
+        """Open a topic for reading by hand, with a queue of the newest `depth` messages."""
         ...
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Fully qualified node name of each publisher on a topic, other than this transport's own, sorted.
+        """Return the fully qualified node names (or `UNNAMED`) of the other publishers on a topic, sorted.
 
-        A node with the same name as this one is another. `UNNAMED` stands for a name that is not known. The answer may
-        lag behind the graph; it takes up to a millisecond.
-
-        Raises:
-            TransportError: if the transport is closed, or the graph cannot be read.
+        Another node may have the same name as this one. The answer may lag behind the graph; it takes up to 1 ms.
         """
         ...
 
-    def is_read(self, endpoint: Endpoint) -> bool:
-        """Return True if a topic that this transport has opened for writing has a reader.
-
-        Raises:
-            TransportError: if the transport is closed.
-        """
+    def has_reader(self, endpoint: Endpoint) -> bool:
+        """Return True if an advertised topic has a reader."""
         ...
 
     def close(self) -> None:
-        """Close all topics. No callback runs after this returns."""
+        """Close all topics; afterwards no callback runs."""
         ...
 
 
 @contextlib.contextmanager
 def translated_errors(attempt: str, *kinds: type[Exception]) -> Iterator[None]:
-    """Translate errors of a middleware, of the given kinds, into a `TransportError` that names the attempt."""
+    """Translate middleware errors of some kinds into a `TransportError` with the attempt."""
     try:
         yield
     except TransportError:
@@ -116,17 +85,13 @@ def translated_errors(attempt: str, *kinds: type[Exception]) -> Iterator[None]:
 
 
 class TopicTypes:
-    """The message type of each open topic. It is not thread-safe: its owner holds a lock."""
+    """Message type of each open topic; not thread-safe."""
 
     def __init__(self) -> None:
         self._type_of: dict[str, str] = {}
 
     def check(self, topic: str, type_name: str) -> None:
-        """Record the type with which a topic is opened.
-
-        Raises:
-            TransportError: if the topic is already open with another type.
-        """
+        """Record the type of an opened topic; another type raises `TransportError`."""
         known = self._type_of.setdefault(topic, type_name)
         if known != type_name:
-            raise TransportError(f"topic {topic} is already open as {known}: it cannot also be {type_name}")
+            raise TransportError(f"topic {topic} is already open with type {known}, not {type_name}")

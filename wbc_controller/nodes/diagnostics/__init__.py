@@ -1,1 +1,1 @@
-"""The controller's reports: diagnostics, markers, and the values and references of the tasks."""
+"""The controller's reports: diagnostics, markers, and task values and references."""

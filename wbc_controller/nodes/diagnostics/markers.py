@@ -1,8 +1,7 @@
-"""State, references and contact forces as a visualization_msgs/MarkerArray, for RViz and Foxglove.
+"""State, references and contact forces in the world frame as a visualization_msgs/MarkerArray, for RViz and Foxglove.
 
-Everything is in the world frame. Each kind of shape has its own namespace, so that a viewer can switch it on and off,
-and is one marker where possible, since a marker costs more than a point. Old markers are not deleted: they expire after
-their lifetime, also when the controller dies.
+Each kind of shape has its own namespace, and one marker with many points if possible. Markers expire after their
+lifetime, also after the death of the controller.
 """
 
 from __future__ import annotations
@@ -22,26 +21,25 @@ from wbc_controller.middleware.codec import TYPES, header, message, stamp
 from wbc_controller.records import References, RobotState, Solution
 
 WORLD_FRAME = "world"
-#: Values of the field `type` of a visualization_msgs/Marker.
-_KINDS = {ARROW: 0, LINE_STRIP: 4, LINE_LIST: 5, SPHERE_LIST: 7}
+_KINDS = {ARROW: 0, LINE_STRIP: 4, LINE_LIST: 5, SPHERE_LIST: 7}  # field `type` of a visualization_msgs/Marker
 
 
 class MarkerScene:
-    """Draws one state with its references and its solution."""
+    """Drawing of one state with its references and solution."""
 
     def __init__(
         self, model: RobotModel, tasks: Mapping[str, Task], contacts: Mapping[str, Contact], lifetime: float
     ) -> None:
-        """Create a scene whose markers expire after `lifetime`, s, unless they are sent again; inf for never."""
+        """Create a scene with markers that expire after `lifetime`, s (inf: never)."""
         self._tasks, self._contacts = tasks, contacts
         self._lifetime = _duration(lifetime)
-        # A separate object, since the controller's dynamics must remain those of its last solution.
+        # Separate from the controller's dynamics, which belong to its last solution.
         self._dynamics = Dynamics(model)
 
     def compose(
         self, state: RobotState, references: References | None, solution: Solution | None
     ) -> Generator[None, None, Any]:
-        """Make the message of a cycle piece by piece: yield None after each piece, and return the message."""
+        """Compose the message of a cycle: yield None after each piece, and return the message."""
         self._dynamics.update(state.q, state.v)
         yield
         forces = solution.forces if solution is not None else {}
@@ -52,10 +50,9 @@ class MarkerScene:
         return message("visualization_msgs/msg/MarkerArray", markers=markers)
 
     def _marker(self, time: int, shape: Shape) -> Any:
-        """Make one marker, in the colour of its namespace."""
         r, g, b, a = COLORS[shape.group]
         size = shape.size
-        # Arrows: diameter of the shaft, diameter and length of the head; balls: three diameters; lines: the width.
+        # Arrows: shaft diameter, head diameter, head length; spheres: three diameters; lines: width.
         x, y, z = {ARROW: (size, 2.0 * size, 2.5 * size), SPHERE_LIST: (size, size, size)}.get(
             shape.kind, (size, 0.0, 0.0)
         )

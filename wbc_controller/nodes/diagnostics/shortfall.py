@@ -1,4 +1,4 @@
-"""Tasks that stay short of a constant reference, and the constraints that bind them."""
+"""Tasks with a persistent error to a constant reference, and the binding constraints."""
 
 from __future__ import annotations
 
@@ -12,77 +12,74 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import MotionTask, Task
 from wbc_controller.records import Array, References, Solution
 
-#: Smallest errors of a task that is short of its reference, by unit of its position and its orientation.
-_SHORT = {"m": 0.01, "rad": 0.05}
-#: Norm of an error below which a task is near its reference, whatever its unit.
-_NEAR = min(_SHORT.values())
-#: Change of the error up to which a task no longer moves, as a share of it, and time for which it has not, s.
-_STILL, _PATIENCE = 0.02, 1.0
-#: Share of the largest weight below which a task yields to the others, as a posture task does.
-_MINOR = 0.01
-#: Largest number of constraints that are named.
-_MOST = 3
-#: Kinds of constraints in words: of joints and actuators, and of contacts.
+_MIN_ERROR = {"m": 0.01, "rad": 0.05}  # by unit of position and orientation
+_MIN_NORM = min(_MIN_ERROR.values())  # of a task near its reference, in any unit
+#: Largest change of the error of a task at rest, as a share of it, and duration of the rest, s.
+_MAX_CHANGE, _TIMEOUT = 0.02, 1.0
+_MINOR_WEIGHT = 0.01  # share of the largest weight; lighter tasks, such as a posture, are ignored
+_MAX_CONSTRAINTS = 3  # largest number of named constraints
+#: Names of the constraints of joints and actuators, and of contacts.
 _LIMITS = {"motion": "limit of motion", "torque": "torque limit"}
 _FORCES = {"normal_force": "normal force", "yaw_moment": "yaw moment", "force": "force", "moment": "moment"}
-#: Share of the largest multiplier up to which a constraint is not named.
-_NEGLIGIBLE = 1.0e-3
+_NEGLIGIBLE = 1.0e-3  # share of the largest multiplier; smaller ones are ignored
 
 
 class Shortfall:
-    """Follows the errors of the tasks from one status to the next."""
+    """Monitor of the task errors over successive reports."""
 
     def __init__(self, tasks: Mapping[str, Task]) -> None:
-        """Take the tasks whose errors are distances or angles."""
+        """Select the motion tasks, with errors in m or rad."""
         self._tasks = {name: task for name, task in tasks.items() if isinstance(task, MotionTask)}
         self._since: dict[str, tuple[float, Array]] = {}
 
     def sentences(self, now: float, dynamics: Dynamics, references: References, solution: Solution) -> tuple[str, ...]:
-        """Return a sentence for each task that has stayed short of its reference, at the time `now`, s."""
+        """Return a sentence for each task with a persistent error at the time `now`, s."""
         heaviest = max(references.weights.values(), default=0.0)
-        said = []
+        messages = []
         for name, task in self._tasks.items():
             reference = references.tasks[name]
-            follows = references.weights.get(name, 0.0) > _MINOR * heaviest
-            if not follows or solution.task_errors.get(name, np.inf) < _NEAR or reference.velocity.any():
+            follows = references.weights.get(name, 0.0) > _MINOR_WEIGHT * heaviest
+            if not follows or solution.task_errors.get(name, np.inf) < _MIN_NORM or reference.velocity.any():
                 self._since.pop(name, None)
                 continue
             error = np.zeros(task.size)
             whole = array_from(task, "error", (task.size,), dynamics, reference.position)
             error[task.rows] = whole[task.rows]
-            how_far = _distance(error, task.unit)
+            distance = _distance(error, task.unit)
             began, first = self._since.get(name, (now, error))
-            if not (how_far and np.linalg.norm(error - first) <= _STILL * np.linalg.norm(first)):
+            if not (distance and np.linalg.norm(error - first) <= _MAX_CHANGE * np.linalg.norm(first)):
                 began, first = now, error
             self._since[name] = began, first
-            if now - began >= _PATIENCE:
-                said.append(f"{name} is {how_far} short of its reference; binding: {in_the_way(solution.binding)}")
-        return tuple(said)
+            if now - began >= _TIMEOUT:
+                messages.append(
+                    f"{name} is {distance} short of its reference; binding: {describe_binding(solution.binding)}"
+                )
+        return tuple(messages)
 
 
 def _distance(error: Array, unit: str) -> str:
-    """Write the distance of an error; empty if it is small."""
+    """Format the distance of an error; empty for a small error."""
     parts = []
     linear = error[:3] if unit == "m, rad" else error if unit == "m" else error[:0]
     angular = error[3:] if unit == "m, rad" else error if unit == "rad" else error[:0]
-    if np.linalg.norm(linear) >= _SHORT["m"]:
+    if np.linalg.norm(linear) >= _MIN_ERROR["m"]:
         parts.append(f"{1e3 * np.linalg.norm(linear):.0f} mm")
-    if np.linalg.norm(angular) >= _SHORT["rad"]:
+    if np.linalg.norm(angular) >= _MIN_ERROR["rad"]:
         parts.append(f"{np.linalg.norm(angular):.2f} rad")
     return " and ".join(parts)
 
 
-def in_the_way(binding: Mapping[str, float]) -> str:
-    """Return the constraints with the largest multipliers, in words."""
+def describe_binding(binding: Mapping[str, float]) -> str:
+    """Describe the constraints with the largest multipliers."""
     largest = max(binding.values(), default=0.0)
     names = sorted((name for name in binding if binding[name] > _NEGLIGIBLE * largest), key=lambda name: -binding[name])
-    words = [in_words(name) for name in names[:_MOST]]
-    more = f", and {len(names) - _MOST} more" if len(names) > _MOST else ""
-    return ", ".join(words) + more if words else "nothing; other tasks or forces outweigh it"
+    words = [describe_constraint(name) for name in names[:_MAX_CONSTRAINTS]]
+    more = f", and {len(names) - _MAX_CONSTRAINTS} more" if len(names) > _MAX_CONSTRAINTS else ""
+    return ", ".join(words) + more if words else "none; other tasks or forces outweigh it"
 
 
-def in_words(name: str) -> str:
-    """Write a binding constraint in words: ``motion:left_knee_joint:upper`` as its upper limit of motion."""
+def describe_constraint(name: str) -> str:
+    """Describe a binding constraint, such as ``motion:left_knee_joint:upper``."""
     kind, _, rest = name.partition(":")
     subject, _, side = rest.rpartition(":")
     if kind == "cone":

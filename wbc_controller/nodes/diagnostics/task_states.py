@@ -1,4 +1,4 @@
-"""The value and the reference of each task, as messages of the type of its setpoint."""
+"""Value and reference of each task, as messages of the type of its setpoint."""
 
 from __future__ import annotations
 
@@ -15,38 +15,35 @@ from wbc_controller.records import Array, References
 
 
 class TaskStates:
-    """Writes the tasks in rounds, one of them per call, so that no cycle pays for all."""
+    """Serializer of the tasks in rounds, one task per call, to bound the time of a cycle."""
 
     def __init__(self, tasks: Mapping[str, Task], vocabulary: Vocabulary) -> None:
         self._tasks = {name: tasks[name] for name in vocabulary.kinds}
         self._vocabulary = vocabulary
-        self._left: deque[str] = deque()
+        self._remaining: deque[str] = deque()
         self._templates: dict[str, SetpointTemplate] = {}
 
     def begin(self, names: Collection[str]) -> None:
-        """Begin a round of the named tasks with topics, if the last round is over."""
-        if not self._left:
-            self._left.extend(name for name in self._tasks if name in names)
+        """Begin a round of the named tasks with topics, unless a round is in progress."""
+        if not self._remaining:
+            self._remaining.extend(name for name in self._tasks if name in names)
 
     def next(self, stamp: int, dynamics: Dynamics, references: References) -> tuple[str, dict[str, bytes]] | None:
-        """Return the next task of the round, with the time of the state, ns; None if the round is over.
+        """Return name and messages of the next task of the round, with the stamp of the state, ns; None at its end.
 
-        Returns:
-            Name of the task, and by row of the topic table its serialized messages: ``task_reference``, and of a task
-            with a motion ``task_value``.
+        Rows of the topic table are ``task_reference``, and ``task_value`` for a motion task.
         """
-        if not self._left:
+        if not self._remaining:
             return None
-        name = self._left.popleft()
+        name = self._remaining.popleft()
         task = self._tasks[name]
         positions = {"task_reference": references.tasks[name].position}
         if isinstance(task, AccelerationTask):
             positions["task_value"] = array_from(task, "position", (task.form.size,), dynamics)
-        template = self._templates.get(name) or self._lay_out(name, references.tasks[name].position)
+        template = self._templates.get(name) or self._make_template(name, references.tasks[name].position)
         return name, {key: template.write(stamp, position) for key, position in positions.items()}
 
-    def _lay_out(self, name: str, position: Array) -> SetpointTemplate:
-        """Lay out the messages of a task."""
+    def _make_template(self, name: str, position: Array) -> SetpointTemplate:
         words, kind = self._vocabulary, self._vocabulary.kinds[name]
         template = self._templates[name] = SetpointTemplate(
             TASK_TYPES[kind]["setpoint"],

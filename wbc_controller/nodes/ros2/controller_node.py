@@ -21,25 +21,23 @@ from wbc_controller.middleware.topics import endpoints
 from wbc_controller.middleware.transports.ros2 import Ros2Transport
 from wbc_controller.nodes.controller_service import URDF_TOPIC, make_clock, make_loop
 from wbc_controller.nodes.loop import ControlLoop
-from wbc_controller.nodes.realtime import apply
+from wbc_controller.nodes.realtime import apply_realtime
 from wbc_controller.nodes.ros2.command_outcomes import RECORD, SERVICES, CommandOutcomes
 from wbc_controller.nodes.ros2.lifecycle_gate import LifecycleGate
 from wbc_controller.nodes.ros2.node_parameters import LiveParameters, declare, values
 from wbc_controller.nodes.ros2.parameters import own_values, settings_from
 from wbc_controller.nodes.ros2.process import logging_to, spinning
-from wbc_controller.nodes.urdf import urdf_of
+from wbc_controller.nodes.urdf import decode_urdf
 from wbc_controller.nodes.wiring import controller_endpoints
-from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, folder_of, start_recorder
+from wbc_controller.recording.recorder import NOT_RECORDED, Recorder, recording_folder, start_recorder
 from wbc_controller.records import Mode
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
 
-#: Time between two reminders that the URDF has not arrived yet, s.
-_REMINDER = 5.0
-#: Longest time for shutting down on an executor that may have failed, s.
-_PATIENCE = 5.0
+_REMINDER = 5.0  # of a missing URDF, s
+_TIMEOUT = 5.0  # of the shutdown on a possibly failed executor, s
 #: State of the node after each transition.
 _STATES = {
     "configure": "inactive",
@@ -49,23 +47,19 @@ _STATES = {
     "shut down": "finalized",
     "process the error": "unconfigured",
 }
-_NOT_ACTIVE = "the node is not active; ros2 lifecycle shows its state"
+_NOT_ACTIVE = "the node is not active; check its state with ros2 lifecycle get"
 _PARAMETERS: dict[str, tuple[Any, str]] = {
-    "autostart": (True, "Configure and activate the node at start-up; where that fails, the process ends."),
-    "activate": (False, "Activate the controller as soon as its inputs are fresh, without a command."),
+    "autostart": (True, "Configure and activate the node at start-up; the process ends on a failure."),
+    "activate": (False, "Activate the controller without a command when its inputs are fresh."),
 }
 
 
 class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     """The controller as a managed node.
 
-    Configuring builds the model, the topics and the loop; activating starts the loop, whose supervisor still waits for
-    the command ``activate``; deactivating ends the loop, with zero torques.
-
-    Args:
-        leave: called with an exit status if the autostart fails.
-        context: rclpy's context; None for the default one.
-        options: options of ``rclpy.node.Node``, such as ``parameter_overrides``.
+    Configuring builds the model, the topics and the loop. Activating starts the loop, and the supervisor waits for the
+    command ``activate``. Deactivating ends the loop with zero torques. `leave` receives the exit status of a failed
+    autostart.
     """
 
     def __init__(
@@ -104,7 +98,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         self.create_service(Trigger, f"~/{RECORD}", self._on_record, callback_group=group)
 
     def start(self) -> None:
-        """Configure and activate, if the parameter `autostart` is true; on the executor's thread."""
+        """Configure and activate on the executor's thread, if the parameter `autostart` is true."""
         try:
             autostart = self._value("autostart")
         except ConfigurationError as error:
@@ -115,14 +109,14 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             return
         self._starting = self.trigger_configure() != TransitionCallbackReturn.SUCCESS
         if self._starting:
-            failed = self._urdf_transport is None  # otherwise it waits for the URDF, and starts then
+            failed = self._urdf_transport is None  # otherwise it starts when the URDF arrives
         else:
             failed = self.trigger_activate() != TransitionCallbackReturn.SUCCESS
         if failed:
             self._leave(2)
 
     def finish(self) -> None:
-        """Shut down, from any state; on the executor's thread, or after it has ended. A second call does nothing."""
+        """Shut down from any state, on the executor's thread or after its end. A second call does nothing."""
         if not self._finalized:
             self.trigger_shutdown()
 
@@ -148,20 +142,16 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return self._attempt("shut down", self._clean_up)
 
     def on_error(self, state: Any) -> Any:
-        """Return to unconfigured, with nothing left running."""
-        _log.error("error processing: everything is closed, the node is unconfigured; configure it again")
+        """Close everything and return to unconfigured."""
+        _log.error("error processing: topics and loop are closed, the node is unconfigured; configure it again")
         return self._attempt("process the error", self._clean_up)
 
     def _value(self, name: str) -> Any:
-        """The value of an own parameter.
-
-        Raises:
-            ConfigurationError: if it is of another type than its default.
-        """
+        """Return the value of an own parameter; errors as for `own_values`."""
         return own_values(values(self), {name: _PARAMETERS[name][0]}, self.get_fully_qualified_name())[name]
 
     def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
-        """Run a transition, and log its outcome, since rclpy drops errors."""
+        """Run a transition and log its outcome, because rclpy drops errors."""
         try:
             transition()
         except WbcError as error:
@@ -178,14 +168,14 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         settings, source = settings_from(values(self), self.get_fully_qualified_name(), self._arguments, self._own)
         if not settings.robot.urdf and self._urdf is None:
             self._await_urdf()
-            raise ConfigurationError("robot.urdf is empty, and the topic robot_description has brought no URDF yet")
+            raise ConfigurationError("robot.urdf is empty, and no URDF was received on robot_description yet")
         transport = Ros2Transport(self)
         gate = LifecycleGate(transport)
-        recorder = start_recorder(settings, name=node)  # a process of its own, before `apply`
+        recorder = start_recorder(settings, name=node)  # starts its process before `apply_realtime`
         try:
             urdf = None if settings.robot.urdf else self._urdf
             controller = Controller(Config(settings, "", urdf), preflight=False)
-            apply(settings.control.realtime)
+            apply_realtime(settings.control.realtime)
             topics = controller_endpoints(settings, controller.model, node=node, namespace=namespace)
             loop = make_loop(
                 controller,
@@ -196,7 +186,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
                 recorder=recorder,
                 node=self.get_fully_qualified_name(),
             )
-            self._live.show(controller.live)
+            self._live.declare_settings(controller.live)
         except Exception as error:
             gate.close()
             if recorder is not None:
@@ -215,7 +205,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
 
         def receive(payload: bytes) -> None:
             try:
-                self._urdf = urdf_of(payload, endpoint)
+                self._urdf = decode_urdf(payload, endpoint)
             except InputRefused as refusal:
                 if limit.passes(endpoint.name):
                     _log.warning("refused %s: %s", endpoint.name, refusal)
@@ -236,7 +226,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             raise ConfigurationError("the node is not configured")
         controller = self._loop.controller
         if controller.mode is Mode.STOPPED and controller.fault is None:
-            controller.supervisor.request("reset", 0.0, None)  # as after a fresh start; a fault stays latched
+            controller.supervisor.request("reset", 0.0, None)  # a fault stays latched
         run = partial(self._run, self._loop, self._settings, self._value("activate"))
         self._stop = threading.Event()
         self._failed = False
@@ -263,14 +253,14 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             self._outcomes.end("the control loop has ended")
 
     def _after_failure(self) -> None:
-        """Leave the active state through error processing."""
+        """Leave the active state by error processing."""
         if self._gate is not None and self._gate.open:
             self.trigger_deactivate()
 
     def _deactivate(self) -> None:
         self._stop.set()
         if self._thread is not None and self._loop is not None:
-            self._loop.wake()  # without joint states, it would wait until they are stale
+            self._loop.wake()  # without joint states it waits until they are stale
             self._thread.join()
             self._thread = None
         if self._gate is not None:
@@ -286,30 +276,30 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             self._gate.close()
         if self._recorder is not None:
             self._recorder.close()
-        self._live.hide()
+        self._live.undeclare_settings()
         self._settings, self._gate, self._loop, self._recorder = None, None, None, None
 
     async def _on_trigger(self, word: str, request: Any, response: Any) -> Any:
         gate = self._gate
         if gate is None or not gate.open:
-            return _answer(response, False, _NOT_ACTIVE)
+            return _set_response(response, False, _NOT_ACTIVE)
         future = Future(executor=self.executor)
         future.add_done_callback(lambda done: None)  # a done callback wakes the executor
-        self._outcomes.ask(word, lambda: gate.command(word), lambda *answer: future.set_result(answer))
-        return _answer(response, *await future)
+        self._outcomes.submit(word, lambda: gate.command(word), lambda *answer: future.set_result(answer))
+        return _set_response(response, *await future)
 
     def _on_record(self, request: Any, response: Any) -> Any:
-        """Request a recording of the last seconds, which the next cycle begins."""
+        """Request a recording of the last seconds at the next cycle."""
         gate, recorder = self._gate, self._recorder
         if recorder is None and gate is not None:
-            return _answer(response, False, NOT_RECORDED)
+            return _set_response(response, False, NOT_RECORDED)
         if recorder is None or gate is None or not gate.open or self._settings is None:
-            return _answer(response, False, _NOT_ACTIVE)
+            return _set_response(response, False, _NOT_ACTIVE)
         recorder.request()
-        return _answer(response, True, f"the last seconds are written to {folder_of(self._settings)}")
+        return _set_response(response, True, f"the last seconds are written to {recording_folder(self._settings)}")
 
 
-def _answer(response: Any, success: bool, text: str) -> Any:
+def _set_response(response: Any, success: bool, text: str) -> Any:
     response.success, response.message = success, text
     return response
 
@@ -328,9 +318,9 @@ def serve(executor: Any, stop: threading.Event) -> int:
             executor.create_task(node.start)
             stop.wait()
             finished = threading.Event()
-            # On the executor, so that the loop never runs without its inputs.
+            # On the executor, so that the loop has its inputs until its end.
             executor.create_task(node.finish).add_done_callback(lambda task: finished.set())
-            finished.wait(_PATIENCE)
+            finished.wait(_TIMEOUT)
         node.finish()
     node.destroy_node()
     return status[0] if status else 0

@@ -1,4 +1,4 @@
-"""Detection of two installations of ROS 2 in one process: the wheels of the extra ``ros2``, and a sourced one."""
+"""Detection of two ROS 2 in one process: the wheels of the extra ``ros2``, and a sourced installation."""
 
 from __future__ import annotations
 
@@ -10,36 +10,30 @@ from pathlib import Path
 
 from wbc_controller.errors import ConfigurationError
 
-#: Name of the wheel with rclpy: no other installation of ROS 2 has a Python distribution of this name.
-_WHEEL = "ros-rclpy"
-#: A library that every installation of rclpy has.
-_LIBRARY = "librcl.so"
+_WHEEL = "ros-rclpy"  # distribution of the wheel with rclpy
+_LIBRARY = "librcl.so"  # library of every rclpy installation
 
 
-def refuse_mixture() -> None:
-    """Check, without importing rclpy, that this process would load only one ROS 2.
+def refuse_mixed_installations() -> None:
+    """Check, without importing rclpy, that this process loads only one ROS 2.
 
-    The wheels put their libraries on ``LD_LIBRARY_PATH``, in any order beside those of a sourced ROS 2. The process
-    would then load libraries of both, with undefined behaviour.
-
-    Raises:
-        ConfigurationError: if the wheels are installed and a ROS 2 is sourced, with both paths and the remedy.
+    Installed wheels and a sourced ROS 2 (libraries of both, undefined behaviour) raise `ConfigurationError`.
     """
     try:
         wheels = Path(str(distribution(_WHEEL).locate_file("")))
     except PackageNotFoundError:
         return
-    sourced = _sourced(wheels)
+    sourced = _find_sourced(wheels)
     if sourced is not None:
         raise ConfigurationError(
-            f"two installations of ROS 2 would be mixed: wheels of PyPI in {wheels}, and a sourced one in {sourced}. "
-            "Use one: start this in a shell that has not sourced ROS 2, or use a virtual environment without the extra "
-            "'ros2' of wbc_controller; see docs/ros2.md"
+            f"two installations of ROS 2: wheels of PyPI in {wheels}, and a sourced one in {sourced}. Use only one: a "
+            "shell without a sourced ROS 2, or a virtual environment without the extra 'ros2' of wbc_controller; see "
+            "docs/ros2.md"
         )
 
 
-def _sourced(wheels: Path) -> Path | None:
-    """Folder of a ROS 2 beside the wheels, from the environment or from the place of rclpy; None if there is none."""
+def _find_sourced(wheels: Path) -> Path | None:
+    """Return the folder of another ROS 2, from the environment or the location of rclpy, or None."""
     libraries = [Path(prefix, "lib") for prefix in _paths("AMENT_PREFIX_PATH")] + _paths("LD_LIBRARY_PATH")
     own = Path(sys.prefix, "lib").resolve()
     for folder in libraries:

@@ -1,4 +1,4 @@
-"""A transport for a managed node: it delivers messages only while the node is active."""
+"""Transport of a managed node, with message delivery only in the active state."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _log = logging.getLogger(__name__)
 
 
 class LifecycleGate:
-    """A transport that delivers messages only while it is open."""
+    """Transport with message delivery only while `open` is true."""
 
     def __init__(self, transport: Transport) -> None:
-        self.open = False  # True while messages are delivered
+        self.open = False
         self._limit = LogLimit()
         self.discovery_time = transport.discovery_time
         self._transport = transport
@@ -28,7 +28,7 @@ class LifecycleGate:
         return self._transport.advertise(endpoint)
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
-        """Open a topic for reading; while the gate is closed messages are dropped, requests with a warning."""
+        """Open a topic for reading; a closed gate drops messages, and requests with a warning."""
         if endpoint.key == "command":
             self._command = callback
 
@@ -41,20 +41,20 @@ class LifecycleGate:
         self._transport.subscribe(endpoint, deliver)
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """Open a topic for reading; messages that are taken while the gate is closed are dropped."""
-        return _Gated(self._transport.stream(endpoint, depth), self)
+        """Open a topic for reading; a closed gate drops taken messages."""
+        return _GatedStream(self._transport.stream(endpoint, depth), self)
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the node name of each publisher on a topic, other than this transport's own, sorted."""
+        """Return the node names of the other publishers on a topic, sorted."""
         return self._transport.publishers(endpoint)
 
     def command(self, word: str) -> None:
         """Deliver a command as if it had arrived on the command topic."""
         self._command(encode(message("std_msgs/msg/String", data=word)))
 
-    def is_read(self, endpoint: Endpoint) -> bool:
-        """Return True if a topic that was opened for writing has a reader."""
-        return self._transport.is_read(endpoint)
+    def has_reader(self, endpoint: Endpoint) -> bool:
+        """Return True if an advertised topic has a reader."""
+        return self._transport.has_reader(endpoint)
 
     def close(self) -> None:
         """Close the gate and all topics."""
@@ -62,14 +62,14 @@ class LifecycleGate:
         self._transport.close()
 
 
-class _Gated:
-    """A stream that drops messages while its gate is closed."""
+class _GatedStream:
+    """Stream that drops messages while its gate is closed."""
 
     def __init__(self, stream: Stream, gate: LifecycleGate) -> None:
         self._stream, self._gate = stream, gate
         self.wait, self.wake = stream.wait, stream.wake
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages since the last call, oldest first."""
+        """Take the serialized messages, oldest first."""
         taken = self._stream.take()
         return taken if self._gate.open else []

@@ -1,4 +1,4 @@
-"""Converts the parameters of a ROS 2 node to a robot's settings, without rclpy."""
+"""Conversion of ROS 2 parameters to a robot's settings, without rclpy."""
 
 from __future__ import annotations
 
@@ -20,30 +20,28 @@ from wbc_controller.settings.files import (
 )
 from wbc_controller.settings.nesting import merged, nested
 
-#: Parameters that ROS 2 itself adds to nodes, by the first part of their names.
+#: Parameters of ROS 2 itself, by the first part of their names.
 OF_ROS2 = ("use_sim_time", "start_type_description_service", "qos_overrides")
-#: Parameters that name a whole configuration: a shipped robot, or a file.
-ROBOT, CONFIG = "robot", "config"
-#: Names of the types in errors.
-_KINDS = {bool: "true or false", float: "a number"}
+ROBOT, CONFIG = "robot", "config"  # naming a configuration: a shipped robot, or a file
+_KINDS = {bool: "true or false", float: "a number"}  # names of the types in errors
 
 
-def is_of_the_robot(name: str, own: Sequence[str] = ()) -> bool:
-    """Return True if a parameter, by its dotted name, belongs to the robot's configuration, not to the node."""
+def is_robot_parameter(name: str, own: Sequence[str] = ()) -> bool:
+    """Return True if a dotted parameter name belongs to the robot's configuration, not to the node."""
     return name.partition(".")[0] not in OF_ROS2 and name not in (ROBOT, CONFIG, *own)
 
 
-def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
-    """Yield every setting that has a value: its dotted name, its value, and a readable description."""
+def flatten(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
+    """Yield dotted name, value and description of each setting with a value."""
     live: tuple[str, ...] = getattr(settings, "live", ())
     for name, field in type(settings).model_fields.items():
         value, key = getattr(settings, name), f"{prefix}{name}"
         if isinstance(value, BaseModel):
-            yield from flat(value, f"{key}.")
+            yield from flatten(value, f"{key}.")
         elif isinstance(value, dict):  # the tasks, or the contacts
             for entry, below in value.items():
-                yield from flat(below, f"{key}.{entry}.")
-        elif value is not None and value != []:  # a ROS 2 parameter cannot hold these
+                yield from flatten(below, f"{key}.{entry}.")
+        elif value is not None and value != []:  # not representable as ROS 2 parameters
             when = "May be changed live." if name in live else "Read when the node is configured."
             yield key, value, f"{field.description or 'Kind of task or contact.'} {when}"
 
@@ -51,30 +49,21 @@ def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, Any, str]
 def settings_from(
     parameters: Mapping[str, Any], node: str, arguments: Sequence[str], own: Sequence[str] = ()
 ) -> tuple[Settings, str]:
-    """Validate the parameters of a node.
+    """Return the validated settings of a node's parameters.
 
-    The parameter ``robot`` or ``config`` names a whole file, whose values other parameters override; without it the
-    parameters are the whole configuration, whose relative paths start at the folder of the last parameter file. A node
-    without parameters, because no section of the parameter file matches its name, uses the file's section
-    ``wbc_controller``, so that the mock robot and a controller in a namespace can be started with the same file.
-
-    Args:
-        parameters: values by dotted name.
-        node: fully qualified name of the node, for messages.
-        own: names of the node's own parameters, which are not the robot's.
+    - With ``robot`` or ``config``, the other parameters override the named configuration.
+    - Without them, the parameters are the whole configuration; relative paths start at the last parameter file.
+    - Without any parameter (no section of the file matches the node), the file's section ``wbc_controller`` is used.
 
     Returns:
-        The settings, and their source.
-
-    Raises:
-        ConfigurationError: with one line per mistake.
+        The settings and their source; `ConfigurationError` has one line per error.
     """
-    given = {name: value for name, value in parameters.items() if is_of_the_robot(name, own)}
+    given = {name: value for name, value in parameters.items() if is_robot_parameter(name, own)}
     path, files = _named_file(parameters, node), parameter_files(arguments)
     if path is None and not given:
         if not files:
             raise ConfigurationError(
-                f"{node} has no robot: give -p robot:=<name> ({valid_choices('', shipped_configurations())}), "
+                f"{node} has no robot: pass -p robot:=<name> ({valid_choices('', shipped_configurations())}), "
                 f"-p config:=<file>, or --params-file <file> with the section {NODE_NAME!r}"
             )
         path = files[-1]
@@ -90,14 +79,9 @@ def settings_from(
 
 
 def own_values(given: Mapping[str, Any], defaults: Mapping[str, Any], node: str) -> dict[str, Any]:
-    """Return the values of a node's own parameters, of the types of their defaults; integers become floats.
+    """Return the values of a node's own parameters, with the types of their defaults (integers become floats).
 
-    Args:
-        given: values by name; others than the node's own are ignored.
-        defaults: the default of each own parameter.
-
-    Raises:
-        ConfigurationError: if a value has another type: the text ``"no"`` is not true.
+    Another type raises `ConfigurationError`.
     """
     chosen = dict(defaults)
     for name, default in defaults.items():
@@ -123,8 +107,8 @@ def _named_file(parameters: Mapping[str, Any], node: str) -> Path | None:
         )
     for key, value in named.items():
         if not isinstance(value, str):
-            raise ConfigurationError(f"{node}: {key} = {value!r}: must be a text")
+            raise ConfigurationError(f"{node}: {key} = {value!r}: must be a string")
         if key == CONFIG and not Path(value).is_file():
-            raise ConfigurationError(f"{node}: config = {value!r}: there is no such file")
+            raise ConfigurationError(f"{node}: config = {value!r}: file not found")
         return Path(value) if key == CONFIG else find_configuration(value)
     return None

@@ -1,4 +1,4 @@
-"""The plain nodes: the executables `mock_robot`, `guard` and `base_estimator`, each a service on a node."""
+"""The executables `mock_robot`, `guard` and `base_estimator`, each a service on a plain node."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _log = logging.getLogger(__name__)
 #: Own parameters of the mock robot's node: default and description.
 _MOCK_PARAMETERS: Mapping[str, tuple[Any, str]] = {
     "real_time_factor": (1.0, "Simulated seconds per second."),
-    "lockstep": (False, "Wait for the controller's answer to each state."),
-    "patient": (False, "Let simulated time wait for a controller that is late and uses use_sim_time."),
+    "lockstep": (False, "Wait for the controller's command after each state."),
+    "patient": (False, "Let simulated time wait for a late controller with use_sim_time."),
 }
 
 
@@ -32,8 +32,8 @@ def serve_mock(executor: Any, stop: threading.Event) -> int:
     """Run the mock robot until the event is set, and return the exit status."""
     from wbc_controller.simulation.mock_service import run_mock
 
-    begins = "the robot of {source}, held: let it go with false on {node}/hold"
-    return _serve(executor, stop, MOCK_NODE, begins, run_mock, _MOCK_PARAMETERS)
+    start_message = "the robot of {source} is held: release it with false on {node}/hold"
+    return _serve(executor, stop, MOCK_NODE, start_message, run_mock, _MOCK_PARAMETERS)
 
 
 def serve_guard(executor: Any, stop: threading.Event) -> int:
@@ -54,18 +54,16 @@ def _serve(
     executor: Any,
     stop: threading.Event,
     name: str,
-    begins: str,
+    start_message: str,
     service: Callable[..., None],
     parameters: Mapping[str, tuple[Any, str]] = MappingProxyType({}),
 ) -> int:
-    """Run a service on a node of its own until the event is set, and return the exit status.
+    """Run a service on its own node until the event is set, and return the exit status.
 
     Args:
-        stop: ends the run; set if the executor fails.
-        begins: text for the log at the start, with ``{source}`` for the source of the settings and ``{node}`` for the
-            full name of the node.
-        service: called with the settings, a transport, `stop`, the namespace and the values of `parameters`.
-        parameters: the node's own parameters, defaults and descriptions by name.
+        start_message: log message with ``{source}`` of the settings and full name ``{node}``.
+        service: called with settings, transport, `stop`, namespace and the values of `parameters`.
+        parameters: defaults and descriptions of the node's own parameters.
     """
     node = Node(name, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     own, full_name = declare(node, parameters), node.get_fully_qualified_name()
@@ -81,7 +79,7 @@ def _serve(
             found = values(node)
             chosen = own_values(found, {key: default for key, (default, _) in parameters.items()}, full_name)
             settings, source = settings_from(found, full_name, sys.argv, own)
-            _log.info("%s", begins.format(source=source, node=full_name))
+            _log.info("%s", start_message.format(source=source, node=full_name))
             service(settings, transport, stop, namespace=node.get_namespace(), **chosen)
         except WbcError as error:
             _log.error("%s", error)

@@ -1,7 +1,7 @@
-"""The process of a node: signals, the executor's thread, the log.
+"""The process of a node: signals, log, and threads.
 
-There are four threads: the main thread waits for a signal; one spins the executor, for services, timers and parameters;
-the transport's thread reads the topics; and one runs the control loop. The mock robot's physics run on the main thread.
+The main thread waits for a signal (and runs the mock robot's physics). Further threads are the executor for services,
+timers and parameters, the transport's reader, and the control loop.
 """
 
 from __future__ import annotations
@@ -25,16 +25,14 @@ from wbc_controller.nodes.signals import set_by_signals
 
 _log = logging.getLogger(__name__)
 
-#: Pause of the executor between two waits, s.
-_PAUSE = 0.02
+_PAUSE = 0.02  # between two waits, s
 
 
 class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
-    """Puts a pause between the end of each wait of a node's executor and the next wait.
+    """Pause of a node's executor between two waits.
 
-    Before each wait rclpy goes through all entities of the node: half a millisecond, in which the control loop cannot
-    run. It waits again at once after a wake-up without a callback, inside `spin_once`, so the pause belongs here. The
-    executor is for non-urgent callbacks: services, timers, parameters, and rclpy's own clock subscription.
+    rclpy visits all entities of the node before each wait, also inside `spin_once`, and blocks the control loop for
+    half a millisecond. The executor serves only services, timers, parameters and rclpy's clock.
     """
 
     def __init__(self) -> None:
@@ -42,25 +40,25 @@ class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
         self._resume = time.monotonic()
 
     def get_num_entities(self) -> NumberOfEntities:
-        """Return no entities: nothing is waited for."""
+        """Return no entities to wait for."""
         return NumberOfEntities()
 
     def add_to_wait_set(self, wait_set: Any) -> None:
-        """Sleep until the pause is over; rclpy calls this before each wait."""
+        """Sleep for the rest of the pause; rclpy calls this before each wait."""
         time.sleep(max(0.0, self._resume - time.monotonic()))
 
     def is_ready(self, wait_set: Any) -> bool:
-        """Begin the pause; rclpy calls this after each wait. There is never a callback to run."""
+        """Begin the pause and return False; rclpy calls this after each wait."""
         self._resume = time.monotonic() + _PAUSE
         return False
 
 
 def run(serve: Callable[[Any, threading.Event], int]) -> int:
-    """Start ROS 2, call a service with an executor and the event that a signal sets, and return its exit status."""
+    """Start ROS 2, run a service with an executor and a stop event set by signals, and return its exit status."""
     stop = threading.Event()
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # rclpy's errors on a wrong command line or parameter file have no common base class
+    except Exception as error:  # rclpy's errors on invalid arguments have no common base class
         print(f"error: {error}", file=sys.stderr)
         return 2
     try:
@@ -86,7 +84,7 @@ def logging_to(node: Any) -> Iterator[None]:
 
 @contextlib.contextmanager
 def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator[None]:
-    """Spin a node on a thread, with a pause after each wait."""
+    """Spin a node on a separate thread, with a pause after each wait."""
     ended = threading.Event()
 
     def spin() -> None:
@@ -96,7 +94,7 @@ def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator
         except (ExternalShutdownException, ShutdownException):  # the regular end of an executor
             pass
         except Exception:
-            _log.exception("the executor has failed")
+            _log.exception("the executor failed")
             leave(1)
 
     node.add_waitable(Pacer())
@@ -109,12 +107,12 @@ def spinning(executor: Any, node: Any, leave: Callable[[int], None]) -> Iterator
         ended.set()
         executor.create_task(lambda: None)  # wakes the executor
         thread.join()
-        executor.shutdown()  # only now, as spinning needs what this destroys
+        executor.shutdown()  # after the end of the spinning thread
 
 
 @contextlib.contextmanager
 def node_without_services(name: str, domain: int) -> Iterator[Ros2Transport]:
-    """Open a transport on a node in a context of its own; nobody spins the node, as the transport reads itself."""
+    """Open a transport on a node with its own context and without an executor."""
     context = rclpy.Context()
     rclpy.init(args=[], context=context, domain_id=domain)
     node = rclpy.create_node(name, context=context)
@@ -128,7 +126,7 @@ def node_without_services(name: str, domain: int) -> Iterator[Ros2Transport]:
 
 
 class _RosLog(logging.Handler):
-    """Forwards this package's log to a node's log."""
+    """Handler that forwards this package's log to a node's log."""
 
     def __init__(self, logger: Any) -> None:
         super().__init__()
@@ -136,7 +134,7 @@ class _RosLog(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         text = self.format(record)
-        # One call per severity: rclpy refuses a call whose severity changes.
+        # One call per severity: rclpy refuses a call site with a changed severity.
         if record.levelno >= logging.ERROR:
             self._logger.error(text)
         elif record.levelno >= logging.WARNING:

@@ -1,7 +1,7 @@
-"""An SROS 2 policy with least privilege, generated from the topic table.
+"""SROS 2 policy with least privilege, generated from the topic table.
 
-Format: the policy schema 0.2.0 of ROS 2 (design article "ROS 2 Access Control Policies"). DDS enforces permissions per
-enclave, so every node has its own enclave.
+Format: policy schema 0.2.0 (design article "ROS 2 Access Control Policies"). DDS enforces permissions per enclave, so
+every node has its own enclave.
 """
 
 from __future__ import annotations
@@ -28,10 +28,9 @@ from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import NODE_NAME as CONTROLLER
 from wbc_controller.settings import Settings
 
-#: Names of other nodes. The operator sends the commands: the ``ros2`` command line, or your planner.
+#: Other nodes. The operator sends the commands, from the ``ros2`` command line or a planner.
 MOCK, OPERATOR = "mock_robot", "operator"
-#: Publishers that rclpy opens in every node of Jazzy.
-NODE_PUBLISHES = ("/rosout", "/parameter_events")
+NODE_PUBLISHES = ("/rosout", "/parameter_events")  # publishers of every rclpy node (Jazzy)
 NODE_SERVES = (
     "describe_parameters",
     "get_parameter_types",
@@ -41,10 +40,8 @@ NODE_SERVES = (
     "set_parameters",
     "set_parameters_atomically",
 )
-#: Subscription of a node with ``use_sim_time``.
-CLOCK = "/clock"
-#: Publisher of a lifecycle node, in addition.
-LIFECYCLE_PUBLISHES = "~/transition_event"
+CLOCK = "/clock"  # subscription of a node with ``use_sim_time``
+LIFECYCLE_PUBLISHES = "~/transition_event"  # additional publisher of a lifecycle node
 LIFECYCLE_SERVES = (
     "change_state",
     "get_available_states",
@@ -57,7 +54,7 @@ LIFECYCLE_SERVES = (
 def security_policy(
     settings: Settings, model: RobotModel, namespace: str = "/", remappings: Mapping[str, str] | None = None
 ) -> str:
-    """Write the policy of all nodes of one robot, as XML."""
+    """Return the policy of all nodes of one robot as XML."""
     nodes = {
         CONTROLLER: controller_endpoints(settings, model, namespace=namespace, remappings=remappings),
         MOCK: endpoints(MOCK_TOPICS, MOCK, contacts=settings.contacts, namespace=namespace, remappings=remappings),
@@ -79,7 +76,7 @@ def security_policy(
         serves = [f"~/{name}" for name in NODE_SERVES]
         publishes = [endpoint.name for endpoint in used if endpoint.direction is Direction.OUT]
         publishes += NODE_PUBLISHES
-        if node == MOCK:  # whose enclave is that of the robot's drivers
+        if node == MOCK:  # represents the robot's drivers
             publishes += measured
         subscribes = [endpoint.name for endpoint in used if endpoint.direction is Direction.IN]
         if node == CONTROLLER:
@@ -89,17 +86,17 @@ def security_policy(
         commanded += served
         _enclave(enclaves, node, namespace, publishes, [*subscribes, CLOCK], {"reply": served})
     everything = [endpoint for used in opened.values() for endpoint in used]
-    asks = [end.name for end in everything if end.direction is Direction.IN and end.qos == REQUEST]
-    hears = [end.name for end in everything if end.direction is Direction.OUT]
+    requested = [end.name for end in everything if end.direction is Direction.IN and end.qos == REQUEST]
+    published = [end.name for end in everything if end.direction is Direction.OUT]
     own = [resolve(f"~/{name}", OPERATOR, namespace) for name in NODE_SERVES]
     services = {"request": commanded, "reply": own}
-    _enclave(enclaves, OPERATOR, namespace, [*asks, *NODE_PUBLISHES], [*hears, "/rosout", CLOCK], services)
+    _enclave(enclaves, OPERATOR, namespace, [*requested, *NODE_PUBLISHES], [*published, "/rosout", CLOCK], services)
     ElementTree.indent(policy)
     return ElementTree.tostring(policy, encoding="unicode", xml_declaration=True) + "\n"
 
 
 def _is_used(endpoint: Endpoint, node: str, settings: Settings, model: RobotModel) -> bool:
-    """Whether a node opens a topic of its table with these settings."""
+    """Return True if a node opens a topic of its table with these settings."""
     if endpoint.direction is Direction.IN and endpoint.key in ("odom", "imu"):
         return model.floating_base and (node == ESTIMATOR_NODE or endpoint.key == settings.estimation.base_state)
     if endpoint.key in CONTACT_SENSORS and node == CONTROLLER:

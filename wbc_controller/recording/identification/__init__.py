@@ -1,1 +1,1 @@
-"""Frictions, masses and armature of a robot from a recording: `wbc identify`."""
+"""Identification of frictions, masses and armature from a recording: `wbc identify`."""

@@ -1,4 +1,4 @@
-"""`wbc identify`: the fit to a recording, and its tables."""
+"""`wbc identify`: fit to a recording, and its tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wbc_controller.controller.visualization.tables import Table, as_text
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.recording.cycle_arrays import cycle_arrays
-from wbc_controller.recording.identification.equations import WIDTH, equations, moments
+from wbc_controller.recording.identification.equations import WIDTH, equations, select_samples
 from wbc_controller.recording.identification.fit import UNSURE, Fit, fit
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.records import Array
@@ -21,41 +21,33 @@ from wbc_controller.settings import Settings
 
 
 def identify(settings: Settings, path: Path) -> tuple[Fit, RobotModel]:
-    """Fit masses, armature and frictions to a recording of the controller.
-
-    Raises:
-        ConfigurationError: if the file cannot be read, or is not a recording of this robot.
-    """
+    """Fit masses, armature and frictions to a recording of this robot; raises `ConfigurationError` otherwise."""
     recorded = cycle_arrays(Recording(path))
     try:
-        return fitted(settings, recorded)
+        return fit_cycles(settings, recorded)
     except ConfigurationError as error:
         raise ConfigurationError(f"recording {path}: {error}") from error
 
 
-def fitted(settings: Settings, recorded: Mapping[str, Array]) -> tuple[Fit, RobotModel]:
-    """Fit to the columns of a recording.
-
-    Raises:
-        ConfigurationError: if they are of another robot, or contain no usable moment.
-    """
+def fit_cycles(settings: Settings, recorded: Mapping[str, Array]) -> tuple[Fit, RobotModel]:
+    """Fit to the arrays of a recording; errors as for `select_samples`."""
     model = make_model(settings)
     contacts = make_qp(settings, model).contacts
     wide, narrow = (
-        equations(moments(recorded, model, contacts, width), model, contacts) for width in (WIDTH, 0.5 * WIDTH)
+        equations(select_samples(recorded, model, contacts, width), model, contacts) for width in (WIDTH, 0.5 * WIDTH)
     )
     return fit(wide, narrow), model
 
 
 def report(found: Fit, model: RobotModel) -> str:
-    """Write tables of masses, armature and frictions with their standard errors, and the settings that follow."""
+    """Return tables of masses, armature and frictions with standard errors, and the friction settings."""
     masses, others = [], []
     known: dict[str, dict[str, float]] = {}
     shares = dict(zip(found.names, found.values, strict=True))
     for i, name in enumerate(found.names):
         kind, _, which = name.partition(" ")
         value, error = float(found.values[i]), float(found.errors[i])
-        sure = "" if found.determined(i) else "not seen"
+        sure = "" if found.determined(i) else "not determined"
         if kind == "mass":
             masses.append((which, f"{100.0 * value:.1f} %", f"{100.0 * error:.1f} %", sure))
         elif kind == "armature":
@@ -71,12 +63,12 @@ def report(found: Fit, model: RobotModel) -> str:
         for name, mass in zip((each[0] for each in masses), (m for m in nominal[1:] if m > 0.0), strict=True)
     )
     heading = (
-        f"{found.count} equations, which miss {found.residual:.3g} N·m (RMS); masses are {total:.2f} kg together, "
-        f"{model.mass:.2f} kg in the URDF. 'not seen': the standard error is above {100.0 * UNSURE:g} % of it"
+        f"{found.count} equations with residuals of {found.residual:.3g} N·m (RMS); total mass {total:.2f} kg, "
+        f"{model.mass:.2f} kg in the URDF. 'not determined': standard error above {100.0 * UNSURE:g} % of the value"
     )
     tables = (
-        Table(("mass of link and what is fixed to it, of that in the URDF", "found", "± (1 σ)", ""), tuple(masses)),
-        Table(("joint", "found", "± (1 σ)", ""), tuple(others)),
+        Table(("link mass (with fixed links), relative to the URDF", "estimate", "± (1 σ)", ""), tuple(masses)),
+        Table(("joint", "estimate", "± (1 σ)", ""), tuple(others)),
     )
     text = as_text(heading, tables)
     if known:

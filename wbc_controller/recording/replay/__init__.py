@@ -1,1 +1,1 @@
-"""Recordings that are summarized and solved again: `wbc replay`."""
+"""Replay and summary of recordings: `wbc replay`."""

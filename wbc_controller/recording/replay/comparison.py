@@ -1,4 +1,4 @@
-"""A recording with another configuration: the torques of each cycle in the recorded states."""
+"""Comparison of two configurations: torques of each cycle in the recorded states."""
 
 from __future__ import annotations
 
@@ -20,24 +20,23 @@ from wbc_controller.recording.replay.cycle_replay import Replay, ReplayedCycle
 from wbc_controller.records import Array
 from wbc_controller.settings.config import Config
 
-#: Actuators in the table and in the plot: those with the largest differences.
-_MOST = 8
+_SHOWN = 8  # actuators with the largest differences
 
 
 @dataclass
 class Comparison:
-    """The results of both configurations."""
+    """Results of both configurations."""
 
     actuators: tuple[str, ...]  # names, in the order of the torques
     limits: Array  # effort limits, (na,) in N·m
     time: list[float] = field(default_factory=list)  # times of the cycles since the first, s
     recorded: list[Array] = field(default_factory=list)  # recorded torques, (na,) per cycle
     other: list[Array] = field(default_factory=list)  # torques of the other configuration
-    #: Norms of the task errors of both, by task, per cycle; in equal states they differ with the references.
+    #: Norms of the task errors of both, per cycle and task.
     errors: list[tuple[Mapping[str, float], Mapping[str, float]]] = field(default_factory=list)
-    #: Per configuration, the binding constraints and in how many cycles they were binding.
+    #: Number of cycles by binding constraint, per configuration.
     binding: tuple[dict[str, int], dict[str, int]] = field(default_factory=lambda: ({}, {}))
-    modes: int = 0  # number of cycles with different modes
+    mode_differences: int = 0  # number of cycles with different modes
 
     def add(self, time: float, solved: ReplayedCycle, other: CycleResult) -> None:
         """Add a cycle."""
@@ -45,7 +44,7 @@ class Comparison:
         self.recorded.append(solved.result.tau)
         self.other.append(other.tau)
         self.errors.append((dict(solved.result.task_errors), dict(other.task_errors)))
-        self.modes += other.mode is not MODES[int(solved.cycle.number_of("mode"))]
+        self.mode_differences += other.mode is not MODES[int(solved.cycle.scalar("mode"))]
         for counts, result in zip(self.binding, (solved.result, other), strict=True):
             for name in result.binding:
                 counts[name] = counts.get(name, 0) + 1
@@ -54,9 +53,9 @@ class Comparison:
     def _difference(self) -> Array:
         return np.array(self.other) - np.array(self.recorded)
 
-    def _worst(self) -> list[int]:
+    def _largest_differences(self) -> list[int]:
         largest = np.max(np.abs(self._difference), axis=0)
-        order: list[int] = np.argsort(-largest)[:_MOST].tolist()
+        order: list[int] = np.argsort(-largest)[:_SHOWN].tolist()
         return order
 
     def __str__(self) -> str:
@@ -67,7 +66,7 @@ class Comparison:
                 f"{_rms(difference[:, i]):.3f}", f"{np.max(np.abs(difference[:, i])):.3f}",
                 f"{100.0 * np.max(np.abs(other[:, i])) / self.limits[i]:.0f} %",
             )
-            for i in self._worst()
+            for i in self._largest_differences()
         ]  # fmt: skip
         names = dict.fromkeys(name for pair in self.errors for each in pair for name in each)
         tasks = [
@@ -88,13 +87,9 @@ class Comparison:
         )  # fmt: skip
 
     def plot(self, path: Path, title: str) -> None:
-        """Write both over time as one HTML file that needs no network.
-
-        Raises:
-            ConfigurationError: if the file cannot be written, or plotly is not installed.
-        """
+        """Write both over time as one offline HTML file; errors as for `write_page`."""
         time, recorded, other = np.array(self.time), np.array(self.recorded), np.array(self.other)
-        worst = self._worst()
+        worst = self._largest_differences()
         torques = {"difference [N·m]": self._difference, "recorded torque [N·m]": recorded, "other torque [N·m]": other}
         panels = [
             Panel(axis, [Line(self.actuators[i], time, values[:, i]) for i in worst])
@@ -120,33 +115,33 @@ class Comparison:
 
     def _heading(self) -> str:
         return (
-            f"{len(self.time)} cycles, each solved in its recorded state; the mode differs in {self.modes}, "
-            f"and the torques by up to {np.max(np.abs(self._difference)):.3g} N·m"
+            f"{len(self.time)} cycles, each solved in its recorded state; different modes in {self.mode_differences} "
+            f"cycles, largest torque difference {np.max(np.abs(self._difference)):.3g} N·m"
         )
 
 
 def compare(recorded: Recording, config: Config) -> Comparison:
-    """Solve a recording with its own and with another configuration.
+    """Solve a recording with its own and another configuration of the same joints.
 
-    Args:
-        config: the other configuration, of the same joints.
-
-    Raises:
-        ConfigurationError: if the joints differ, or no cycle can be solved.
+    Other joints, or a recording without commands, raise `ConfigurationError`.
     """
     own, other = Replay(recorded), Replay(recorded, config)
-    mine, its = own.controller.model, other.controller.model
-    if (mine.joints, mine.actuators, mine.nq) != (its.joints, its.actuators, its.nq):
+    own_model, other_model = own.controller.model, other.controller.model
+    if (own_model.joints, own_model.actuators, own_model.nq) != (
+        other_model.joints,
+        other_model.actuators,
+        other_model.nq,
+    ):
         raise ConfigurationError(
-            f"{config.source}: its joints are not those of the recording: {', '.join(mine.joints)}"
+            f"{config.source}: the joints must be those of the recording: {', '.join(own_model.joints)}"
         )
-    made = Comparison(mine.actuators, mine.effort_limits)
+    result = Comparison(own_model.actuators, own_model.effort_limits)
     for a, b in zip(own.run(), other.run(), strict=True):
         if a.result.command is not None or b.result.command is not None:
-            made.add(1e-9 * (a.cycle.time - recorded.start), a, b.result)
-    if not made.time:
-        raise ConfigurationError(f"recording {recorded.path}: no cycle can be compared: none sent a command")
-    return made
+            result.add(1e-9 * (a.cycle.time - recorded.start), a, b.result)
+    if not result.time:
+        raise ConfigurationError(f"recording {recorded.path}: no cycle can be compared: no command was sent")
+    return result
 
 
 def _rms(values: Array) -> float:

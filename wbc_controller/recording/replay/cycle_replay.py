@@ -1,4 +1,4 @@
-"""Solves the cycles of a recording again, bit for bit."""
+"""Replay of the cycles of a recording, bit for bit."""
 
 from __future__ import annotations
 
@@ -19,64 +19,54 @@ from wbc_controller.settings.config import Config
 
 @dataclass(frozen=True, slots=True)
 class ReplayedCycle:
-    """A cycle that was solved again."""
+    """Replayed cycle."""
 
     cycle: RecordedCycle
     result: CycleResult
-    exact: bool  # True if the controller began with a complete memory, so that the result must be equal bit for bit
+    exact: bool  # True after a complete memory: the result must be equal bit for bit
 
     @property
-    def same(self) -> bool:
+    def is_identical(self) -> bool:
         """True if mode, torques and accelerations equal the recorded ones bit for bit."""
         values, result = self.cycle.values, self.result
-        if MODES.index(result.mode) != int(self.cycle.number_of("mode")):
+        if MODES.index(result.mode) != int(self.cycle.scalar("mode")):
             return False
-        if (result.command is not None) != bool(self.cycle.number_of("has_command")):
+        if (result.command is not None) != bool(self.cycle.scalar("has_command")):
             return False
         if result.command is not None and result.command.tau.tobytes() != values["tau"].tobytes():
             return False
-        if (result.solution is not None) != bool(self.cycle.number_of("has_solution")):
+        if (result.solution is not None) != bool(self.cycle.scalar("has_solution")):
             return False
         return result.solution is None or result.solution.v_dot.tobytes() == values["v_dot"].tobytes()
 
     @property
     def difference(self) -> float:
-        """Largest difference of a torque from the recorded one, N·m; infinite if only one of them was sent."""
-        recorded = bool(self.cycle.number_of("has_command"))
+        """Largest torque difference, N·m; infinite if only one command exists."""
+        recorded = bool(self.cycle.scalar("has_command"))
         if self.result.command is None or not recorded:
             return np.inf if recorded or self.result.command is not None else 0.0
         return float(np.max(np.abs(self.result.command.tau - self.cycle.values["tau"])))
 
 
 class Replay:
-    """Runs a controller on the inputs of a recording.
+    """Run of a controller on the inputs of a recording, optionally with another configuration of the same joints.
 
-    Args:
-        config: another configuration with the same joints; None for the recorded one.
-
-    Raises:
-        ConfigurationError: if this version refuses the configuration, or the layout of the cycles does not fit it.
+    An invalid configuration or layout raises `ConfigurationError`.
     """
 
     def __init__(self, recorded: Recording, config: Config | None = None) -> None:
         self.recorded = recorded
-        #: Number of cycles that were not solved again, because the controller's memory before them is unknown.
-        self.skipped = 0
+        self.skipped = 0  # cycles without replay, because the memory before them is unknown
         self._other = config is not None
-        #: The controller after the last cycle.
+        # The controller after the last cycle.
         self.controller = ControlCycle(recorded.config if config is None else config, preflight=False)
         if config is None:
             recorded.require_slots(cycle_slots(self.controller.model, self.controller.contacts))
 
     def run(self, first: int | None = None, last: int | None = None) -> Iterator[ReplayedCycle]:
-        """Solve cycles again, beginning with the last recorded memory before the first cycle.
+        """Replay the cycles from `first` to `last` (None: all), starting at the last memory before them.
 
-        Args:
-            first: number of the first cycle; None for the first recorded one.
-            last: number of the last cycle; None for the last recorded one.
-
-        Raises:
-            ConfigurationError: if the controller cannot continue from a recorded memory.
+        A memory that does not fit the controller raises `ConfigurationError`.
         """
         recorded = self.recorded
         begin = recorded.memory_before(recorded.first if first is None else first)
@@ -94,45 +84,45 @@ class Replay:
                 continue
             event = recorded.events.get(cycle.number)
             apart = event is not None and event.get("apart", False)
-            if event is None and cycle.number_of("has_event"):  # not recorded, because the controller was killed
+            if event is None and cycle.scalar("has_event"):  # not recorded, because the controller was killed
                 self.skipped += 1
                 begin, expected = recorded.memory_after(cycle.number + 1), None
                 continue
-            if cycle.number != expected or apart:  # the first one, or one after a gap or an unknown state
+            if cycle.number != expected or apart:  # first cycle, or after a gap or an unknown state
                 if cycle.number not in recorded.memories:
                     self.skipped += 1
                     begin = recorded.memory_after(cycle.number)
                     expected = None
                     continue
-                exact = self._recall(cycle.number)
+                exact = self._restore_memory(cycle.number)
             expected = cycle.number + 1
-            if not (cycle.number_of("same_state") and state is not None):
+            if not (cycle.scalar("same_state") and state is not None):
                 state = _state(cycle)
             with recorded.translated_errors(f"cycle {cycle.number}"):
                 result = self._cycle(cycle, state)
             yield ReplayedCycle(cycle, result, exact)
 
-    def _recall(self, number: int) -> bool:
-        """Restore the memory before a cycle. Returns True if the memory is complete."""
+    def _restore_memory(self, number: int) -> bool:
+        """Restore the memory before a cycle; return True if it is complete."""
         content = self.recorded.memory_of(number)
         memory = content["memory"]
         with self.recorded.translated_errors(f"the memory before cycle {number}"):
             if self._other:
-                memory = _for_other(self.controller, memory)
+                memory = _convert_memory(self.controller, memory)
                 settings: Settings = self.controller.config.settings
             else:
-                settings = self.recorded.configured(content["settings"]).settings
+                settings = self.recorded.parse_configuration(content["settings"]).settings
             self.controller.recall(memory, settings)
             return memory["qp"] is not None or number == 0
 
     def _cycle(self, cycle: RecordedCycle, state: RobotState | None) -> CycleResult:
         event = self.recorded.events.get(cycle.number, {})
         if "settings" in event and not self._other:
-            self.controller.live.adopt(self.recorded.configured(event["settings"]).settings)
-        velocity = cycle.values["joint_velocity"] if cycle.number_of("has_joint_velocity") else None
+            self.controller.live.adopt(self.recorded.parse_configuration(event["settings"]).settings)
+        velocity = cycle.values["joint_velocity"] if cycle.scalar("has_joint_velocity") else None
         return self.controller.cycle(
             CycleInputs(
-                now=cycle.number_of("now"),
+                now=cycle.scalar("now"),
                 state=state,
                 joint_velocity=velocity,
                 problem=event.get("problem"),
@@ -143,20 +133,20 @@ class Replay:
 
 
 def _state(cycle: RecordedCycle) -> RobotState | None:
-    if not cycle.number_of("has_state"):
+    if not cycle.scalar("has_state"):
         return None
     return RobotState(cycle.stamp, freeze(np.array(cycle.values["q"])), freeze(np.array(cycle.values["v"])))
 
 
-def _for_other(controller: ControlCycle, memory: Mapping[str, object]) -> dict[str, object]:
-    """Convert a memory for another configuration: the common parts, with the weights and gains of the latter."""
+def _convert_memory(controller: ControlCycle, memory: Mapping[str, object]) -> dict[str, object]:
+    """Convert a memory for another configuration, with its weights and gains."""
     fresh, plans = controller.memory(), controller.live.newest.board.tasks
     board = {}
     for name, own in fresh["board"].items():
         taken = memory["board"][name]  # type: ignore[index]
         if name in ("_weights", "_tuning"):
             taken = own
-        elif name == "_trajectories":  # a controller that has not begun has none; new tasks get theirs when switched on
+        elif name == "_trajectories":  # empty before the first cycle; new tasks get theirs when enabled
             taken = {task: taken[task] for task in plans if task in taken}
         elif isinstance(own, dict) and name in ("_weight_ramps", "_contact_ramps", "_enabled"):
             taken = {key: taken.get(key, value) for key, value in own.items()}

@@ -20,13 +20,12 @@ from wbc_controller.inverse_dynamics.references.changes import (
     Walk,
 )
 from wbc_controller.recording.cycle_layout import AGES, MODES
-from wbc_controller.recording.recorder import software
+from wbc_controller.recording.recorder import software_versions
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import ReplayedCycle
 from wbc_controller.records import ChangeSettings
 
-#: Lines of the history that are shown of its beginning and of its end.
-_SHOWN = 25
+_SHOWN = 25  # lines at each end of the history
 
 
 def summarize(recorded: Recording) -> str:
@@ -38,13 +37,13 @@ def summarize(recorded: Recording) -> str:
     ]
     missing = recorded.last - recorded.first + 1 - recorded.count
     if missing:
-        lines.append(f"{missing} cycles were dropped: the recorder did not keep up, or the disk was full")
+        lines.append(f"{missing} cycles were dropped: the recorder was too slow, or the disk was full")
     if recorded.damage:
-        lines.append(f"the file is read up to its first damage: {recorded.damage}")
+        lines.append(f"the file is damaged, read up to there: {recorded.damage}")
     lines += differences_of_software(recorded)
     for each in recorded.faults:
         lines.append(
-            f"fault {each.fault.code} in cycle {each.cycle}, at {since(recorded, each.time)} "
+            f"fault {each.fault.code} in cycle {each.cycle}, at {elapsed(recorded, each.time)} "
             f"({clock_time(each.time)}): {each.fault.sentence}"
         )
     if not recorded.faults:
@@ -56,10 +55,10 @@ def summarize(recorded: Recording) -> str:
 
 
 def differences_of_software(recorded: Recording) -> list[str]:
-    """Return one sentence per package with another version: the torques may differ in their last bits."""
-    here = software()
+    """Return a sentence for each package of another version."""
+    here = software_versions()
     return [
-        f"recorded with {name} {version}, solved with {here.get(name, 'none')}: the last bits of the torques may differ"
+        f"recorded with {name} {version}, replayed with {here.get(name, 'none')}: the last bits of torques may differ"
         for name, version in recorded.about["software"].items()
         if here.get(name) != version
     ]
@@ -69,29 +68,32 @@ def explain_cycle(solved: ReplayedCycle, recorded: Recording, controller: Contro
     """Explain a cycle: its inputs, its solution with the binding constraints, and the supervisor."""
     cycle, result = solved.cycle, solved.result
     event: Mapping[str, Any] = recorded.events.get(cycle.number, {})
-    heading = f"cycle {cycle.number} at {since(recorded, cycle.time)}: {result!r}"
-    ages = [(name, cycle.number_of(f"age/{name}")) for name in AGES]
-    share = cycle.number_of("seconds/total")
+    heading = f"cycle {cycle.number} at {elapsed(recorded, cycle.time)}: {result!r}"
+    ages = [(name, cycle.scalar(f"age/{name}")) for name in AGES]
+    share = cycle.scalar("seconds/total")
     supervisor = controller.supervisor
     memory = controller.memory()["supervisor"]
     facts = [
-        ("mode in the recording", MODES[int(cycle.number_of("mode"))].value),
-        ("solved again", "bit for bit" if solved.same else f"differs by up to {solved.difference:.3g} N·m"),
-        ("in its mode since", f"{cycle.number_of('now') - memory['_since']:.3f} s"),
-        ("share of the solution's torques", f"{memory['_share'].sample(cycle.number_of('now')):.3f}"),
+        ("mode in the recording", MODES[int(cycle.scalar("mode"))].value),
+        (
+            "replay result",
+            "equal bit for bit" if solved.is_identical else f"differs by up to {solved.difference:.3g} N·m",
+        ),
+        ("time in this mode", f"{cycle.scalar('now') - memory['_since']:.3f} s"),
+        ("share of the solution's torques", f"{memory['_share'].sample(cycle.scalar('now')):.3f}"),
         ("largest torque rate", f"{supervisor.limits.torque_rate:g} effort limits per second"),
         ("time without a solution", _budget(memory["_held_time"], supervisor.limits.hold_time)),
         ("time with relaxed constraints", _budget(memory["_relaxed_time"], supervisor.limits.relax_time)),
-        ("time of the cycle", f"{1e3 * share:.3f} ms" if np.isfinite(share) else "not known"),
+        ("time of the cycle", f"{1e3 * share:.3f} ms" if np.isfinite(share) else "unknown"),
     ]
     if result.command is not None and result.solution is not None:
         cut = float(np.max(np.abs(result.command.tau - result.solution.tau)))
-        facts.append(("largest change of a torque by the supervisor", f"{cut:.3g} N·m"))
+        facts.append(("largest torque change by the supervisor", f"{cut:.3g} N·m"))
     tables = [
         Table(("supervisor", ""), tuple(facts)),
         Table(("residual of the program", ""), tuple((n, f"{v:.2e}") for n, v in result.residuals.items())),
         Table(("age of an input", ""), tuple((n, f"{1e3 * age:.2f} ms") for n, age in ages if not np.isnan(age))),
-        Table(("in this cycle", ""), tuple((kind, text) for kind, text in _words(event))),
+        Table(("in this cycle", ""), tuple((kind, text) for kind, text in _event_texts(event))),
     ]
     return as_text(heading, tables)
 
@@ -100,7 +102,7 @@ def _budget(memory: Mapping[str, Any], limit: float) -> str:
     return f"{memory['_total']:.3f} s (limit {limit:g} s)"
 
 
-def since(recorded: Recording, time: int) -> str:
+def elapsed(recorded: Recording, time: int) -> str:
     """Format a time in ns as seconds since the start of the recording."""
     return f"{1e-9 * (time - recorded.start):.3f} s"
 
@@ -113,23 +115,22 @@ def clock_time(time: int) -> str:
 
 
 def _history(recorded: Recording) -> list[str]:
-    """Return one line per cycle with a request, a refusal, a fault, or a new mode."""
+    """Return one line per cycle with a request, refusal, fault, or new mode."""
     lines, mode = [], ""
     for number, event in sorted(recorded.events.items()):
-        words = [f"{kind} {text}" for kind, text in _words(event) if kind != "problem"]
+        words = [f"{kind} {text}" for kind, text in _event_texts(event) if kind != "problem"]
         if event["mode"] != mode or words:
-            at = since(recorded, event["time"])
+            at = elapsed(recorded, event["time"])
             lines.append(f"{at:>12}  cycle {number:<8} {event['mode']:<9} {'; '.join(words)}".rstrip())
             mode = event["mode"]
     return lines
 
 
-def _words(event: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the parts of an event: kind and text."""
+def _event_texts(event: Mapping[str, Any]) -> list[tuple[str, str]]:
     words = [("command", str(word)) for word in event.get("requests", ())]
-    words += [("change", change_in_words(change)) for each in event.get("changes", ()) for change in each]
+    words += [("change", describe_change(change)) for each in event.get("changes", ()) for change in each]
     words += [("refused", str(sentence)) for sentence in event.get("refused", ())]
-    words += [("left out", f"{count} messages on {topic}") for topic, count in event.get("left out", {}).items()]
+    words += [("dropped", f"{count} messages on {topic}") for topic, count in event.get("left out", {}).items()]
     if "settings" in event:
         words.append(("settings", "changed"))
     for kind in ("problem", "fault"):
@@ -138,8 +139,8 @@ def _words(event: Mapping[str, Any]) -> list[tuple[str, str]]:
     return words
 
 
-def change_in_words(change: object) -> str:
-    """Describe a change in a few words."""
+def describe_change(change: object) -> str:
+    """Describe a change."""
     if isinstance(change, SetSetpoint):
         where = f" in {change.frame}" if change.frame else ""
         return f"setpoint of {change.task}: {np.array2string(change.position, precision=3, threshold=8)}{where}"

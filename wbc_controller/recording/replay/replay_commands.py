@@ -13,23 +13,22 @@ from wbc_controller.errors import ConfigurationError
 if TYPE_CHECKING:
     from wbc_controller.recording.recording_file import Recording
 
-#: Exit status if a cycle differs from the recording.
-DIFFERENT = 1
+DIFFERENT = 1  # exit status if a cycle differs from the recording
 
 _FILE = click.argument("file", metavar="FILE", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 
 
 @click.command()
 @_FILE
-@click.option("--cycle", "number", type=click.IntRange(0), help="Solve this cycle, and explain its result.")
+@click.option("--cycle", "number", type=click.IntRange(0), help="Replay this cycle and explain its result.")
 @click.option("--config", "other", metavar="OTHER", help="Compare with this configuration: a robot's name or a file.")
 @click.option("--plot", type=click.Path(path_type=Path, dir_okay=False),
               help="With --config: write the comparison over time to this .html file.")  # fmt: skip
-@click.option("--only-tell", is_flag=True, help="Summarize the recording, and solve nothing.")
+@click.option("--only-tell", is_flag=True, help="Summarize the recording without a replay.")
 def replay(file: Path, number: int | None, other: str | None, plot: Path | None, only_tell: bool) -> None:
-    """Summarize a recording, list its faults, and solve its cycles again: docs/recording.md.
+    """Summarize a recording, list its faults, and replay its cycles: docs/recording.md.
 
-    The exit status is 1 if a cycle that must be equal bit for bit differs.
+    The exit status is 1 if a cycle differs that must be equal bit for bit.
     """
     from wbc_controller.recording.recording_file import Recording
     from wbc_controller.recording.replay.recording_summary import summarize
@@ -52,7 +51,7 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False),
               help="The .html file; by default FILE with this ending.")  # fmt: skip
 def report(file: Path, out: Path | None) -> None:
-    """Make a report of any recording, like the demo's; the true contact forces are shown if they were recorded."""
+    """Make a report of a recording, as of the demo, with true contact forces if recorded."""
     from wbc_controller.recording.recording_file import Recording
     from wbc_controller.recording.report.run_report import report_recording
 
@@ -64,29 +63,29 @@ def report(file: Path, out: Path | None) -> None:
 
 
 def _solve(recorded: Recording) -> int:
-    """Solve all cycles, compare them with the recording, and return the exit status."""
+    """Replay all cycles, print the differences, and return the exit status."""
     from wbc_controller.recording.replay.cycle_replay import Replay
-    from wbc_controller.recording.replay.recording_summary import since
+    from wbc_controller.recording.replay.recording_summary import elapsed
 
     run = Replay(recorded)
     count, different, worst, exact = 0, 0, 0.0, True
     first = ""
     for solved in run.run():
         count += 1
-        if not solved.same:
+        if not solved.is_identical:
             different += 1
             worst, exact = max(worst, solved.difference), exact and not solved.exact
-            first = first or f"the first is cycle {solved.cycle.number} at {since(recorded, solved.cycle.time)}"
+            first = first or f"the first is cycle {solved.cycle.number} at {elapsed(recorded, solved.cycle.time)}"
     click.echo()
     if run.skipped:
         click.echo(
-            f"{run.skipped} cycles cannot be solved again: their requests or the controller's memory are not recorded"
+            f"{run.skipped} cycles skipped: their requests or the controller's memory before them are not recorded"
         )
     if not different:
-        click.echo(f"{count} cycles solved again: all torques are the same, bit for bit")
+        click.echo(f"{count} cycles replayed: all torques are equal bit for bit")
         return 0 if count else DIFFERENT
     reason = "" if not exact else " (the solver does not expose its warm start: only whole recordings are exact)"
-    click.echo(f"{count} cycles solved again: {different} differ, by up to {worst:.3g} N·m; {first}{reason}")
+    click.echo(f"{count} cycles replayed: {different} differ, by up to {worst:.3g} N·m; {first}{reason}")
     return 0 if exact else DIFFERENT
 
 
@@ -95,7 +94,7 @@ def _explain(recorded: Recording, number: int) -> None:
     from wbc_controller.recording.replay.recording_summary import explain_cycle
 
     if not recorded.first <= number <= recorded.last:
-        raise ConfigurationError(f"--cycle {number}: the recording has the cycles {recorded.first} to {recorded.last}")
+        raise ConfigurationError(f"--cycle {number}: valid: {recorded.first} to {recorded.last}")
     run = Replay(recorded)
     for solved in run.run(number, number):
         if solved.cycle.number == number:
@@ -104,7 +103,7 @@ def _explain(recorded: Recording, number: int) -> None:
     known = recorded.memory_after(number)
     raise ConfigurationError(
         f"--cycle {number}: the cycle or the controller's memory before it is not recorded; "
-        + (f"cycles from {known} on can be solved" if known is not None else "no later cycle can be solved")
+        + (f"valid: from {known} on" if known is not None else "no later cycle can be replayed")
     )
 
 

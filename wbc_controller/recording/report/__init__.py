@@ -1,1 +1,1 @@
-"""The report of a run as a page: `wbc report`, and the report of the demo."""
+"""Report of a run as a page, for `wbc report` and the demo."""

@@ -1,4 +1,4 @@
-"""The motion of a run for the 3-D view of a page: bodies, their poses in each frame, forces, the centre of mass."""
+"""Motion of a run for the 3-D view of a page: bodies, poses, forces, centre of mass."""
 
 from __future__ import annotations
 
@@ -16,26 +16,23 @@ from wbc_controller.recording.report.run_data import RunData
 from wbc_controller.records import Array
 
 FRAME_RATE = 30.0
-#: Largest number of frames; long runs have fewer frames per second, so that the page stays small.
-MAX_FRAMES = 3600
+MAX_FRAMES = 3600  # limits the size of the page; long runs have fewer frames per second
 _INT16 = 32767
 
 
-def motion_of(run: RunData, model: RobotModel) -> dict[str, Any]:
-    """Return the input of ``replay.js``, ready for JSON. Arrays of numbers are base64 of little-endian bytes.
+def make_motion(run: RunData, model: RobotModel) -> dict[str, Any]:
+    """Return the JSON input of ``replay.js``, with arrays as base64 of little-endian bytes.
 
-    Raises:
-        ConfigurationError: if the robot's visual geometry cannot be read, or a support names an unknown frame.
-        ValueError: if the run is of another robot.
+    Unreadable visual geometry or an unknown frame raises `ConfigurationError`, a run of another robot `ValueError`.
     """
     if run.q.shape[1] != model.nq:
-        raise ValueError(f"the run's q has {run.q.shape[1]} columns; the model of the robot has {model.nq}")
+        raise ValueError(f"q of the run has {run.q.shape[1]} columns; the robot's model has {model.nq}")
     parts = build_parts(model)
     frames = frame_indices(run.time)
     time = run.time[frames]
     contacts = [name for name in run.contact_wrenches if name in run.supports]
     carriers = {name: _placement_on_joint(run, model, name) for name in contacts}
-    # A robot without shapes is drawn by its centre of mass, in the world's frame.
+    # A robot without shapes has only its centre of mass, in the world frame.
     joints = sorted({part.joint for part in parts} | {joint for joint, _ in carriers.values()}) or [0]
     poses = joint_poses(run.q[frames], model, joints)
     forces = np.zeros((len(frames), len(contacts), 2, 6))
@@ -81,21 +78,15 @@ def motion_of(run: RunData, model: RobotModel) -> dict[str, Any]:
 
 
 def frame_indices(time: Array) -> npt.NDArray[np.intp]:
-    """Choose the samples of the frames, evenly over the run with both ends included."""
+    """Return the samples of the frames, evenly over the run including both ends."""
     count = int(np.clip((time[-1] - time[0]) * FRAME_RATE + 1, 1, MAX_FRAMES))
     return np.unique(np.searchsorted(time, np.linspace(time[0], time[-1], count)))
 
 
 def joint_poses(q: Array, model: RobotModel, joints: Sequence[int]) -> Array:
-    """Compute the poses of joints in the world.
+    """Return the poses of joints of `RobotModel.pinocchio` in the world, (frames, joints, 7), at q, (frames, nq).
 
-    Args:
-        q: configurations, (frames, nq).
-        joints: indices of joints of `RobotModel.pinocchio`.
-
-    Returns:
-        Position and quaternion (x, y, z, w) of each joint, (frames, joints, 7); along the frames a quaternion never
-        jumps to its negative, so that poses can be interpolated.
+    Quaternions (x, y, z, w) are continuous over the frames, for interpolation.
     """
     data = model.pinocchio.createData()
     poses = np.empty((len(q), len(joints), 7))
@@ -111,7 +102,7 @@ def joint_poses(q: Array, model: RobotModel, joints: Sequence[int]) -> Array:
 
 
 def encode_poses(poses: Array) -> dict[str, Any]:
-    """Pack poses, (frames, joints, 7), as 16-bit integers: a tenth of a millimetre over a path of 6 m."""
+    """Pack poses, (frames, joints, 7), as 16-bit integers: 0.1 mm over a path of 6 m."""
     low, high = poses.min(axis=(0, 1)), poses.max(axis=(0, 1))
     center, scale = (low + high) / 2.0, np.maximum((high - low) / 2.0, 1.0e-9) / _INT16
     return {
@@ -138,15 +129,12 @@ def _placement_on_joint(run: RunData, model: RobotModel, contact: str) -> tuple[
 
 
 def _force_lines(wrench: Array, pose: Array, placement: pin.SE3) -> Array:
-    """Turn wrenches of a contact into arrows in the world.
+    """Return point of application (centre of pressure) and force of a contact in the world, (frames, 6) in m and N.
 
     Args:
-        wrench: wrench in the contact's frame, (frames, 6), or force along the world's axes, (frames, 3).
-        pose: pose of the joint that moves the contact, (frames, 7).
+        wrench: in the contact's frame, (frames, 6), or force along the world's axes, (frames, 3).
+        pose: pose of the joint of the contact, (frames, 7).
         placement: placement of the contact on that joint.
-
-    Returns:
-        Point of application and force, (frames, 6) in m and N. A wrench applies at its centre of pressure.
     """
     lines = np.empty((len(wrench), 6))
     for frame, (values, where) in enumerate(zip(wrench, pose, strict=True)):

@@ -1,4 +1,4 @@
-"""Data of a report: one record of arrays over the samples of a run."""
+"""Data of a report: arrays over the samples of a run."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from wbc_controller.settings import ContactSettings, SurfaceContact
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A phase of a run, which lasts until the next one."""
+    """Phase of a run, until the next one."""
 
-    time: float  # start of the phase since the start of the run, s
+    time: float  # since the start of the run, s
     name: str
 
 
@@ -26,55 +26,49 @@ class Result:
     """One line of the verdict."""
 
     name: str
-    target: str  # its target, as readable text
-    measured: str  # its measured value, as readable text
+    target: str
+    measured: str
     passed: bool  # True if the target was met
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support:
-    """Placement of a contact on the robot, for drawing its forces."""
+    """Placement of a contact on the robot, for the drawing of its forces."""
 
-    frame: str  # frame of the URDF that carries the contact
+    frame: str  # frame of the URDF
     placement: Array  # position and quaternion of the contact in that frame, (7,)
-    corners: Array  # corners of the support in the contact's axes, (m, 3) in m
+    corners: Array  # of the support in the contact's axes, (m, 3) in m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunData:
-    """Arrays over the samples of a run: n samples of the state, m cycles of the controller, na actuators."""
+    """Arrays of a run: n samples of the state, m cycles of the controller, na actuators."""
 
     robot: str
-    actuators: tuple[str, ...]  # names of the actuators, in the order of the command
-    time: Array  # time since the first sample, (n,) in s; never decreases
+    actuators: tuple[str, ...]  # in the order of the command
+    time: Array  # since the first sample, (n,) in s, non-decreasing
     q: Array  # Pinocchio configuration, (n, nq)
     tau: Array  # commanded torques, (n, na) in N·m
-    effort_limits: Array  # effort limits, (na,) in N·m
+    effort_limits: Array  # (na,) in N·m
     com: Array  # centre of mass in the world, (n, 3) in m
-    com_reference: Array  # reference of the centre of mass, (n, 3) in m; NaN without a reference
-    #: Vertical force on the base by the disturbance of the solution, (n,) in N; NaN without a solution.
-    disturbance: Array
-    #: Per task, the norm of its error, (n,) in m or rad; NaN while the task is disabled.
-    task_errors: Mapping[str, Array] = field(default_factory=dict)
-    #: Per contact, its force or wrench in the solution, (n, k) in N and N·m: a wrench in the contact's frame, force
-    #: first (k = 6), or a force along the world's axes (k = 3). NaN or zero while inactive.
+    com_reference: Array  # (n, 3) in m; NaN without a reference
+    disturbance: Array  # vertical force of the disturbance on the base, (n,) in N; NaN without a solution
+    task_errors: Mapping[str, Array] = field(default_factory=dict)  # norms, (n,) in m or rad; NaN while disabled
+    #: By contact, a wrench in its frame, (n, 6), or a force along the world's axes, (n, 3), in N and N·m; NaN or zero
+    #: while inactive. Solution, and truth of a simulation.
     contact_wrenches: Mapping[str, Array] = field(default_factory=dict)
-    #: Per contact, the true force or wrench of a simulation, in the same form.
     true_wrenches: Mapping[str, Array] = field(default_factory=dict)
-    friction: Mapping[str, float] = field(default_factory=dict)  # per contact, its Coulomb coefficient
-    #: Duration of each cycle of the controller, (m,) in s.
-    cycle_seconds: Array = field(default_factory=lambda: np.zeros(0))
-    stage_seconds: Mapping[str, Array] = field(default_factory=dict)  # per stage, its part of this duration, (m,) in s
-    phases: tuple[Phase, ...] = ()  # the phases of the run
+    friction: Mapping[str, float] = field(default_factory=dict)  # Coulomb coefficient by contact
+    cycle_seconds: Array = field(default_factory=lambda: np.zeros(0))  # duration of each cycle, (m,) in s
+    stage_seconds: Mapping[str, Array] = field(default_factory=dict)  # part of each stage, (m,) in s
+    phases: tuple[Phase, ...] = ()
     results: tuple[Result, ...] = ()
     modes: tuple[tuple[float, str], ...] = ()  # changes of the supervisor's mode, (time in s, mode)
-    #: Per contact, its placement on the robot; contacts without an entry are not drawn.
-    supports: Mapping[str, Support] = field(default_factory=dict)
-    #: Results of the model audit by name, each (n,): ``energy`` in W, ``force`` in N, NaN without an audit, and the
-    #: number of ``warnings``.
+    supports: Mapping[str, Support] = field(default_factory=dict)  # placements of drawn contacts
+    #: Model audit, (n,): ``energy`` in W, ``force`` in N, NaN without an audit, and number of ``warnings``.
     audit: Mapping[str, Array] = field(default_factory=dict)
     start: float = 0.0  # stamp of the first sample, s
-    stride: int = 1  # cycles of the controller per sample
+    stride: int = 1  # cycles per sample
 
     @property
     def duration(self) -> float:
@@ -83,18 +77,14 @@ class RunData:
 
     @property
     def spans(self) -> list[tuple[float, float, str]]:
-        """Start, end and name of each phase; the last one ends with the run."""
+        """Start, end and name of each phase."""
         starts = [phase.time for phase in self.phases]
         ends = [*starts[1:], float(self.time[-1])]
         return [(start, end, phase.name) for start, end, phase in zip(starts, ends, self.phases, strict=False)]
 
 
-def supports_of(contacts: Mapping[str, ContactSettings]) -> dict[str, Support]:
-    """Collect the placement of each contact of a configuration on the robot.
-
-    Args:
-        contacts: the section ``contacts`` of the robot's settings.
-    """
+def collect_supports(contacts: Mapping[str, ContactSettings]) -> dict[str, Support]:
+    """Return the placements of the contacts of a configuration on the robot."""
     supports = {}
     for name, contact in contacts.items():
         shape = contact.corners if isinstance(contact, SurfaceContact) else [[0.0, 0.0]]

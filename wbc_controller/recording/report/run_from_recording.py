@@ -1,4 +1,4 @@
-"""The data of a report, made from any recording of the controller: of a real robot, a simulation, or the demo."""
+"""Data of a report from a recording of a real robot, a simulation, or the demo."""
 
 from __future__ import annotations
 
@@ -25,14 +25,12 @@ from wbc_controller.recording.report.run_data import Phase, RunData
 from wbc_controller.records import Array, Reference
 from wbc_controller.settings import ComTask, FixedContact, PointContact, RollingContact, Settings
 
-#: Largest number of samples of a report; of a longer recording every second, third, … cycle is used.
-LARGEST = 30_000
-#: Topic of a demo's phases, std_msgs/msg/String.
-PHASES = "/wbc_demo/phase"
+MAX_SAMPLES = 30_000  # of a report; longer recordings have one sample per two, three, … cycles
+PHASES = "/wbc_demo/phase"  # topic of a demo's phases, std_msgs/msg/String
 
 
 def truth_topics(settings: Settings) -> list[Endpoint]:
-    """Return the topics of a simulation's true state: contact wrenches and, if the base is estimated, its odometry."""
+    """Return the topics of a simulation's truth: contact wrenches, and odometry for an estimated base."""
     estimated = settings.estimation.base_state == "imu"
     return [
         endpoint
@@ -43,29 +41,24 @@ def truth_topics(settings: Settings) -> list[Endpoint]:
 
 @dataclass
 class _OtherTopics:
-    """Messages of a recording besides the controller's own: truth of a simulation and phases of a demo."""
+    """Truth of a simulation and phases of a demo in a recording."""
 
-    #: Per contact, stamps in s and true wrenches, (6,) in N and N·m.
+    #: Stamps, s, and true wrenches, (6,) in N and N·m, by contact.
     wrenches: dict[str, tuple[list[float], list[list[float]]]] = field(default_factory=dict)
-    bases: dict[int, Array] = field(default_factory=dict)  # true poses of the base, (7,), by stamp in ns
-    phases: list[tuple[int, str]] = field(default_factory=list)  # times of the record in ns, and names
+    bases: dict[int, Array] = field(default_factory=dict)  # true poses of the base, (7,), by stamp, ns
+    phases: list[tuple[int, str]] = field(default_factory=list)  # times of the record, ns, and names
 
 
-def run_of(recording: Recording, controller: ControlCycle, *, largest: int = LARGEST) -> RunData:
-    """Make the data of a report.
+def make_run_data(recording: Recording, controller: ControlCycle, *, largest: int = MAX_SAMPLES) -> RunData:
+    """Return the data of a report with at most `largest` samples; `controller` has the recorded configuration.
 
-    Args:
-        controller: a controller with the configuration of the recording.
-        largest: largest number of samples.
-
-    Raises:
-        ConfigurationError: if no command was sent, or the layout of the cycles does not fit the controller.
+    A recording without commands, or with another layout, raises `ConfigurationError`.
     """
     slots = cycle_slots(controller.model, controller.contacts)
     recording.require_slots(slots + reference_slots(controller.tasks, controller.contacts))
     table = cycle_arrays(recording)
     if not table or not np.isfinite(table["q"]).all(axis=1).any():
-        raise ConfigurationError(f"recording {recording.path}: there is nothing to report: no command was sent")
+        raise ConfigurationError(f"recording {recording.path}: nothing to report: no command was sent")
     stride = -(-len(table["number"]) // largest)
     shown = {name: values[::stride][table["has_state"][::stride] > 0.0] for name, values in table.items()}
     model, settings = controller.model, controller.config.settings
@@ -151,7 +144,7 @@ def _read_other_topics(recording: Recording, settings: Settings, model: RobotMod
 
 
 def _latest(stamps: Array, values: Array, time: Array) -> Array:
-    """Return the latest value up to each of the given times, (n, k); NaN before the first. All times in s."""
+    """Return the latest value up to each time, s, (n, k); NaN before the first."""
     order = np.argsort(stamps, kind="stable")
     index = np.searchsorted(stamps[order], time + 1.0e-9, side="right") - 1
     latest: Array = values[order][np.maximum(index, 0)]
@@ -160,7 +153,7 @@ def _latest(stamps: Array, values: Array, time: Array) -> Array:
 
 
 def _task_errors(cycles: Mapping[str, Array], tasks: Mapping[str, Task], dynamics: Dynamics) -> dict[str, Array]:
-    """Return the norm of each task's error, (n,); NaN while the task is off or its reference is unknown."""
+    """Return the norm of each task's error, (n,); NaN without weight or reference."""
     absent = np.full(len(cycles["q"]), np.nan)
     errors = {name: absent.copy() for name, task in tasks.items() if isinstance(task, AccelerationTask)}
     for i, (q, v) in enumerate(zip(cycles["q"], cycles["v"], strict=True)):
@@ -175,7 +168,7 @@ def _task_errors(cycles: Mapping[str, Array], tasks: Mapping[str, Task], dynamic
 
 
 def _requests_and_faults(recording: Recording) -> Iterator[tuple[int, str]]:
-    """Times in ns and names of the phases that begin with a request or a fault."""
+    """Yield times, ns, and names of phases that begin with a request or fault."""
     for _, event in sorted(recording.events.items()):
         words = [str(word) for word in event.get("requests", ())]
         if event.get("fault") is not None:
@@ -185,6 +178,6 @@ def _requests_and_faults(recording: Recording) -> Iterator[tuple[int, str]]:
 
 
 def _modes(modes: Array, time: Array) -> tuple[tuple[float, str], ...]:
-    """Return each mode with the time of its beginning, s."""
+    """Return the start, s, and name of each mode."""
     changes = np.flatnonzero(np.append(True, modes[1:] != modes[:-1])).tolist()
     return tuple((max(0.0, float(time[i])), str(modes[i])) for i in changes)

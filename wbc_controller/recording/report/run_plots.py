@@ -1,4 +1,4 @@
-"""The plots of a run: centre of mass, torques, contact forces, friction, task errors, audit, and cycle times."""
+"""Plots of a run: centre of mass, torques, contact forces, friction, task errors, audit, and cycle times."""
 
 from __future__ import annotations
 
@@ -21,14 +21,12 @@ from wbc_controller.controller.visualization.plots import (
 from wbc_controller.recording.report.run_data import RunData
 from wbc_controller.records import Array
 
-#: Share of a contact's largest normal force below which its use of friction is noise, and not shown.
-LIGHT = 0.05
-#: Number of joints whose torque is drawn as a separate line.
-BUSIEST = 6
+MIN_LOAD_SHARE = 0.05  # of the largest normal force; below it the use of friction is noise
+DRAWN_JOINTS = 6  # with separate torque lines
 
 
 def run_plots(run: RunData) -> list[Plot]:
-    """Make all plots for which the run has data."""
+    """Return all plots with data."""
     plots = [_com(run), _torques(run)]
     if run.contact_wrenches:
         plots += [_forces(run), _friction(run)]
@@ -44,14 +42,9 @@ def run_plots(run: RunData) -> list[Plot]:
 
 
 def friction_use(wrench: Array, coefficient: float) -> Array:
-    """Return the share of the friction cone that a contact uses, |f_t| / (μ f_z), (n,); NaN under a small load.
-
-    Args:
-        wrench: force or wrench of the contact, (n, k) in N, normal along the third axis.
-        coefficient: μ.
-    """
+    """Return the use of the friction cone, |f_t| / (μ f_z), (n,), from forces, (n, k); NaN at small loads."""
     normal = wrench[:, 2]
-    borne = normal > LIGHT * np.nanmax(normal, initial=0.0)
+    borne = normal > MIN_LOAD_SHARE * np.nanmax(normal, initial=0.0)
     use = np.full(len(wrench), np.nan)
     use[borne] = np.linalg.norm(wrench[borne, :2], axis=1) / (coefficient * normal[borne])
     return use
@@ -69,16 +62,16 @@ def _com(run: RunData) -> Plot:
         )
         for i, axis in enumerate("xyz")
     ]
-    return _over_time(run, "com", "Centre of mass", "Position in the world against its reference.", panels, 500)
+    return _over_time(run, "com", "Centre of mass", "Position in the world, and its reference.", panels, 500)
 
 
 def _torques(run: RunData) -> Plot:
     use = 100.0 * np.abs(run.tau) / run.effort_limits  # (n, na) in %
     peaks = np.max(np.nan_to_num(use), axis=0, initial=0.0)  # (na,)
     lines = [Line("largest of all joints", run.time, use.max(axis=1, initial=0.0), GREY, width=0.8, filled=True)]
-    for joint, color in zip(np.argsort(-peaks)[:BUSIEST], PALETTE, strict=False):
+    for joint, color in zip(np.argsort(-peaks)[:DRAWN_JOINTS], PALETTE, strict=False):
         lines.append(Line(run.actuators[joint].removesuffix("_joint"), run.time, use[:, joint], color, width=1.2))
-    caption = "The busiest joints by name, and the envelope of all of them. The dotted line is the effort limit."
+    caption = "Joints with the largest torques, and the envelope of all joints. Dotted: effort limit."
     panel = Panel("|torque| / limit [%]", lines, range=(0.0, 108.0), limit=100.0)
     return _over_time(run, "torques", "Torques as a share of their limits", caption, [panel], 330)
 
@@ -90,7 +83,7 @@ def _forces(run: RunData) -> Plot:
         if name in run.true_wrenches:  # below the other line
             lines.insert(0, Line("force of the ground", run.time, run.true_wrenches[name][:, 2], ORANGE, width=1.2))
         panels.append(Panel(f"{name.replace('_', ' ')}<br>f<sub>z</sub> [N]", lines, from_zero=True))
-    caption = "Force of the solution of the quadratic program" + (
+    caption = "Force in the solution of the quadratic program" + (
         ", and true force of the ground," if run.true_wrenches else ""
     )
     return _over_time(
@@ -109,14 +102,14 @@ def _friction(run: RunData) -> Plot:
             use = friction_use(run.true_wrenches[name], coefficient)
             lines.append(Line("ground", run.time, use, color, group=label, width=1.0, dash="dot"))
     caption = "Solid: in the QP; dotted: of the ground. " if run.true_wrenches else "Of the forces in the QP. "
-    caption += f"At 1 a contact slips. Hidden while a contact bears less than {LIGHT:.0%} of its largest load."
+    caption += f"At 1 a contact slips. Hidden below {MIN_LOAD_SHARE:.0%} of the largest load."
     panel = Panel("|f<sub>t</sub>| / (μ f<sub>z</sub>) [1]", lines, from_zero=True, limit=1.0)
     return _over_time(run, "friction", "Use of friction", caption, [panel], 300)
 
 
 def _errors(run: RunData) -> Plot:
     lines = [Line(name.replace("_", " "), run.time, error) for name, error in run.task_errors.items()]
-    caption = "Norm of each task's error: m for positions, rad for orientations."
+    caption = "Norm of each task's error, in m for positions and rad for orientations."
     return _over_time(
         run, "errors", "Task errors", caption, [Panel("error [m or rad]", lines, from_zero=True)], 280
     )  # fmt: skip
@@ -125,7 +118,7 @@ def _errors(run: RunData) -> Plot:
 def _audit(run: RunData) -> Plot:
     force = Line("force on the centre of mass", run.time, run.audit["force"], RED)
     energy = Line("energy residual", run.time, run.audit["energy"], PALETTE[4])
-    caption = "Forces and power that the model does not explain: none while the robot is undisturbed; every shove."
+    caption = "Forces and power that the model does not explain: zero without disturbance."
     panels = [Panel("force [N]", [force], from_zero=True), Panel("power [W]", [energy])]
     return _over_time(run, "audit", "Model audit", caption, panels, 360)
 
@@ -133,7 +126,7 @@ def _audit(run: RunData) -> Plot:
 def _cycles(run: RunData) -> Plot:
     milliseconds = 1.0e3 * run.cycle_seconds
     median, p99, most = np.percentile(milliseconds, [50.0, 99.0, 99.8])
-    end = max(1.05 * most, 1.25 * median)  # the last bin contains the few longer cycles, which would hide all others
+    end = max(1.05 * most, 1.25 * median)  # the last bin contains all longer cycles
     counts, edges = np.histogram(np.minimum(milliseconds, end), bins=70, range=(0.0, end))
     share = 100.0 * counts / len(milliseconds)
     top = np.array([0.0, share.max()])

@@ -1,4 +1,4 @@
-"""The report of a run as one HTML file: verdict, motion and plots."""
+"""Report of a run as one HTML file: verdict, motion and plots."""
 
 from __future__ import annotations
 
@@ -10,46 +10,31 @@ from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.controller.visualization.page_report import PageReport, ResultTable, write_page
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.recording.recording_file import Recording
-from wbc_controller.recording.report.motion import motion_of
+from wbc_controller.recording.report.motion import make_motion
 from wbc_controller.recording.report.run_data import RunData
-from wbc_controller.recording.report.run_from_recording import run_of
+from wbc_controller.recording.report.run_from_recording import make_run_data
 from wbc_controller.recording.report.run_plots import run_plots
 
-#: Note of a report without the truth of a simulation.
-LEFT_OUT = (
-    "Made from the controller's recording, which does not contain the true contact forces and the targets of a demo."
-)
+NO_TRUTH_NOTE = "The recording does not contain the true contact forces and the targets of a demo."
 
 
 def report_recording(recording: Recording, path: Path) -> str:
-    """Write the report of a recording, and return its notes.
-
-    Raises:
-        ConfigurationError: if no command was sent, or the file cannot be written.
-    """
+    """Write the report of a recording, and return its notes; errors as for `make_run_data` and `write_run_report`."""
     controller = ControlCycle(recording.config, preflight=False)
-    run = run_of(recording, controller)
-    notes = [] if run.true_wrenches else [LEFT_OUT]
+    run = make_run_data(recording, controller)
+    notes = [] if run.true_wrenches else [NO_TRUTH_NOTE]
     if run.stride > 1:
         notes.append(f"One of {run.stride} cycles is shown.")
     if recording.damage:
-        notes.append(f"The recording is read up to its first damage: {recording.damage}.")
+        notes.append(f"The recording is damaged, read up to there: {recording.damage}.")
     write_run_report(run, controller.model, path, kind="wbc_controller recording", note=" ".join(notes))
     return " ".join(notes)
 
 
 def write_run_report(run: RunData, model: RobotModel, path: Path, *, kind: str, note: str = "") -> None:
-    """Write the report of a run.
+    """Write the report of a run, with `kind` above the robot's name and `note` below the verdict.
 
-    Args:
-        run: the run, with its verdict.
-        kind: kind of the run, above the robot's name.
-        note: text below the verdict.
-
-    Raises:
-        ConfigurationError: if the file cannot be written, the robot's visual geometry cannot be read, a support names
-            an unknown frame, or plotly is not installed.
-        ValueError: if the run is of another robot.
+    Errors as for `make_motion` and `write_page`.
     """
     missed = [result.name for result in run.results if not result.passed]
     count = len(run.results)
@@ -70,7 +55,7 @@ def write_run_report(run: RunData, model: RobotModel, path: Path, *, kind: str, 
             passed=not missed if count else None,
             note=note,
             facts=facts,
-            motion=motion_of(run, model),
+            motion=make_motion(run, model),
             table=ResultTable(
                 "Results",
                 ("Check", "Target", "Measured"),

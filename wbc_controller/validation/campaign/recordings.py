@@ -44,7 +44,7 @@ class Place:
                 cycles = list(run.run())
         except ConfigurationError as error:
             return str(error)
-        different = sum(not each.same for each in cycles)
+        different = sum(not each.is_identical for each in cycles)
         if different or not cycles:
             return f"{named[0].path}: of {len(cycles)} cycles {different} do not come out as they were recorded"
         return ""

@@ -22,7 +22,7 @@ from wbc_controller.recording.recorder import Recorder
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.recording.replay.cycle_replay import Replay
 from wbc_controller.recording.replay.recording_summary import explain_cycle, summarize
-from wbc_controller.recording.report.run_from_recording import run_of
+from wbc_controller.recording.report.run_from_recording import make_run_data
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.fuzz.strategies import mutated_bytes, mutated_text
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, STRINGS
@@ -169,4 +169,4 @@ def read_recording(path: Path) -> None:
     for number, solved in enumerate(islice(run.run(), _SOLVED)):
         if number % _SOLVED == _SOLVED // 2:
             explain_cycle(solved, recorded, run.controller)
-    run_of(recorded, ControlCycle(recorded.config, preflight=False))
+    make_run_data(recorded, ControlCycle(recorded.config, preflight=False))

@@ -20,7 +20,7 @@ from wbc_controller.middleware.states import OdometryReader
 from wbc_controller.middleware.topics import GUARD_TOPICS, MOCK_TOPICS, Direction, Endpoint, endpoints
 from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
-from wbc_controller.nodes.processes import PATIENCE, Processes, until
+from wbc_controller.nodes.processes import TIMEOUT, Processes, until
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Array
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
@@ -139,7 +139,7 @@ class RobotProcesses(Processes):
         condition: Callable[[], Any],
         what: str,
         again: Callable[[], Any] = lambda: None,
-        patience: float = PATIENCE,
+        patience: float = TIMEOUT,
     ) -> None:
         """Wait for a condition; as `nodes.processes.until`, with the nodes' states in the error."""
         said = lambda: f"; controller: {self.said('controller')!r}, guard: {self.said('guard')!r}"  # noqa: E731

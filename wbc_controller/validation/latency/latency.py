@@ -23,7 +23,7 @@ from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import MOCK_TOPICS, Endpoint, counterpart, endpoints
 from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.nodes.processes import Processes, memory, processor_time, until, waiting_time
-from wbc_controller.nodes.realtime import apply, in_force, processors, step_back
+from wbc_controller.nodes.realtime import apply_realtime, describe_scheduling, lower_thread_priority, processors
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.settings import RealtimeSettings
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
@@ -134,10 +134,10 @@ class _Bench:
         # recordings have others than the controller, where there are any.
         asked = settings.control.realtime
         others = sorted(processors() - set(asked.affinity)) if asked.affinity else []
-        apply(RealtimeSettings(affinity=others))
+        apply_realtime(RealtimeSettings(affinity=others))
         self._start("controller")
         self._start("guard")
-        apply(RealtimeSettings(scheduling=asked.scheduling, priority=asked.priority, affinity=others))
+        apply_realtime(RealtimeSettings(scheduling=asked.scheduling, priority=asked.priority, affinity=others))
         self._echo_as = RealtimeSettings(affinity=asked.affinity)  # its class is inherited
 
     def _start(self, name: str) -> None:
@@ -187,7 +187,7 @@ class _Bench:
                 active += (processor_time(controller.pid) - used) / spent
                 waiting += (waiting_time(controller.pid) - waited) / spent
                 said += self._said[heard:]
-                last, scheduling = memory(controller.pid), in_force(controller.pid)
+                last, scheduling = memory(controller.pid), describe_scheduling(controller.pid)
                 if not self._mock:
                     self._end_active()
             ours.append(found())
@@ -257,7 +257,9 @@ class _Bench:
             self._check_that_it_runs()
             again()
 
-        until(condition, what, alive, told=lambda: f"; it said {self._mode()!r}\n{self._processes.log('controller')}")
+        until(
+            condition, what, alive, details=lambda: f"; it said {self._mode()!r}\n{self._processes.log('controller')}"
+        )
 
     def _check_that_it_runs(self) -> None:
         status = self._processes.processes["controller"].poll()
@@ -269,7 +271,7 @@ class _Bench:
 def _running(robot: _Robot) -> Iterator[None]:
     """Let a robot run on a thread, behind those that note when torques come; what it raises is raised at the end."""
     stop = threading.Event()
-    with concurrent.futures.ThreadPoolExecutor(1, "robot", step_back) as pool:
+    with concurrent.futures.ThreadPoolExecutor(1, "robot", lower_thread_priority) as pool:
         running = pool.submit(robot.run, stop)
         try:
             yield

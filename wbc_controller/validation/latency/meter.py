@@ -126,9 +126,9 @@ class Meter:
         """Node name of each publisher on a topic, other than this transport's own, sorted."""
         return self._transport.publishers(endpoint)
 
-    def is_read(self, endpoint: Endpoint) -> bool:
+    def has_reader(self, endpoint: Endpoint) -> bool:
         """Whether somebody reads a topic that was opened for writing."""
-        return self._transport.is_read(endpoint)
+        return self._transport.has_reader(endpoint)
 
     def close(self) -> None:
         """Close all topics."""

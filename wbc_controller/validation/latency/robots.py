@@ -18,8 +18,8 @@ from wbc_controller.middleware.codec import encode, torques
 from wbc_controller.middleware.message_layout import Template
 from wbc_controller.middleware.topics import Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Transport
-from wbc_controller.nodes.realtime import apply
-from wbc_controller.nodes.ros2.installation import refuse_mixture
+from wbc_controller.nodes.realtime import apply_realtime
+from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 from wbc_controller.settings import RealtimeSettings, Settings
 from wbc_controller.simulation.measurement import measure
 from wbc_controller.simulation.plant import Plant
@@ -50,7 +50,7 @@ def opened(kind: str, node: str, domain: int) -> Iterator[Transport]:
             yield transport
         return
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # rclpy takes it from there alone
-    refuse_mixture()
+    refuse_mixed_installations()
     try:
         from wbc_controller.nodes.ros2.process import node_without_services
     except ImportError as error:
@@ -106,7 +106,7 @@ def echo(kind: str, domain: int, topics: Sequence[Endpoint], size: int, stop: An
 
     Runs in a process of its own.
     """
-    apply(realtime)
+    apply_realtime(realtime)
     payload = encode(torques(np.zeros(size)))
     by_key = {topic.key: topic for topic in topics}
     with opened(kind, "bench_echo", domain) as transport:
