@@ -6,8 +6,8 @@ from dataclasses import dataclass
 APEX = 0.45
 #: Speed at touchdown, m/s.
 TOUCHDOWN_SPEED = 0.1
-#: Time before the apex from which on the foot is planned to the ground, s. In a shorter time to the apex, a change of the
-#: step time or of the ground by a millimetre would need a large acceleration.
+#: Time before the apex from which on the foot is planned to the ground, s. In a shorter time to the apex, a change of
+#: the step time or of the ground by a millimetre would need a large acceleration.
 _DESCENT = 0.06
 #: Remaining time below which an axis is no longer replanned, s.
 _SHORTEST = 0.0005
