@@ -22,8 +22,8 @@ RESIDUALS = {"equations_of_motion", "contact_motion", "inequalities"}
 @pytest.fixture
 def keep_contacts(monkeypatch):
     """No contact is given up, so that the relaxed problem counts."""
-    monkeypatch.setattr(whole_body_qp, "lost_contacts", lambda *_: ())
-    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
+    monkeypatch.setattr(whole_body_qp, "slipping_contacts", lambda *_: ())
+    monkeypatch.setattr(whole_body_qp, "stop_preventing_contacts", lambda *_: ())
 
 
 def joint_forces(bench, q, forces, wrenches=None):
@@ -325,7 +325,7 @@ def test_a_contact_that_keeps_a_joint_from_stopping_at_its_limit_is_given_up(ben
     acceleration = solution.v_dot[talos.model.v_index[knee]]
     assert acceleration > talos.settings.limits.acceleration  # it brakes
     assert max(solution.residuals.values()) < 1e-5
-    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
+    monkeypatch.setattr(whole_body_qp, "stop_preventing_contacts", lambda *_: ())
     held = talos.controller.solve(state, talos.references())
     assert "left_foot" in held.forces
     assert held.v_dot[talos.model.v_index[knee]] < 0.0  # it goes on, faster
@@ -356,21 +356,23 @@ def test_a_joint_that_nearly_stops_costs_no_contact(bench):
 @pytest.mark.parametrize(("share", "feet"), [(0.6, {"left_foot", "right_foot"}), (0.4, {"right_foot"})])
 def test_a_contact_is_given_up_where_it_at_least_halves_what_the_joints_miss(bench, monkeypatch, share, feet):
     talos, state, _ = rising(bench, 8.0)
-    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ("left_foot",))
-    monkeypatch.setattr(whole_body_qp, "stops_missed", lambda _, layout, __: share if len(layout.key) == 1 else 1.0)
+    monkeypatch.setattr(whole_body_qp, "stop_preventing_contacts", lambda *_: ("left_foot",))
+    monkeypatch.setattr(
+        whole_body_qp, "stopping_shortfall", lambda _, layout, __: share if len(layout.key) == 1 else 1.0
+    )
     assert set(talos.controller.solve(state, talos.references()).forces) == feet
 
 
 def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(bench, monkeypatch):
     talos, state, _ = rising(bench, 8.0)
-    attempt, calls = talos.controller._attempt, []
+    attempt, calls = talos.controller._solve_with_relaxation, []
 
     def fails_at_last(layout, references):
         calls.append(layout.key)
         found = attempt(layout, references)
         return found if len(calls) == 1 else Answer(None, found.status, found.iterations)
 
-    monkeypatch.setattr(talos.controller, "_attempt", fails_at_last)
+    monkeypatch.setattr(talos.controller, "_solve_with_relaxation", fails_at_last)
     solution = talos.controller.solve(state, talos.references())
     assert calls[0] == ("left_foot", "right_foot")
     assert "left_foot" not in calls[1]

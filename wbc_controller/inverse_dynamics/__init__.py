@@ -1,4 +1,4 @@
-"""The controller itself: model, dynamics, tasks, contacts, limits and the quadratic program.
+"""Inverse dynamics: model, dynamics, tasks, contacts, limits and the quadratic program.
 
-It depends on no ROS, no DDS, no simulator, no YAML and no clock.
+This package does not depend on ROS, DDS, a simulator, YAML or a clock.
 """

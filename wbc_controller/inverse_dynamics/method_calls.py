@@ -1,7 +1,7 @@
-"""Calls of the methods of tasks, contacts and limits, which users may define; errors name the class and the method.
+"""Calls of task, contact and limit methods, which users may override; errors name the class and the method.
 
-Arrays from these methods go into compiled code and into the arrays of the quadratic program. A wrong shape would be
-broadcast there, or would let compiled code write outside of its memory.
+Returned arrays enter compiled code and the quadratic program. Unchecked, a wrong shape would be broadcast, or compiled
+code would write outside its memory.
 """
 
 import math
@@ -16,7 +16,7 @@ from wbc_controller.records import Array
 
 Shape = tuple[int, ...]
 _FLOAT64 = np.dtype(np.float64)
-#: Longest value in an error message.
+#: Largest length of a value in an error message.
 _SHOWN = 80
 
 
@@ -43,15 +43,15 @@ def call(owner: Named, method: str, *arguments: Any) -> Any:
 
 
 def raised(owner: Named, method: str, error: Exception) -> MethodError:
-    """The error of a method that has raised an exception."""
+    """Return the error for a method that raised an exception."""
     return MethodError(f"{_title(owner, method)} raised {type(error).__name__}: {error}")
 
 
 def array_from(owner: Named, method: str, shape: Shape, *arguments: Any) -> Array:
-    """Call a method that returns one array, and check its shape; returns float64, converted from integers or lists.
+    """Call a method that returns one array, and return it as float64 after checking its shape.
 
     Raises:
-        MethodError: as `call`, and if the array has another shape, is not numeric, or contains NaN or infinity.
+        MethodError: as `call`; or for another shape, non-numeric values, NaN or infinity.
     """
     array = checked(owner, method, call(owner, method, *arguments), shape)
     require_finite_result(owner, method, array)
@@ -59,10 +59,10 @@ def array_from(owner: Named, method: str, shape: Shape, *arguments: Any) -> Arra
 
 
 def arrays_from(owner: Named, method: str, shapes: Sequence[Shape], *arguments: Any) -> tuple[Array, ...]:
-    """Call a method that returns a tuple of arrays, and check each as `array_from` does.
+    """Call a method that returns a tuple of arrays, and check each as in `array_from`.
 
     Raises:
-        MethodError: as `array_from`, and if the method does not return as many arrays as `shapes`.
+        MethodError: as `array_from`, or for another number of arrays than `shapes`.
     """
     arrays = arrays_of(owner, method, call(owner, method, *arguments), shapes)
     require_finite_result(owner, method, *arrays)
@@ -70,7 +70,7 @@ def arrays_from(owner: Named, method: str, shapes: Sequence[Shape], *arguments: 
 
 
 def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -> tuple[Array, ...]:
-    """Check number, types and shapes of the arrays that a method has returned.
+    """Check number, types and shapes of the arrays returned by a method.
 
     Raises:
         MethodError: as `arrays_from`.
@@ -81,12 +81,12 @@ def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -
 
 
 def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array, Array]:
-    """Check the lower and upper bounds that a method has returned, both (size,); they may be infinite.
+    """Check the lower and upper bounds (size,) returned by a method; they may be infinite.
 
-    An object that needs no conversion is returned itself, so that the caller can recognize it in the next cycle.
+    The same object is returned if it needs no conversion, so that the caller can recognize it in the next cycle.
 
     Raises:
-        MethodError: as `arrays_of`, and if a bound is NaN, or a lower bound is above its upper bound.
+        MethodError: as `arrays_of`; or if a bound is NaN or a lower bound exceeds its upper bound.
     """
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
         raise MethodError(f"{_title(owner, method)} returned {_short(bounds)}, expected lower and upper bounds")
@@ -98,25 +98,25 @@ def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array,
 
 
 def require_bounds(owner: Named, method: str, lower: Array, upper: Array) -> None:
-    """Require lower ≤ upper, neither NaN, no lower bound inf and no upper bound -inf.
+    """Require lower ≤ upper, lower < inf and upper > -inf, without NaN.
 
     Raises:
-        MethodError: with the first pair of bounds that does not meet this.
+        MethodError: with the first invalid pair of bounds.
     """
     right = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
     if not right.all():
         i = int(np.argmin(right))
         raise MethodError(
-            f"{_title(owner, method)} gave the bounds {lower[i]:g} and {upper[i]:g} at index {i}, expected a lower "
-            "bound that is not above the upper one (-inf and inf for no bound)"
+            f"{_title(owner, method)} returned the bounds {lower[i]:g} and {upper[i]:g} at index {i}, expected "
+            "lower ≤ upper (-inf and inf for no bound)"
         )
 
 
 def require_finite_result(owner: Named, method: str, *arrays: Array) -> None:
-    """Require finite numbers in arrays that a method has returned.
+    """Require finite arrays as results of a method.
 
     Raises:
-        MethodError: if there is NaN or infinity.
+        MethodError: for NaN or infinity.
     """
     for array in arrays:
         if not np.isfinite(array).all():
@@ -124,25 +124,25 @@ def require_finite_result(owner: Named, method: str, *arrays: Array) -> None:
 
 
 def require_finite(owner: Named, method: str, name: str, written: Array) -> None:
-    """Require finite numbers in an array that a method has written in place.
+    """Require finite values in an array that a method wrote in place.
 
     Raises:
-        MethodError: if there is NaN or infinity.
+        MethodError: for NaN or infinity.
     """
     if not is_finite(written) and not np.isfinite(written).all():
         raise MethodError(f"{_title(owner, method)} wrote {_short(written)} to {name}, expected finite numbers")
 
 
 def is_finite(values: Array) -> bool:
-    """Whether the sum of the squares is finite: not if there is NaN, infinity, or a number beyond 1e150."""
+    """Return True if the sum of squares is finite, i.e. without NaN, infinity and values beyond 1e150."""
     return math.isfinite(sum_of_squares(values))
 
 
 def checked(owner: Named, method: str, value: Any, shape: Shape) -> Array:
-    """Check type and shape of an array that a method has returned; cheap, for every cycle.
+    """Check type and shape of an array returned by a method; cheap enough for every cycle.
 
     Raises:
-        MethodError: if it is not an array of numbers, or has another shape.
+        MethodError: for a non-numeric value or another shape.
     """
     if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == shape:
         return value

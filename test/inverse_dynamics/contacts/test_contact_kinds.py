@@ -100,12 +100,12 @@ def test_vertices_may_come_in_any_order():
 @pytest.mark.parametrize(
     ("vertices", "said"),
     [
-        ([[0, 0], [0.1, 0]], "has 2 vertices; a polygon takes three or more"),
+        ([[0, 0], [0.1, 0]], "has 2 vertices; a polygon needs at least three"),
         ([[0, 0], [0.1, 0.1], [0.2, 0.2]], "the vertices are on one line"),
-        ([[0, 0], [0.1, 0], [0.1, 0.1], [0.02, 0.01]], r"key\[3\] = \[0.02, 0.01\]: no corner"),
-        ([[0, 0], [0.1, 0], [0.05, 0.02], [0.1, 0.1], [0, 0.1]], r"key\[2\] = \[0.05, 0.02\]: no corner"),
-        ([[0, 0], [0.1, 0], [0.05, 0], [0, 0.1]], r"key\[2\] = \[0.05, 0.0\]: no corner"),
-        ([[0, 0], [0.1, 0], [0, 0.1], [0.1, 0]], r"key\[1\] = \[0.1, 0.0\]: no corner"),
+        ([[0, 0], [0.1, 0], [0.1, 0.1], [0.02, 0.01]], r"key\[3\] = \[0.02, 0.01\]: not a corner"),
+        ([[0, 0], [0.1, 0], [0.05, 0.02], [0.1, 0.1], [0, 0.1]], r"key\[2\] = \[0.05, 0.02\]: not a corner"),
+        ([[0, 0], [0.1, 0], [0.05, 0], [0, 0.1]], r"key\[2\] = \[0.05, 0.0\]: not a corner"),
+        ([[0, 0], [0.1, 0], [0, 0.1], [0.1, 0]], r"key\[1\] = \[0.1, 0.0\]: not a corner"),
     ],
 )
 def test_what_is_no_convex_polygon_is_refused_and_the_vertex_named(vertices, said):
@@ -281,15 +281,21 @@ def test_an_open_loop_closes_as_fast_as_its_stiffness_says(load, random_state, s
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda model: FixedContact("c", model, HANDS[0], pin.SE3.Identity(), [False] * 6), "holds no axis"),
-        (lambda model: LoopClosure("c", model, HANDS, (pin.SE3.Identity(),) * 2, [False] * 6), "holds no axis"),
+        (
+            lambda model: FixedContact("c", model, HANDS[0], pin.SE3.Identity(), [False] * 6),
+            "at least one axis must be held",
+        ),
+        (
+            lambda model: LoopClosure("c", model, HANDS, (pin.SE3.Identity(),) * 2, [False] * 6),
+            "at least one axis must be held",
+        ),
         (
             lambda model: LoopClosure("c", model, (HANDS[0], "left_rubber_hand"), (pin.SE3.Identity(),) * 2),
             r"loops\.c: no joint is between frame_a = 'left_wrist_yaw_link' and frame_b = 'left_rubber_hand'",
         ),
         (
             lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, against="left_rubber_hand"),
-            r"contacts\.c\.against = 'left_rubber_hand': it moves together with 'left_wrist_yaw_link'",
+            r"contacts\.c\.against = 'left_rubber_hand': no joint is between it and 'left_wrist_yaw_link'",
         ),
         (
             lambda model: PointContact("c", model, "left_rubber_hnd", np.zeros(3), 0.02),
@@ -301,11 +307,11 @@ def test_an_open_loop_closes_as_fast_as_its_stiffness_says(load, random_state, s
         ),
         (
             lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, normal=[0, 0, 0]),
-            r"contacts\.c\.normal = \[0, 0, 0\]: it must have a length",
+            r"contacts\.c\.normal = \[0, 0, 0\]: the length must not be 0",
         ),
         (
             lambda model: RollingContact("c", model, HANDS[0], np.zeros(3), 0.1, np.full(3, np.nan)),
-            r"contacts\.c\.axis = \[nan, nan, nan\]: it must have a length",
+            r"contacts\.c\.axis = \[nan, nan, nan\]: the length must not be 0",
         ),
     ],
 )

@@ -12,7 +12,12 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.contacts import Rectangle, placement_of
-from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST, NEARLY, mobilities, separate
+from wbc_controller.inverse_dynamics.formulation.redundancy import (
+    EXAMINED_MOBILITY,
+    LEAST_MOBILITY,
+    mobilities,
+    separate_redundant_rows,
+)
 from wbc_controller.mechanics import recoordinate
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.config import load
@@ -84,8 +89,8 @@ def test_redundant_feet_have_a_least_squares_solution_and_its_residual(solver):
         assert solution.residuals["contact_motion"] == pytest.approx(np.abs(off).max(), abs=1e-9)
         assert solution.residuals["equations_of_motion"] < 1e-3 if solver == "osqp" else 1e-6
         values, u = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
-        assert (values < LEAST).sum() in (1, 2)  # of 12: all feet together, and the lean near the level stance
-        held = values >= LEAST
+        assert (values < LEAST_MOBILITY).sum() in (1, 2)  # of 12: all feet together, and the lean near the level stance
+        held = values >= LEAST_MOBILITY
         np.testing.assert_allclose(u[:, held].T @ off, 0.0, atol=1e-3 if solver == "osqp" else 1e-6)
         (exact,) = u[:, values < 1e-9].T  # no acceleration changes this component
         assert exact @ off == pytest.approx(-exact @ b, abs=1e-9)
@@ -118,8 +123,8 @@ def test_two_of_twelve_directions_are_redundant(robot):
     robot = Standing(ROBOTS[robot]())
     J, _ = robot.rows(robot.state(robot.q))
     values, _ = mobilities(J, np.concatenate([c.metric for c in robot.qp.contacts.values()]), robot.qp.dynamics)
-    assert (values < LEAST).sum() == 2
-    assert values[values >= LEAST].min() > 0.5
+    assert (values < LEAST_MOBILITY).sum() == 2
+    assert values[values >= LEAST_MOBILITY].min() > 0.5
     assert 12 - np.linalg.matrix_rank(J, tol=1e-3) in (1, 2)
 
 
@@ -135,7 +140,7 @@ def test_mobilities_do_not_depend_on_the_coordinates():
     there = np.linalg.eigvalsh(robot.model.mass * (J @ np.linalg.inv(T)) @ np.linalg.solve(M, (J @ np.linalg.inv(T)).T))
     values, _ = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
     np.testing.assert_allclose(values, there, atol=1e-9 * there.max())
-    assert values[1] < LEAST < values[2]
+    assert values[1] < LEAST_MOBILITY < values[2]
 
 
 def test_nothing_jumps_as_a_direction_becomes_a_constraint():
@@ -148,7 +153,7 @@ def test_nothing_jumps_as_a_direction_becomes_a_constraint():
         state = robot.state(robot.leaning(share), 0.1 * np.eye(robot.model.nv)[3])
         answers.append(robot.qp.solve(state, references).tau)
         J, _ = robot.rows(state)
-        held.append(int((mobilities(J, np.ones(len(J)), robot.qp.dynamics)[0] >= LEAST).sum()))
+        held.append(int((mobilities(J, np.ones(len(J)), robot.qp.dynamics)[0] >= LEAST_MOBILITY).sum()))
     assert (held[0], held[-1]) == (10, 11)
     steps = np.abs(np.diff(answers, axis=0)).max(axis=1)
     assert steps.max() < 4.0 * np.median(steps)
@@ -161,10 +166,10 @@ def test_contacts_with_full_rank_are_left_as_they_are(load):
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
     layout = qp.formulation.build(state, rest(qp, settings, state))
     assert layout.contact_rows is None
-    hard, soft = separate(layout.J, layout.contact_motion, layout.metric, qp.dynamics)
+    hard, soft = separate_redundant_rows(layout.J, layout.contact_motion, layout.metric, qp.dynamics)
     assert np.array_equal(hard, np.column_stack([layout.J, layout.contact_motion]))
     assert not soft.any()
-    assert mobilities(layout.J, layout.metric, qp.dynamics)[0].min() > 10.0 * NEARLY
+    assert mobilities(layout.J, layout.metric, qp.dynamics)[0].min() > 10.0 * EXAMINED_MOBILITY
 
 
 def test_contacts_that_become_redundant_after_their_activation_are_found_when_a_solver_fails():

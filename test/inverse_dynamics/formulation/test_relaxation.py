@@ -4,10 +4,10 @@ import pytest
 
 from wbc_controller.inverse_dynamics.contacts import LoopClosure
 from wbc_controller.inverse_dynamics.formulation.relaxation import (
-    hindering_contacts,
-    lost_contacts,
     relaxations,
+    slipping_contacts,
     soften,
+    stop_preventing_contacts,
     widen,
 )
 
@@ -74,7 +74,7 @@ def test_a_leg_gives_up_its_own_foot_and_an_arm_both(bench, joint, given_up):
     layout = formulation.build(g1.state(q, v), g1.references())
     value = np.zeros(layout.problem.bounds.shape[1])  # a solution in which nothing brakes
     loose = {place.contact.name for place in layout.places if np.linalg.norm((place.J @ v)[:3]) > 0.5}
-    assert set(hindering_contacts(formulation, layout, value)) == given_up | loose
+    assert set(stop_preventing_contacts(formulation, layout, value)) == given_up | loose
     assert loose <= given_up
 
 
@@ -89,7 +89,7 @@ def test_a_foot_that_moves_stops_no_joint_and_is_given_up_too(bench, turning, gi
     assert (speed > 0.5) == ("right_foot" in given_up)
     assert speed < 2.0
     value = np.zeros(layout.problem.bounds.shape[1])
-    assert set(hindering_contacts(formulation, layout, value)) == given_up
+    assert set(stop_preventing_contacts(formulation, layout, value)) == given_up
 
 
 def test_a_loop_is_never_given_up(bench):
@@ -105,5 +105,5 @@ def test_a_loop_is_never_given_up(bench):
     (place,) = (place for place in layout.places if place.contact is bar)
     assert np.linalg.norm(place.J @ v) > 1.0
     value = np.zeros(layout.problem.bounds.shape[1])
-    assert set(hindering_contacts(formulation, layout, value)) == {"left_foot", "right_foot"}
-    assert lost_contacts(formulation, layout) == ()
+    assert set(stop_preventing_contacts(formulation, layout, value)) == {"left_foot", "right_foot"}
+    assert slipping_contacts(formulation, layout) == ()

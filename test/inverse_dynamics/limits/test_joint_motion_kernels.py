@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
-from wbc_controller.inverse_dynamics.limits.joint_motion import RETURN_TIME, SLOWING_TIME, STOPPING
+from wbc_controller.inverse_dynamics.limits.joint_motion import RETURN_TIME, STOPPING_DISTANCE, VELOCITY_HORIZON
 
 MANY = 2000
 
@@ -24,13 +24,13 @@ def plain_bounds(position, velocity, most, ahead, q, v, period):
     bound = np.where(left < -rounding, np.where(room < rounding, back, turning), bound)
     late, bound = bound < -most, np.minimum(np.maximum(bound, -most), most)
     with np.errstate(divide="ignore"):
-        braking = np.where(room + STOPPING > 0.0, -(speed**2) / (2.0 * (room + STOPPING)), -np.inf)
+        braking = np.where(room + STOPPING_DISTANCE > 0.0, -(speed**2) / (2.0 * (room + STOPPING_DISTANCE)), -np.inf)
     harder = np.maximum(braking, -speed / period)
     upper, lower = np.where(late & (harder < -most), harder, bound)
     lower = -lower
     crossed, up = lower > upper, v > 0.0
     lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
-    slowing = max(period, min(ahead, SLOWING_TIME))
+    slowing = max(period, min(ahead, VELOCITY_HORIZON))
     fast_down, fast_up = (velocity / slowing - each / np.where(each > 0.0, slowing, period) for each in (-v, v))
     return (
         np.clip(np.clip(-fast_down, -most, most), lower, upper),

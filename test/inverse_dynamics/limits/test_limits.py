@@ -6,7 +6,7 @@ import pytest
 
 from wbc_controller.errors import ConfigurationError, NoSolution
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
-from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING
+from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING_DISTANCE
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows, fill_dynamics
 from wbc_controller.records import Tuning
 from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
@@ -188,7 +188,7 @@ def test_from_whatever_could_still_brake_in_continuous_time_the_position_holds(p
 
 def hard_braking(q, v, period):
     """What stops a joint just beyond its limit of 1, where 100 rad/s² do not; at most what stops it within a period."""
-    room = 1.0 + STOPPING - np.sign(v) * q
+    room = 1.0 + STOPPING_DISTANCE - np.sign(v) * q
     needed = np.where(room > 0.0, v**2 / (2.0 * np.maximum(room, 1e-300)), np.inf)
     return np.maximum(100.0, np.minimum(needed, np.abs(v) / period))
 
@@ -255,7 +255,7 @@ def test_contradicting_position_limits_are_refused():
         )
 
     with pytest.raises(
-        ConfigurationError, match=r"position_margin = 0.2: it leaves 'finger' no room, whose limits are 0 and 0.3 m"
+        ConfigurationError, match=r"position_margin = 0.2 leaves no range for 'finger', with the limits 0 and 0.3 m"
     ):
         JointMotionLimit.of(gripper(0.0), tuning)
     with pytest.raises(ConfigurationError, match="finger"):
@@ -281,11 +281,11 @@ def test_but_for_what_would_run_into_its_stop():
     for side in (1.0, -1.0):
         q, v = np.array([side * 0.5]), np.array([side * 38.0])
         lower, upper = limit.bounds(q, v, PERIOD)
-        np.testing.assert_allclose([lower[0], upper[0]], -side * 38.0**2 / (2.0 * (0.5 + STOPPING)))
+        np.testing.assert_allclose([lower[0], upper[0]], -side * 38.0**2 / (2.0 * (0.5 + STOPPING_DISTANCE)))
         for _ in range(200):
             a = limit.bounds(q, v, PERIOD)[side > 0.0]
             q, v = q + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
-            assert side * q[0] < 1.0 + STOPPING + 1e-3  # bounds change only once in a period
+            assert side * q[0] < 1.0 + STOPPING_DISTANCE + 1e-3  # bounds change only once in a period
         assert abs(v[0]) < 1.0
 
 
@@ -441,7 +441,7 @@ def test_a_joint_that_brakes_as_little_as_it_may_stops_a_little_beyond_its_limit
         q, v = q + PERIOD * v + 0.5 * PERIOD**2 * side * a, v + PERIOD * side * a
     assert side * v <= 0.0
     # A bound changes only once in a period, so that the last one may take it a little further.
-    assert 1.0 + 0.5 * STOPPING < side * q < 1.0 + STOPPING + 1e-3
+    assert 1.0 + 0.5 * STOPPING_DISTANCE < side * q < 1.0 + STOPPING_DISTANCE + 1e-3
 
 
 def test_it_is_nowhere_asked_for_more_than_the_bounds_and_only_on_the_way_to_a_limit():
@@ -459,8 +459,8 @@ def test_it_is_nowhere_asked_for_more_than_the_bounds_and_only_on_the_way_to_a_l
 
 def test_beyond_reach_it_brakes_as_the_bounds_ask():
     limit = JointMotionLimit((LIMITS[0], LIMITS[1]), None, acceleration=200.0)
-    assert stopping(limit, 1.0 + STOPPING + 0.01, 2.0)[1] == -2.0 / PERIOD
-    assert stopping(limit, -1.0 - STOPPING - 0.01, -2.0)[0] == 2.0 / PERIOD
+    assert stopping(limit, 1.0 + STOPPING_DISTANCE + 0.01, 2.0)[1] == -2.0 / PERIOD
+    assert stopping(limit, -1.0 - STOPPING_DISTANCE - 0.01, -2.0)[0] == 2.0 / PERIOD
 
 
 def test_without_position_limits_nothing_is_asked():

@@ -16,7 +16,7 @@ from wbc_controller.controller.build.limits import make_self_collision
 from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
-from wbc_controller.inverse_dynamics.limits.self_collision import _FASTER, INEXACT, RETURN_SPEED
+from wbc_controller.inverse_dynamics.limits.self_collision import _SPEED_INCREASE, RETURN_SPEED, ROW_ERROR
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.tasks import PostureTask
@@ -53,7 +53,7 @@ def random_motion(model, rng):
 
 def near_of(limit, dynamics, ahead):
     """The pairs whose distances were needed, and these."""
-    near = limit._find(dynamics, ahead).copy()
+    near = limit._compute_near_distances(dynamics, ahead).copy()
     return near, limit._distances[near]
 
 
@@ -210,7 +210,7 @@ def test_what_was_computed_before_changes_no_row(limits, robot):
         skipped += len(limit._pair_names) - limit.computed
         if i % 10 == 9:
             distances = limit.distances(dynamics)
-            assert (limit._least <= [distances[name] + 1e-9 for name in limit._pair_names]).all()
+            assert (limit._distance_bounds <= [distances[name] + 1e-9 for name in limit._pair_names]).all()
             new = another(model, limit)
             new.fill(dynamics, 0.002, *filled[1])
             assert new.computed > 0
@@ -232,7 +232,7 @@ def test_no_distance_changes_faster_than_the_joints_between_its_links_allow(limi
         v[joint] = 1.0
         dynamics.update(q, v)
         before, _, after = along(model, limit, q, v, 1.0e-3, range(len(limit._pair_names)))
-        limit._find(dynamics, 0.02)
+        limit._compute_near_distances(dynamics, 0.02)
         rate, most = np.abs(after - before) / 2.0e-3, limit._table.sums[limit._table.ends, 0].sum(axis=1)
         assert (rate <= most + 1.0e-6).all()
         tight.append(np.max(rate / np.where(most > 0.0, most, 1.0)))
@@ -254,7 +254,7 @@ def test_no_pair_that_needs_a_row_is_passed_over(limits, robot):
         assert new.computed < 0.7 * len(all_pairs)
         distance = np.array(list(new.distances(dynamics).values()))
         bound = limit.bound(distance, rows_of(new, dynamics, all_pairs)[0] @ v, limit.horizon)
-        needed = {limit._pair_names[i] for i in np.flatnonzero(bound >= -_FASTER / limit.horizon)}
+        needed = {limit._pair_names[i] for i in np.flatnonzero(bound >= -_SPEED_INCREASE / limit.horizon)}
         assert set(new.names) - {"self_collision:unused"} == needed
         found += len(needed)
     assert found > 50
@@ -266,7 +266,7 @@ def test_no_pair_that_needs_a_row_is_passed_over(limits, robot):
 def barrier(acceleration=10.0, horizon=0.02):
     """A barrier at `MARGIN`, with what it keeps for inexact rows."""
     limit = SelfCollisionLimit.__new__(SelfCollisionLimit)
-    limit.acceleration, limit.horizon, limit.margin = acceleration, horizon, MARGIN - INEXACT
+    limit.acceleration, limit.horizon, limit.margin = acceleration, horizon, MARGIN - ROW_ERROR
     return limit
 
 
@@ -417,7 +417,7 @@ def test_pairs_with_the_largest_required_acceleration_have_a_row(limits, rows, s
     model, all_pairs = limits["g1"]
     limit, dynamics, rng, period = another(model, all_pairs), Dynamics(model), np.random.default_rng(2), 0.002
     dynamics.update(model.configuration(model.posture), 2.0 * rng.normal(size=model.nv))
-    find = limit._find
+    find = limit._compute_near_distances
 
     def found(*args):
         near = find(*args)
@@ -425,7 +425,7 @@ def test_pairs_with_the_largest_required_acceleration_have_a_row(limits, rows, s
             limit._distances[near[0]] = np.nan
         return near
 
-    limit._find = found
+    limit._compute_near_distances = found
     block, lower, upper = rng.normal(size=(rows, model.nv + 3)), rng.normal(size=rows), rng.normal(size=rows)
     C, rest = block[:, : model.nv], block[:, model.nv :].copy()
     limit.fill(dynamics, period, C, lower, upper)
@@ -434,7 +434,7 @@ def test_pairs_with_the_largest_required_acceleration_have_a_row(limits, rows, s
     J, rate, drift = limit._rows(dynamics, near)
     ahead = max(period, limit.horizon)
     bound = limit.bound(limit._distances[near], rate, ahead)
-    needed = ~(bound < -_FASTER / ahead)
+    needed = ~(bound < -_SPEED_INCREASE / ahead)
     asks = dict(zip(near[needed].tolist(), (bound - drift)[needed].tolist(), strict=True))
     ranked = sorted(asks, key=lambda pair: (np.isnan(asks[pair]), -asks[pair]))[:rows]
     expected = sorted(ranked)

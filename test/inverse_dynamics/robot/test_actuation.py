@@ -277,13 +277,13 @@ CASES = {
         {"actuators": ["rail", "both", "shoulder", "knee_moter", "knee_motor", "elbow"]},
         ["robot.actuators: 'knee_moter'", "did you mean 'knee_motor'"],
     ),
-    "order missing": ({"actuators": []}, ["robot.actuators: needed with robot.transmission", "both, knee_motor"]),
+    "order missing": ({"actuators": []}, ["robot.actuators: required with robot.transmission", "both, knee_motor"]),
     "transmission not in the order": (
         {"actuators": ["rail", "both", "shoulder", "elbow"]}, ["robot.actuators: 'knee_motor'", "missing"],
     ),
     "joint without a motor": (
         {"actuators": ["both", "shoulder", "knee_motor", "elbow"]},
-        ["joint 'rail' is driven by none of them", "robot.passive_joints"],
+        ["no actuator drives joint 'rail'", "robot.passive_joints"],
     ),
     "unknown joint of a transmission": (
         {"transmission": {"both": {"ratios": {"hipp": 1.0}, "effort_limit": 1.0}}, "actuators": ["both"]},
@@ -291,22 +291,22 @@ CASES = {
     ),
     "too many actuators": (
         {"actuators": ["hip", "rail", "both", "shoulder", "knee_motor", "elbow"]},
-        ["the actuator 'knee_motor' moves only with hip, both", "full row rank"],
+        ["actuator 'knee_motor' is a linear combination of hip, both", "full row rank"],
     ),
     "ratios of zero": (
         {"transmission": {"none": {"ratios": {"hip": 0.0}, "effort_limit": 1.0}},
          "actuators": ["none", "hip", "shoulder", "elbow", "knee", "rail"]},
-        ["robot.transmission.none.ratios", "zero"],
+        ["robot.transmission.none.ratios", "all ratios are 0"],
     ),
     "nothing drives": (
         {"joints": ["ankle"], "posture": [0.0], "transmission": {}, "actuators": []},
-        ["robot.actuators: there is none"],
+        ["robot.actuators: the list is empty"],
     ),
     "follower among the joints": (
         {"joints": [*MENAGERIE_JOINTS, "wrist"], "posture": [0.0] * 7}, ["robot.joints: 'wrist' mimics 'elbow'"],
     ),
     "follower locked": ({"locked_joints": {"wrist": 0.1}}, ["robot.locked_joints: 'wrist' mimics 'elbow'"]),
-    "locked joint that moves": ({"locked_joints": {"hip": 0.1}}, ["robot.locked_joints: 'hip' is one of robot.joints"]),
+    "locked joint that moves": ({"locked_joints": {"hip": 0.1}}, ["robot.locked_joints: 'hip' is also in robot."]),
     "unknown locked joint": ({"locked_joints": {"tale": 0.1}}, ["robot.locked_joints: 'tale'", "'tail'"]),
     "locked out of reach": (
         {"locked_joints": {"slide": 2.0}}, ["robot.locked_joints: 2 rad for 'slide'", "[-0.5, 0.5]"],
@@ -326,8 +326,8 @@ def test_what_cannot_be_driven_is_refused_by_name(case):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (mimic("nobody", 1.0), "joint 'two' mimics 'nobody', which is no joint; Valid: one, two"),
-        (mimic("two", 1.0), "the joints two mimic each other in a circle"),
+        (mimic("nobody", 1.0), "joint 'two' mimics the unknown joint 'nobody'; Valid: one, two"),
+        (mimic("two", 1.0), "the joints two mimic each other in a cycle"),
         (mimic("one", 1.0).replace("1.0", "much"), "joint 'two': <mimic multiplier='much'> is not a number"),
     ],
 )

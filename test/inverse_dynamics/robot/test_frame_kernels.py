@@ -231,5 +231,5 @@ def test_link_motion_holds_pinocchio_s_vectors(robot):
 
 
 def test_vectors_that_are_not_in_one_piece_are_refused():
-    with pytest.raises(RuntimeError, match="does not store vectors of 3 numbers in one piece"):
+    with pytest.raises(RuntimeError, match="does not store vectors of 3 numbers contiguously"):
         view_of(list(np.zeros((3, 4))[:, :3]), 3)

@@ -94,7 +94,7 @@ def test_single_limits_take_the_place_of_those_of_the_urdf(urdf):
 def test_a_joint_without_limits_is_named(urdf):
     joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
     bare = urdf.replace(joint, re.sub(r"<limit.*?/>", "", joint, flags=re.DOTALL))
-    with pytest.raises(ConfigurationError, match=r"'FL_thigh_joint': it has no <limit effort=…>; add it, or robot"):
+    with pytest.raises(ConfigurationError, match=r"'FL_thigh_joint': it has no <limit effort=…>; add it, or set robot"):
         build_model(bare, LEG, POSTURE)
     whole = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5)}
     assert build_model(bare, LEG, POSTURE, joint_limits=whole).effort_limits[LEG.index("FL_thigh_joint")] == 11.0

@@ -10,12 +10,12 @@ from quadratic_programs import squares_problem, under
 
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticCost
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
-from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelMemory
+from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelWorkspace
 
 
 def solve_condensed(problem, sides):
     """Return whether the active set is right, the answer's cost, its residuals and its multipliers."""
-    memory = LevelMemory(problem, problem.cost.squares.base)
+    memory = LevelWorkspace(problem, problem.cost.squares.base)
     outcome, cost, _ = solve_level(problem, problem.cost.squares, sides, memory)
     return outcome == kernel.SOLVED, cost + problem.cost.squares_constant, memory.residuals, memory.multipliers
 
@@ -147,7 +147,7 @@ def test_every_level_is_what_numpy_makes_of_it_below_those_above(seed, count, ba
     free, _, _ = plain_level(problem, costs[0], sides, np.zeros((0, n)), np.zeros(n))
     problem.upper[:bound] = (problem.C @ free)[:bound] - 0.1
     expected = np.zeros(len(sides))
-    memory = LevelMemory(problem, base, sum(len(squares.weights) for squares in costs))
+    memory = LevelWorkspace(problem, base, sum(len(squares.weights) for squares in costs))
     x, kept = free, np.zeros((0, n))
     for squares in costs:
         sides[n : n + bound] = rng.random(bound) < (0.5 if memory.above else 1.0)
@@ -175,7 +175,7 @@ def test_below_rows_that_decide_everything_nothing_is_free():
     squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
     left = problem.n - len(problem.b)
     for kept, expected in ((left - 1, kernel.SOLVED), (left, kernel.NOTHING_FREE), (left + 5, kernel.NOTHING_FREE)):
-        memory = LevelMemory(problem, squares.base, kept)
+        memory = LevelWorkspace(problem, squares.base, kept)
         assert solve_level(problem, squares, sides, memory, kept)[0] == kernel.SOLVED
         assert solve_level(problem, squares, sides, memory)[0] == expected
 
@@ -185,7 +185,7 @@ def test_a_level_that_loses_what_one_above_keeps_is_no_solution():
     problem.bounds[:] = [[-np.inf], [np.inf]]
     squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
     squares.rows[1] = squares.rows[0]
-    memory = LevelMemory(problem, squares.base, 2)
+    memory = LevelWorkspace(problem, squares.base, 2)
     assert solve_level(problem, squares, sides, memory, 2)[0] == kernel.SOLVED
     assert solve_level(problem, squares, sides, memory)[0] == kernel.SOLVED
     memory.rows[-1, -1] += 1.0e-6  # the same row at two values

@@ -296,7 +296,7 @@ def test_without_limits_the_active_sets_give_the_answer_of_the_null_spaces_at_on
 
 @pytest.mark.parametrize("robot", ["g1", "talos"])
 def test_with_limits_the_active_sets_give_the_answer_of_the_null_spaces(bench, robot, monkeypatch):
-    monkeypatch.setattr(module, "_ROOM", 1.0e-11)  # by which the other way misses a limit, and its answer with it
+    monkeypatch.setattr(module, "_CLEARANCE", 1.0e-11)  # by which the other way misses a limit, and its answer with it
     rng, same = np.random.default_rng(17), 0
     for _ in range(60):
         expected, found = both_ways(bench(robot), rng, limited=True)

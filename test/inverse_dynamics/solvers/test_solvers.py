@@ -6,7 +6,7 @@ import qpsolvers
 from quadratic_programs import squares_problem, under
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram, Soft
+from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram, SoftConstraints
 from wbc_controller.inverse_dynamics.solvers import available_solvers, make_solver
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 from wbc_controller.inverse_dynamics.solvers.daqp import solve_carefully
@@ -209,7 +209,7 @@ def test_the_last_active_set_leads_to_the_answer_or_is_given_up(seed):
     expected = reference_answer(problem)
     answer = make_solver("daqp", problem).solve(problem)
     active_set = active_set_of(problem)
-    active_set.learn(answer.multipliers)
+    active_set.adopt_multipliers(answer.multipliers)
     guessed = active_set.solve(problem)
     assert guessed.iterations == 1
     np.testing.assert_allclose(guessed.x, expected, atol=1e-7)
@@ -217,7 +217,7 @@ def test_the_last_active_set_leads_to_the_answer_or_is_given_up(seed):
     assert guessed.multipliers.any()
     for wrong in (0.0 * guessed.multipliers, -guessed.multipliers, np.where(guessed.multipliers == 0.0, 0.0, 1.0)):
         if (np.sign(wrong) != np.sign(guessed.multipliers)).any():
-            active_set.learn(wrong)
+            active_set.adopt_multipliers(wrong)
             assert active_set.solve(problem) is None
 
 
@@ -242,7 +242,7 @@ def test_the_smaller_system_has_the_answer_of_the_whole_one(seed, rows):
     assert multipliers[problem.n :].any()
     for copied, learnt in ((problem.copy(), multipliers), (unbounded, 0.0 * multipliers)):
         active_set = active_set_of(copied)
-        active_set.learn(learnt)
+        active_set.adopt_multipliers(learnt)
         whole = active_set.solve(copied)
         copied.cost.update(under(copied, squares), 3.0)
         smaller = active_set.solve(copied)
@@ -272,7 +272,7 @@ def test_the_active_set_is_followed_without_a_search():
     rng = np.random.default_rng(7)
     problem = random_problem(rng)
     active_set = active_set_of(problem)
-    active_set.learn(make_solver("daqp", problem).solve(problem).multipliers)
+    active_set.adopt_multipliers(make_solver("daqp", problem).solve(problem).multipliers)
     found = [active_set.solve(problem := drift(problem, rng, size=0.001)) for _ in range(25)]
     assert sum(answer is not None for answer in found) >= 23
 
@@ -280,10 +280,10 @@ def test_the_active_set_is_followed_without_a_search():
 def test_an_active_set_beyond_what_determines_x_is_given_up():
     problem = random_problem(np.random.default_rng(0))
     active_set = active_set_of(problem)
-    active_set.learn(np.ones(len(problem.g) + len(problem.upper)))
+    active_set.adopt_multipliers(np.ones(len(problem.g) + len(problem.upper)))
     assert active_set.solve(problem) is None
     problem.A[1] = problem.A[0]  # a singular system
-    active_set.learn(np.zeros(len(problem.g) + len(problem.upper)))
+    active_set.adopt_multipliers(np.zeros(len(problem.g) + len(problem.upper)))
     assert active_set.solve(problem) is None
 
 
@@ -312,7 +312,7 @@ def test_soft_constraints_are_missed_at_their_weights(seed):
     rng = np.random.default_rng(seed)
     problem, k = random_problem(rng), 6
     n, places = problem.n, np.sort(rng.choice(problem.n + len(problem.upper), k, replace=False))
-    soft = Soft(places, np.array([[2.0], [3.0]]) + rng.normal(size=k), 10.0 ** rng.uniform(-1, 3, k))
+    soft = SoftConstraints(places, np.array([[2.0], [3.0]]) + rng.normal(size=k), 10.0 ** rng.uniform(-1, 3, k))
     problem.bounds[:, places] = [[-np.inf], [np.inf]]
     answer = solve_carefully(problem, soft)
     whole = QuadraticProgram.empty(n + k, len(problem.b), len(problem.upper) + k)
@@ -330,5 +330,5 @@ def test_soft_constraints_are_missed_at_their_weights(seed):
 def test_soft_constraints_do_not_make_an_infeasible_problem_feasible():
     problem = random_problem(np.random.default_rng(0))
     problem.x_lower[0], problem.x_upper[0] = 1.0, -1.0
-    answer = solve_carefully(problem, Soft(np.array([1]), np.zeros((2, 1)), np.ones(1)))
+    answer = solve_carefully(problem, SoftConstraints(np.array([1]), np.zeros((2, 1)), np.ones(1)))
     assert (answer.x, answer.status) == (None, "infeasible")

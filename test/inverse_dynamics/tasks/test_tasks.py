@@ -263,7 +263,7 @@ def test_an_unknown_frame_is_refused_with_the_nearest_one(load, kind):
 def test_a_list_of_gains_of_another_length_is_refused_with_the_right_one(load, kind, key):
     model, _ = load("g1")
     size = make(kind, model, "g1").size
-    said = rf"tasks\.{kind}\.{key} has {size + 1} values; it takes one number, or a list with one for .* {size} "
+    said = rf"tasks\.{kind}\.{key} has {size + 1} values; expected one number, or a list with one for .* {size} "
     with pytest.raises(ConfigurationError, match=said):
         make(kind, model, "g1", **{key: [1.0] * (size + 1)})
 
@@ -365,7 +365,7 @@ def test_an_axis_at_rest_stays_and_the_reference_fits_the_trajectories(load, ran
     _, right, error = task.equation(dynamics, reference)
     assert np.abs(error).max() < 1e-9
     np.testing.assert_allclose(right, 0.0, atol=1e-6)
-    with pytest.raises(ConfigurationError, match=r"tasks\.aim\.axis = \[0, 0, 0\]: has no direction"):
+    with pytest.raises(ConfigurationError, match=r"tasks\.aim\.axis = \[0, 0, 0\]: the length must not be 0"):
         kind("aim", model, FRAMES["g1"], [0, 0, 0])
     with pytest.raises(ConfigurationError, match=r"tasks\.aim\.stiffness has 3 values; .* 2 axes"):
         kind("aim", model, FRAMES["g1"], [0, 0, 1], stiffness=[1, 2, 3])

@@ -1,4 +1,4 @@
-"""The cost of one priority level as a sum of squares: weighted rows of its tasks, and the regularization."""
+"""Cost of one priority level: weighted task rows and the regularization, as a sum of squares."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,25 +16,26 @@ from wbc_controller.inverse_dynamics.tasks import EffortTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array, References
 
-#: Task errors of one level, which later cycles do not change: name of each task and its part of the array; the array.
+#: Task errors of one level: name and part of the array of each task; the array. Later cycles do not change it.
 Errors = tuple[Sequence[tuple[str, slice]], Array]
 
 
 class LevelCost:
-    """The cost of one priority level, for one set of active contacts and tasks.
+    """Cost of one priority level, for one set of active contacts and tasks.
 
         ½ Σ wᵢ ‖Rᵢ x - rᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f
 
-    A posture task only adds to the diagonal of H: with its weight w and the regularization ε of the same acceleration,
-    ½ w (x - b)² + ½ ε x² = ½ (w + ε) (x - t)² + ½ b² ε w / (w + ε), where t = b w / (w + ε). It has rows only if a
-    lower level must keep them, or another posture task acts on the same joints.
+    A posture task usually adds to the diagonal of H only. With its weight w and the regularization ε,
+
+        ½ w (x - b)² + ½ ε x² = ½ (w + ε) (x - t)² + ½ b² ε w / (w + ε),    t = b w / (w + ε).
+
+    It has rows only for a lower level that must keep them, or if another posture task acts on the same joints.
 
     Attributes:
-        squares: the cost, whose weights are w and ε.
-        rows: the rows that a kernel fills: of tasks, and for the first level of contacts.
-        effort_rows: [R, r] of each task on torques or contact forces, and the place of its error.
-        redundant_rows: [R, r] of the redundant directions of the contacts, with weight 1, (nf, n + 1); for the first
-            level only.
+        squares: cost with weights w and ε.
+        rows: compiled rows of tasks, and of contacts for the first level.
+        effort_rows: [R, r] and error slice of each effort task.
+        redundant_rows: [R, r] of the contacts' redundant directions, with weight 1, (nf, n + 1); first level only.
     """
 
     def __init__(
@@ -44,8 +45,8 @@ class LevelCost:
         """Lay out the rows.
 
         Args:
-            first: whether this is the highest level, whose kernel also fills the rows of contacts.
-            last: whether this is the lowest level, so that no rows have to be kept for levels below.
+            first: True for the highest level, with the rows of contacts.
+            last: True for the lowest level, without levels that keep its rows.
         """
         problem, base = layout.problem, 6 if dynamics.model.floating_base else 0
         n = problem.n
@@ -59,8 +60,8 @@ class LevelCost:
         self._rows_of = [(task.name, places[task.name]) for task in with_rows]
         end = sum(task.dimension for task in with_rows)
         count = end + base
-        # The rows of the first level are directly above the equality constraints: one kernel fills both. Above them is
-        # room for the redundant directions of the contacts.
+        # The rows of the first level precede the equality constraints, for one kernel; rows of redundant directions are
+        # above.
         soft = len(layout.J) if first else 0
         top, bottom = problem.room - count, problem.room + len(problem.b)
         whole = problem.memory[top - soft : bottom] if first else np.zeros((count, n + 1))
@@ -114,7 +115,7 @@ class LevelCost:
         )
 
     def set_parameters(self, weights: Mapping[str, float]) -> None:
-        """Write the weights of the tasks and of the regularization into `squares`, and the gains."""
+        """Write the weights of tasks and regularization, and the gains."""
         squares, model = self.squares, self._dynamics.model
         epsilon_a, epsilon_f = self._regularization.acceleration, self._regularization.force
         for name, rows in self._rows_of:
@@ -134,15 +135,15 @@ class LevelCost:
         self.rows.set_gains()
 
     def set_references(self, references: References) -> Array:
-        """Copy the references of the tasks with compiled rows; return an array for the errors of all tasks."""
+        """Copy the references of tasks with compiled rows, and return an array for the errors of all tasks."""
         self.rows.set_references(references.tasks)
         return np.empty(self._errors)
 
     def complete(self, references: References, constant: float, errors: Array) -> Errors:
-        """Fill the rows of the tasks that are evaluated in Python, and update the level.
+        """Fill the task rows that are evaluated in Python, and update the level.
 
         Args:
-            errors: task errors, with those of the tasks with compiled rows; the others are added.
+            errors: task errors of the compiled rows; the others are added.
         """
         level, places = self.level, self._errors_of
         level.cost.update(self.squares, constant)
@@ -165,14 +166,14 @@ class LevelCost:
         return [(name, place) for name, place in places if name not in missing], errors
 
     def add_redundant_rows(self) -> None:
-        """Make `redundant_rows` part of the cost of this cycle."""
+        """Add `redundant_rows` to the cost of this cycle."""
         cost = self.level.cost
         cost.update(self._with_redundant, cost.squares_constant)
         self.level.kept = self._kept[1]
 
 
 def _on_diagonal(tasks: Sequence[Task], nv: int) -> list[tuple[PostureTask, Instruction]]:
-    """Return the posture tasks with compiled targets, no two of which act on the same accelerations."""
+    """Return the posture tasks with compiled targets and separate accelerations."""
     found, free = [], np.ones(nv, dtype=np.bool_)
     for task in tasks:
         instruction = task.instruction() if isinstance(task, PostureTask) and task.tolerance is None else None
@@ -183,7 +184,7 @@ def _on_diagonal(tasks: Sequence[Task], nv: int) -> list[tuple[PostureTask, Inst
 
 
 def _places(tasks: Sequence[Task]) -> tuple[dict[str, slice], int]:
-    """Return the rows of each task, one after the other, and their number."""
+    """Return the rows of each task, and their total number."""
     places, end = {}, 0
     for task in tasks:
         places[task.name] = slice(end, end + task.dimension)

@@ -1,4 +1,4 @@
-"""Bounds of joint accelerations by viability (`limits.joint_motion`, which has the equations)."""
+"""Kernel for the viability bounds of joint accelerations; `limits.joint_motion` has the equations."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ class JointMotion(Struct):
 
     Attributes:
         q_index: index in q of each joint, (nj,).
-        v_index: index in v, and in the bounds, of each joint, (nj,).
+        v_index: index in v and in the bounds of each joint, (nj,).
         limits: upper position limits of q and of -q, (2, nj) in rad; (2, 0) without position limits.
         fastest: largest speeds, (nj,) in rad/s; (0,) without velocity limits.
         acceleration: largest acceleration, rad/s².
-        period: time for which an acceleration is held, s.
+        period: duration of an acceleration, s.
         ahead: horizon of the position limits, s; at least the period.
         slowing: horizon of the velocity limits, s; at least the period.
-        stopping: distance beyond its limit within which a joint has to stop that cannot stop before it, rad.
-        return_time: time constant with which a joint returns from beyond its limit, s.
-        rounding: distance by which rounding may take a joint beyond its limit, rad.
-        lower: out: lower bounds, by index in v, in rad/s².
+        stopping: `STOPPING_DISTANCE`, rad.
+        return_time: `RETURN_TIME`, s.
+        rounding: rounding error of a position beyond its limit, rad.
+        lower: out: lower bounds by index in v, rad/s².
         upper: out: upper bounds, likewise.
     """
 
@@ -43,7 +43,7 @@ class JointMotion(Struct):
 
 @part
 def clipped(value: float, lower: float, upper: float) -> float:
-    """Clip a value to bounds: upper if they cross; NaN stays NaN."""
+    """Clip a value to bounds; return upper if the bounds cross, and NaN for NaN."""
     if value < lower:
         value = lower
     return upper if value > upper else value
@@ -51,7 +51,7 @@ def clipped(value: float, lower: float, upper: float) -> float:
 
 @part
 def _position_bound(table: JointMotion, room: float, speed: float, fastest: float) -> float:
-    """Return the upper bound of the acceleration towards a position limit at a distance `room`."""
+    """Return the upper bound of the acceleration towards a position limit at the distance `room`."""
     most, ahead = table.acceleration, table.ahead
     left = room - 0.5 * ahead * speed
     reach = most * ahead
@@ -79,40 +79,40 @@ def _returning_bound(table: JointMotion, room: float, speed: float, fastest: flo
 
 @part
 def _braking(speed: float, room: float) -> float:
-    """Return the constant acceleration that stops a speed within a room; -inf without room."""
+    """Return the constant acceleration that stops a speed within a distance; -inf without distance."""
     return -(speed**2) / (2.0 * room) if room > 0.0 else -math.inf
 
 
 @part
 def _velocity_bound(table: JointMotion, speed: float, fastest: float) -> float:
-    """Return the upper bound of the acceleration from a largest speed; a joint that moves back may always stop."""
+    """Return the upper bound of the acceleration from the velocity limit; a joint moving back may always stop."""
     return (fastest - speed) / table.slowing if speed > 0.0 else fastest / table.slowing - speed / table.period
 
 
 @compiled
 def acceleration_bounds(table: JointMotion, q_all: Vector, v_all: Vector) -> None:
-    """Write bounds of the joint accelerations at a configuration, (nq,), and a generalized velocity, (nv,)."""
+    """Write bounds of the joint accelerations at a configuration (nq,) and a generalized velocity (nv,)."""
     if len(v_all) != len(table.lower) or len(v_all) != len(table.upper):
-        raise ValueError("acceleration_bounds: v has another size than the bounds")
+        raise ValueError("acceleration_bounds: sizes of v and the bounds differ")
     most = table.acceleration
     limited, slowed = table.limits.shape[1] > 0, len(table.fastest) > 0
     for i in range(len(table.q_index)):
         row, column = table.q_index[i], table.v_index[i]
         if not (0 <= row < len(q_all) and 0 <= column < len(v_all)):
-            raise IndexError("the index of a joint is not below the size of q or v")
+            raise IndexError("joint index out of range of q or v")
         q, v = q_all[row], v_all[column]
-        if not (math.isfinite(q) and math.isfinite(v)):  # reported by the check for finite values
+        if not (math.isfinite(q) and math.isfinite(v)):  # the check for finite values reports this
             table.lower[column] = table.upper[column] = math.nan
             continue
         high, low, fastest = most, -most, table.fastest[i] if slowed else math.inf
         if limited:
             high = _position_bound(table, table.limits[0, i] - q, v, fastest)
             low = -_position_bound(table, table.limits[1, i] + q, -v, fastest)
-        if low > high:  # not viable: keep the limit that the velocity points to
+        if low > high:  # not viable: keep the limit in the direction of motion
             if v > 0.0:
                 low = high
             else:
                 high = low
-        # If velocity and position limits conflict, the position limit takes precedence.
+        # Position limits take precedence over velocity limits.
         table.lower[column] = clipped(clipped(-_velocity_bound(table, -v, fastest), -most, most), low, high)
         table.upper[column] = clipped(clipped(_velocity_bound(table, v, fastest), -most, most), low, high)

@@ -1,4 +1,4 @@
-"""The base class of limits on linear combinations of accelerations."""
+"""Base class of limits on linear combinations of accelerations."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from wbc_controller.records import Array
 
 
 class RowLimit(ABC):
-    """Inequality constraints lower ≤ G v̇ ≤ upper of the quadratic program; the number of rows never changes.
+    """Inequality constraints lower ≤ G v̇ ≤ upper with a constant number of rows.
 
     Attributes:
-        names: a name for each row, ``<kind>:<owner>``, as in `Solution.binding`. `fill` may change them.
-        kind: name of the group in which the rows are relaxed if there is no solution.
+        names: name of each row, ``<kind>:<owner>``, as in `Solution.binding`; `fill` may change them.
+        kind: name of the group of rows for relaxation.
         unit: unit of G v̇.
-        summary: one line of description.
+        summary: description in one line.
     """
 
     names: tuple[str, ...]
@@ -25,12 +25,12 @@ class RowLimit(ABC):
 
     @property
     def full_name(self) -> str:
-        """Kind, for error messages."""
+        """Kind for error messages."""
         return f"limit {self.kind!r}"
 
     @abstractmethod
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write the rows G, (k, nv), and the bounds, (k,), infinite if there is none, for one state.
+        """Write the rows G, (k, nv), and the bounds, (k,), infinite for none, at one state.
 
-        The acceleration is held for the period, s.
+        The acceleration is constant for the period, s.
         """

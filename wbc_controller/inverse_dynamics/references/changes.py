@@ -1,4 +1,4 @@
-"""The changes that commands can make: one record per kind, applied by the board between two cycles."""
+"""Changes of references by commands, applied by the board between two cycles."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class SetSetpoint:
-    """Move a task's reference to a position and keep it there.
+    """Move a task's reference to a position and hold it.
 
     Attributes:
         task: name of the task.
         position: in the form of the task's references.
-        duration: time in which it is reached, s; None for the task's own ``setpoint_duration``.
-        frame: where the position is given, if not where the task's references are: one of `relative.own_frames`, or a
-            frame of the robot. It counts where it is when the setpoint is applied.
+        duration: of the motion, s; None for the task's ``setpoint_duration``.
+        frame: frame of the position, if not that of the task's references: one of `relative.own_frames`, or a robot
+            frame at its pose when the setpoint is applied.
     """
 
     task: str
@@ -28,7 +28,7 @@ class SetSetpoint:
 
 @dataclass(frozen=True, slots=True)
 class SetTrajectory:
-    """Follow points whose times count from `start`, in s on the clock of the states; None means now."""
+    """Follow points with times from `start`, s on the clock of the states; None means now."""
 
     task: str
     start: float | None
@@ -45,7 +45,7 @@ class SetWeight:
 
 @dataclass(frozen=True, slots=True)
 class EnableTask:
-    """Switch a task on or off."""
+    """Enable or disable a task."""
 
     task: str
     enabled: bool
@@ -57,8 +57,8 @@ class EnableContact:
 
     Attributes:
         contact: name of the contact.
-        enabled: whether it is active afterwards.
-        ramp: time in which it is loaded or unloaded, s; None for the contact's own ``ramp``.
+        enabled: True to activate it.
+        ramp: duration of loading or unloading, s; None for the contact's ``ramp``.
     """
 
     contact: str
@@ -76,11 +76,11 @@ class SetExternalWrench:
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """Walk at a velocity, or stop; taken by the walker and not by the board.
+    """Walk at a velocity or stop; for the walker, not for the board.
 
     Attributes:
         velocity: forward and sideways in the robot's heading, m/s, and turning rate, rad/s, (3,); None to stop.
-        streamed: whether the robot stops if no other command follows within ``walking.command_timeout``.
+        streamed: True to stop without another command within ``walking.command_timeout``.
     """
 
     velocity: Array | None

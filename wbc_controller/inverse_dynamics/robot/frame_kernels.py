@@ -1,6 +1,6 @@
-"""Rows of contacts and tasks in the quadratic program: Jacobians and right-hand sides, J v̇ = b.
+"""Kernels for the contact and task rows J v̇ = b: Jacobians and right-hand sides.
 
-Twists and accelerations of links are those of `LinkMotion`, placements those of `placement_kernels`.
+`LinkMotion` defines the twists and accelerations of links, `placement_kernels` the placements.
 """
 
 from __future__ import annotations
@@ -39,24 +39,23 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 )
 from wbc_controller.records import Array
 
-#: Kinds of instructions: tasks on a frame, on the centre of mass and on single joints, contacts of a surface and of a
-#: ball, and the rate of the momentum.
+#: Kinds of rows: tasks on a frame, the centre of mass and single joints; surface and ball contacts; the momentum rate.
 FRAME, COM, JOINTS, SURFACE, BALL, MOMENTUM = range(6)
 #: Columns of `FrameRows.instructions`.
 KIND, ROW, COUNT, LINK, OTHER, FIRST, SIZE, PLACE, NUMBER, ERROR = range(10)
 
 
 class FrameRows(Struct):
-    """The rows of some contacts and tasks, and the instructions to fill them.
+    """Rows of contacts and tasks, and instructions to fill them.
 
     Attributes:
         instructions: (k, 10): kind; first row in `out` and number of rows; link and other link; first component of the
             frame's twist and number of components; first index in `places`, `numbers` and the task errors.
-        places: rows that masks select, and indices of joints.
-        numbers: constants, gains and references, as the functions below take them.
+        places: selected components, and indices of joints.
+        numbers: constants, gains and references in the order of the functions below.
         motion: motion of the links.
-        out: rows [J, …, b]; columns between J and b are not written.
-        target: targets of single accelerations, by index in v, (≥ nv,).
+        out: rows [J, …, b]; the columns between J and b are not written.
+        target: targets of single accelerations by index in v, (≥ nv,).
     """
 
     instructions: IndexMatrix
@@ -71,18 +70,19 @@ class FrameRows(Struct):
 def _contact_rows(
     motion: LinkMotion, link: int, other: int, mount: Array, rows: Indices, out: Array, memory: Array
 ) -> None:
-    """Fill rows of the twist ν of a contact frame C relative to a link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
+    """Fill rows of the twist ν of a contact frame C relative to link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
 
-    With X the transform of a twist of B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B) (`contacts.mount`).
+    With X the transform of a twist from B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B)
+    (`contacts.mount`).
 
     Args:
         motion: motion of the links.
-        link: index of the link of C.
-        other: index of the link of B; 0 for the world.
+        link: link of C.
+        other: link B; 0 for the world.
         mount: placement of C on its link, (12,).
         rows: selected components of ν, (r,).
-        out: J, and -ν̇ at v̇ = 0 in the last column, (r, …).
-        memory: for intermediate results, (≥ 2, 12).
+        out: [J, …, -ν̇ at v̇ = 0], (r, …).
+        memory: intermediate results, (≥ 2, 12).
     """
     C, column, right = memory[0], memory[1], out.shape[1] - 1
     twists, moves, links = motion.joint_twists, motion.moves, motion.links
@@ -112,13 +112,13 @@ def _contact_rows(
 def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> None:
     """Fill rows of the velocity of a ball's lowest point, Eᵀ(ṗ + ω × r): J v̇ = -drift (`contacts.point`).
 
-    The drift is Eᵀ(p̈ + ω̇ × r) at v̇ = 0: p turns with the link, r does not.
+    The drift is Eᵀ(p̈ + ω̇ × r) at v̇ = 0; r does not rotate with the link.
 
     Args:
         motion: motion of the links.
-        link: index of the ball's link.
-        numbers: the centre on that link in m; r, to the lowest point in world axes, in m; Eᵀ by rows, (15,).
-        out: J, and the required J v̇ at J v = 0 in the last column, (3, …).
+        link: link of the ball.
+        numbers: centre on the link, m; r from the centre to the lowest point in world axes, m; Eᵀ by rows, (15,).
+        out: [J, …, required J v̇ at J v = 0], (3, …).
     """
     at, right, twists, moves = motion.links[link], out.shape[1] - 1, motion.joint_twists, motion.moves
     centre = transform(motion.joints[link], three(numbers, 0))
@@ -140,7 +140,7 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 
 @part
 def _momentum_rows(motion: LinkMotion, out: Array) -> None:
-    """Fill rows of the rate of the centroidal momentum: A_G v̇ = -Ȧ_G v."""
+    """Fill rows of the centroidal momentum rate: A_G v̇ = -Ȧ_G v."""
     centroidal = motion.centroidal
     for j in range(len(centroidal)):
         for i in range(6):
@@ -160,15 +160,15 @@ def _frame_rows(
 
     Args:
         motion: motion of the links.
-        link: index of the frame's link.
-        first: first component of the frame's twist in the task: 0, or 3 for an orientation.
-        size: number of these components: 3 or 6.
-        numbers: placement of the frame on its link, (12,); K and D, (size,) each; then the reference: position in m,
-            quaternion, or both, and ẋ_ref and ẍ_ref, (size,) each.
-        rows: components of the task that its mask selects, (r,).
-        out: J, and the right-hand sides in the last column, (r, …).
-        error: the task error, (r,) in m and rad.
-        memory: for intermediate results, (≥ 5, 12).
+        link: link of the frame.
+        first: first twist component of the task: 0, or 3 for an orientation.
+        size: number of twist components: 3 or 6.
+        numbers: placement of the frame on its link, (12,); K and D, (size,); reference: position in m, quaternion, or
+            both; ẋ_ref and ẍ_ref, (size,).
+        rows: selected components, (r,).
+        out: [J, …, right-hand sides], (r, …).
+        error: task error, (r,) in m and rad.
+        memory: intermediate results, (≥ 5, 12).
     """
     at, twist, drift, wanted = memory[0], memory[1], memory[2], memory[3]
     place(motion.joints[link], numbers, at)
@@ -196,10 +196,7 @@ def _frame_rows(
 def _frame_jacobian(
     motion: LinkMotion, link: int, p: Vector3, first: int, rows: Indices, out: Array, column: Array
 ) -> None:
-    """Fill J of a frame's selected components: columns of the joints that move the link, at the point p.
-
-    `column` is memory for one column.
-    """
+    """Fill the selected rows of a frame's Jacobian at the point p; `column` is memory for one column."""
     twists, moves = motion.joint_twists, motion.moves
     for j in range(len(twists)):
         if not moves[link, j]:
@@ -214,7 +211,7 @@ def _frame_jacobian(
 
 @part
 def _frame_motion(link: Array, p: Vector3, twist: Array, drift: Array) -> None:
-    """Write the twist of a link at the point p, and the classical acceleration there at v̇ = 0, (6,) each."""
+    """Write the twist of a link at the point p, and its classical acceleration there at v̇ = 0, (6,) each."""
     angular = three(link, 3)
     linear = add(three(link, 0), cross(angular, p))
     put_motion(twist, (linear, angular))
@@ -224,9 +221,9 @@ def _frame_motion(link: Array, p: Vector3, twist: Array, drift: Array) -> None:
 
 @part
 def _rotation_error(frame: Array, reference: Array, q: Array) -> Vector3:
-    """Return log(R_ref Rᵀ), from the rotation of a placement to a quaternion (x, y, z, w) of any length.
+    """Return log(R_ref Rᵀ) for a placement and a reference quaternion (x, y, z, w) of any length.
 
-    `q` is memory for the quaternion of that rotation.
+    `q` is memory for a quaternion.
     """
     quaternion(frame, q)
     a, w = three(reference, 0), reference[3]
@@ -237,13 +234,13 @@ def _rotation_error(frame: Array, reference: Array, q: Array) -> Vector3:
     if cosine < 0.0:
         e, cosine = scale(-1.0, e), -cosine
     sine = math.sqrt(dot(e, e))
-    # The angle over the sine of its half; for small angles that is 2 / cosine to rounding.
+    # angle / sin(angle / 2), and 2 / cosine for small angles
     return scale(2.0 * math.atan2(sine, cosine) / sine if sine > 1.0e-9 * cosine else 2.0 / cosine, e)
 
 
 @part
 def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, error: Array) -> None:
-    """Fill rows of a task on the centre of mass; `numbers`: K, D, position, velocity, acceleration, (3,) each."""
+    """Fill rows of a centre of mass task; `numbers`: K, D, position, velocity, acceleration, (3,) each."""
     per_mass = motion.per_mass
     for i in range(len(rows)):
         k = rows[i]
@@ -258,26 +255,26 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, err
 def _joint_targets(
     q: Array, v: Array, numbers: Array, places: Indices, count: int, target: Array, error: Array
 ) -> float:
-    """Write targets of single accelerations of joints, from their positions (`tasks.posture`, `formulation.cost`).
+    """Write the targets of single joint accelerations (`tasks.posture`, `formulation.cost`).
 
     Args:
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        numbers: (7, count): K, D, reference position, velocity and acceleration, then the factor from the desired
-            acceleration to the target, and from its square to twice the constant.
-        places: (2, count): index in q of each joint, and in v.
+        numbers: (7, count): K, D, reference position, velocity and acceleration, factor from desired acceleration to
+            target, and from its square to twice the constant cost.
+        places: (2, count): index in q and in v of each joint.
         count: number of joints.
-        target: out: the targets, by index in v.
-        error: out: the task error, (count,).
+        target: out: targets by index in v.
+        error: out: task error, (count,).
 
     Returns:
-        The cost that no acceleration avoids.
+        The constant cost.
     """
     rest, table, index = 0.0, numbers[: 7 * count].reshape(7, count), places[: 2 * count].reshape(2, count)
     for i in range(count):
         row, column = index[0, i], index[1, i]
         if not (0 <= row < len(q) and 0 <= column < len(v)):
-            raise IndexError("the index of a joint is not below the size of q or v")
+            raise IndexError("joint index out of range of q or v")
         error[i] = table[2, i] - q[row]
         asked = table[0, i] * error[i] + table[1, i] * (table[3, i] - v[column]) + table[4, i]
         target[column] = table[5, i] * asked
@@ -286,7 +283,7 @@ def _joint_targets(
 
 
 @compiled
-def take_reference(
+def copy_reference(
     position: StridedVector, velocity: StridedVector, acceleration: StridedVector, size: int, wanted: OutVector
 ) -> bool:
     """Copy a reference into the numbers of `fill_rows`.
@@ -295,11 +292,11 @@ def take_reference(
         position: in the form of its task, (length,).
         velocity: (size,).
         acceleration: (size,).
-        size: number of the task's components.
-        wanted: out: the three arrays, one after the other, (length + 2 size,).
+        size: number of task components.
+        wanted: out: the three arrays in sequence, (length + 2 size,).
 
     Returns:
-        True if they have these sizes; otherwise nothing is copied.
+        False if a size is wrong; nothing is copied then.
     """
     length = len(wanted) - 2 * size
     if len(position) != length or len(velocity) != size or len(acceleration) != size:
@@ -313,13 +310,13 @@ def take_reference(
 
 @compiled
 def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> float:
-    """Fill the rows of all contacts and tasks of a program.
+    """Fill the rows of all contacts and tasks.
 
     Args:
-        table: instructions and rows; its link motion is at this state.
+        table: instructions and rows, with the link motion at this state.
         q: configuration, (nq,).
         v: generalized velocity, (nv,).
-        errors: out: the task errors.
+        errors: out: task errors.
 
     Returns:
         The constant cost of the tasks on single accelerations.

@@ -1,4 +1,4 @@
-"""Joints without a motor of their own: their springs and dampers."""
+"""Springs and dampers of passive joints, which have no motor of their own."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class PassiveJoint:
-    """A spring and a damper between the two links of a joint.
+    """Spring and damper between the two links of a joint.
 
     Attributes:
         stiffness: k, N·m/rad.
         damping: d, N·m·s/rad.
-        rest: q₀, where the spring is at rest, rad.
+        rest: spring rest position q₀, rad.
     """
 
     stiffness: float = 0.0
@@ -26,7 +26,7 @@ class PassiveJoint:
 
 
 class PassiveForces:
-    """The known forces of springs and dampers, -k (q - q₀) - d q̇: part of the bias h, like gravity (S1, S4).
+    """Torques of springs and dampers, -k (q - q₀) - d q̇: part of the bias forces h (S1, S4).
 
     Attributes:
         joints: by name, (k,).
@@ -45,5 +45,5 @@ class PassiveForces:
         self._rest = np.array([joint.rest for joint in joints.values()])
 
     def torques(self, q: Array, v: Array) -> Array:
-        """Torques of the springs and dampers at a state, (k,) in N·m."""
+        """Return the torques of the springs and dampers at a state, (k,) in N·m."""
         return np.asarray(self._stiffness * (self._rest - q[self._q_index]) - self._damping * v[self.v_index])

@@ -1,4 +1,4 @@
-"""The base classes of tasks: each task gives weighted rows of the least-squares cost."""
+"""Base classes of tasks: weighted rows of the least-squares cost."""
 
 from __future__ import annotations
 
@@ -25,42 +25,39 @@ from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Reference, frozen
 
-#: A gain: one number, or one for each axis.
+#: A gain: one number, or one per axis.
 Gains = float | Sequence[float]
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
-    """Read a gain: one number, or one for each of `size` axes, including masked ones; shape () or (size,).
+    """Read a gain: one number, or one for each of `size` axes including masked ones; shape () or (size,).
 
     Raises:
-        ConfigurationError: if the number of values is neither one nor `size`; the message begins with the key.
+        ConfigurationError: for another number of values; the message begins with the key.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((), (size,)):
         raise ConfigurationError(
-            f"{key} has {array.size} values; it takes one number, or a list with one for each of the task's {size} axes"
+            f"{key} has {array.size} values; expected one number, or a list with one for each of the task's {size} axes"
         )
     return array
 
 
 class Task(Tunable, ABC):
-    """A control objective: rows of a least-squares problem in the decision variables, with a weight and a level.
+    """Control objective: rows of a least-squares problem in the decision variables, with weight and priority level.
 
-    There are two kinds: an `AccelerationTask` acts on v̇, an `EffortTask` on contact forces or torques.
-
-    `weight`, `enabled` and `setpoint_duration` apply to tasks that a user passes as objects; for tasks of a
-    configuration file the settings decide.
+    An `AccelerationTask` acts on v̇, an `EffortTask` on contact forces or torques. `weight`, `enabled` and
+    `setpoint_duration` apply to tasks passed as objects; settings define them for tasks of a configuration file.
 
     Attributes:
-        name: the task's name.
-        rows: indices of the components that the mask selects, (k,).
-        level: priority level; 0 is the highest, and no task worsens one of a smaller level. Set it before the
-            controller is made.
-        tolerance: deviation from the reference that costs nothing, in the unit of the error, () or (size,); None means
-            that the task tracks the reference itself. Set it before the controller is made.
+        name: name of the task.
+        rows: indices of the components selected by the mask, (k,).
+        level: priority level; 0 is the highest. Set it before the controller is made.
+        tolerance: deviation from the reference without cost, in the unit of the error, () or (size,), or None. Set it
+            before the controller is made.
         weight: weight in the cost.
-        enabled: whether the task is on when the controller is activated.
-        setpoint_duration: time in which a new setpoint is reached, s.
+        enabled: True if the task is on when the controller is activated.
+        setpoint_duration: duration of the motion to a new setpoint, s.
     """
 
     #: Number of components before the mask.
@@ -72,22 +69,22 @@ class Task(Tunable, ABC):
     setpoint_duration: float = 1.0
     #: Unit of the task error.
     unit: str = ""
-    #: Names of the attributes that are gains, each () or (size,).
+    #: Names of the gain attributes, each () or (size,).
     gain_names: tuple[str, ...] = ()
 
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
         self.name = name
         self.rows = np.flatnonzero(np.asarray(mask))
-        self._whole = len(self.rows) == len(mask)
+        self._selects_all = len(self.rows) == len(mask)
 
     @property
     def full_name(self) -> str:
-        """Kind and name, for error messages."""
+        """Kind and name for error messages."""
         return f"task {self.name!r}"
 
     @property
     def gains(self) -> Mapping[str, Array]:
-        """The gains by name."""
+        """Gains by name."""
         return {name: getattr(self, name) for name in self.gain_names}
 
     @property
@@ -97,29 +94,29 @@ class Task(Tunable, ABC):
 
     @property
     def dimension(self) -> int:
-        """Number of rows that the task contributes to the cost."""
+        """Number of rows in the cost."""
         return len(self.rows)
 
     @abstractmethod
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Reference of the task until a command sets another one."""
+        """Return the default reference, used until a command sets another one."""
 
     def band(self) -> Array:
-        """The tolerance as half-width of the rows of the least-squares problem, (k,)."""
+        """Return the tolerance as half-width of the rows, (k,)."""
         if self.tolerance is None:
             return np.zeros(self.dimension)
         return np.broadcast_to(self.tolerance * self._stiffness_of_rows(), (self.size,))[self.rows]
 
     @abstractmethod
     def _stiffness_of_rows(self) -> Array:
-        """Change of the rows' right-hand sides per unit of the task error, () or (size,)."""
+        """Return the change of the right-hand sides per unit of the task error, () or (size,)."""
 
 
 def rest_of(task: Task, dynamics: Dynamics) -> Reference:
-    """Reference of a task until a command sets another one, checked.
+    """Return the default reference of a task, checked.
 
     Raises:
-        MethodError: if `Task.rest` raises an exception, or an array has another shape than the task's form, or NaN.
+        MethodError: if `Task.rest` raises an exception, or an array has the wrong shape or contains NaN.
     """
     reference, form = call(task, "rest", dynamics), task.form
     if not isinstance(reference, Reference):
@@ -134,62 +131,61 @@ def rest_of(task: Task, dynamics: Dynamics) -> Reference:
 
 
 class AccelerationTask(Task):
-    """A task that makes a quantity x follow its reference through the choice of v̇.
+    """Task that makes a quantity x follow its reference by the choice of v̇.
 
-    Let x⁽ⁿ⁾ = J v̇ + δ be the lowest derivative of x in which v̇ appears; the drift δ is its value at v̇ = 0. The task is
+    Let x⁽ⁿ⁾ = J v̇ + δ be the lowest derivative of x that depends on v̇, with the drift δ. The task is
 
         J v̇ = x⁽ⁿ⁾* - δ
 
-    in the least-squares sense. The subclasses define x⁽ⁿ⁾*: `MotionTask` for quantities x(q), and `RateTask` for
-    quantities x(q, v).
+    in the least-squares sense. `MotionTask` defines x⁽ⁿ⁾* for quantities x(q), and `RateTask` for x(q, v).
     """
 
     @abstractmethod
     def position(self, dynamics: Dynamics) -> Array:
-        """Present value x, in the form of the reference's position."""
+        """Return the present value x, in the form of the reference's position."""
 
     @abstractmethod
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Task error: displacement from x to a reference position, (size,)."""
+        """Return the task error, the displacement from x to a reference position, (size,)."""
 
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """J, (size, nv)."""
+        """Return J, (size, nv)."""
 
     @abstractmethod
     def drift(self, dynamics: Dynamics) -> Array:
-        """δ, (size,)."""
+        """Return δ, (size,)."""
 
     @abstractmethod
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """x⁽ⁿ⁾* - δ and the task error, both (size,), without the mask applied."""
+        """Return x⁽ⁿ⁾* - δ and the task error, both (size,), before the mask."""
 
     def instruction(self) -> Instruction | None:
-        """How compiled code fills the rows; None where it does not know them, and `fill` does.
+        """Return the instruction for compiled code to fill the rows; None to fill them in Python.
 
-        Only a class itself gives one, not those derived from it: they may override what the rows follow from.
+        Subclasses of a class with an instruction get None, as they may override its rows.
         """
         return None
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Reference that holds the present value."""
+        """Return a reference at the present value."""
         still = frozen(np.zeros(self.size))
         return Reference(frozen(array_from(self, "position", (self.form.size,), dynamics)), still, still)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Rows of the least-squares problem J v̇ = b, as new arrays, masked: J (k, nv), b (k,), task error (k,)."""
+        """Return the masked rows J v̇ = b and the task error as new arrays: J (k, nv), b (k,), error (k,)."""
         size, rows = self.size, self.rows
         right, error = self.right(dynamics, reference)
         right, error = checked(self, "right", right, (size,)), checked(self, "right", error, (size,))
         J = checked(self, "jacobian", self.jacobian(dynamics), (size, dynamics.model.nv))
-        return (J, right, error) if self._whole else (J[rows], right[rows], error[rows])
+        return (J, right, error) if self._selects_all else (J[rows], right[rows], error[rows])
 
 
 def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
-    """Evaluate each method of a task and check what it returns: before activation, and to name the one that failed.
+    """Evaluate and check each method of a task, before activation or to name a failed method.
 
     Raises:
-        MethodError: if a method raises an exception, or returns another shape or type, NaN or infinity.
+        MethodError: if a method raises an exception, or returns a wrong shape or type, NaN or infinity.
     """
     size, k, nv = (task.size,), (task.dimension,), dynamics.model.nv
     array_from(task, "position", (task.form.size,), dynamics)
@@ -206,7 +202,7 @@ def motion_of(task: AccelerationTask, dynamics: Dynamics, reference: Reference) 
     """Evaluate `AccelerationTask.equation` and check its J (k, nv), b (k,) and task error (k,).
 
     Raises:
-        MethodError: as `evaluate`, with the name of the method that failed.
+        MethodError: as `evaluate`, with the name of the failed method.
     """
     k = (task.dimension,)
     try:
@@ -225,23 +221,23 @@ def _is_finite(reference: Reference) -> bool:
 
 
 class Efforts(Protocol):
-    """The torques and contact forces of a cycle as affine functions of the decision variables x, (n,)."""
+    """Torques and contact forces of a cycle as affine functions of the decision variables x, (n,)."""
 
     @property
     def torque_map(self) -> tuple[Array, Array]:
-        """R (na, n) and r (na,), so that τ = R x + r in N·m."""
+        """R (na, n) and r (na,) of τ = R x + r, N·m."""
 
     def force_map(self, contact: str) -> Array | None:
-        """R (k, n), so that the contact force f, in the axes of the contact, is R x; None while it is not active."""
+        """Return R (k, n) of the contact force f = R x, in contact axes; None for an inactive contact."""
 
 
 class EffortTask(Task):
-    """A task on contact forces or torques, which have no dynamics and therefore no gains.
+    """Task on contact forces or torques, without dynamics and gains.
 
-    Only the position of the reference is used; its velocity and acceleration are ignored.
+    Velocity and acceleration of the reference are ignored.
 
     Attributes:
-        target: the reference until a command sets another one, (size,).
+        target: default reference, (size,).
     """
 
     def __init__(self, name: str, mask: Sequence[bool], target: Array) -> None:
@@ -249,7 +245,7 @@ class EffortTask(Task):
         self.target = target
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """The target."""
+        """Return the target."""
         still = np.zeros(self.size)
         return Reference(self.target, still, still)
 
@@ -258,18 +254,18 @@ class EffortTask(Task):
 
     @abstractmethod
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
-        """Rows of the least-squares problem R x = r in the decision variables x: R (k, n), r (k,).
+        """Return the rows R x = r in the decision variables x: R (k, n), r (k,).
 
-        `efforts` are torques and contact forces as functions of x. None if the quantity does not exist, such as the
-        force of a contact that is not active.
+        `efforts` are torques and contact forces as functions of x. Return None if the quantity does not exist, e.g. the
+        force of an inactive contact.
         """
 
 
 def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int) -> tuple[Array, Array] | None:
-    """Rows of a task on contact forces or torques as `EffortTask.equation` gives them, checked.
+    """Evaluate `EffortTask.equation` and check its result.
 
     Raises:
-        MethodError: if the method raises an exception, or an array has another shape than R (k, n) and r (k,), or NaN.
+        MethodError: if the method raises an exception, or R (k, n) or r (k,) has a wrong shape or contains NaN.
     """
     equation = call(task, "equation", efforts, reference)
     if equation is None:
@@ -282,13 +278,13 @@ def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int
 
 
 class MotionTask(AccelerationTask):
-    """A task on a quantity x(q): PD feedback on the task error plus feed-forward.
+    """Task on a quantity x(q): PD feedback on the task error plus feed-forward.
 
     With ẋ = J v and ẍ = J v̇ + J̇v, the desired acceleration is
 
         ẍ* = ẍ_ref + D (ẋ_ref - ẋ) + K e
 
-    where e is the error from x to x_ref, K the stiffness and D the damping, each one number or one for each axis.
+    with the error e from x to x_ref, stiffness K and damping D.
 
     Attributes:
         stiffness: K, 1/s², () or (size,).
@@ -305,12 +301,12 @@ class MotionTask(AccelerationTask):
         """Make a task.
 
         Args:
-            mask: axes that the task controls, (size,); derived classes without a mask control all.
-            stiffness: K, 1/s², one number or one for each axis.
-            damping: D, 1/s, one number or one for each axis; by default critical, 2√K.
+            mask: controlled axes, (size,); subclasses without a mask control all.
+            stiffness: K, 1/s², one number or one per axis.
+            damping: D, 1/s, one number or one per axis; by default critical, 2√K.
 
         Raises:
-            ConfigurationError: if a list of gains has another length than the mask, or the model has no such frame.
+            ConfigurationError: for a list of gains of wrong length, or an unknown frame.
         """
         super().__init__(name, mask)
         self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
@@ -325,10 +321,10 @@ class MotionTask(AccelerationTask):
 
     @abstractmethod
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Present velocity ẋ, (size,)."""
+        """Return the present velocity ẋ, (size,)."""
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """ẍ* - J̇v and the task error, both (size,)."""
+        """Return ẍ* - J̇v and the task error, both (size,)."""
         shape = (self.size,)
         error = checked(self, "error", self.error(dynamics, reference.position), shape)
         velocity = checked(self, "velocity", self.velocity(dynamics), shape)
@@ -337,14 +333,12 @@ class MotionTask(AccelerationTask):
 
 
 class RateTask(AccelerationTask):
-    """A task on a quantity x(q, v), with ẋ = J v̇ + δ: first-order feedback on the task error.
-
-    The desired rate is
+    """Task on a quantity x(q, v) with ẋ = J v̇ + δ: first-order feedback on the task error.
 
         ẋ* = ẋ_ref + k e
 
-    where e = x_ref - x is the error and k the gain, one number or one for each axis: undisturbed, e decays as
-    exp(-k t). The position of the reference is x_ref, its velocity is ẋ_ref, and its acceleration is ignored.
+    with the error e = x_ref - x and the gain k. Undisturbed, e decays as exp(-k t). Position and velocity of the
+    reference are x_ref and ẋ_ref; its acceleration is ignored.
 
     Attributes:
         gain: k, 1/s, () or (size,).
@@ -353,10 +347,10 @@ class RateTask(AccelerationTask):
     gain_names = ("gain",)
 
     def __init__(self, name: str, mask: Sequence[bool], *, gain: Gains, key: str) -> None:
-        """Make a task with a mask, (size,), and a gain k, 1/s, one number or one for each axis.
+        """Make a task with a mask (size,) and a gain k, 1/s, one number or one per axis.
 
         Raises:
-            ConfigurationError: if a list of gains has another length than the mask; the message begins with the key.
+            ConfigurationError: for a list of gains of wrong length; the message begins with the key.
         """
         super().__init__(name, mask)
         self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")
@@ -365,11 +359,11 @@ class RateTask(AccelerationTask):
         return self.gain
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """x_ref - x, (size,)."""
+        """Return x_ref - x, (size,)."""
         return position - checked(self, "position", self.position(dynamics), (self.form.size,))
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """ẋ* - δ and the task error, both (size,)."""
+        """Return ẋ* - δ and the task error, both (size,)."""
         shape = (self.size,)
         error = checked(self, "error", self.error(dynamics, reference.position), shape)
         return reference.velocity + self.gain * error - checked(self, "drift", self.drift(dynamics), shape), error
