@@ -33,9 +33,6 @@ class LoopClosure(Contact):
     With one free rotation (hinge), the angular part of e is the rotation between the two hinge axes.
 
     f is the force of A on B at the origin of B, in the axes of A; the opposite force acts on A.
-
-    Attributes:
-        stiffness: K, 1/s².
     """
 
     permanent = True
@@ -72,7 +69,7 @@ class LoopClosure(Contact):
             damping=2.0 * math.sqrt(stiffness),
             internal=True,
         )
-        self.stiffness = stiffness
+        self.stiffness = stiffness  # K, 1/s²
         self._a = model.frame_id(frames[0], f"loops.{name}.frame_a")
         self._b = model.frame_id(frames[1], f"loops.{name}.frame_b")
         joints = [model.pinocchio.frames[frame].parentJoint for frame in (self._a, self._b)]

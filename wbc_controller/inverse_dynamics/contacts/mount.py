@@ -67,10 +67,6 @@ class Mount:
         ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B)
 
     with the cross product of spatial motion vectors (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 2.9).
-
-    Attributes:
-        frame: name of the link's frame.
-        against: name of the frame of B; None for the world.
     """
 
     def __init__(
@@ -81,8 +77,8 @@ class Mount:
         Raises:
             ConfigurationError: for an unknown frame, or if no joint is between both frames.
         """
-        self.frame = frame
-        self.against = against
+        self.frame = frame  # name of the link's frame
+        self.against = against  # name of the frame of B; None for the world
         self._id = model.frame_id(frame, f"contacts.{name}.frame")
         self._other = support_link(model, name, frame, against)
         self._placement = placement

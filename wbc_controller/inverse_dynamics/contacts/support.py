@@ -84,15 +84,10 @@ def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """Rectangle about the origin of the contact frame.
+    """Rectangle about the origin of the contact frame."""
 
-    Attributes:
-        half_length: half of the side along x, m.
-        half_width: half of the side along y, m.
-    """
-
-    half_length: float
-    half_width: float
+    half_length: float  # half of the side along x, m
+    half_width: float  # half of the side along y, m
 
     @property
     def vertices(self) -> Array:
@@ -106,11 +101,7 @@ class Rectangle:
 
 
 class Polygon:
-    """Convex polygon in the plane z = 0 of the contact frame.
-
-    Attributes:
-        vertices: in order around the polygon, (n, 2) in m.
-    """
+    """Convex polygon in the plane z = 0 of the contact frame."""
 
     def __init__(self, vertices: Array, key: str) -> None:
         """Make a polygon from vertices, (n, 2) in m, in any order.
@@ -131,7 +122,7 @@ class Polygon:
                     f"{key}[{index}] = {point.tolist()}: not a corner: it is on or inside the polygon of the other "
                     "vertices, and the polygon must be convex"
                 )
-        self.vertices: Array = points[hull.vertices]
+        self.vertices: Array = points[hull.vertices]  # in order around the polygon, (n, 2) in m
 
     def cone(self, friction: float) -> Array:
         """Return the rows of `polygon_wrench_cone`."""

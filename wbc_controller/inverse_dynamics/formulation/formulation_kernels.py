@@ -8,17 +8,11 @@ from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
 
 
 class Program(Struct):
-    """Arrays of a quadratic program.
+    """Arrays of a quadratic program."""
 
-    Attributes:
-        rows: task and contact rows, with the link motion.
-        dynamics: equations of motion and torque bounds.
-        motion_limit: bounds of joint accelerations.
-    """
-
-    rows: FrameRows
-    dynamics: DynamicsRows
-    motion_limit: JointMotion
+    rows: FrameRows  # task and contact rows, with the link motion
+    dynamics: DynamicsRows  # equations of motion and torque bounds
+    motion_limit: JointMotion  # bounds of joint accelerations
 
 
 @compiled

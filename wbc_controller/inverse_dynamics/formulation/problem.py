@@ -22,20 +22,15 @@ class QuadraticCost:
     Most cycles need only the squares. H and g are computed on first access:
 
         H = Rᵀ w R + diag(d),    g = -Rᵀ w r - d t,    constant + ½ rᵀ w r + ½ tᵀ d t
-
-    Attributes:
-        squares: sum of squares; None for a cost given by H and g.
-        squares_constant: constant added to the squares.
-        computed: True if H and g belong to the squares.
     """
 
     __slots__ = ("_H", "_constant", "_g", "computed", "squares", "squares_constant")
 
     def __init__(self, H: Array, g: Array, constant: float = 0.0) -> None:
         self._H, self._g, self._constant = H, g, constant
-        self.computed = True
-        self.squares: LeastSquares | None = None
-        self.squares_constant = 0.0
+        self.computed = True  # True if H and g belong to the squares
+        self.squares: LeastSquares | None = None  # sum of squares; None for a cost given by H and g
+        self.squares_constant = 0.0  # constant added to the squares
 
     def update(self, squares: LeastSquares, constant: float) -> None:
         """Set the cost to a sum of squares, with new values, plus a constant."""

@@ -9,38 +9,22 @@ from wbc_controller.records import Array
 
 
 class Constraints(Struct):
-    """Constraints A x = b and lower ≤ [x; C x] ≤ upper, and outputs C x + r of the first rows of C.
+    """Constraints A x = b and lower ≤ [x; C x] ≤ upper, and outputs C x + r of the first rows of C."""
 
-    Attributes:
-        rows: [A, b] above [C, 0], (m_eq + m_in, n + 1).
-        bounds: lower and upper bounds of [x; C x], (2, n + m_in).
-        offset: r, (k,).
-    """
-
-    rows: Matrix
-    bounds: Matrix
-    offset: Vector
+    rows: Matrix  # [A, b] above [C, 0], (m_eq + m_in, n + 1)
+    bounds: Matrix  # lower and upper bounds of [x; C x], (2, n + m_in)
+    offset: Vector  # r, (k,)
 
 
 class LeastSquares(Struct):
-    """Cost ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dⱼ (xⱼ - tⱼ)² under constraints.
+    """Cost ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dⱼ (xⱼ - tⱼ)² under constraints."""
 
-    Attributes:
-        rows: [R, r], (k, n + 1).
-        weights: w, (k,), positive.
-        base: number of leading columns without d and t (floating base), determined by as many last equality
-            constraints.
-        diagonal: d, (n,), positive except in the leading columns.
-        target: t, (n,).
-        constraints: of the quadratic program.
-    """
-
-    rows: Matrix
-    weights: Vector
-    base: int
-    diagonal: Vector
-    target: Vector
-    constraints: Constraints
+    rows: Matrix  # [R, r], (k, n + 1)
+    weights: Vector  # w, (k,), positive
+    base: int  # number of base columns without d and t, determined by as many last equality constraints
+    diagonal: Vector  # d, (n,), positive except in the leading columns
+    target: Vector  # t, (n,)
+    constraints: Constraints  # of the quadratic program
 
 
 @part

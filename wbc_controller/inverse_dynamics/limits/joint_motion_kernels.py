@@ -8,37 +8,21 @@ from wbc_controller.compilation import Indices, Matrix, OutVector, Struct, Vecto
 
 
 class JointMotion(Struct):
-    """Limits of joint positions, velocities and accelerations, and the resulting bounds.
+    """Limits of joint positions, velocities and accelerations, and the resulting bounds."""
 
-    Attributes:
-        q_index: index in q of each joint, (nj,).
-        v_index: index in v and in the bounds of each joint, (nj,).
-        limits: upper position limits of q and of -q, (2, nj) in rad; (2, 0) without position limits.
-        fastest: largest speeds, (nj,) in rad/s; (0,) without velocity limits.
-        acceleration: largest acceleration, rad/s².
-        period: duration of an acceleration, s.
-        ahead: horizon of the position limits, s; at least the period.
-        slowing: horizon of the velocity limits, s; at least the period.
-        stopping: `STOPPING_DISTANCE`, rad.
-        return_time: `RETURN_TIME`, s.
-        rounding: rounding error of a position beyond its limit, rad.
-        lower: out: lower bounds by index in v, rad/s².
-        upper: out: upper bounds, likewise.
-    """
-
-    q_index: Indices
-    v_index: Indices
-    limits: Matrix
-    fastest: Vector
-    acceleration: float
-    period: float
-    ahead: float
-    slowing: float
-    stopping: float
-    return_time: float
-    rounding: float
-    lower: OutVector
-    upper: OutVector
+    q_index: Indices  # index in q of each joint, (nj,)
+    v_index: Indices  # index in v and in the bounds of each joint, (nj,)
+    limits: Matrix  # upper position limits of q and of -q, (2, nj) in rad; (2, 0) without position limits
+    fastest: Vector  # largest speeds, (nj,) in rad/s; (0,) without velocity limits
+    acceleration: float  # largest acceleration, rad/s²
+    period: float  # duration of an acceleration, s
+    ahead: float  # horizon of the position limits, s; at least the period
+    slowing: float  # horizon of the velocity limits, s; at least the period
+    stopping: float  # `STOPPING_DISTANCE`, rad
+    return_time: float  # `RETURN_TIME`, s
+    rounding: float  # rounding error of a position beyond its limit, rad
+    lower: OutVector  # out: lower bounds by index in v, rad/s²
+    upper: OutVector  # out: upper bounds, likewise
 
 
 @part

@@ -34,46 +34,26 @@ class ShapePairs(Struct):
     """Pairs of shapes with a minimum distance, and known bounds of their distances.
 
     A lever is the largest speed of a shape's points per unit speed of a component of v.
-
-    Attributes:
-        motion: motion of the links.
-        shape_links: link of each shape, (s,).
-        mounts: origin of each shape on its link, and radius of the enclosing sphere about it, (s, 4) in m.
-        pairs: the two shapes of each pair, (k, 2).
-        starts: first lever of each shape, and end of the last, (s + 1,).
-        components: component of v of each lever, from the shape's link towards the root, (e,).
-        levers: (e,).
-        places: index in q of each component of v; -1 if it changes no distance, (nv,).
-        ends: indices in `sums` of the levers that can close each pair, (k, 2).
-        faster: largest increase of a closing speed in a cycle without a row, m/s.
-        normals: unit vectors from the first to the second shape, of the last computed distances, (k, 3).
-        first: nearest points on the first shape, (k, 3) in m.
-        second: nearest points on the second shape, (k, 3) in m.
-        seen: in place: configuration of the last cycle, (nq,); initially NaN.
-        least: in place: lower bounds of the distances, (k,) in m; NaN if unknown.
-        sums: out: largest speed, and change since `seen`, by the first levers of a shape, (e + 1, 2); row 0 is zero.
-        near: out: pairs that may need a row, in order, (k,).
-        reach: out: distances below which these pairs need a row, (k,) in m.
     """
 
-    motion: LinkMotion
-    shape_links: Indices
-    mounts: Matrix
-    pairs: IndexMatrix
-    starts: Indices
-    components: Indices
-    levers: Vector
-    places: Indices
-    ends: IndexMatrix
-    faster: float
-    normals: Matrix
-    first: Matrix
-    second: Matrix
-    seen: OutVector
-    least: OutVector
-    sums: OutMatrix
-    near: OutIndices
-    reach: OutVector
+    motion: LinkMotion  # motion of the links
+    shape_links: Indices  # link of each shape, (s,)
+    mounts: Matrix  # origin of each shape on its link, and radius of the enclosing sphere about it, (s, 4) in m
+    pairs: IndexMatrix  # the two shapes of each pair, (k, 2)
+    starts: Indices  # first lever of each shape, and end of the last, (s + 1,)
+    components: Indices  # component of v of each lever, from the shape's link towards the root, (e,)
+    levers: Vector  # (e,)
+    places: Indices  # index in q of each component of v; -1 if it changes no distance, (nv,)
+    ends: IndexMatrix  # indices in `sums` of the levers that can close each pair, (k, 2)
+    faster: float  # largest increase of a closing speed in a cycle without a row, m/s
+    normals: Matrix  # unit vectors from the first to the second shape, of the last computed distances, (k, 3)
+    first: Matrix  # nearest points on the first shape, (k, 3) in m
+    second: Matrix  # nearest points on the second shape, (k, 3) in m
+    seen: OutVector  # in place: configuration of the last cycle, (nq,); initially NaN
+    least: OutVector  # in place: lower bounds of the distances, (k,) in m; NaN if unknown
+    sums: OutMatrix  # out: largest speed, and change since `seen`, by the first levers of a shape, (e + 1, 2)
+    near: OutIndices  # out: pairs that may need a row, in order, (k,)
+    reach: OutVector  # out: distances below which these pairs need a row, (k,) in m
 
 
 @part

@@ -17,14 +17,10 @@ class TorqueSpeedCurve:
     τ_max is available up to the corner speed. Above it, the torque falls linearly to 0 at the no-load speed, as the
     voltage above the back-EMF drives the current. This applies in the direction of motion only: when braking, the
     back-EMF helps.
-
-    Attributes:
-        corner: corner speed, (na,) in rad/s.
-        no_load: no-load speed, above the corner speed, (na,) in rad/s.
     """
 
-    corner: Array
-    no_load: Array
+    corner: Array  # corner speed, (na,) in rad/s
+    no_load: Array  # no-load speed, above the corner speed, (na,) in rad/s
 
     def available(self, effort_limits: Array, v: Array) -> tuple[Array, Array]:
         """Return lower and upper bounds of τ, both (na,) in N·m, at speeds v, (na,) in rad/s."""

@@ -37,51 +37,31 @@ _LARGEST_DEVIATION = 1.0e-3
 
 @dataclass(frozen=True, slots=True)
 class TaskPlan:
-    """Configured state and timing of a task's references.
+    """Configured state and timing of a task's references."""
 
-    Attributes:
-        task: the task.
-        weight: weight of the enabled task.
-        enabled: True if the task is on at activation.
-        setpoint_duration: duration of the motion to a new setpoint, s.
-    """
-
-    task: Task
-    weight: float
-    enabled: bool
-    setpoint_duration: float
+    task: Task  # the task
+    weight: float  # weight of the enabled task
+    enabled: bool  # True if the task is on at activation
+    setpoint_duration: float  # duration of the motion to a new setpoint, s
 
 
 @dataclass(frozen=True, slots=True)
 class ContactPlan:
-    """Configured state and timing of a contact.
+    """Configured state and timing of a contact."""
 
-    Attributes:
-        enabled: True if the contact is active at activation.
-        ramp: duration of loading or unloading, s.
-        anchored: the contact if it has an anchor, else None.
-    """
-
-    enabled: bool
-    ramp: float
-    anchored: AnchoredContact | None = None
+    enabled: bool  # True if the contact is active at activation
+    ramp: float  # duration of loading or unloading, s
+    anchored: AnchoredContact | None = None  # the contact if it has an anchor, else None
 
 
 @dataclass(frozen=True, slots=True)
 class BoardPlan:
-    """Plans of all tasks and contacts.
+    """Plans of all tasks and contacts."""
 
-    Attributes:
-        tasks: by name.
-        contacts: by name.
-        weight_ramp: duration of ramps of weights, gains and limits, s.
-        tuning: gains and limits.
-    """
-
-    tasks: Mapping[str, TaskPlan]
-    contacts: Mapping[str, ContactPlan]
-    weight_ramp: float
-    tuning: Tuning
+    tasks: Mapping[str, TaskPlan]  # by name
+    contacts: Mapping[str, ContactPlan]  # by name
+    weight_ramp: float  # duration of ramps of weights, gains and limits, s
+    tuning: Tuning  # gains and limits
 
 
 class ReferenceBoard:

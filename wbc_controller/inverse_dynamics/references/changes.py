@@ -12,18 +12,14 @@ from wbc_controller.records import Array
 class SetSetpoint:
     """Move a task's reference to a position and hold it.
 
-    Attributes:
-        task: name of the task.
-        position: in the form of the task's references.
-        duration: of the motion, s; None for the task's ``setpoint_duration``.
-        frame: frame of the position, if not that of the task's references: one of `relative.own_frames`, or a robot
-            frame at its pose when the setpoint is applied.
+    `frame` is the frame of the position, by default that of the task's references: one of `relative.own_frames`, or a
+    robot frame at its pose when the setpoint is applied.
     """
 
-    task: str
-    position: Array
-    duration: float | None = None
-    frame: str = ""
+    task: str  # name of the task
+    position: Array  # in the form of the task's references
+    duration: float | None = None  # of the motion, s; None for the task's ``setpoint_duration``
+    frame: str = ""  # empty for the task's own
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,17 +49,11 @@ class EnableTask:
 
 @dataclass(frozen=True, slots=True)
 class EnableContact:
-    """Activate or deactivate a contact.
+    """Activate or deactivate a contact."""
 
-    Attributes:
-        contact: name of the contact.
-        enabled: True to activate it.
-        ramp: duration of loading or unloading, s; None for the contact's ``ramp``.
-    """
-
-    contact: str
-    enabled: bool
-    ramp: float | None = None
+    contact: str  # name of the contact
+    enabled: bool  # True to activate it
+    ramp: float | None = None  # duration of loading or unloading, s; None for the contact's ``ramp``
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +66,10 @@ class SetExternalWrench:
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """Walk at a velocity or stop; for the walker, not for the board.
+    """Walk at a velocity or stop; for the walker, not for the board."""
 
-    Attributes:
-        velocity: forward and sideways in the robot's heading, m/s, and turning rate, rad/s, (3,); None to stop.
-        streamed: True to stop without another command within ``walking.command_timeout``.
-    """
-
-    velocity: Array | None
-    streamed: bool = False
+    velocity: Array | None  # forward and sideways in the heading, m/s, and turning rate, rad/s, (3,); None to stop
+    streamed: bool = False  # True to stop without another command within ``walking.command_timeout``
 
 
 Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench | Walk

@@ -41,17 +41,11 @@ _STANDARD_GRAVITY = 9.81
 
 @dataclass(frozen=True, slots=True)
 class PositionRange:
-    """Range of the position vector of a task's references.
+    """Range of the position vector of a task's references."""
 
-    Attributes:
-        task: the task.
-        reach: largest distance of each component from the middle, (n,).
-        middle: middle of the range, (n,); None for the robot's centre of mass.
-    """
-
-    task: Task
-    reach: Array
-    middle: Array | None
+    task: Task  # the task
+    reach: Array  # largest distance of each component from the middle, (n,)
+    middle: Array | None  # middle of the range, (n,); None for the robot's centre of mass
 
     @classmethod
     def of(cls, task: Task, model: RobotModel) -> PositionRange:

@@ -16,19 +16,12 @@ from wbc_controller.records import Array, Reference, frozen
 
 @dataclass(frozen=True, slots=True)
 class Knot:
-    """Point of a trajectory.
+    """Point of a trajectory."""
 
-    Attributes:
-        time: s, on the clock of the states.
-        position: vector (k,), quaternion (4,), or position and quaternion (7,).
-        velocity: (k,), (3,) or (6,), in world axes.
-        acceleration: same shape as the velocity.
-    """
-
-    time: float
-    position: Array
-    velocity: Array
-    acceleration: Array
+    time: float  # s, on the clock of the states
+    position: Array  # vector (k,), quaternion (4,), or position and quaternion (7,)
+    velocity: Array  # (k,), (3,) or (6,), in world axes
+    acceleration: Array  # same shape as the velocity
 
 
 def rest(position: Array, size: int) -> Reference:
@@ -136,19 +129,12 @@ _Ramp = TypeVar("_Ramp", bound="Ramp")
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """Number that changes linearly between two values.
+    """Number that changes linearly between two values."""
 
-    Attributes:
-        start: s.
-        duration: s.
-        before: value until the start.
-        after: value from the end on.
-    """
-
-    start: float
-    duration: float
-    before: float
-    after: float
+    start: float  # s
+    duration: float  # s
+    before: float  # value until the start
+    after: float  # value from the end on
 
     def sample(self, time: float) -> float:
         """Return the value at a time in s."""

@@ -17,16 +17,11 @@ class TuningRamp:
     """Linear ramp between two tunings, with the same share for every number.
 
     Between critically damped tunings, the damping is at most 6 % below critical for a stiffness ratio of 4.
-
-    Attributes:
-        share: ramp of the share of `after`, from 0 to 1.
-        before: tuning until the start.
-        after: tuning from the end on.
     """
 
-    share: Ramp
-    before: Tuning
-    after: Tuning
+    share: Ramp  # ramp of the share of `after`, from 0 to 1
+    before: Tuning  # tuning until the start
+    after: Tuning  # tuning from the end on
 
     @classmethod
     def at(cls, tuning: Tuning) -> TuningRamp:

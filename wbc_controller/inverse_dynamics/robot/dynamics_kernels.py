@@ -7,36 +7,20 @@ from wbc_controller.records import Array
 
 
 class DynamicsRows(Struct):
-    """Rows of the equations of motion, below the rows of the contacts.
+    """Rows of the equations of motion, below the rows of the contacts."""
 
-    Attributes:
-        starts: start of each row of [N; T] in `columns` and `values`, and end of the last, (free + na + 1,).
-        columns: columns of the non-zero values of [N; T], (k,).
-        values: non-zero values, (k,).
-        damping: D of each row of J, (nf,) in 1/s.
-        rows: (…, nv + nf + 1): rows [J, 0, required J v̇] of the contacts; from `first` on the coefficients of v̇ and f
-            and the right-hand sides of the rows N, then T.
-        first: first row to fill.
-        lower: out: lower bounds of T (M v̇ - Jᵀf), (na,) in N·m.
-        upper: out: upper bounds, likewise.
-        M: joint-space inertia matrix, (nv, nv).
-        unit: unit of f, N and N·m.
-        available: smallest and largest available torques, and τ_max, (3, na) in N·m.
-        bias: out: T h, (na,) in N·m.
-    """
-
-    starts: Indices
-    columns: Indices
-    values: Vector
-    damping: Vector
-    rows: OutMatrix
-    first: int
-    lower: OutVector
-    upper: OutVector
-    M: Matrix
-    unit: float
-    available: Matrix
-    bias: OutVector
+    starts: Indices  # start of each row of [N; T] in `columns` and `values`, and end of the last, (free + na + 1,)
+    columns: Indices  # columns of the non-zero values of [N; T], (k,)
+    values: Vector  # non-zero values, (k,)
+    damping: Vector  # D of each row of J, (nf,) in 1/s
+    rows: OutMatrix  # [J, 0, required J v̇] of the contacts; from `first` on rows N, then T, (…, nv + nf + 1)
+    first: int  # first row to fill
+    lower: OutVector  # out: lower bounds of T (M v̇ - Jᵀf), (na,) in N·m
+    upper: OutVector  # out: upper bounds, likewise
+    M: Matrix  # joint-space inertia matrix, (nv, nv)
+    unit: float  # unit of f, N and N·m
+    available: Matrix  # smallest and largest available torques, and τ_max, (3, na) in N·m
+    bias: OutVector  # out: T h, (na,) in N·m
 
 
 @part

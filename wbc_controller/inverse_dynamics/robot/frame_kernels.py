@@ -41,29 +41,20 @@ from wbc_controller.records import Array
 
 #: Kinds of rows: tasks on a frame, the centre of mass and single joints; surface and ball contacts; the momentum rate.
 FRAME, COM, JOINTS, SURFACE, BALL, MOMENTUM = range(6)
-#: Columns of `FrameRows.instructions`.
+#: Columns of `FrameRows.instructions`: kind; first row in `out` and number of rows; link and other link; first twist
+#: component and number of components; first index in `places`, `numbers` and the task errors.
 KIND, ROW, COUNT, LINK, OTHER, FIRST, SIZE, PLACE, NUMBER, ERROR = range(10)
 
 
 class FrameRows(Struct):
-    """Rows of contacts and tasks, and instructions to fill them.
+    """Rows of contacts and tasks, and instructions to fill them."""
 
-    Attributes:
-        instructions: (k, 10): kind; first row in `out` and number of rows; link and other link; first component of the
-            frame's twist and number of components; first index in `places`, `numbers` and the task errors.
-        places: selected components, and indices of joints.
-        numbers: constants, gains and references in the order of the functions below.
-        motion: motion of the links.
-        out: rows [J, …, b]; the columns between J and b are not written.
-        target: targets of single accelerations by index in v, (≥ nv,).
-    """
-
-    instructions: IndexMatrix
-    places: Indices
-    numbers: Vector
-    motion: LinkMotion
-    out: OutMatrix
-    target: OutVector
+    instructions: IndexMatrix  # columns `KIND` to `ERROR`, (k, 10)
+    places: Indices  # selected components, and indices of joints
+    numbers: Vector  # constants, gains and references in the order of the functions below
+    motion: LinkMotion  # motion of the links
+    out: OutMatrix  # rows [J, …, b]; the columns between J and b are not written
+    target: OutVector  # targets of single accelerations by index in v, (≥ nv,)
 
 
 @part

@@ -13,25 +13,15 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """Description of the rows of a task or contact by numbers.
+    """Description of the rows of a task or contact by numbers."""
 
-    Attributes:
-        kind: a kind of `robot.frame_kernels`.
-        rows: selected components; for a task on single joints their indices in q, then in v.
-        link: index of the link.
-        other: index of the touched link; 0 for the world.
-        first: first component of the frame's twist.
-        size: number of components before the mask.
-        constants: constant numbers, such as the placement of the frame on its link.
-    """
-
-    kind: int
-    rows: np.ndarray
-    link: int = 0
-    other: int = 0
-    first: int = 0
-    size: int = 0
-    constants: Array = field(default_factory=lambda: np.zeros(0))
+    kind: int  # a kind of `robot.frame_kernels`
+    rows: np.ndarray  # selected components; for a task on single joints their indices in q, then in v
+    link: int = 0  # index of the link
+    other: int = 0  # index of the touched link; 0 for the world
+    first: int = 0  # first component of the frame's twist
+    size: int = 0  # number of components before the mask
+    constants: Array = field(default_factory=lambda: np.zeros(0))  # e.g. the placement of the frame on its link
 
 
 def placement_on_link(model: RobotModel, frame_id: int, placement: pin.SE3 | None = None) -> tuple[int, pin.SE3]:

@@ -21,43 +21,24 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 
 
 class LinkMotion(Struct):
-    """Results of Pinocchio at one state, and the output of `link_terms`.
+    """Results of Pinocchio at one state, and the output of `link_terms`."""
 
-    Attributes:
-        joints: placements of the links in the world, (n, 12); link 0 is the world.
-        local_twists: twists of the links in their own axes, (n, 6).
-        local_accelerations: spatial accelerations at v̇ = 0 minus gravity, in link axes, (n, 6).
-        wrenches: [F, N] on each subtree at v̇ = 0, minus gravity, in link axes, (n, 6).
-        roots: root links of the trees, (r,).
-        gravity: g, (3,) in m/s².
-        mass: total mass, kg.
-        com: centre of mass c, (3,) in m.
-        centroidal: A_Gᵀ, (nv, 6).
-        joint_twists: columns of the joint Jacobians, (nv, 6).
-        moves: 1 if a component of v moves a link, (n, nv).
-        links: out: twists and spatial accelerations at v̇ = 0, at the world origin, (n, 12).
-        per_mass: out: A_Gᵀ / m, (nv, 6); its first three columns are the Jacobian of c.
-        com_velocity: out: ċ, (3,) in m/s.
-        com_drift: out: c̈ at v̇ = 0, (3,) in m/s².
-        drift: out: rate of the momentum about c at v̇ = 0, (6,) in N and N·m.
-    """
-
-    joints: Matrix
-    local_twists: Matrix
-    local_accelerations: Matrix
-    wrenches: Matrix
-    roots: Indices
-    gravity: Vector
-    mass: float
-    com: Vector
-    centroidal: Matrix
-    joint_twists: Matrix
-    moves: Signs
-    links: OutMatrix
-    per_mass: OutMatrix
-    com_velocity: OutVector
-    com_drift: OutVector
-    drift: OutVector
+    joints: Matrix  # placements of the links in the world, (n, 12); link 0 is the world
+    local_twists: Matrix  # twists of the links in their own axes, (n, 6)
+    local_accelerations: Matrix  # spatial accelerations at v̇ = 0 minus gravity, in link axes, (n, 6)
+    wrenches: Matrix  # [F, N] on each subtree at v̇ = 0, minus gravity, in link axes, (n, 6)
+    roots: Indices  # root links of the trees, (r,)
+    gravity: Vector  # g, (3,) in m/s²
+    mass: float  # total mass, kg
+    com: Vector  # centre of mass c, (3,) in m
+    centroidal: Matrix  # A_Gᵀ, (nv, 6)
+    joint_twists: Matrix  # columns of the joint Jacobians, (nv, 6)
+    moves: Signs  # 1 if a component of v moves a link, (n, nv)
+    links: OutMatrix  # out: twists and spatial accelerations at v̇ = 0, at the world origin, (n, 12)
+    per_mass: OutMatrix  # out: A_Gᵀ / m, (nv, 6); its first three columns are the Jacobian of c
+    com_velocity: OutVector  # out: ċ, (3,) in m/s
+    com_drift: OutVector  # out: c̈ at v̇ = 0, (3,) in m/s²
+    drift: OutVector  # out: rate of the momentum about c at v̇ = 0, (6,) in N and N·m
 
 
 @part

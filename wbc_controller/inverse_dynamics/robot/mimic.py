@@ -18,17 +18,11 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """Coupling of a mimic joint to its leader: q = ratio · q_leader + offset.
+    """Coupling of a mimic joint to its leader: q = ratio · q_leader + offset."""
 
-    Attributes:
-        leader: the leading joint, which is not a mimic joint itself.
-        ratio: dimensionless.
-        offset: rad.
-    """
-
-    leader: str
-    ratio: float
-    offset: float
+    leader: str  # the leading joint, which is not a mimic joint itself
+    ratio: float  # dimensionless
+    offset: float  # rad
 
 
 def read_mimics(tree: ElementTree.Element) -> dict[str, Mimic]:
@@ -65,21 +59,14 @@ def read_mimics(tree: ElementTree.Element) -> dict[str, Mimic]:
 
 
 class Followers:
-    """Mimic joints of a model.
-
-    Attributes:
-        names: (nm,).
-        mimics: coupling of each mimic joint, by name.
-        q_index: index of each in q, (nm,).
-        v_index: index of each in v, (nm,).
-    """
+    """Mimic joints of a model."""
 
     def __init__(self, mimics: Mapping[str, Mimic], q_index: Mapping[str, int], v_index: Mapping[str, int]) -> None:
         """Collect the mimic joints from their couplings and the indices in q and v of all joints, by name."""
-        self.names = tuple(mimics)
-        self.mimics = dict(mimics)
-        self.q_index = _indices_of(q_index, self.names)
-        self.v_index = _indices_of(v_index, self.names)
+        self.names = tuple(mimics)  # (nm,)
+        self.mimics = dict(mimics)  # coupling of each mimic joint, by name
+        self.q_index = _indices_of(q_index, self.names)  # index of each in q, (nm,)
+        self.v_index = _indices_of(v_index, self.names)  # index of each in v, (nm,)
         leaders = [mimic.leader for mimic in mimics.values()]
         self._q_leader, self._v_leader = _indices_of(q_index, leaders), _indices_of(v_index, leaders)
         self._ratio = np.array([mimic.ratio for mimic in mimics.values()])

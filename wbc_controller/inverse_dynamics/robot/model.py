@@ -20,41 +20,23 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Model of a robot.
+    """Model of a robot."""
 
-    Attributes:
-        pinocchio: rigid-body model, without the locked joints.
-        urdf: text of the URDF, with the configured limits and with continuous joints as revolute ones.
-        joints: moving and measured joints, (nj,).
-        floating_base: True if the root link moves freely.
-        q_index: index in q of each joint, (nj,).
-        v_index: index in v of each joint, (nj,).
-        velocity_limits: (nj,) in rad/s.
-        position_lower: lower position limits, (nj,) in rad.
-        position_upper: upper position limits, (nj,) in rad.
-        posture: nominal joint positions, (nj,) in rad.
-        actuation: actuators in the order of the command.
-        effort_limits: largest usable torque of each actuator, (na,) in N·m.
-        passive: springs and dampers of joints without a motor, or None.
-        followers: mimic joints, or None.
-        locked: positions of locked joints that are not at 0, rad.
-    """
-
-    pinocchio: pin.Model
-    urdf: str
-    joints: tuple[str, ...]
-    floating_base: bool
-    q_index: np.ndarray
-    v_index: np.ndarray
-    velocity_limits: Array
-    position_lower: Array
-    position_upper: Array
-    posture: Array
-    actuation: Actuation
-    effort_limits: Array
-    passive: PassiveForces | None = None
-    followers: Followers | None = None
-    locked: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    pinocchio: pin.Model  # rigid-body model, without the locked joints
+    urdf: str  # text of the URDF, with the configured limits and with continuous joints as revolute ones
+    joints: tuple[str, ...]  # moving and measured joints, (nj,)
+    floating_base: bool  # True if the root link moves freely
+    q_index: np.ndarray  # index in q of each joint, (nj,)
+    v_index: np.ndarray  # index in v of each joint, (nj,)
+    velocity_limits: Array  # (nj,) in rad/s
+    position_lower: Array  # lower position limits, (nj,) in rad
+    position_upper: Array  # upper position limits, (nj,) in rad
+    posture: Array  # nominal joint positions, (nj,) in rad
+    actuation: Actuation  # actuators in the order of the command
+    effort_limits: Array  # largest usable torque of each actuator, (na,) in N·m
+    passive: PassiveForces | None = None  # springs and dampers of joints without a motor, or None
+    followers: Followers | None = None  # mimic joints, or None
+    locked: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))  # positions other than 0, rad
 
     @cached_property
     def nq(self) -> int:

@@ -16,18 +16,11 @@ _INDEPENDENT = 1.0e-6
 
 @dataclass(frozen=True, slots=True)
 class Transmission:
-    """Actuator that moves one or several joints.
+    """Actuator that moves joints: its speed is Σ ratio · q̇, and its torque τ gives the joint torques ratio · τ."""
 
-    Attributes:
-        ratios: rotation of the actuator per rotation of the joint, by joint: the actuator speed is Σ ratio · q̇, and
-            its torque τ gives the joint torques ratio · τ.
-        effort_limit: largest torque of the actuator, N·m.
-        rotor_inertia: inertia of the parts that rotate with the actuator, kg·m².
-    """
-
-    ratios: Mapping[str, float]
-    effort_limit: float
-    rotor_inertia: float = 0.0
+    ratios: Mapping[str, float]  # rotation of the actuator per rotation of the joint, by joint
+    effort_limit: float  # largest torque of the actuator, N·m
+    rotor_inertia: float = 0.0  # inertia of the parts that rotate with the actuator, kg·m²
 
 
 class Drive:

@@ -45,19 +45,12 @@ _NUMBERS: dict[str, dict[str, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of a joint that replace those of its URDF; None keeps the URDF's limit.
+    """Limits of a joint that replace those of its URDF; None keeps the URDF's limit."""
 
-    Attributes:
-        effort: largest torque, N·m, or force, N.
-        velocity: largest speed, rad/s or m/s.
-        lower: lower position limit, rad or m.
-        upper: upper position limit, rad or m.
-    """
-
-    effort: float | None = None
-    velocity: float | None = None
-    lower: float | None = None
-    upper: float | None = None
+    effort: float | None = None  # largest torque, N·m, or force, N
+    velocity: float | None = None  # largest speed, rad/s or m/s
+    lower: float | None = None  # lower position limit, rad or m
+    upper: float | None = None  # upper position limit, rad or m
 
 
 class _Builder(ElementTree.TreeBuilder):

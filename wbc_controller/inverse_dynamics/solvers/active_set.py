@@ -72,9 +72,6 @@ class ActiveSet:
     5. Check the constraints and the signs of λ.
 
     For a level of strict priority (`hierarchy`), B also has the kept rows of the levels above.
-
-    Attributes:
-        side: 1 for an active upper bound of [x; C x], -1 for an active lower bound, else 0.
     """
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
@@ -82,7 +79,7 @@ class ActiveSet:
         self._n, self._m = n, equalities
         #: The active set, and the proposal of `solve_condensed` after a wrong one.
         self._sides = np.zeros((2, n + inequalities), dtype=np.int8)
-        self.side = self._sides[0]
+        self.side = self._sides[0]  # 1 for an active upper bound of [x; C x], -1 for an active lower bound, else 0
         self._count = 0  # number of active bounds
 
     def adopt_multipliers(self, multipliers: Array) -> None:

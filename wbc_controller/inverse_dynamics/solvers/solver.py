@@ -10,17 +10,11 @@ from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 
 
 class Solver(ABC):
-    """Solver for problems of one size, with an optional warm start.
+    """Solver for problems of one size, with an optional warm start."""
 
-    Attributes:
-        tolerance: largest constraint violation of its solutions, in the problem's units.
-        for_levels: True if accurate enough for lower levels with thin feasible sets.
-        active_set: of the last problem, tried first; None for solvers with their own warm start.
-    """
-
-    tolerance: float
-    for_levels = True
-    active_set: ActiveSet | None = None
+    tolerance: float  # largest constraint violation of its solutions, in the problem's units
+    for_levels = True  # True if accurate enough for lower levels with thin feasible sets
+    active_set: ActiveSet | None = None  # of the last problem, tried first; None for solvers with their own warm start
 
     def solve(self, problem: QuadraticProgram) -> Answer:
         """Solve a problem, warm-started from the last solution; never raises for an infeasible problem."""

@@ -21,17 +21,11 @@ _SHORTEST_DIRECTION = 1.0e-6
 
 @dataclass(frozen=True, slots=True)
 class ReferenceForm:
-    """Form of a reference position: a vector, optionally followed by a quaternion.
+    """Form of a reference position: a vector, optionally followed by a quaternion."""
 
-    Attributes:
-        vector: number of vector components.
-        oriented: True if a quaternion (x, y, z, w) follows the vector.
-        direction: True if the vector is a direction, of any non-zero length.
-    """
-
-    vector: int = 3
-    oriented: bool = False
-    direction: bool = False
+    vector: int = 3  # number of vector components
+    oriented: bool = False  # True if a quaternion (x, y, z, w) follows the vector
+    direction: bool = False  # True if the vector is a direction, of any non-zero length
 
     @property
     def size(self) -> int:
