@@ -1,4 +1,1 @@
-"""Inverse dynamics: model, dynamics, tasks, contacts, limits and the quadratic program.
-
-This package does not depend on ROS, DDS, a simulator, YAML or a clock.
-"""
+"""Inverse dynamics: model, tasks, contacts, limits and the quadratic program; without ROS, simulator and clock."""

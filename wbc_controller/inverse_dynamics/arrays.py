@@ -1,8 +1,4 @@
-"""Faster equivalents of some NumPy functions for small arrays.
-
-A cycle calls them some hundred times with a few dozen numbers, for which the overhead of the NumPy call dominates.
-``python benchmarks/small_arrays.py`` compares each function with its NumPy equivalent.
-"""
+"""Fast equivalents of NumPy functions for small arrays; ``python benchmarks/small_arrays.py`` compares them."""
 
 import math
 from typing import Any
@@ -15,7 +11,7 @@ Array = npt.NDArray[np.float64]
 
 
 def as_slice(index: np.ndarray) -> np.ndarray | slice:
-    """Convert an index array (k,) of consecutive entries to a slice, for views instead of copies."""
+    """Convert consecutive indices (k,) to a slice, for views instead of copies."""
     if len(index) and (np.diff(index) == 1).all():
         return slice(int(index[0]), int(index[-1]) + 1)
     return index
@@ -28,12 +24,12 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def smallest(values: np.ndarray) -> Any:
-    """Return the smallest value of a non-empty array; NaN if any value is NaN."""
+    """Return the smallest value of a non-empty array, or NaN."""
     return values.item(values.argmin())
 
 
 def largest(values: np.ndarray) -> Any:
-    """Return the largest value of a non-empty array; NaN if any value is NaN."""
+    """Return the largest value of a non-empty array, or NaN."""
     return values.item(values.argmax())
 
 
@@ -43,16 +39,16 @@ def all_true(flags: np.ndarray) -> bool:
 
 
 def all_finite(values: Array) -> bool:
-    """Return True if no value of a non-empty array is infinite or NaN."""
+    """Return True if all values of a non-empty array are finite."""
     return bool(smallest(values) > -math.inf and largest(values) < math.inf)
 
 
 def solved(A: Array, b: Array) -> Array:
-    """Solve A x = b for a regular matrix A (n, n), without modifying A and b."""
+    """Solve A x = b for a regular matrix A (n, n)."""
     x: Array = dgesv(A, b)[2]
     return x
 
 
 def sum_of_squares(values: Array) -> float:
-    """Return Σ vᵢ²; infinite or NaN if a value is, and infinite if a value exceeds 1e150."""
+    """Return Σ vᵢ²; not finite for NaN, infinity and values above 1e150."""
     return float(np.vdot(values, values))

@@ -1,4 +1,4 @@
-"""Version counter for the parameters of tasks, contacts and limits."""
+"""Version counter for parameters of tasks, contacts and limits."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 
 class Tunable:
-    """Base class that counts attribute changes, such as of gains and force limits between two cycles.
+    """Base class that counts attribute changes, e.g. of gains between two cycles.
 
-    Arrays of the quadratic program that depend on the attributes are reused until a version changes
-    (`formulation.structure`). Assign the attribute to count a change: a change in place, ``task.stiffness[0] = 1.0``,
-    is not counted.
+    Arrays of the quadratic program are reused until a version changes (`formulation.structure`). Changes in place, e.g.
+    ``task.stiffness[0] = 1.0``, are not counted: assign the attribute.
 
     Attributes:
-        version: number of assignments to attributes without a leading underscore.
+        version: number of assignments to public attributes.
     """
 
     version: int = 0

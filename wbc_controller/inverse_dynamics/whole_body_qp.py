@@ -28,9 +28,9 @@ from wbc_controller.inverse_dynamics.solvers.hierarchy import Hierarchy
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, Infeasibility, References, RobotState, Solution
 
-#: Clearance of strict priorities to relaxed bounds, in the problem's units, against rounding.
+#: Clearance of strict priorities to relaxed bounds against rounding, in the problem's units.
 _CLEARANCE = 1.0e-6
-#: Contacts are released if this share or less of the missing stopping acceleration remains.
+#: Contacts are released if at most this share of the missing stopping acceleration remains.
 _WORTHWHILE_SHARE = 0.5
 
 
@@ -41,10 +41,10 @@ class WholeBodyQP:
 
         ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖²
 
-    subject to the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + Σ Jₖᵀwₖ, the motion constraints of active contacts and
-    closed loops J v̇ + J̇v = -D J v + K e (e is the displacement to the anchor or to the closed loop), the friction and
-    wrench cones, and the limits. Joint accelerations q̈ and the rate ḣ_G of the centroidal momentum determine v̇. Their
-    norm does not depend on the choice of the base link (S2), unlike ‖v̇‖². Package `formulation` builds the problem.
+    subject to the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + Σ Jₖᵀwₖ, the contact and loop constraints J v̇ + J̇v =
+    -D J v + K e (e: displacement to the anchor or closed loop), friction and wrench cones, and limits. Joint
+    accelerations q̈ and the centroidal momentum rate ḣ_G determine v̇; unlike ‖v̇‖², their norm is independent of the
+    base link (S2).
     """
 
     def __init__(
@@ -53,10 +53,10 @@ class WholeBodyQP:
         """Make a controller.
 
         Args:
-            timer: clock for the stage times, s; without it they are 0.
+            timer: clock for the stage times, s; by default they are 0.
 
         Raises:
-            ConfigurationError: if the solver is not installed, or not accurate enough for the tasks' priorities.
+            ConfigurationError: if the solver is missing, or too inaccurate for the tasks' priorities.
         """
         self.formulation = formulation
         self._solver_name = solver
@@ -79,7 +79,7 @@ class WholeBodyQP:
 
     @property
     def dynamics(self) -> Dynamics:
-        """Dynamics at the state of the last cycle."""
+        """Dynamics of the last cycle."""
         return self.formulation.dynamics
 
     @property
@@ -93,7 +93,7 @@ class WholeBodyQP:
         return self.formulation.contacts
 
     def contact_jacobian(self, names: tuple[str, ...]) -> Array:
-        """Return the stacked Jacobians (k, nv) of the named active contacts in the last cycle."""
+        """Return the stacked Jacobians (k, nv) of active contacts in the last cycle."""
         return self.formulation.layout(names).J
 
     def forget(self) -> None:
@@ -104,7 +104,7 @@ class WholeBodyQP:
         self.formulation.redundancy = None
 
     def memory(self) -> dict[str, Any] | None:
-        """Return the warm starts and the last state, for `recall`; None if a back end hides its warm start."""
+        """Return warm starts and last state, for `recall`; None if a back end hides its warm start."""
         solvers = [(key, solver.memory()) for key, solver in self._solvers.items()]
         hierarchies = [(key, hierarchy.memory()) for key, hierarchy in self._hierarchies.items()]
         if any(remembered is None for _, remembered in (*solvers, *hierarchies)):
@@ -118,7 +118,7 @@ class WholeBodyQP:
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the state returned by `memory`."""
+        """Restore the result of `memory`."""
         self.forget()
         self.dynamics.update(memory["q"], memory["v"])
         found = memory.get("redundancy")
@@ -130,7 +130,6 @@ class WholeBodyQP:
             hierarchy.recall(remembered)
 
     def _solver_of(self, layout: Layout) -> Solver:
-        """Return the solver for a set of active contacts; each solver has its own warm start."""
         if layout.key not in self._solvers:
             self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
         solver = self._solvers[layout.key]
@@ -138,7 +137,6 @@ class WholeBodyQP:
         return solver
 
     def _solve_levels(self, layout: Layout) -> Answer:
-        """Solve one quadratic program per level."""
         if layout.key not in self._hierarchies:
             self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
         return self._hierarchies[layout.key].solve(layout.problem, layout.levels)
@@ -148,18 +146,17 @@ class WholeBodyQP:
     ) -> Solution:
         """Compute the solution of one cycle.
 
-        If the problem is infeasible, limits become soft constraints: first the torque rate limit, then also the row
-        limits and the joint motion limits. In the second case, slipping contacts are released, and contacts that
-        prevent a joint from stopping at its position limit. `Solution.relaxed` names the groups with violated bounds.
+        If the problem is infeasible, limits become soft: first the torque rate, then also row limits and joint motion.
+        In the second case, contacts are released that slip or prevent a joint from stopping at its position limit.
+        `Solution.relaxed` names the groups with violated bounds.
 
         Args:
             tau_before: present torques of the actuators (na,), N·m; None for no torque rate limit.
-            explained: search for the conflicting constraints if there is no solution. The search takes several periods;
+            explained: find the conflicting constraints if there is no solution. This takes several periods;
                 `NoSolution.explained` does it later.
 
         Raises:
-            NoSolution: if the equations of motion, contacts and torque limits are infeasible together, or a value is
-                not finite.
+            NoSolution: if equations of motion, contacts and torque limits conflict, or a value is not finite.
         """
         started = self._timer()
         layout = self.formulation.build(state, references, tau_before)
@@ -211,14 +208,14 @@ class WholeBodyQP:
         )
         if not helps:
             self.formulation.structure, self.formulation.task_errors = built
-            self.formulation.parameters = None  # of the other structure
+            self.formulation.parameters = None
             return layout, references, found
         other.iterations += found.iterations
         other.relaxed = ("contact_motion", *other.relaxed)
         return lifted, without, other
 
     def _solve_with_relaxation(self, layout: Layout, references: References) -> Answer:
-        """Solve a built problem with the least relaxation; without a solution the answer has no residuals."""
+        """Solve a problem with the least relaxation; an answer without residuals is no solution."""
         current = self._current
         solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
         answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
@@ -243,20 +240,20 @@ class WholeBodyQP:
         return Answer(None, relaxed.status, relaxed.iterations)
 
     def _is_solution(self, answer: Answer, layout: Layout, tolerance: float) -> bool:
-        """Return True if x violates no constraint beyond the tolerance; complete residuals and cost."""
+        """Return True if no constraint is violated; complete residuals and cost."""
         if answer.x is None:
             return False
         if answer.residuals is None:
             answer.residuals = layout.problem.residuals(answer.x)
         if answer.cost is None and not answer.levels:
             answer.cost = layout.levels[0].cost.value(answer.x)
-        return answer.residuals.violation <= tolerance  # not for NaN
+        return answer.residuals.violation <= tolerance  # False for NaN
 
     def _relax(self, layout: Layout, references: References, failed: Answer) -> Answer:
-        """Solve a problem for which the solver found no solution, with the least relaxation."""
+        """Relax a problem without solution as little as possible."""
         problem, answer, priorities = layout.problem, failed, self._priorities
         infeasible = self._solver_name == "daqp" and failed.status == INFEASIBLE
-        if not infeasible and not priorities:  # the solver may have failed on a feasible problem
+        if not infeasible and not priorities:  # the solver may fail on a feasible problem
             answer = solve_carefully(problem)
             if answer.x is not None:
                 return answer
@@ -264,12 +261,12 @@ class WholeBodyQP:
             answer = solve_carefully(problem, soften(layout, groups))
             if answer.x is None:
                 continue
-            # The minimizer with soft constraints is also that of the problem with bounds widened to it.
+            # The minimizer with soft constraints also minimizes the problem with widened bounds.
             relaxed = widen(layout, groups, problem.residuals(answer.x).value, _CLEARANCE if priorities else 0.0)
             if priorities:
                 answer = self._solve_levels(layout)
             else:
-                answer.residuals = None  # computed for the bounds before widening
+                answer.residuals = None  # of the bounds before widening
             answer.relaxed = (*relaxed, *answer.relaxed)
             return answer
         return Answer(None, answer.status, answer.iterations)
@@ -277,10 +274,9 @@ class WholeBodyQP:
     def explain(
         self, state: RobotState, references: References, tau_before: Array | None = None
     ) -> Infeasibility | None:
-        """Find the conflicting constraints, including limits that `solve` would relax.
+        """Find the conflicting constraints, including limits that `solve` would relax; takes several periods.
 
-        This takes several periods and does not belong into a control cycle. Returns None if the constraints are
-        feasible or a value is not finite; `tau_before` as in `solve`.
+        Returns None for a feasible problem, or a value that is not finite; `tau_before` as in `solve`.
         """
         layout = self.formulation.build(state, references, tau_before)
         if not layout.problem.is_finite:

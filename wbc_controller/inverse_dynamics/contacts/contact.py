@@ -19,10 +19,11 @@ class Contact(Tunable, ABC):
     """Contact of a link with the environment or with another link of the robot.
 
     An active contact constrains motion by J v̇ + J̇v = -D J v (equation (30) of the note; D damps the contact
-    velocity), and exerts the generalized force Jᵀf (section 4.2.2) with the cone C f ≤ 0 and bounds. For a contact
-    between two links, J v is their relative velocity, and Jᵀf contains the forces on both links.
+    velocity), and exerts the generalized force Jᵀf with bounds and the cone C f ≤ 0. Between two links, J v is their
+    relative velocity, and Jᵀf acts on both.
 
-    `enabled` and `ramp` apply to contacts passed as objects; settings define them for contacts of a configuration file.
+    Settings override `enabled` and `ramp` for contacts of a configuration file. Constructors raise `ConfigurationError`
+    for unknown frames, masks without held axis, and vectors of zero length.
 
     Attributes:
         name: name of the contact.
@@ -30,14 +31,14 @@ class Contact(Tunable, ABC):
         wrench_frame: link with the contact frame of the wrench, or ``world``.
         cone: friction or wrench cone C, (rows, k).
         damping: D, 1/s.
-        internal: True between two links of the robot: no net force on the robot.
-        metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for a force, 1/ℓ² in m⁻² for a moment, with ℓ
-            the RMS lever of the sole's corners (1 m for a point).
+        internal: True between two links of the robot.
+        metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for forces, 1/ℓ² for moments, with ℓ the RMS
+            lever of the sole's corners (1 m for a point).
         permanent: True for a contact that is always active.
         bound_groups: bounded parts of f: name, first component, end.
         friction: Coulomb friction coefficient; 0 without a cone.
-        min_normal_force: smallest normal force, N; -inf if the contact can pull.
-        enabled: True if the contact is active when the controller is activated.
+        min_normal_force: N; -inf if the contact can pull.
+        enabled: True if the contact is active at activation.
         ramp: duration of loading or unloading, s.
     """
 
@@ -57,7 +58,7 @@ class Contact(Tunable, ABC):
         self.cone = cone
         self.damping = damping
         self.internal = internal
-        #: Moments among the components of f, (k,).
+        #: Components of f that are moments, (k,).
         self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))
         #: Number of force components, k.
         self.size = basis.shape[1]
@@ -65,7 +66,7 @@ class Contact(Tunable, ABC):
 
     @property
     def full_name(self) -> str:
-        """Kind and name for error messages."""
+        """Kind and name, for errors."""
         return f"contact {self.name!r}"
 
     @abstractmethod
@@ -82,20 +83,14 @@ class Contact(Tunable, ABC):
 
     @abstractmethod
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the force as a wrench about the world origin in world axes, (6,) in N and N·m."""
+        """Return the force as a wrench about the world origin in world axes, (6,)."""
 
     @abstractmethod
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Return lower and upper bounds of f, both (k,); callers must not modify them.
-
-        The activation scales the largest forces, from 0 (before deactivation) to 1 (fully active).
-        """
+        """Return bounds of f, (k,), not to be modified; the activation from 0 to 1 scales the largest forces."""
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code to fill J and J v̇ at J v = 0; None to fill them in Python.
-
-        Subclasses of a class with an instruction get None, as they may override its rows.
-        """
+        """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""
         return None
 
     def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
@@ -104,9 +99,9 @@ class Contact(Tunable, ABC):
 
 
 class AnchoredContact(Contact):
-    """Contact with an anchor, its pose at activation, and position feedback to this pose.
+    """Contact with position feedback to an anchor, its pose at activation.
 
-    With e the displacement from the present pose to the anchor (see `formulation.anchors`),
+    With the displacement e to the anchor (see `formulation.anchors`),
 
         J v̇ + J̇v = -D J v + K e
 
@@ -133,23 +128,19 @@ class AnchoredContact(Contact):
         """Return contact position and link orientation, in the world or relative to the touched link."""
 
     def anchor(self, dynamics: Dynamics) -> Array:
-        """Return the anchor at this state, (7,): position in m and quaternion of the pose."""
+        """Return the anchor at this state, (7,): position and quaternion of the pose."""
         return frozen(pin.SE3ToXYZQUAT(self.pose(dynamics)))
 
     @abstractmethod
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
         """Return the displacement e to the anchor along the axes of f, (k,) in m and rad.
 
-        To first order, J v = e for one second returns to the anchor. e is 0 along axes without a defined position.
+        To first order, J v = e for one second returns to the anchor. e is 0 along axes without a position.
         """
 
 
 def evaluate(contact: Contact, dynamics: Dynamics) -> None:
-    """Evaluate and check the motion methods of a contact, as `tasks.task.evaluate` does.
-
-    Raises:
-        MethodError: if a method raises an exception, or returns a wrong shape or type, NaN or infinity.
-    """
+    """Check the motion methods of a contact (`method_calls`)."""
     k, nv = (contact.size,), dynamics.model.nv
     array_from(contact, "jacobian", (*k, nv), dynamics)
     array_from(contact, "drift", k, dynamics)
@@ -157,11 +148,7 @@ def evaluate(contact: Contact, dynamics: Dynamics) -> None:
 
 
 def motion_of(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
-    """Evaluate and check J, (k, nv), and the required J v̇ at J v = 0, (k,).
-
-    Raises:
-        MethodError: as `evaluate`, with the name of the failed method.
-    """
+    """Return J, (k, nv), and the required J v̇ at J v = 0, (k,), checked (`method_calls`)."""
     k = (contact.size,)
     try:
         J = checked(contact, "jacobian", contact.jacobian(dynamics), (*k, dynamics.model.nv))
@@ -176,21 +163,13 @@ def motion_of(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
 
 
 def points_of(contact: Contact, dynamics: Dynamics) -> Array:
-    """Return the corners of the support polygon in the world, (n, 3) in m, checked.
-
-    Raises:
-        MethodError: if `Contact.points` raises an exception, or returns a wrong shape or NaN.
-    """
+    """Return the corners of the support polygon in the world, (n, 3) in m, checked (`method_calls`)."""
     points = call(contact, "points", dynamics)
     return checked(contact, "points", points, (np.shape(points)[0] if np.ndim(points) else 0, 3))
 
 
 def anchor_of(contact: AnchoredContact, dynamics: Dynamics) -> Array:
-    """Return the anchor at this state, (7,), checked and read-only.
-
-    Raises:
-        MethodError: if `AnchoredContact.anchor` raises an exception, or returns a wrong shape or NaN.
-    """
+    """Return the anchor at this state, (7,), checked (`method_calls`) and read-only."""
     return frozen(array_from(contact, "anchor", (7,), dynamics))
 
 
@@ -200,9 +179,9 @@ class UnilateralContact(AnchoredContact):
     Attributes:
         normal: index in f of the normal force.
         friction: Coulomb friction coefficient.
-        min_normal_force: smallest normal force, N.
-        max_normal_force: largest normal force, N.
-        max_yaw_moment: largest moment about the normal, N·m; inf if only the cone bounds it.
+        min_normal_force: N.
+        max_normal_force: N.
+        max_yaw_moment: largest moment about the normal, N·m; inf for none.
     """
 
     normal = 2
@@ -234,10 +213,7 @@ class UnilateralContact(AnchoredContact):
             self.bound_groups += (("yaw_moment", 5, 6),)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Return bounds of f, both (k,), with the largest normal force and yaw moment scaled by the activation.
-
-        The same arrays are returned until activation or limits change.
-        """
+        """Return bounds of f, (k,), scaled by the activation; the same arrays until activation or limits change."""
         largest = (activation * self.max_normal_force, activation * self.max_yaw_moment, self.min_normal_force)
         if largest == self._largest:
             return self._bounds

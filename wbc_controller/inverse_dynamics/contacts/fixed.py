@@ -22,8 +22,7 @@ _AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
 class FixedContact(AnchoredContact):
     """Bolted foot or gripping hand: some axes of its frame are held, with forces in both directions.
 
-    f has one component per held axis of the contact frame, forces first. Along the free axes the link moves without
-    force.
+    f has one component per held axis of the contact frame, forces first.
 
     Attributes:
         max_force: largest force along each axis, N.
@@ -47,18 +46,14 @@ class FixedContact(AnchoredContact):
         """Make a fixed contact.
 
         Args:
-            frame: URDF frame fixed to the held link.
+            frame: URDF frame of the held link.
             placement: of the contact in that frame.
             mask: held axes of the contact frame: along x, y, z, about x, y, z.
-            against: URDF frame fixed to the holding link; None for the world.
+            against: URDF frame of the holding link; None for the world.
             max_force: largest force along each axis, N.
             max_moment: largest moment about each axis, N·m.
             damping: D, 1/s.
-            stiffness: K, 1/s².
-
-        Raises:
-            ConfigurationError: for an unknown frame, a mask without held axis, or a stiffness with a nonholonomic mask
-                (see `_nonholonomic_axes`).
+            stiffness: K, 1/s², for holonomic masks only (see `_nonholonomic_axes`).
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):
@@ -98,15 +93,15 @@ class FixedContact(AnchoredContact):
         return self._mount.pose(dynamics)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """Return e along the held axes of the contact frame, (k,) in m and rad."""
+        """Return e along the held axes of the contact frame, (k,)."""
         there = self._mount.anchor_in_contact_frame(dynamics, anchor)
-        # Remove sliding along the free axes at activation, e.g. along a rail.
+        # Remove sliding along the axes that were free at activation, e.g. a rail.
         Q = there.rotation
         there.translation = Q @ (self._held * (Q.T @ there.translation))
         return pose_displacement(there, self._hinge)[self._rows]
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code to fill the rows."""
+        """Return the instruction for compiled code."""
         return self._mount.instruction(self._rows) if type(self) is FixedContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
@@ -122,11 +117,11 @@ class FixedContact(AnchoredContact):
         return np.array(self.placement(dynamics).translation)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the wrench about the world origin in world axes, (6,) in N and N·m."""
+        """Return the wrench about the world origin in world axes, (6,)."""
         return np.asarray(self.placement(dynamics).act(pin.Force(self.basis @ force)).vector)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Return lower and upper bounds of f, both (k,), scaled by the activation."""
+        """Return bounds of f, (k,), scaled by the activation."""
         most = activation * np.where(self.moments, self.max_moment, self.max_force)
         return -most, most
 
@@ -134,9 +129,9 @@ class FixedContact(AnchoredContact):
 def _nonholonomic_axes(held: np.ndarray) -> list[str]:
     """Name the held axes along which sequences of motions along free axes can displace the link.
 
-    Example: a car parks sideways. If the twists along the free axes do not form a Lie algebra, the constraint is
-    nonholonomic and does not restrict the position (Frobenius; Murray, Li and Sastry, A Mathematical Introduction to
-    Robotic Manipulation, 1994, section 7.2).
+    If the twists along the free axes do not form a Lie algebra, the constraint is nonholonomic and does not restrict
+    the position, as for a parking car (Murray, Li and Sastry, A Mathematical Introduction to Robotic Manipulation,
+    1994, section 7.2).
     """
     free = [pin.Motion(axis) for i, axis in enumerate(np.eye(6)) if i not in held]
     brackets = np.array([a.cross(b).vector for a in free for b in free]).reshape(-1, 6)

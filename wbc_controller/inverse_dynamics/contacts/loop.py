@@ -17,7 +17,7 @@ from wbc_controller.records import Array
 
 
 class LoopClosure(Contact):
-    """Loop closure: holds a frame B of one link at a frame A of another along some axes of A; always active.
+    """Loop closure that holds a frame B of one link at a frame A of another along some axes of A; always active.
 
     The pose of B in A is r = R_Aᵀ (p_B - p_A) and Q = R_Aᵀ R_B. With the twist ν of B relative to A in the axes of B,
     and its angular part ω (Q and ω × act on each half of ν),
@@ -25,14 +25,13 @@ class LoopClosure(Contact):
         γ = [ṙ, R_Aᵀ (ω_B - ω_A)] = Q ν
         γ̇ = Q (ν̇ + ω × ν)
 
-    A closed loop has r = 0 and Q = 1 along the held axes. A spring and damper close an opening (Baumgarte,
-    "Stabilization of constraints and integrals of motion in dynamical systems", 1972):
+    A spring and damper return to r = 0 and Q = 1 along the held axes (Baumgarte, "Stabilization of constraints and
+    integrals of motion in dynamical systems", 1972):
 
         γ̇ = -D γ - K e,    e = [r, log Q],    D = 2 √K
 
-    With one free rotation (hinge), the angular part of e is the rotation between the two hinge axes.
-
-    f is the force of A on B at the origin of B, in the axes of A; the opposite force acts on A.
+    With one free rotation (hinge), the angular part of e is the rotation between the hinge axes. f is the force of A on
+    B at the origin of B, in the axes of A.
     """
 
     permanent = True
@@ -50,13 +49,13 @@ class LoopClosure(Contact):
         """Make a loop closure.
 
         Args:
-            frames: URDF frames fixed to the two links.
+            frames: URDF frames of the two links.
             placements: of A and B in these frames.
             mask: held axes of A: along x, y, z, about x, y, z.
             stiffness: K, 1/s².
 
         Raises:
-            ConfigurationError: for an unknown frame, frames without a joint between them, or a mask without held axis.
+            ConfigurationError: also if no joint is between the frames.
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):
@@ -69,7 +68,7 @@ class LoopClosure(Contact):
             damping=2.0 * math.sqrt(stiffness),
             internal=True,
         )
-        self.stiffness = stiffness  # K, 1/s²
+        self.stiffness = stiffness  # 1/s²
         self._a = model.frame_id(frames[0], f"loops.{name}.frame_a")
         self._b = model.frame_id(frames[1], f"loops.{name}.frame_b")
         joints = [model.pinocchio.frames[frame].parentJoint for frame in (self._a, self._b)]
@@ -82,18 +81,17 @@ class LoopClosure(Contact):
         self._hinge = hinge_of(mask)
 
     def _pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Return the pose of B in A: r and Q."""
         a = dynamics.placement(self._a) * self._placements[0]
         return a.actInv(dynamics.placement(self._b) * self._placements[1])
 
     def _a_to_b(self, dynamics: Dynamics) -> Array:
-        """Return X, (6, 6), which transforms a twist of the link of A to frame B."""
+        """Return X, (6, 6), from a twist of the link of A to frame B."""
         b = dynamics.placement(self._b) * self._placements[1]
         change: Array = b.actInv(dynamics.placement(self._a)).toActionMatrix()
         return change
 
     def _along_held_axes(self, dynamics: Dynamics, values: Array) -> Array:
-        """Return the held components in the axes of A, (k,) or (k, nv), of values in the axes of B."""
+        """Return the held components in the axes of A of values in the axes of B, (k,) or (k, nv)."""
         Q = self._pose(dynamics).rotation
         return np.concatenate([Q @ values[:3], Q @ values[3:]])[self._rows]
 
@@ -108,14 +106,14 @@ class LoopClosure(Contact):
         X = self._a_to_b(dynamics)
         carried = X @ dynamics.velocity(self._a, pin.LOCAL)
         nu = self._to_b @ dynamics.velocity(self._b, pin.LOCAL) - carried
-        # ν̇ relative to another link, as in `mount.Mount`.
+        # as in `mount.Mount`
         nu_dot = self._to_b @ dynamics.drift_local(self._b) - X @ dynamics.drift_local(self._a)
         nu_dot += pin.Motion(nu).cross(pin.Motion(carried)).vector
         nu_dot[:3] += pin.skew(nu[3:]) @ nu[:3]  # ω × ω = 0
         return self._along_held_axes(dynamics, nu_dot)
 
     def error(self, dynamics: Dynamics) -> Array:
-        """Return the opening e of the loop along the held axes, (k,) in m and rad."""
+        """Return e along the held axes, (k,) in m and rad."""
         return pose_displacement(self._pose(dynamics), self._hinge)[self._rows]
 
     def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
@@ -127,11 +125,11 @@ class LoopClosure(Contact):
         return np.array((dynamics.placement(self._a) * self._placements[0]).translation)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the wrench on B about the world origin in world axes, (6,) in N and N·m."""
+        """Return the wrench on B about the world origin in world axes, (6,)."""
         b = dynamics.placement(self._b) * self._placements[1]
         axes = (dynamics.placement(self._a) * self._placements[0]).rotation
         return np.asarray(pin.SE3(axes, b.translation).act(pin.Force(self.basis @ force)).vector)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Return infinite bounds, both (k,): joint forces have no limit."""
+        """Return infinite bounds, (k,)."""
         return np.full(self.size, -np.inf), np.full(self.size, np.inf)

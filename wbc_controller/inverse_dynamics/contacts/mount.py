@@ -17,16 +17,12 @@ from wbc_controller.records import Array
 
 
 def placement_of(translation: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> pin.SE3:
-    """Make a placement from a translation in m and roll, pitch and yaw in rad."""
+    """Make a placement from a translation in m and roll, pitch, yaw in rad."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(rpy, dtype=np.float64)), np.array(translation, dtype=np.float64))
 
 
 def support_link(model: RobotModel, name: str, frame: str, against: str | None) -> int | None:
-    """Return the frame id of the touched link; None for the world.
-
-    Raises:
-        ConfigurationError: for an unknown frame, or if no joint is between both frames.
-    """
+    """Return the frame id of the touched link, None for the world; requires a joint between both frames."""
     if against is None:
         return None
     other = model.frame_id(against, f"contacts.{name}.against")
@@ -39,8 +35,7 @@ def support_link(model: RobotModel, name: str, frame: str, against: str | None) 
 def pose_displacement(pose: pin.SE3, hinge: Array | None = None) -> Array:
     """Return the displacement [r, log Q] of a pose (r, Q) from the identity, (6,) in m and rad.
 
-    With a `hinge`, the unit vector (3,) of the single free rotation axis, the angular part is the rotation between its
-    two positions.
+    With a `hinge`, the single free rotation axis (3,), the angular part is the rotation between its two positions.
     """
     if hinge is None:
         turn = pin.log3(pose.rotation)
@@ -53,7 +48,7 @@ def pose_displacement(pose: pin.SE3, hinge: Array | None = None) -> Array:
 
 
 def hinge_of(mask: Sequence[bool]) -> Array | None:
-    """Return the single free rotation axis of a mask of held axes, (3,); None if none or several are free."""
+    """Return the single free rotation axis of a mask of held axes, (3,), or None."""
     free = np.flatnonzero(~np.asarray(mask[3:], dtype=bool))
     return np.eye(3)[free[0]] if len(free) == 1 else None
 
@@ -61,8 +56,8 @@ def hinge_of(mask: Sequence[bool]) -> Array | None:
 class Mount:
     """Contact frame C fixed to a link, and its motion relative to the world or another link B.
 
-    With X the transform of a twist from B to C, the twist of C relative to B in the axes of C is ν = ν_C - X ν_B. As Ẋ
-    = -(ν ×) X,
+    With X the transform of a twist from B to C, the twist of C relative to B in the axes of C is ν = ν_C - X ν_B. With
+    Ẋ = -(ν ×) X,
 
         ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B)
 
@@ -72,13 +67,9 @@ class Mount:
     def __init__(
         self, model: RobotModel, name: str, frame: str, placement: pin.SE3, against: str | None = None
     ) -> None:
-        """Make a mount of a contact frame C from its placement in a URDF frame on the touching link.
-
-        Raises:
-            ConfigurationError: for an unknown frame, or if no joint is between both frames.
-        """
-        self.frame = frame  # name of the link's frame
-        self.against = against  # name of the frame of B; None for the world
+        """Make a mount of a contact frame C from its placement in a URDF frame."""
+        self.frame = frame  # URDF frame of the link
+        self.against = against  # URDF frame of B; None for the world
         self._id = model.frame_id(frame, f"contacts.{name}.frame")
         self._other = support_link(model, name, frame, against)
         self._placement = placement
@@ -96,11 +87,11 @@ class Mount:
         return placement if self._other is None else dynamics.placement(self._other).actInv(placement)
 
     def anchor_in_contact_frame(self, dynamics: Dynamics, anchor: Array) -> pin.SE3:
-        """Return the pose in C of an anchor, (7,): position in m and quaternion of an earlier `pose`."""
+        """Return the pose in C of an anchor, (7,): position and quaternion of an earlier `pose`."""
         return self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))
 
     def instruction(self, rows: np.ndarray) -> Instruction:
-        """Return the instruction for compiled code to fill rows (r,) of the Jacobian of ν and of -ν̇ at v̇ = 0."""
+        """Return the instruction for the components `rows` (r,) of ν."""
         link, placement = self._on_link
         return Instruction(SURFACE, rows, link, self._other_link, constants=placement_numbers(placement))
 
@@ -123,6 +114,5 @@ class Mount:
         return np.asarray(drift)
 
     def _from_other(self, dynamics: Dynamics, other: int) -> Array:
-        """Return X, (6, 6)."""
         X: Array = self.placement(dynamics).actInv(dynamics.placement(other)).toActionMatrix()
         return X

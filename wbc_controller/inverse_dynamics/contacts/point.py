@@ -20,11 +20,7 @@ UP = (0.0, 0.0, 1.0)
 
 
 def unit(key: str, vector: Array) -> Array:
-    """Return the unit vector along a vector, (3,).
-
-    Raises:
-        ConfigurationError: for zero length.
-    """
+    """Return the unit vector along a vector, (3,), of non-zero length."""
     length = float(np.linalg.norm(vector))
     if not length > 1.0e-9:
         raise ConfigurationError(f"{key} = {np.asarray(vector).tolist()}: the length must not be 0")
@@ -48,8 +44,7 @@ class PointContact(UnilateralContact):
 
         Eᵀ(ṗ + ω × r) = 0,    on a link B    Eᵀ(ṗ + ω × r - ṗ_B - ω_B × (p + r - p_B)) = 0.
 
-    The columns of E are the axes of the force: two in the plane, then n. They are the world axes for n along z, and
-    rotate with the link of the plane.
+    The columns of E are the axes of the force: two in the plane, then n; world axes for n along z.
     """
 
     #: True if the lowest point is independent of the link's orientation.
@@ -71,16 +66,13 @@ class PointContact(UnilateralContact):
         """Make a point contact.
 
         Args:
-            frame: URDF frame fixed to the touching link.
+            frame: URDF frame of the touching link.
             translation: centre of the ball in that frame, (3,) in m.
             radius: of the ball, m.
-            normal: outward normal of the plane, of non-zero length, (3,); in the world, or in `against`.
-            against: URDF frame fixed to the touched link; None for the world.
+            normal: outward normal of the plane, (3,); in the world, or in `against`.
+            against: URDF frame of the touched link; None for the world.
             friction: Coulomb friction coefficient.
             **limits: other keywords of `UnilateralContact`.
-
-        Raises:
-            ConfigurationError: for an unknown frame, or a normal of zero length.
         """
         self._axes = axes_with_normal(unit(f"contacts.{name}.normal", np.asarray(normal)))
         super().__init__(
@@ -102,13 +94,13 @@ class PointContact(UnilateralContact):
         self._on_link = placement_on_link(model, self._frame_id)
 
     def axes(self, dynamics: Dynamics) -> Array:
-        """Return E, (3, 3): the axes of the force in the world, as columns."""
+        """Return E, (3, 3)."""
         if self._other is None:
             return self._axes
         return np.asarray(dynamics.placement(self._other).rotation @ self._axes)
 
     def arm(self, dynamics: Dynamics, normal: Array) -> Array:
-        """Return r from the centre to the contact point in world axes, (3,) in m."""
+        """Return r in world axes, (3,) in m."""
         return -self.radius * normal
 
     def arm_rate(self, dynamics: Dynamics, normal: Array, normal_rate: Array) -> Array:
@@ -123,7 +115,7 @@ class PointContact(UnilateralContact):
         )
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code to fill the rows of a ball on the world."""
+        """Return the instruction for compiled code, for a ball on the world."""
         if type(self) is not PointContact or self._constant_arm is None:
             return None
         link, placement = self._on_link
@@ -150,7 +142,7 @@ class PointContact(UnilateralContact):
         centre, arm = self._arms(dynamics)
         drift = dynamics.drift_world(self._frame_id)
         velocity = dynamics.velocity(self._frame_id, _WORLD_AXES)
-        # The vector to the centre rotates with the link; the vector from centre to plane does not.
+        # The vector to the centre rotates with the link, the vector to the plane does not.
         turning = pin.skew(velocity[3:]) @ centre
         result = drift[:3] + pin.skew(drift[3:]) @ (centre + arm) + pin.skew(velocity[3:]) @ turning
         if self._constant_arm is None:
@@ -158,7 +150,7 @@ class PointContact(UnilateralContact):
         return np.asarray(result) if self._in_world_axes else np.asarray(self.axes(dynamics).T @ result)
 
     def _drift_of_support(self, dynamics: Dynamics, velocity: Array, centre: Array, arm: Array) -> Array:
-        """Return the drift of a moving arm r and a moving plane in world axes, (3,) in m/s²."""
+        """Return the drift of a moving arm r and a moving plane in world axes, (3,)."""
         spin, normal = pin.skew(velocity[3:]), self.axes(dynamics)[:, 2]
         if self._other is None:
             return np.asarray(spin @ self.arm_rate(dynamics, normal, np.zeros(3)))
@@ -166,7 +158,7 @@ class PointContact(UnilateralContact):
         turn = pin.skew(other[3:])
         rate = self.arm_rate(dynamics, normal, turn @ normal)
         from_other = self._from_other(dynamics, self._other, centre + arm)
-        moving = velocity[:3] + spin @ centre + rate - other[:3]  # of the contact point, relative to the origin of B
+        moving = velocity[:3] + spin @ centre + rate - other[:3]  # of the contact point relative to the origin of B
         slip = velocity[:3] + spin @ (centre + arm) - other[:3] - turn @ from_other  # the axes rotate with B
         return np.asarray(spin @ rate - drift[:3] - pin.skew(drift[3:]) @ from_other - turn @ (moving + slip))
 
@@ -181,10 +173,10 @@ class PointContact(UnilateralContact):
         return here if self._other is None else dynamics.placement(self._other).actInv(here)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """Return e = Eᵀ(p_a + radius θ × n - p), (3,) in m: the displacement that rolling does not explain.
+        """Return e = Eᵀ(p_a + radius θ × n - p), (3,) in m: the displacement beyond rolling.
 
-        p is the contact point, p_a its anchor, and θ the link's rotation vector since activation. The ball has rolled
-        to p_a + radius θ × n: exact for rotation about one axis, otherwise with an error of second order in θ.
+        p is the contact point, p_a its anchor, θ the link's rotation vector since activation; errors are of second
+        order in θ, and 0 for rotation about one axis.
         """
         present, made = self.pose(dynamics), pin.XYZQUATToSE3(anchor)
         turn = pin.log3(present.rotation @ made.rotation.T)
@@ -192,6 +184,6 @@ class PointContact(UnilateralContact):
         return np.asarray(self._axes.T @ (rolled - present.translation))
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the force at the contact point as a wrench about the world origin, (6,) in N and N·m."""
+        """Return the force as a wrench about the world origin, (6,)."""
         along = self.axes(dynamics) @ force
         return np.concatenate([along, pin.skew(self.points(dynamics)[0]) @ along])

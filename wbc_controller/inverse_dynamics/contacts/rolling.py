@@ -17,7 +17,7 @@ _UPRIGHT = 1.0e-6
 class RollingContact(PointContact):
     """Thin wheel that rolls on a plane without slipping forwards or sideways.
 
-    A `PointContact` at the lowest point of a disc. With the axle a, a unit vector fixed to the link,
+    With the axle a, a unit vector fixed to the link,
 
         r = -radius u / ‖u‖,    u = n - (n · a) a
         ṙ = -radius (u̇ - u (u · u̇) / ‖u‖²) / ‖u‖,    u̇ = ṅ - (ṅ · a + n · ȧ) a - (n · a) ȧ,    ȧ = ω × a
@@ -41,7 +41,7 @@ class RollingContact(PointContact):
         friction: float = 0.7,
         **limits: float,
     ) -> None:
-        """Make a contact as `PointContact`, with the axle `axis` in the frame, (3,), of non-zero length."""
+        """Make a `PointContact` with the axle `axis` in the frame, (3,)."""
         super().__init__(
             name, model, frame, translation, radius, normal=normal, against=against, friction=friction, **limits
         )
@@ -54,12 +54,12 @@ class RollingContact(PointContact):
         return axle, up, max(_UPRIGHT, float(np.linalg.norm(up)))
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """Return e, (3,) in m: displacement along n, and 0 along the plane of rolling."""
+        """Return e, (3,) in m: displacement along n, 0 along the plane."""
         height = self._axes[:, 2] @ (anchor[:3] - self.pose(dynamics).translation)
         return np.array([0.0, 0.0, height])
 
     def arm(self, dynamics: Dynamics, normal: Array) -> Array:
-        """Return r from the centre to the contact point in world axes, (3,) in m."""
+        """Return r in world axes, (3,) in m."""
         _, up, length = self._upward(dynamics, normal)
         return -self.radius / length * up
 

@@ -14,15 +14,14 @@ from wbc_controller.records import Array
 
 #: Smallest difference of two cone facets, for a polygon of size 1.
 _SAME_FACET = 1.0e-7
-#: Smallest distance of a vertex from the hull of the others, as a share of the polygon's size.
+#: Smallest distance of a vertex from the hull of the others, relative to the polygon's size.
 _CORNER = 1.0e-6
 
 
 def friction_pyramid(friction: float) -> Array:
     """Return a pyramid C, (8, 3), inside the friction cone: C f ≤ 0 implies √(fx² + fy²) ≤ friction fz.
 
-    Its edges touch the cone along x, y and the diagonals; at least cos(π / 8) = 92 % of the friction is available. Four
-    sides would make the available friction depend on the robot's heading by 30 %.
+    At least cos(π / 8) = 92 % of the friction is available. With four sides it would depend on the heading by 30 %.
     """
     sides = 8
     normal = 2.0 * math.pi * (np.arange(sides) + 0.5) / sides
@@ -37,7 +36,7 @@ def wrench_cone(friction: float, half_length: float, half_width: float) -> Array
     contact wrench cone for rectangular support areas" (ICRA 2015).
 
     Returns:
-        C, (16, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the centre is feasible if C w ≤ 0 (implies fz ≥ 0).
+        C, (16, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the centre is feasible if C w ≤ 0.
     """
     mu, x, y = friction, half_length, half_width
     rows = []
@@ -54,20 +53,16 @@ def wrench_cone(friction: float, half_length: float, half_width: float) -> Array
 
 
 def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
-    """Return the exact wrench cone of a convex polygon, with vertices (n, 2) in m, as in `wrench_cone`.
+    """Return the exact wrench cone C, (rows, 6), of a convex polygon with vertices (n, 2), as in `wrench_cone`.
 
     Forces along the four pyramid edges at each vertex span the cone. Scaled to fz = 1, they are the corners of a
-    polytope in (fx, fy, τx, τy, τz), and each facet of the polytope is a row of C (Caron, Pham, Nakamura, "Leveraging
-    cone double description for multi-contact stability of humanoids", RSS 2015).
-
-    Returns:
-        C, (rows, 6), about the origin of the vertices. Each row is scaled so that its coefficient of the yaw moment has
-        size 1; if it is zero, the coefficients of the moments about x and y, then of the tangential force. For a
-        rectangle the rows equal `wrench_cone`.
+    polytope in (fx, fy, τx, τy, τz); its facets are the rows of C (Caron, Pham, Nakamura, "Leveraging cone double
+    description for multi-contact stability of humanoids", RSS 2015). Rows are scaled to a yaw coefficient of size 1; if
+    it is 0, to those of τx and τy, then of fx and fy.
     """
     middle = vertices.mean(axis=0)
     size = float(np.abs(vertices - middle).max())
-    corners = (vertices - middle) / size  # normalized for conditioning: size 1 about the origin, friction 1
+    corners = (vertices - middle) / size  # normalized for conditioning
     rays = np.array([[fx, fy, y, -x, x * fy - y * fx] for x, y in corners for fx in (1, -1) for fy in (1, -1)])
     simplices = ConvexHull(rays).equations  # (k, 6): a p + b ≤ 0, several simplices per facet
     _, first = np.unique(np.round(simplices / _SAME_FACET), axis=0, return_index=True)
@@ -104,11 +99,7 @@ class Polygon:
     """Convex polygon in the plane z = 0 of the contact frame."""
 
     def __init__(self, vertices: Array, key: str) -> None:
-        """Make a polygon from vertices, (n, 2) in m, in any order.
-
-        Raises:
-            ConfigurationError: for less than three vertices, or a vertex that is no corner of a convex polygon.
-        """
+        """Make a polygon from the corners of a convex polygon, (n, 2) in m, in any order."""
         points = np.array(vertices, dtype=np.float64)
         if len(points) < 3:
             raise ConfigurationError(f"{key} has {len(points)} vertices; a polygon needs at least three")
@@ -122,7 +113,7 @@ class Polygon:
                     f"{key}[{index}] = {point.tolist()}: not a corner: it is on or inside the polygon of the other "
                     "vertices, and the polygon must be convex"
                 )
-        self.vertices: Array = points[hull.vertices]  # in order around the polygon, (n, 2) in m
+        self.vertices: Array = points[hull.vertices]  # in order, (n, 2) in m
 
     def cone(self, friction: float) -> Array:
         """Return the rows of `polygon_wrench_cone`."""
@@ -130,13 +121,13 @@ class Polygon:
 
 
 def are_corners(points: Array) -> list[bool]:
-    """Return which points, (n, 2) in m, are outside the convex hull of the others by a share of the polygon's size."""
+    """Return which points, (n, 2) in m, are outside the convex hull of the others."""
     least = _CORNER * float(np.abs(points - points.mean(axis=0)).max())
     return [_is_outside_hull(np.delete(points, index, axis=0), point, least) for index, point in enumerate(points)]
 
 
 def support_polygon(points: Array) -> Array:
-    """Return the corners of the convex hull of points on the ground, (n, 2), in order; none without area."""
+    """Return the corners of the convex hull of points (n, 2) in order; none without area."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except (QhullError, ValueError):  # less than three, or on a line
@@ -144,10 +135,10 @@ def support_polygon(points: Array) -> Array:
 
 
 def _is_outside_hull(others: Array, point: Array, least: float) -> bool:
-    """Return True if a point is outside the convex hull of the others by more than a distance."""
+    """Return True if a point is outside the convex hull of the others by more than `least`."""
     try:
         hull = ConvexHull(others)
-    except QhullError:  # two points, or points on a line: the hull has no area
+    except QhullError:  # two points, or points on a line
         return len(others) < 3 or bool(np.linalg.norm(others - point, axis=1).min() > least)
     return bool((hull.equations[:, :2] @ point + hull.equations[:, 2]).max() > least)
 

@@ -15,15 +15,11 @@ from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: All components of a twist.
 _ALL = np.arange(6)
 
 
 class SurfaceContact(UnilateralContact):
-    """Flat sole without translation and rotation; the wrench [f, τ] is in the contact frame, with z the normal.
-
-    The surface is the xy plane of the contact frame.
-    """
+    """Flat sole without translation and rotation; the wrench [f, τ] is in the contact frame, with z the normal."""
 
     def __init__(
         self,
@@ -54,8 +50,8 @@ class SurfaceContact(UnilateralContact):
         )
         self._mount = Mount(model, name, frame, placement, against)
         self._corners = np.column_stack([support.vertices, np.zeros(len(support.vertices))])
-        # fᵀ W f / n is the least sum of squares of corner forces equal to this wrench, for n corners of a rectangle. A
-        # narrow sole therefore transfers load to the other foot before its centre of pressure reaches the edge.
+        # For n corners of a rectangle, fᵀ W f / n is the least sum of squares of equivalent corner forces. A narrow
+        # sole transfers load to the other foot before its centre of pressure reaches the edge.
         x, y = np.mean(support.vertices**2, axis=0)
         self.metric = 1.0 / np.array([1.0, 1.0, 1.0, y, x, x + y])
 
@@ -68,19 +64,19 @@ class SurfaceContact(UnilateralContact):
         return self._mount.pose(dynamics)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """Return e in the axes of the contact frame, (6,)."""
+        """Return e, (6,)."""
         return pose_displacement(self._mount.anchor_in_contact_frame(dynamics, anchor))
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code to fill the rows."""
+        """Return the instruction for compiled code."""
         return self._mount.instruction(_ALL) if type(self) is SurfaceContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of the contact frame's relative twist in its own axes, (6, nv)."""
+        """Return the Jacobian of the relative twist in contact axes, (6, nv)."""
         return self._mount.jacobian(dynamics)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return the relative spatial acceleration of the contact frame at v̇ = 0 in its own axes, (6,)."""
+        """Return the relative spatial acceleration at v̇ = 0 in contact axes, (6,)."""
         return self._mount.drift(dynamics)
 
     def points(self, dynamics: Dynamics) -> Array:
@@ -89,5 +85,5 @@ class SurfaceContact(UnilateralContact):
         return np.asarray(self._corners @ placement.rotation.T + placement.translation)
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the wrench about the world origin in world axes, (6,) in N and N·m."""
+        """Return the wrench about the world origin in world axes, (6,)."""
         return np.asarray(self.placement(dynamics).act(pin.Force(force)).vector)

@@ -10,24 +10,24 @@ from wbc_controller.compilation import Indices, Matrix, OutVector, Struct, Vecto
 class JointMotion(Struct):
     """Limits of joint positions, velocities and accelerations, and the resulting bounds."""
 
-    q_index: Indices  # index in q of each joint, (nj,)
-    v_index: Indices  # index in v and in the bounds of each joint, (nj,)
+    q_index: Indices  # (nj,)
+    v_index: Indices  # also of the bounds, (nj,)
     limits: Matrix  # upper position limits of q and of -q, (2, nj) in rad; (2, 0) without position limits
     fastest: Vector  # largest speeds, (nj,) in rad/s; (0,) without velocity limits
-    acceleration: float  # largest acceleration, rad/s²
+    acceleration: float  # largest, rad/s²
     period: float  # duration of an acceleration, s
-    ahead: float  # horizon of the position limits, s; at least the period
-    slowing: float  # horizon of the velocity limits, s; at least the period
+    ahead: float  # horizon of the position limits, s; ≥ `period`
+    slowing: float  # horizon of the velocity limits, s; ≥ `period`
     stopping: float  # `STOPPING_DISTANCE`, rad
     return_time: float  # `RETURN_TIME`, s
-    rounding: float  # rounding error of a position beyond its limit, rad
+    rounding: float  # rounding error of a position limit, rad
     lower: OutVector  # out: lower bounds by index in v, rad/s²
-    upper: OutVector  # out: upper bounds, likewise
+    upper: OutVector  # out: upper bounds
 
 
 @part
 def clipped(value: float, lower: float, upper: float) -> float:
-    """Clip a value to bounds; return upper if the bounds cross, and NaN for NaN."""
+    """Clip a value to bounds, to the upper one if they cross; NaN stays NaN."""
     if value < lower:
         value = lower
     return upper if value > upper else value
@@ -35,7 +35,7 @@ def clipped(value: float, lower: float, upper: float) -> float:
 
 @part
 def _position_bound(table: JointMotion, room: float, speed: float, fastest: float) -> float:
-    """Return the upper bound of the acceleration towards a position limit at the distance `room`."""
+    """Return the bound from a position limit at the distance `room`."""
     most, ahead = table.acceleration, table.ahead
     left = room - 0.5 * ahead * speed
     reach = most * ahead
@@ -53,7 +53,7 @@ def _position_bound(table: JointMotion, room: float, speed: float, fastest: floa
 
 @part
 def _returning_bound(table: JointMotion, room: float, speed: float, fastest: float) -> float:
-    """Return the bound in a state that is not viable: reverse at the limit, or return from beyond it like a spring."""
+    """Return the bound in a state that is not viable."""
     if not room < table.rounding:
         return -(speed**2) / (2.0 * room)
     spring = 4.0 / table.return_time**2
@@ -63,19 +63,18 @@ def _returning_bound(table: JointMotion, room: float, speed: float, fastest: flo
 
 @part
 def _braking(speed: float, room: float) -> float:
-    """Return the constant acceleration that stops a speed within a distance; -inf without distance."""
     return -(speed**2) / (2.0 * room) if room > 0.0 else -math.inf
 
 
 @part
 def _velocity_bound(table: JointMotion, speed: float, fastest: float) -> float:
-    """Return the upper bound of the acceleration from the velocity limit; a joint moving back may always stop."""
+    """Return the bound from the velocity limit; a joint moving back may always stop."""
     return (fastest - speed) / table.slowing if speed > 0.0 else fastest / table.slowing - speed / table.period
 
 
 @compiled
 def acceleration_bounds(table: JointMotion, q_all: Vector, v_all: Vector) -> None:
-    """Write bounds of the joint accelerations at a configuration (nq,) and a generalized velocity (nv,)."""
+    """Write the bounds of joint accelerations at q (nq,) and v (nv,)."""
     if len(v_all) != len(table.lower) or len(v_all) != len(table.upper):
         raise ValueError("acceleration_bounds: sizes of v and the bounds differ")
     most = table.acceleration
@@ -85,7 +84,7 @@ def acceleration_bounds(table: JointMotion, q_all: Vector, v_all: Vector) -> Non
         if not (0 <= row < len(q_all) and 0 <= column < len(v_all)):
             raise IndexError("joint index out of range of q or v")
         q, v = q_all[row], v_all[column]
-        if not (math.isfinite(q) and math.isfinite(v)):  # the check for finite values reports this
+        if not (math.isfinite(q) and math.isfinite(v)):  # reported by the check for finite values
             table.lower[column] = table.upper[column] = math.nan
             continue
         high, low, fastest = most, -most, table.fastest[i] if slowed else math.inf
@@ -97,6 +96,6 @@ def acceleration_bounds(table: JointMotion, q_all: Vector, v_all: Vector) -> Non
                 low = high
             else:
                 high = low
-        # Position limits take precedence over velocity limits.
+        # Position limits precede velocity limits.
         table.lower[column] = clipped(clipped(-_velocity_bound(table, -v, fastest), -most, most), low, high)
         table.upper[column] = clipped(clipped(_velocity_bound(table, v, fastest), -most, most), low, high)

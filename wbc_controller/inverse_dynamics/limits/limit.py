@@ -12,10 +12,10 @@ class RowLimit(ABC):
     """Inequality constraints lower ≤ G v̇ ≤ upper with a constant number of rows.
 
     Attributes:
-        names: name of each row, ``<kind>:<owner>``, as in `Solution.binding`; `fill` may change them.
-        kind: name of the group of rows for relaxation.
-        unit: unit of G v̇.
-        summary: description in one line.
+        names: of the rows, ``<kind>:<owner>``, as in `Solution.binding`; `fill` may change them.
+        kind: group of rows for relaxation.
+        unit: of G v̇.
+        summary: one line.
     """
 
     names: tuple[str, ...]
@@ -25,12 +25,9 @@ class RowLimit(ABC):
 
     @property
     def full_name(self) -> str:
-        """Kind for error messages."""
+        """Kind, for errors."""
         return f"limit {self.kind!r}"
 
     @abstractmethod
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write the rows G, (k, nv), and the bounds, (k,), infinite for none, at one state.
-
-        The acceleration is constant for the period, s.
-        """
+        """Write the rows G, (k, nv), and bounds, (k,), possibly infinite, for accelerations over a period in s."""

@@ -16,14 +16,13 @@ from wbc_controller.records import Array
 
 #: Separation speed of links nearer than the margin, m/s: slow, as the robot may start there.
 RETURN_SPEED = 0.1
-#: Additional distance for the approximation error of the rows, m; errors up to 1.2 mm occurred.
+#: Additional distance for the approximation error of the rows, m; observed up to 1.2 mm.
 ROW_ERROR = 0.002
-#: Largest required acceleration, as a multiple of the deceleration A.
+#: Largest required acceleration, in multiples of A.
 _LARGEST_DEMAND = 3.0
-#: Largest increase of a pair's closing speed in a cycle without a row, m/s: rows with a lower bound of d̈ below minus
-#: this over T are omitted.
+#: Largest increase of a closing speed in a cycle without a row, m/s; rows with smaller requirements are omitted.
 _SPEED_INCREASE = 0.2
-#: Tolerance of the distances, m, and the initial guess of their iteration: a direction and two vertices.
+#: Tolerance of the distances, m; initial direction and vertices of their iteration.
 _GJK_TOLERANCE = 1.0e-10
 _GUESS = np.array([1.0, 0.0, 0.0]), np.zeros(2, dtype=np.int32)
 #: Name of unused rows.
@@ -33,34 +32,32 @@ _UNUSED = "self_collision:unused"
 class SelfCollisionLimit(RowLimit):
     """Rows J_d v̇ ≥ lower for pairs of links that could come nearer than the margin.
 
-    With the distance d of two convex shapes and the unit vector n from the nearest point p₁ on the first shape to the
-    nearest point p₂ on the second,
+    With the distance d of two convex shapes, and the unit vector n from the nearest point p₁ on the first shape to p₂
+    on the second,
 
         ḋ = nᵀ (v₂(p₂) - v₁(p₁)) = J_d v,    d̈ ≥ J_d v̇ + δ.
 
-    v₁, v₂ are the velocities of the links at these points. δ is nᵀ (a₂ - a₁) at v̇ = 0, with one exception: the
-    centripetal acceleration about a shape's origin counts only if it closes the distance, as sliding of the nearest
-    points reduces its separating part (to 0 for spheres). The tangential velocity only separates the links and is
-    omitted.
+    v₁, v₂ are the velocities of the links, and δ = nᵀ (a₂ - a₁) at v̇ = 0. Separating centripetal accelerations about a
+    shape's origin are omitted, as sliding of the nearest points reduces them (to 0 for spheres); so is the separating
+    effect of the tangential velocity.
 
-    The closing speed w = -ḋ at the end of a period must allow the links to stop before the margin. With the
-    deceleration A, the horizon T and the remaining distance r = d - margin - 2 mm - w T,
+    The closing speed w = -ḋ after a period must allow a stop before the margin. With the deceleration A, the horizon T
+    and the remaining distance r = d - margin - 2 mm - w T,
 
         w² / (2 A) + w T ≤ r,    so    d̈ ≥ (w - √(A² T² + 2 A r) + A T) / T.
 
     This is `JointMotionLimit` with twice the allowance for the last period. Near the margin, r decays like a critically
-    damped spring with the time constant T; an error e of δ costs a distance of e T². For r < 0 the links must separate
-    with the speed -r / T, at most `RETURN_SPEED`. No row requires more than `_LARGEST_DEMAND` A.
+    damped spring with the time constant T; an error e of δ costs a distance of e T². For r < 0 the links separate with
+    the speed -r / T, at most `RETURN_SPEED`. Rows require at most `_LARGEST_DEMAND` A.
 
-    Distances are computed only for pairs that could not brake within a lower bound of their distance. The bounds are
-    the last distance minus the possible change by the joints between both links, and the distance of enclosing spheres.
-    The rows are the same as with all distances. If the pairs exceed the rows, the pairs with the largest required d̈
-    have rows.
+    Distances are computed only if a pair could not brake within a lower bound: the last distance minus possible joint
+    motion, and the distance of enclosing spheres. The rows are the same as with all distances. With more pairs than
+    rows, the largest required d̈ have rows.
 
     Attributes:
         margin: least distance, m.
         acceleration: A, m/s².
-        horizon: T, s; at least the period is used.
+        horizon: lower bound of T, s.
         computed: number of distances computed in the last cycle.
     """
 
@@ -78,7 +75,7 @@ class SelfCollisionLimit(RowLimit):
         max_pairs: int,
         summary: str = "",
     ) -> None:
-        """Make a limit for the pairs of convex shapes in a geometry; `max_pairs` is the number of rows."""
+        """Make a limit for the pairs of convex shapes in a geometry, with `max_pairs` rows."""
         self.summary = summary
         self.margin = margin
         self.acceleration = acceleration
@@ -100,13 +97,13 @@ class SelfCollisionLimit(RowLimit):
         starts, components, levers, ends = _levers(moves, links, reach, self._pairs)
         count = len(self._pairs)
         self._distances, self._normals = np.full(count, np.nan), np.zeros((count, 3))
-        self._nearest = np.zeros((2, count, 3))  # nearest points on the first and the second shape of each pair
+        self._nearest = np.zeros((2, count, 3))  # on the first and the second shape of each pair
         self._near, self._reach, self._distance_bounds = (
             np.zeros(count, dtype=np.int64),
             np.zeros(count),
             np.full(count, np.nan),
         )
-        #: Fields of `ShapePairs` other than the motion.
+        #: Fields of `ShapePairs` except the motion.
         self._fields = {
             "shape_links": links,
             "mounts": np.column_stack([[shape.placement.translation for shape in shapes], radii]),
@@ -127,15 +124,11 @@ class SelfCollisionLimit(RowLimit):
             "reach": self._reach,
         }
         self._table: ShapePairs | None = None
-        self._row_pairs: list[int] = []  # pairs of the rows
+        self._row_pairs: list[int] = []  # with rows
         self.computed = 0
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write rows and bounds at one state.
-
-        The rows are in the order of the pairs: with the same pairs, each pair keeps its row, and the solver its warm
-        start.
-        """
+        """Write rows and bounds in the order of the pairs, which keep their rows, and the solver its warm start."""
         rows[:], lower[:], upper[:] = 0.0, -np.inf, np.inf
         ahead = max(period, self.horizon)
         near = self._compute_near_distances(dynamics, ahead)
@@ -155,10 +148,7 @@ class SelfCollisionLimit(RowLimit):
             self.names = (*names, *(_UNUSED,) * (len(lower) - len(names)))
 
     def bound(self, distance: Array, rate: Array, ahead: float) -> Array:
-        """Return the lower bound of d̈ for a stop before the margin, (-ḋ - w_max) / T, (k,) in m/s².
-
-        Distances d are (k,) in m, rates ḋ (k,) in m/s; `ahead` is T, s. NaN for NaN in d or ḋ.
-        """
+        """Return the lower bound of d̈, (-ḋ - w_max) / T, (k,), from distances d, rates ḋ and the horizon T."""
         A, room = self.acceleration, distance - (self.margin + ROW_ERROR) + ahead * rate
         reach = A * ahead
         braking = np.sqrt(reach**2 + 2.0 * A * np.maximum(room, 0.0)) - reach
@@ -171,14 +161,13 @@ class SelfCollisionLimit(RowLimit):
         return {name: float(self._distance(i).min_distance) for i, name in enumerate(self._pair_names)}
 
     def _distance(self, pair: int) -> coal.DistanceResult:
-        """Return the distance of a pair at the present placements of the shapes."""
-        # The constant initial guess makes the result independent of earlier queries.
+        # A constant initial guess makes results independent of earlier queries.
         request = self._requests[pair]
         request.cached_gjk_guess, request.cached_support_func_guess = _GUESS
         return pin.computeDistance(self._geometry, self._data, pair)
 
     def _compute_near_distances(self, dynamics: Dynamics, ahead: float) -> np.ndarray:
-        """Compute the distances of pairs that may need a row, and return these pairs in order."""
+        """Compute the distances of pairs that may need a row, and return these pairs."""
         table = self._bind(dynamics)
         count = near_pairs(table, dynamics.q, dynamics.v, self.acceleration, ahead, self.margin + ROW_ERROR)
         self.computed, near = count, self._near[:count]
@@ -192,13 +181,12 @@ class SelfCollisionLimit(RowLimit):
         return near
 
     def _rows(self, dynamics: Dynamics, pairs: np.ndarray) -> tuple[Array, Array, Array]:
-        """Return J_d, (k, nv), ḋ, (k,) in m/s, and δ, (k,) in m/s², of pairs with computed distances."""
+        """Return J_d, (k, nv), ḋ, (k,), and δ, (k,), of pairs with computed distances."""
         rows, rates, drifts = np.empty((len(pairs), dynamics.model.nv)), np.empty(len(pairs)), np.empty(len(pairs))
         distance_rows(self._bind(dynamics), pairs, rows, rates, drifts)
         return rows, rates, drifts
 
     def _bind(self, dynamics: Dynamics) -> ShapePairs:
-        """Return the pairs with the motion of a snapshot."""
         if self._table is None or self._table.motion is not dynamics.motion:
             self._table = ShapePairs(motion=dynamics.motion, **self._fields)
         return self._table
@@ -207,24 +195,16 @@ class SelfCollisionLimit(RowLimit):
 def _levers(
     moves: np.ndarray, links: np.ndarray, reach: Array, pairs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, Array, np.ndarray]:
-    """Return the levers: largest speed of a shape's points per joint speed.
+    """Return `starts`, `components`, `levers` and `ends` of `ShapePairs`.
 
-    A joint that moves one link of a pair changes their distance at most by its speed times the largest distance of the
-    shape from the joint. For each shape, these are the joints from its link towards the root up to the first joint that
-    moves both links: a partial sum common to all of its pairs.
-
-    Args:
-        moves: 1 if a component of v moves a link, (links, nv).
-        links: link of each shape, (s,).
-        reach: largest distance of each shape from each joint, (s, nv).
-        pairs: the two shapes of each pair.
-
-    Returns:
-        `starts`, `components`, `levers` and `ends` of `ShapePairs`.
+    A joint that moves one link of a pair changes their distance at most by its speed times its largest distance from
+    the shape. For each shape, these joints are from its link towards the root, up to the first joint that moves both
+    links: a partial sum common to all of its pairs. `reach` (s, nv) is the largest distance of each shape from each
+    joint.
     """
     starts, components, levers, ends = [0], [], [], np.zeros(pairs.shape, dtype=np.int64)
     for shape, link in enumerate(links):
-        own = np.flatnonzero(moves[link])[::-1]  # Pinocchio numbers them from the root on
+        own = np.flatnonzero(moves[link])[::-1]  # numbered from the root
         where = pairs == shape
         others = links[pairs[:, ::-1][where]]
         counts = np.count_nonzero(moves[others][:, own] == 0, axis=1)
@@ -246,7 +226,7 @@ def _places(model: pin.Model) -> np.ndarray:
 
 
 def _reach(model: pin.Model, shape: pin.GeometryObject, radius: float) -> Array:
-    """Return the largest distance of a shape from each joint that moves it, (nv,) in m; 1 for prismatic joints."""
+    """Return the largest distance of a shape from each joint that moves it, (nv,); 1 for prismatic joints."""
     reach = np.zeros(model.nv)
     far = float(np.linalg.norm(shape.placement.translation)) + radius
     joint = shape.parentJoint
@@ -261,6 +241,6 @@ def _reach(model: pin.Model, shape: pin.GeometryObject, radius: float) -> Array:
 
 
 def _radius(geometry: Any) -> float:
-    """Return the radius of a sphere about a shape's origin that encloses the shape, m."""
+    """Return the radius of an enclosing sphere about the shape's origin, m."""
     geometry.computeLocalAABB()
     return float(np.linalg.norm(geometry.aabb_center)) + float(geometry.aabb_radius)

@@ -1,4 +1,4 @@
-"""Kernels for shape pairs that may come too near, and the rates of their distances (see `limits.self_collision`)."""
+"""Kernels for near pairs of shapes and the rates of their distances; `limits.self_collision` has the equations."""
 
 from __future__ import annotations
 
@@ -31,36 +31,33 @@ from wbc_controller.records import Array
 
 
 class ShapePairs(Struct):
-    """Pairs of shapes with a minimum distance, and known bounds of their distances.
+    """Pairs of shapes with a minimum distance; a lever is the largest speed of a shape per unit of a component of v."""
 
-    A lever is the largest speed of a shape's points per unit speed of a component of v.
-    """
-
-    motion: LinkMotion  # motion of the links
-    shape_links: Indices  # link of each shape, (s,)
-    mounts: Matrix  # origin of each shape on its link, and radius of the enclosing sphere about it, (s, 4) in m
+    motion: LinkMotion
+    shape_links: Indices  # of each shape, (s,)
+    mounts: Matrix  # origin of each shape on its link, and radius of the enclosing sphere, (s, 4) in m
     pairs: IndexMatrix  # the two shapes of each pair, (k, 2)
-    starts: Indices  # first lever of each shape, and end of the last, (s + 1,)
-    components: Indices  # component of v of each lever, from the shape's link towards the root, (e,)
+    starts: Indices  # first lever of each shape, and end, (s + 1,)
+    components: Indices  # component of v of each lever, from the link towards the root, (e,)
     levers: Vector  # (e,)
-    places: Indices  # index in q of each component of v; -1 if it changes no distance, (nv,)
+    places: Indices  # index in q of each component of v, or -1, (nv,)
     ends: IndexMatrix  # indices in `sums` of the levers that can close each pair, (k, 2)
     faster: float  # largest increase of a closing speed in a cycle without a row, m/s
-    normals: Matrix  # unit vectors from the first to the second shape, of the last computed distances, (k, 3)
+    normals: Matrix  # unit vectors from the first to the second shape, (k, 3)
     first: Matrix  # nearest points on the first shape, (k, 3) in m
     second: Matrix  # nearest points on the second shape, (k, 3) in m
-    seen: OutVector  # in place: configuration of the last cycle, (nq,); initially NaN
-    least: OutVector  # in place: lower bounds of the distances, (k,) in m; NaN if unknown
+    seen: OutVector  # in place: last configuration, (nq,); initially NaN
+    least: OutVector  # in place: lower bounds of distances, (k,) in m, or NaN
     sums: OutMatrix  # out: largest speed, and change since `seen`, by the first levers of a shape, (e + 1, 2)
-    near: OutIndices  # out: pairs that may need a row, in order, (k,)
-    reach: OutVector  # out: distances below which these pairs need a row, (k,) in m
+    near: OutIndices  # out: pairs that may need a row, (k,)
+    reach: OutVector  # out: distances below which they need a row, (k,) in m
 
 
 @part
 def _reach(closing: float, A: float, T: float, faster: float, margin: float) -> float:
-    """Return the distance below which a pair with this largest closing speed w, m/s, may need a row.
+    """Return the distance below which a pair with the largest closing speed w may need a row.
 
-    w_f² / (2 A) + w_f T + w T + margin, with the closing speed w_f = w + faster after a cycle without a row.
+    w_f² / (2 A) + w_f T + w T + margin, with the speed w_f = w + faster after a cycle without a row.
     """
     w = closing + faster
     return w * w / (2.0 * A) + w * T + closing * T + margin
@@ -68,15 +65,11 @@ def _reach(closing: float, A: float, T: float, faster: float, margin: float) -> 
 
 @part
 def _closing_speed(line: Vector3, length: float, radii: float, velocity: Vector3) -> float:
-    """Return the largest speed along any normal in the cone, about the line of centres, that contains two spheres.
+    """Return the largest speed along any normal in the cone about the line of centres that contains two spheres.
 
-    Args:
-        line: from the first centre to the second, m.
-        length: of the line, m.
-        radii: sum of the radii, m.
-        velocity: of the second shape relative to the first, m/s.
+    `line` is from the first centre to the second, `radii` the sum of radii, `velocity` relative to the first sphere.
     """
-    if not length > radii:  # the normal may have any direction
+    if not length > radii:  # any normal is possible
         return math.sqrt(dot(velocity, velocity))
     radial, sine = -dot(velocity, line) / length, radii / length
     across = dot(velocity, velocity) - radial * radial
@@ -94,7 +87,7 @@ def _ball_distance(table: ShapePairs, first: int, second: int) -> tuple[float, f
     radius_a, radius_b = table.mounts[first, 3], table.mounts[second, 3]
     angular = subtract(three(links[b], 3), three(links[a], 3))
     linear = subtract(three(links[b], 0), three(links[a], 0))
-    # The relative twist has the same velocity along the normal at both nearest points: use the smaller sphere.
+    # The relative twist has the same normal velocity at both nearest points: use the smaller sphere.
     a_is_smaller = radius_a < radius_b
     center, radius = (center_a, radius_a) if a_is_smaller else (center_b, radius_b)
     velocity = add(cross(angular, center), linear)
@@ -106,14 +99,14 @@ def _ball_distance(table: ShapePairs, first: int, second: int) -> tuple[float, f
 
 @part
 def _sum_levers(table: ShapePairs, q: Array, v: Array) -> None:
-    """Add up the largest speeds, and changes since the last cycle, by the levers of each shape."""
+    """Add up largest speeds, and changes since the last cycle, along the levers of each shape."""
     for shape in range(len(table.shape_links)):
         speed, change = 0.0, 0.0
         for i in range(table.starts[shape], table.starts[shape + 1]):
             j = table.components[i]
             place = table.places[j]
             turned = abs(q[place] - table.seen[place]) if place >= 0 else 0.0
-            if v[j] != 0.0:  # a prismatic joint without limits has an infinite lever
+            if v[j] != 0.0:  # prismatic joints without limits have infinite levers
                 speed += abs(v[j]) * table.levers[i]
             if turned != 0.0:
                 change += turned * table.levers[i]
@@ -122,10 +115,10 @@ def _sum_levers(table: ShapePairs, q: Array, v: Array) -> None:
 
 @compiled
 def near_pairs(table: ShapePairs, q: Vector, v: Vector, A: float, T: float, margin: float) -> int:
-    """Find the pairs of shapes that may need a row, by lower bounds of their distances.
+    """Find the pairs of shapes that may need a row, by lower bounds of their distances; return their number.
 
-    First bound: the last bound minus the possible change by the joints between both links. If a pair could not brake
-    within it, second bound: the distance of the enclosing spheres, with a tighter bound of the closing speed.
+    First bound: the last bound minus possible joint motion. If a pair could not brake within it, second bound: the
+    distance of enclosing spheres, with a tighter closing speed. Pairs with NaN are included.
 
     Args:
         table: pairs.
@@ -134,9 +127,6 @@ def near_pairs(table: ShapePairs, q: Vector, v: Vector, A: float, T: float, marg
         A: deceleration, m/s².
         T: horizon, s.
         margin: least distance, m.
-
-    Returns:
-        Number of pairs in `near`; pairs with NaN are included.
     """
     if len(q) != len(table.seen) or len(v) != len(table.places):
         raise ValueError("near_pairs: sizes of q and v differ from nq and nv")
@@ -164,10 +154,7 @@ def near_pairs(table: ShapePairs, q: Vector, v: Vector, A: float, T: float, marg
 
 @part
 def _turning(table: ShapePairs, shape: int, normal: Vector3, p: Vector3) -> float:
-    """Return nᵀ (ω × v(p)), the classical minus the spatial acceleration of a shape at p.
-
-    The centripetal part about the shape's origin c, nᵀ (ω × (ω × (p - c))), counts only if it closes the distance.
-    """
+    """Return nᵀ (ω × v(p)), the classical minus the spatial acceleration, without a separating centripetal part."""
     link = table.shape_links[shape]
     motion, center = table.motion.links[link], transform(table.motion.joints[link], three(table.mounts[shape], 0))
     angular = three(motion, 3)
@@ -178,15 +165,7 @@ def _turning(table: ShapePairs, shape: int, normal: Vector3, p: Vector3) -> floa
 
 @compiled
 def distance_rows(table: ShapePairs, chosen: Indices, rows: OutMatrix, rates: OutVector, drifts: OutVector) -> None:
-    """Write J_d with ḋ = J_d v, the rates ḋ, and δ with d̈ ≥ J_d v̇ + δ, for pairs with computed distances.
-
-    Args:
-        table: pairs.
-        chosen: indices of pairs, (m,).
-        rows: J_d, (m, nv).
-        rates: ḋ, (m,) in m/s.
-        drifts: δ, (m,) in m/s².
-    """
+    """Write J_d (m, nv) with ḋ = J_d v, the rates ḋ, and δ with d̈ ≥ J_d v̇ + δ, for `chosen` pairs (m,)."""
     motion, count = table.motion, len(chosen)
     if not (rows.shape == (count, len(motion.joint_twists)) and len(rates) == count and len(drifts) == count):
         raise ValueError("distance_rows: sizes of rows, rates, drifts and pairs differ")

@@ -14,16 +14,15 @@ from wbc_controller.records import Array
 class TorqueSpeedCurve:
     """Available torque of a motor at a speed.
 
-    τ_max is available up to the corner speed. Above it, the torque falls linearly to 0 at the no-load speed, as the
-    voltage above the back-EMF drives the current. This applies in the direction of motion only: when braking, the
-    back-EMF helps.
+    τ_max is available up to the corner speed; above it, the torque falls linearly to 0 at the no-load speed, as the
+    back-EMF reduces the driving voltage. When braking, all of τ_max is available.
     """
 
-    corner: Array  # corner speed, (na,) in rad/s
-    no_load: Array  # no-load speed, above the corner speed, (na,) in rad/s
+    corner: Array  # (na,) in rad/s
+    no_load: Array  # (na,) in rad/s, above the corner speed
 
     def available(self, effort_limits: Array, v: Array) -> tuple[Array, Array]:
-        """Return lower and upper bounds of τ, both (na,) in N·m, at speeds v, (na,) in rad/s."""
+        """Return bounds of τ, (na,) in N·m, at speeds v, (na,) in rad/s."""
         left = effort_limits * np.clip((self.no_load - np.abs(v)) / (self.no_load - self.corner), 0.0, 1.0)
         return np.where(v >= 0.0, -effort_limits, -left), np.where(v <= 0.0, effort_limits, left)
 
@@ -31,11 +30,10 @@ class TorqueSpeedCurve:
 class TorqueLimit(Tunable):
     """Limits of available torque, and |τ - τ_before| ≤ rate τ_max Δt if τ_before is given.
 
-    If τ_before is no longer available at a higher joint speed, it is clipped to the available range at once, so both
-    limits never conflict.
+    A τ_before that is no longer available is clipped to the available range, so the limits never conflict.
 
     Attributes:
-        rate: torque rate limit, effort limits per second.
+        rate: effort limits per second.
         curve: torque-speed curve; None for τ_max at every speed.
     """
 
@@ -45,7 +43,7 @@ class TorqueLimit(Tunable):
         self.curve = curve
 
     def available(self, v: Array) -> tuple[Array, Array]:
-        """Return read-only bounds of τ without the rate limit, both (na,) in N·m, at speeds v in rad/s."""
+        """Return read-only bounds of τ without the rate limit, (na,) in N·m, at speeds v in rad/s."""
         if self.curve is None:
             return -self.effort_limits, self.effort_limits
         return self.curve.available(self.effort_limits, v)

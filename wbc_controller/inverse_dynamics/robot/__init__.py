@@ -1,1 +1,1 @@
-"""The robot: model from the URDF, actuation of the joints, and dynamics."""
+"""The robot: model from the URDF, actuation and dynamics."""

@@ -18,20 +18,20 @@ class Actuation(Drive):
 
         M v̇ + h - Jᵀf = Sᵀτ + Cᵀλ    ⇔    τ = T (M v̇ + h - Jᵀf)  and  N (M v̇ + h - Jᵀf) = 0
 
-    where T contains the first na rows of (B Bᵀ)⁻¹ B, and the rows of N are a basis of the null space of B (unactuated
-    rows). This eliminates τ and λ exactly. Without transmissions and mimic joints, T and N only select rows.
+    where T contains the first na rows of (B Bᵀ)⁻¹ B, and N a basis of the null space of B. Without transmissions and
+    mimic joints, T and N only select rows.
 
     Attributes:
         S: actuation matrix, (na, nv).
-        rotors: rotor inertia of transmissions SᵀIS, added to M, (nv, nv) in kg·m²; None without rotor inertia.
-        C: coupling rows of the mimic joints, (nm, nv).
+        rotors: rotor inertia of transmissions, SᵀIS, added to M, (nv, nv) in kg·m²; or None.
+        C: coupling rows of mimic joints, (nm, nv).
         free: number of rows of N.
-        projection: [N; T] in compressed rows: start of each row and end of the last, (free + na + 1,); columns; values.
+        projection: [N; T] in compressed rows: starts of rows and end, (free + na + 1,); columns; values.
         direct: True without transmissions and mimic joints.
     """
 
     def __init__(self, drive: Drive, v_index: np.ndarray, coupling: Array) -> None:
-        """Make the actuation from the index in v of each joint, (nj,), and the coupling rows C, (nm, nv)."""
+        """Make the actuation from the joints' indices in v, (nj,), and the coupling rows C, (nm, nv)."""
         super().__init__(
             drive.names, drive.effort_limits, drive.ratios, rotor_inertia=drive.rotor_inertia, by_joint=drive.by_joint
         )
@@ -43,8 +43,7 @@ class Actuation(Drive):
         self.C = frozen(coupling)
         self.free = nv - na - len(coupling)
         B = np.vstack([self.S, self.C])
-        # Coordinates without entries in B keep unit rows in N, as in the direct case; those of a floating base come
-        # last.
+        # Coordinates without entries in B keep unit rows in N; those of a floating base come last.
         entered = np.flatnonzero(B.any(axis=0))
         untouched = np.setdiff1d(np.arange(nv), entered)
         leading = untouched == np.arange(len(untouched))
@@ -61,14 +60,11 @@ class Actuation(Drive):
         self._all_rows = as_slice(np.concatenate([untouched, v_index[self.motors]])) if self.direct else None
 
     def split(self, force: Array) -> Array:
-        """Project generalized forces (nv,) or (nv, k) to [N force; T force], (free + na,) or (free + na, k).
-
-        The result may be a view of `force`.
-        """
+        """Return [N force; T force] of forces (nv,) or (nv, k), possibly as a view."""
         return np.asarray(force[self._all_rows] if self._all_rows is not None else self._N_T @ force)
 
     def torques(self, force: Array) -> Array:
-        """Return the actuator torques (na,) of a generalized force (nv,), T force."""
+        """Return the actuator torques T force, (nv,) to (na,)."""
         return self.split(force)[self.free :]
 
     def generalized_force(self, tau: Array) -> Array:

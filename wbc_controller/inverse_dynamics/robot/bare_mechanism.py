@@ -16,10 +16,7 @@ _DROPPED = {"link": ("visual", "collision"), "joint": ("dynamics", "mimic", "saf
 def bare_mechanism(
     tree: ElementTree.Element, moving: Collection[str], locked: Mapping[str, float]
 ) -> ElementTree.Element:
-    """Copy a URDF without shapes and extensions; joints outside `moving` are fixed at their locked position.
-
-    Locked positions are in rad or m, 0 by default.
-    """
+    """Copy a URDF without shapes and extensions; fix joints outside `moving` at their locked position, rad or m."""
     bare = ElementTree.Element(tree.tag, tree.attrib)
     for element in tree:
         if element.tag not in _DROPPED:
@@ -36,7 +33,7 @@ def bare_mechanism(
 
 
 def shapes_only(urdf: str, kind: str) -> str:
-    """Return a URDF with the shapes of one kind only, ``collision`` or ``visual``, and all joints fixed.
+    """Return a URDF with fixed joints and the shapes of one kind, ``collision`` or ``visual``.
 
     ``<collision_checking>`` marks cylinders that Pinocchio reads as capsules.
     """
@@ -52,7 +49,6 @@ def shapes_only(urdf: str, kind: str) -> str:
 
 
 def _lock(joint: ElementTree.Element, position: float) -> None:
-    """Fix a joint at a position, rad or m, in place."""
     if position != 0.0:
         origin = joint.find("origin")
         if origin is None:

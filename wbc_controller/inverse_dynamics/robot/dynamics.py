@@ -20,7 +20,7 @@ _crba, _bias_forces = pin.crba, pin.nonLinearEffects
 class Dynamics:
     """Terms of M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ at one state (equations (7), (22), (34) of the note; S1).
 
-    The arrays belong to Pinocchio and are overwritten by the next `update`: copy them to keep their values.
+    The arrays belong to Pinocchio and are overwritten by the next `update`. Drifts are accelerations at v̇ = 0.
 
     Attributes:
         model: robot model.
@@ -29,16 +29,16 @@ class Dynamics:
         M: joint-space inertia matrix, (nv, nv).
         h: bias forces: Coriolis, centrifugal and gravity terms minus passive joint forces, (nv,).
         com: centre of mass in the world, (3,) in m.
-        com_velocity: its velocity in the world, (3,) in m/s.
-        com_jacobian: com_velocity = com_jacobian v, (3, nv).
-        com_drift: acceleration of the centre of mass at v̇ = 0, (3,) in m/s².
-        centroidal_matrix: A_G, (6, nv): A_G v is the centroidal momentum in world axes.
-        centroidal_drift: rate of the centroidal momentum at v̇ = 0, (6,) in N and N·m.
-        joint_jacobians: unit twists of the joints at the world origin in world axes, (6, nv), linear rows first.
+        com_velocity: (3,) in m/s.
+        com_jacobian: (3, nv).
+        com_drift: (3,) in m/s².
+        centroidal_matrix: A_G of the centroidal momentum A_G v, world axes, (6, nv).
+        centroidal_drift: Ȧ_G v, (6,) in N and N·m.
+        joint_jacobians: unit twists of the joints at the world origin, world axes, linear rows first, (6, nv).
         moves: 1 if a component of v moves a link, (links, nv); link 0 is the world.
         motion: these arrays for `robot.link_motion_kernels.link_terms`.
-        links: twist and spatial acceleration at v̇ = 0 of each link, at the world origin in world axes, (links, 12).
-        joints: placement of each link in the world, (links, 12): columns of the rotation, then the translation.
+        links: twist and drift of each link at the world origin, world axes, (links, 12).
+        joints: placement of each link in the world: columns of the rotation, translation, (links, 12).
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -48,18 +48,18 @@ class Dynamics:
         self._data = model.pinocchio.createData()
         self.q: Array
         self.v: Array
-        # Pinocchio never reallocates its data, so views remain valid.
+        # Views of Pinocchio's data remain valid.
         data = self._data
         self._rotors, self._M = model.actuation.rotors, data.M
-        # M with rotors is a separate array: Pinocchio leaves entries between branches untouched, so they would
+        # A separate array: Pinocchio leaves entries of M between branches untouched, so rotor inertias would
         # accumulate.
         self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
-        #: Rows of M for compiled code: M is symmetric, and Pinocchio stores it by columns.
+        #: Rows of M for compiled code: Pinocchio stores the symmetric M by columns.
         self.M_rows: Array = self.M.T
         self.h: Array = data.nle
         self.com: Array = data.com[0]
         self.com_velocity, self.com_drift, self.centroidal_drift = np.zeros(3), np.zeros(3), np.zeros(6)
-        self._per_mass = np.zeros((6, model.nv), order="F")  # Pinocchio's memory order
+        self._per_mass = np.zeros((6, model.nv), order="F")
         self.com_jacobian: Array = self._per_mass[:3]
         self.centroidal_matrix = _matrix(data.Ag)
         self.joint_jacobians: Array = _matrix(data.J)
@@ -93,12 +93,12 @@ class Dynamics:
         link_terms(self.motion, v)
 
     def compute(self, q: Array, v: Array) -> None:
-        """Compute the terms of Pinocchio at a state; `link_terms` adds the others."""
+        """Compute Pinocchio's terms at a state; `link_terms` adds the others."""
         model, data = self._pin, self._data
         self.q, self.v = q, v
-        # In the world convention, `crba` also computes the centre of mass, joint Jacobians and the centroidal matrix.
+        # In the world convention, `crba` also computes centre of mass, joint Jacobians and centroidal matrix.
         _crba(model, data, q, _WORLD)
-        # At v̇ = 0, these link accelerations contain all drifts J̇v.
+        # Its link accelerations at v̇ = 0 contain all drifts J̇v.
         _bias_forces(model, data, q, v)
         if self._rotors is not None:
             np.add(self._M, self._rotors, out=self.M)
@@ -113,7 +113,7 @@ class Dynamics:
         """Return the placement of a frame in the world.
 
         Raises:
-            IndexError: if the model has no such frame; also in the methods below.
+            IndexError: for an invalid frame id; also in the methods below.
         """
         self._require_frame(frame_id)
         return pin.updateFramePlacement(self._pin, self._data, frame_id)
@@ -130,20 +130,20 @@ class Dynamics:
         return _matrix(pin.getFrameJacobian(self._pin, self._data, frame_id, axes))
 
     def drift_local(self, frame_id: int) -> Array:
-        """Return the spatial acceleration of a frame at v̇ = 0, in its own axes, (6,): J̇v of its local velocity."""
+        """Return the spatial acceleration of a frame at v̇ = 0 in its own axes, (6,)."""
         placement = self.placement(frame_id)
         drift: Array = placement.actInv(pin.Motion(self.links[self._link_of[frame_id], 6:])).vector
         return drift
 
     def drift_world(self, frame_id: int) -> Array:
-        """Return a frame's classical linear and its angular acceleration at v̇ = 0, in world axes, (6,)."""
+        """Return the classical acceleration of a frame at v̇ = 0 in world axes, (6,)."""
         placement = self.placement(frame_id)
         drift, twist = self.drift_local(frame_id), self.velocity(frame_id, pin.LOCAL_WORLD_ALIGNED)
         linear = placement.rotation @ drift[:3] + np.cross(twist[3:], twist[:3])
         return np.concatenate([linear, placement.rotation @ drift[3:]])
 
     def _require_frame(self, frame_id: int) -> None:
-        """Require a valid frame id: Pinocchio reads outside its memory for others."""
+        """Refuse invalid frame ids: Pinocchio would read outside its memory."""
         if not 0 <= frame_id < len(self._link_of):
             count = len(self._link_of)
             raise IndexError(
@@ -151,10 +151,7 @@ class Dynamics:
             )
 
     def external_force(self, frame: str, wrench: Array) -> Array:
-        """Return the generalized force Jᵀ w of a known external wrench, (nv,) (equations (20) to (22); S4).
-
-        The wrench (6,), in N and N·m in world axes, acts at the frame's origin.
-        """
+        """Return the generalized force Jᵀw, (nv,), of a wrench w, (6,), at a frame's origin in world axes (S4)."""
         J = self.jacobian(self.model.frame_id(frame, "frame"), pin.LOCAL_WORLD_ALIGNED)
         return np.asarray(J.T @ wrench)
 
@@ -169,14 +166,14 @@ def support_matrix(model: pin.Model) -> np.ndarray:
 
 
 def view_of(parts: Sequence[Array], size: int) -> Array:
-    """Return a read-only view (n, size) of n Pinocchio vectors stored contiguously in a `std::vector`.
+    """Return a read-only view (n, size) of n Pinocchio vectors that are contiguous in memory.
 
     Args:
         parts: first numbers of each vector, e.g. the rotation of a placement.
         size: numbers per vector.
 
     Raises:
-        RuntimeError: if this release of Pinocchio has another memory layout.
+        RuntimeError: for another memory layout of Pinocchio.
     """
     flat = [part.reshape(-1, order="A") for part in parts]
     step = flat[0].itemsize
@@ -189,5 +186,5 @@ def view_of(parts: Sequence[Array], size: int) -> Array:
 
 
 def _matrix(J: Array) -> Array:
-    """Return a (6, nv) matrix: Pinocchio returns (6,) for nv = 1."""
+    """Return a (6, nv) matrix; Pinocchio returns (6,) for nv = 1."""
     return J if J.ndim == 2 else J[:, None]

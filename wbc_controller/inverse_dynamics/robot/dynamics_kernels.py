@@ -1,4 +1,4 @@
-"""Rows of the equations of motion in the quadratic program, and bounds of the torques."""
+"""Kernel for the equations of motion in the quadratic program, and the torque bounds."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from wbc_controller.records import Array
 class DynamicsRows(Struct):
     """Rows of the equations of motion, below the rows of the contacts."""
 
-    starts: Indices  # start of each row of [N; T] in `columns` and `values`, and end of the last, (free + na + 1,)
-    columns: Indices  # columns of the non-zero values of [N; T], (k,)
-    values: Vector  # non-zero values, (k,)
+    starts: Indices  # starts of the rows of [N; T] in `columns` and `values`, and end, (free + na + 1,)
+    columns: Indices  # of non-zero values of [N; T], (k,)
+    values: Vector  # (k,)
     damping: Vector  # D of each row of J, (nf,) in 1/s
     rows: OutMatrix  # [J, 0, required J v̇] of the contacts; from `first` on rows N, then T, (…, nv + nf + 1)
     first: int  # first row to fill
     lower: OutVector  # out: lower bounds of T (M v̇ - Jᵀf), (na,) in N·m
-    upper: OutVector  # out: upper bounds, likewise
+    upper: OutVector  # out: upper bounds
     M: Matrix  # joint-space inertia matrix, (nv, nv)
     unit: float  # unit of f, N and N·m
     available: Matrix  # smallest and largest available torques, and τ_max, (3, na) in N·m
@@ -25,7 +25,6 @@ class DynamicsRows(Struct):
 
 @part
 def _damp(table: DynamicsRows, v: Array) -> None:
-    """Add -D J v to the right-hand sides of the contacts."""
     for i in range(len(table.damping)):
         row, speed = table.rows[i], 0.0
         for j in range(len(v)):
@@ -35,7 +34,6 @@ def _damp(table: DynamicsRows, v: Array) -> None:
 
 @part
 def _project(table: DynamicsRows, k: int, h: Array) -> float:
-    """Fill row k of [N; T] (M v̇ - Jᵀf), and return its product with h."""
     M, rows, row, nv, constant = table.M, table.rows, table.rows[table.first + k], len(h), 0.0
     nf, unit, columns, values = len(table.damping), table.unit, table.columns, table.values
     for j in range(nv + nf):
@@ -52,7 +50,6 @@ def _project(table: DynamicsRows, k: int, h: Array) -> float:
 
 @part
 def _bound(table: DynamicsRows, before: Array, share: float) -> None:
-    """Bound torques by the available torques and the rate limit around τ_before, clipped to the available range."""
     least, most, largest, bias = table.available[0], table.available[1], table.available[2], table.bias
     lower, upper = table.lower, table.upper
     for i in range(len(bias)):
@@ -76,7 +73,7 @@ def fill_dynamics(table: DynamicsRows, h: Vector, v: Vector, before: Vector, sha
         table: rows.
         h: bias forces, (nv,).
         v: generalized velocity, (nv,).
-        before: τ_before, (na,) in N·m; NaN gives NaN bounds.
+        before: τ_before, (na,) in N·m.
         share: rate Δt; negative for no torque rate limit.
     """
     nv, na, nf = len(table.M), len(table.bias), len(table.damping)

@@ -1,7 +1,4 @@
-"""Kernels for the contact and task rows J v̇ = b: Jacobians and right-hand sides.
-
-`LinkMotion` defines the twists and accelerations of links, `placement_kernels` the placements.
-"""
+"""Kernels for the contact and task rows J v̇ = b; motions as in `LinkMotion`."""
 
 from __future__ import annotations
 
@@ -39,21 +36,21 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 )
 from wbc_controller.records import Array
 
-#: Kinds of rows: tasks on a frame, the centre of mass and single joints; surface and ball contacts; the momentum rate.
+#: Kinds of rows: tasks on frames, centre of mass and joints; surface and ball contacts; momentum rate.
 FRAME, COM, JOINTS, SURFACE, BALL, MOMENTUM = range(6)
-#: Columns of `FrameRows.instructions`: kind; first row in `out` and number of rows; link and other link; first twist
-#: component and number of components; first index in `places`, `numbers` and the task errors.
+#: Columns of the instructions: kind; first row in `out`, number of rows; link, other link; first twist component,
+#: number of components; first index in `places`, `numbers` and task errors.
 KIND, ROW, COUNT, LINK, OTHER, FIRST, SIZE, PLACE, NUMBER, ERROR = range(10)
 
 
 class FrameRows(Struct):
     """Rows of contacts and tasks, and instructions to fill them."""
 
-    instructions: IndexMatrix  # columns `KIND` to `ERROR`, (k, 10)
+    instructions: IndexMatrix  # see `KIND` to `ERROR`, (k, 10)
     places: Indices  # selected components, and indices of joints
     numbers: Vector  # constants, gains and references in the order of the functions below
-    motion: LinkMotion  # motion of the links
-    out: OutMatrix  # rows [J, …, b]; the columns between J and b are not written
+    motion: LinkMotion
+    out: OutMatrix  # rows [J, …, b]; columns between J and b are not written
     target: OutVector  # targets of single accelerations by index in v, (≥ nv,)
 
 
@@ -63,17 +60,8 @@ def _contact_rows(
 ) -> None:
     """Fill rows of the twist ν of a contact frame C relative to link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
 
-    With X the transform of a twist from B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B)
-    (`contacts.mount`).
-
-    Args:
-        motion: motion of the links.
-        link: link of C.
-        other: link B; 0 for the world.
-        mount: placement of C on its link, (12,).
-        rows: selected components of ν, (r,).
-        out: [J, …, -ν̇ at v̇ = 0], (r, …).
-        memory: intermediate results, (≥ 2, 12).
+    With X the transform of a twist from B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B). `mount` is the
+    placement of C on its link, `rows` (r,) selects components of ν.
     """
     C, column, right = memory[0], memory[1], out.shape[1] - 1
     twists, moves, links = motion.joint_twists, motion.moves, motion.links
@@ -101,15 +89,9 @@ def _contact_rows(
 
 @part
 def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> None:
-    """Fill rows of the velocity of a ball's lowest point, Eᵀ(ṗ + ω × r): J v̇ = -drift (`contacts.point`).
+    """Fill rows of the velocity of a ball's lowest point, Eᵀ(ṗ + ω × r): J v̇ = -Eᵀ(p̈ + ω̇ × r) at v̇ = 0.
 
-    The drift is Eᵀ(p̈ + ω̇ × r) at v̇ = 0; r does not rotate with the link.
-
-    Args:
-        motion: motion of the links.
-        link: link of the ball.
-        numbers: centre on the link, m; r from the centre to the lowest point in world axes, m; Eᵀ by rows, (15,).
-        out: [J, …, required J v̇ at J v = 0], (3, …).
+    `numbers` (15,): centre on the link, m; r from centre to lowest point in world axes, m; Eᵀ by rows.
     """
     at, right, twists, moves = motion.links[link], out.shape[1] - 1, motion.joint_twists, motion.moves
     centre = transform(motion.joints[link], three(numbers, 0))
@@ -131,7 +113,6 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 
 @part
 def _momentum_rows(motion: LinkMotion, out: Array) -> None:
-    """Fill rows of the centroidal momentum rate: A_G v̇ = -Ȧ_G v."""
     centroidal = motion.centroidal
     for j in range(len(centroidal)):
         for i in range(6):
@@ -145,20 +126,17 @@ def _frame_rows(
     motion: LinkMotion, link: int, first: int, size: int, numbers: Array, rows: Indices, out: Array, error: Array,
     memory: Array,
 ) -> None:  # fmt: skip
-    """Fill rows of a task on a frame's position, orientation or both, in world axes.
-
-    J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
+    """Fill rows of a frame task in world axes: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
 
     Args:
         motion: motion of the links.
         link: link of the frame.
-        first: first twist component of the task: 0, or 3 for an orientation.
+        first: first twist component: 0, or 3 for an orientation.
         size: number of twist components: 3 or 6.
-        numbers: placement of the frame on its link, (12,); K and D, (size,); reference: position in m, quaternion, or
-            both; ẋ_ref and ẍ_ref, (size,).
+        numbers: placement of the frame on its link, (12,); K, D; reference position, quaternion, or both; ẋ_ref, ẍ_ref.
         rows: selected components, (r,).
-        out: [J, …, right-hand sides], (r, …).
-        error: task error, (r,) in m and rad.
+        out: [J, …, b], (r, …).
+        error: out: task error, (r,).
         memory: intermediate results, (≥ 5, 12).
     """
     at, twist, drift, wanted = memory[0], memory[1], memory[2], memory[3]
@@ -187,7 +165,6 @@ def _frame_rows(
 def _frame_jacobian(
     motion: LinkMotion, link: int, p: Vector3, first: int, rows: Indices, out: Array, column: Array
 ) -> None:
-    """Fill the selected rows of a frame's Jacobian at the point p; `column` is memory for one column."""
     twists, moves = motion.joint_twists, motion.moves
     for j in range(len(twists)):
         if not moves[link, j]:
@@ -202,7 +179,7 @@ def _frame_jacobian(
 
 @part
 def _frame_motion(link: Array, p: Vector3, twist: Array, drift: Array) -> None:
-    """Write the twist of a link at the point p, and its classical acceleration there at v̇ = 0, (6,) each."""
+    """Write twist and classical acceleration at v̇ = 0 of a link at the point p, (6,) each."""
     angular = three(link, 3)
     linear = add(three(link, 0), cross(angular, p))
     put_motion(twist, (linear, angular))
@@ -212,10 +189,7 @@ def _frame_motion(link: Array, p: Vector3, twist: Array, drift: Array) -> None:
 
 @part
 def _rotation_error(frame: Array, reference: Array, q: Array) -> Vector3:
-    """Return log(R_ref Rᵀ) for a placement and a reference quaternion (x, y, z, w) of any length.
-
-    `q` is memory for a quaternion.
-    """
+    """Return log(R_ref Rᵀ) for a placement and a reference quaternion of any length; `q` is memory, (4,)."""
     quaternion(frame, q)
     a, w = three(reference, 0), reference[3]
     b = three(q, 0)
@@ -246,20 +220,10 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, err
 def _joint_targets(
     q: Array, v: Array, numbers: Array, places: Indices, count: int, target: Array, error: Array
 ) -> float:
-    """Write the targets of single joint accelerations (`tasks.posture`, `formulation.cost`).
+    """Write targets and errors of joint tasks; return the constant cost.
 
-    Args:
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        numbers: (7, count): K, D, reference position, velocity and acceleration, factor from desired acceleration to
-            target, and from its square to twice the constant cost.
-        places: (2, count): index in q and in v of each joint.
-        count: number of joints.
-        target: out: targets by index in v.
-        error: out: task error, (count,).
-
-    Returns:
-        The constant cost.
+    `numbers` (7, count): K, D, position, velocity, acceleration, factor from desired acceleration to target, and from
+    its square to twice the constant cost. `places` (2, count): indices in q and in v.
     """
     rest, table, index = 0.0, numbers[: 7 * count].reshape(7, count), places[: 2 * count].reshape(2, count)
     for i in range(count):
@@ -277,18 +241,7 @@ def _joint_targets(
 def copy_reference(
     position: StridedVector, velocity: StridedVector, acceleration: StridedVector, size: int, wanted: OutVector
 ) -> bool:
-    """Copy a reference into the numbers of `fill_rows`.
-
-    Args:
-        position: in the form of its task, (length,).
-        velocity: (size,).
-        acceleration: (size,).
-        size: number of task components.
-        wanted: out: the three arrays in sequence, (length + 2 size,).
-
-    Returns:
-        False if a size is wrong; nothing is copied then.
-    """
+    """Copy a reference to the numbers of `fill_rows`; return False for wrong sizes."""
     length = len(wanted) - 2 * size
     if len(position) != length or len(velocity) != size or len(acceleration) != size:
         return False
@@ -301,17 +254,7 @@ def copy_reference(
 
 @compiled
 def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> float:
-    """Fill the rows of all contacts and tasks.
-
-    Args:
-        table: instructions and rows, with the link motion at this state.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        errors: out: task errors.
-
-    Returns:
-        The constant cost of the tasks on single accelerations.
-    """
+    """Fill all contact and task rows at q and v; write task errors, and return the constant cost of joint tasks."""
     motion, instructions, places, rest = table.motion, table.instructions, table.places, 0.0
     memory = np.empty((5, 12))  # one allocation for all rows
     for k in range(len(instructions)):

@@ -1,4 +1,4 @@
-"""Construction of the robot model from its URDF: moving, mimic and locked joints, and their actuation."""
+"""Construction of the robot model from its URDF: moving, mimic and locked joints, and actuation."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from wbc_controller.inverse_dynamics.robot.urdf import JointLimits, read_robot
 from wbc_controller.inverse_dynamics.robot.virtual_base import drop_virtual_joints, virtual_joints
 from wbc_controller.records import Array, frozen
 
-#: Smallest mass of a robot, kg: divisions by a smaller mass overflow.
+#: Smallest mass of a robot, kg; divisions by smaller masses overflow.
 _LEAST_MASS = 1.0e-6
-#: Name of the floating-base joint; URDF names never equal it.
+#: Name of the floating-base joint, impossible in a URDF.
 _FREE_FLYER = "<floating base>"
 
 
@@ -43,9 +43,8 @@ def build_model(
 ) -> RobotModel:
     """Build the model of a robot from its URDF.
 
-    Joints with a ``<mimic>`` element follow their leader if it is in `joints`. All other joints outside `joints` are
-    locked. Continuous joints become revolute joints without position limits. Virtual joints that represent a floating
-    base are removed with the links above them.
+    Mimic joints follow their leader if it is in `joints`. All other joints outside `joints` are locked. Continuous
+    joints become revolute joints without position limits. Virtual joints of a floating base are removed.
 
     Args:
         joints: moving and measured joints with one degree of freedom.
@@ -53,13 +52,13 @@ def build_model(
         floating_base: True if the root link moves freely.
         armature: reflected rotor inertia of each joint with its own motor, kg·m².
         effort_limit_scale: usable share of the effort limits.
-        actuators: actuators in the order of the command: joints with their own motor, and transmissions. Empty for one
-            motor at each joint that is not passive.
+        actuators: in the order of the command: joints with their own motor, and transmissions; empty for one motor per
+            joint that is not passive.
         transmission: actuators with ratios, by name.
         passive_joints: springs and dampers of joints without a motor, by name.
         locked_joints: positions of locked joints, rad; 0 by default, or as determined by a locked leader.
-        joint_limits: limits that replace those of the URDF, by joint; also written to the model's URDF.
-        commanded_by_joint: True if the command contains torques of the driven joints instead of the actuators.
+        joint_limits: limits that replace those of the URDF, by joint.
+        commanded_by_joint: True if the command contains joint torques instead of actuator torques.
 
     Raises:
         ConfigurationError: for an invalid URDF or joint.
@@ -164,7 +163,6 @@ def _check_names(
     locked: Mapping[str, float],
     mimics: Mapping[str, Mimic],
 ) -> None:
-    """Require known joints that can move, be passive or be locked as configured."""
     for name in joints:
         _require_own_coordinate(full, name, "robot.joints", mimics)
     for name in passive:
@@ -215,9 +213,6 @@ def read_mechanism(
         moving: moving joints; None for all.
         locked: positions of other joints, rad or m; 0 by default.
         floating_base: True if the root link moves freely.
-
-    Raises:
-        ConfigurationError: if Pinocchio refuses the mechanism.
     """
     moving = [str(joint.get("name")) for joint in tree.findall("joint")] if moving is None else moving
     mechanism = ElementTree.tostring(bare_mechanism(tree, moving, locked), encoding="unicode")
@@ -230,7 +225,7 @@ def read_mechanism(
 def _tighten(
     leader: int, mimic: Mimic, model: pin.Model, q: int, v: int, lower: Array, upper: Array, velocity: Array
 ) -> None:
-    """Tighten the limits of a leader to keep its follower, at indices (q, v), within its limits."""
+    """Tighten the limits of a leader for its mimic joint at indices (q, v)."""
     if mimic.ratio == 0.0:
         return
     ends = (model.lowerPositionLimit[q] - mimic.offset, model.upperPositionLimit[q] - mimic.offset)

@@ -1,4 +1,4 @@
-"""Instructions for compiled code to fill the rows of a task or contact (`robot.frame_kernels.fill_rows`)."""
+"""Instructions to fill the rows of a task or contact by compiled code (`robot.frame_kernels.fill_rows`)."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """Description of the rows of a task or contact by numbers."""
+    """Rows of a task or contact as numbers."""
 
     kind: int  # a kind of `robot.frame_kernels`
-    rows: np.ndarray  # selected components; for a task on single joints their indices in q, then in v
+    rows: np.ndarray  # selected components; for joint tasks their indices in q, then in v
     link: int = 0  # index of the link
     other: int = 0  # index of the touched link; 0 for the world
     first: int = 0  # first component of the frame's twist
@@ -25,11 +25,11 @@ class Instruction:
 
 
 def placement_on_link(model: RobotModel, frame_id: int, placement: pin.SE3 | None = None) -> tuple[int, pin.SE3]:
-    """Return the index of a frame's link, and the placement on that link of the frame, or of a placement in it."""
+    """Return the link index and the placement on the link, of a frame or of a placement in it."""
     frame = model.pinocchio.frames[frame_id]
     return int(frame.parentJoint), frame.placement if placement is None else frame.placement * placement
 
 
 def placement_numbers(placement: pin.SE3) -> Array:
-    """Return a placement as (12,): columns of the rotation, then the translation."""
+    """Return a placement as (12,): columns of the rotation, translation."""
     return np.concatenate([placement.rotation.T.ravel(), placement.translation])

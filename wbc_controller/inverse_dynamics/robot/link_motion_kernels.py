@@ -1,8 +1,7 @@
 """Kernel for the motion of all links and of the centre of mass: twists, drifts and momentum rate.
 
-A twist is [linear, angular], at the world origin in world axes. At a point p, its linear part is v₀ + ω × p. The same
-holds for spatial accelerations; the classical acceleration of p has the additional term ω × v(p). Jacobian columns are
-twists of unit joint speeds.
+Twists [linear, angular] are at the world origin in world axes; at a point p, the linear part is v₀ + ω × p. The same
+holds for spatial accelerations; the classical acceleration of p adds ω × v(p). Jacobian columns are twists.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ class LinkMotion(Struct):
     """Results of Pinocchio at one state, and the output of `link_terms`."""
 
     joints: Matrix  # placements of the links in the world, (n, 12); link 0 is the world
-    local_twists: Matrix  # twists of the links in their own axes, (n, 6)
+    local_twists: Matrix  # of the links in their own axes, (n, 6)
     local_accelerations: Matrix  # spatial accelerations at v̇ = 0 minus gravity, in link axes, (n, 6)
     wrenches: Matrix  # [F, N] on each subtree at v̇ = 0, minus gravity, in link axes, (n, 6)
     roots: Indices  # root links of the trees, (r,)
@@ -35,7 +34,7 @@ class LinkMotion(Struct):
     joint_twists: Matrix  # columns of the joint Jacobians, (nv, 6)
     moves: Signs  # 1 if a component of v moves a link, (n, nv)
     links: OutMatrix  # out: twists and spatial accelerations at v̇ = 0, at the world origin, (n, 12)
-    per_mass: OutMatrix  # out: A_Gᵀ / m, (nv, 6); its first three columns are the Jacobian of c
+    per_mass: OutMatrix  # out: A_Gᵀ / m, (nv, 6); first the Jacobian of c
     com_velocity: OutVector  # out: ċ, (3,) in m/s
     com_drift: OutVector  # out: c̈ at v̇ = 0, (3,) in m/s²
     drift: OutVector  # out: rate of the momentum about c at v̇ = 0, (6,) in N and N·m
@@ -43,7 +42,7 @@ class LinkMotion(Struct):
 
 @part
 def _momentum_rate(motion: LinkMotion) -> None:
-    """Write the rate of the momentum about the centre of mass c at v̇ = 0: [Σ F + m g, Σ N + (p - c) × F]."""
+    """Write the momentum rate about c at v̇ = 0: [Σ F + m g, Σ N + (p - c) × F]."""
     force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(len(motion.roots)):
         frame, wrench = motion.joints[motion.roots[i]], motion.wrenches[motion.roots[i]]

@@ -1,7 +1,7 @@
 """Mimic joints, which follow other joints by ``<mimic>`` in the URDF.
 
-Most algorithms of Pinocchio 4.1 refuse its mimic joints, e.g. `computeAllTerms`. Here they keep their own coordinates;
-the force of the coupling constraint is eliminated together with the torques (`Actuation`).
+Most algorithms of Pinocchio 4.1 refuse them. Here they keep their coordinates; the force of the coupling constraint is
+eliminated with the torques (`Actuation`).
 """
 
 from __future__ import annotations
@@ -20,19 +20,13 @@ from wbc_controller.records import Array
 class Mimic:
     """Coupling of a mimic joint to its leader: q = ratio · q_leader + offset."""
 
-    leader: str  # the leading joint, which is not a mimic joint itself
+    leader: str  # leading joint, no mimic joint itself
     ratio: float  # dimensionless
     offset: float  # rad
 
 
 def read_mimics(tree: ElementTree.Element) -> dict[str, Mimic]:
-    """Find the mimic joints of a URDF read by `parse_urdf`, by name.
-
-    Chains are resolved to the leader at their end.
-
-    Raises:
-        ConfigurationError: if a leader is unknown, or joints mimic each other in a cycle.
-    """
+    """Find the mimic joints of a checked URDF, by name; chains are resolved to their first leader."""
     given: dict[str, Mimic] = {}
     names = [str(joint.get("name")) for joint in tree.findall("joint")]
     for joint in tree.findall("joint"):
@@ -62,11 +56,11 @@ class Followers:
     """Mimic joints of a model."""
 
     def __init__(self, mimics: Mapping[str, Mimic], q_index: Mapping[str, int], v_index: Mapping[str, int]) -> None:
-        """Collect the mimic joints from their couplings and the indices in q and v of all joints, by name."""
+        """Collect the mimic joints; indices in q and v of all joints are by name."""
         self.names = tuple(mimics)  # (nm,)
-        self.mimics = dict(mimics)  # coupling of each mimic joint, by name
-        self.q_index = _indices_of(q_index, self.names)  # index of each in q, (nm,)
-        self.v_index = _indices_of(v_index, self.names)  # index of each in v, (nm,)
+        self.mimics = dict(mimics)  # by name
+        self.q_index = _indices_of(q_index, self.names)  # (nm,)
+        self.v_index = _indices_of(v_index, self.names)  # (nm,)
         leaders = [mimic.leader for mimic in mimics.values()]
         self._q_leader, self._v_leader = _indices_of(q_index, leaders), _indices_of(v_index, leaders)
         self._ratio = np.array([mimic.ratio for mimic in mimics.values()])
@@ -76,11 +70,11 @@ class Followers:
         return len(self.names)
 
     def place(self, q: Array) -> None:
-        """Write the positions of the mimic joints into a configuration (nq,)."""
+        """Write the positions of the mimic joints to a configuration (nq,)."""
         q[self.q_index] = self._ratio * q[self._q_leader] + self._offset
 
     def move(self, v: Array) -> None:
-        """Write the velocities of the mimic joints into a generalized velocity (nv,), or their accelerations."""
+        """Write the velocities, or accelerations, of the mimic joints to a vector (nv,)."""
         v[self.v_index] = self._ratio * v[self._v_leader]
 
     def coupling(self, nv: int) -> Array:
@@ -92,7 +86,7 @@ class Followers:
         return C
 
     def carry(self, force: Array) -> None:
-        """Add the generalized forces (nv,) of mimic joints to their leaders in place, by virtual work."""
+        """Add the generalized forces (nv,) of mimic joints to their leaders, in place."""
         np.add.at(force, self._v_leader, self._ratio * force[self.v_index])
 
 

@@ -22,20 +22,20 @@ from wbc_controller.records import Array
 class RobotModel:
     """Model of a robot."""
 
-    pinocchio: pin.Model  # rigid-body model, without the locked joints
-    urdf: str  # text of the URDF, with the configured limits and with continuous joints as revolute ones
+    pinocchio: pin.Model  # without locked joints
+    urdf: str  # with the configured limits, and continuous joints as revolute ones
     joints: tuple[str, ...]  # moving and measured joints, (nj,)
     floating_base: bool  # True if the root link moves freely
-    q_index: np.ndarray  # index in q of each joint, (nj,)
-    v_index: np.ndarray  # index in v of each joint, (nj,)
+    q_index: np.ndarray  # (nj,)
+    v_index: np.ndarray  # (nj,)
     velocity_limits: Array  # (nj,) in rad/s
-    position_lower: Array  # lower position limits, (nj,) in rad
-    position_upper: Array  # upper position limits, (nj,) in rad
-    posture: Array  # nominal joint positions, (nj,) in rad
-    actuation: Actuation  # actuators in the order of the command
-    effort_limits: Array  # largest usable torque of each actuator, (na,) in N·m
-    passive: PassiveForces | None = None  # springs and dampers of joints without a motor, or None
-    followers: Followers | None = None  # mimic joints, or None
+    position_lower: Array  # (nj,) in rad
+    position_upper: Array  # (nj,) in rad
+    posture: Array  # nominal positions, (nj,) in rad
+    actuation: Actuation  # in the order of the command
+    effort_limits: Array  # usable torques, (na,) in N·m
+    passive: PassiveForces | None = None  # springs and dampers of joints without a motor
+    followers: Followers | None = None  # mimic joints
     locked: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))  # positions other than 0, rad
 
     @cached_property
@@ -55,12 +55,12 @@ class RobotModel:
 
     @cached_property
     def q_places(self) -> np.ndarray | slice:
-        """`q_index`, as a slice if its entries are consecutive."""
+        """`q_index`, as a slice if consecutive."""
         return as_slice(self.q_index)
 
     @cached_property
     def v_places(self) -> np.ndarray | slice:
-        """`v_index`, as a slice if its entries are consecutive."""
+        """`v_index`, as a slice if consecutive."""
         return as_slice(self.v_index)
 
     @cached_property
@@ -75,17 +75,17 @@ class RobotModel:
 
     @property
     def driven_joints(self) -> tuple[str, ...]:
-        """Names of the joints with an actuator."""
+        """Names of joints with an actuator."""
         return tuple(name for name, driven in zip(self.joints, self.actuation.driven, strict=True) if driven)
 
     @property
     def moving_joints(self) -> tuple[str, ...]:
-        """Names of all moving joints, including mimic joints."""
+        """Names of all moving joints, with mimic joints."""
         return self.joints + (self.followers.names if self.followers is not None else ())
 
     @cached_property
     def units(self) -> tuple[str, ...]:
-        """Unit of each joint's position, (nj,): rad, or m for a prismatic joint."""
+        """Unit of each joint position, (nj,): rad or m."""
         kinds = (self.pinocchio.joints[self.pinocchio.getJointId(name)].shortname() for name in self.joints)
         return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
 
@@ -106,7 +106,7 @@ class RobotModel:
 
     @cached_property
     def size(self) -> float:
-        """Twice the length of the longest chain of links from the base, at least 0.1 m."""
+        """Twice the length of the longest chain of links, at least 0.1 m."""
         lengths = [0.0]
         for joint in range(1, self.pinocchio.njoints):
             placement = self.pinocchio.jointPlacements[joint]
@@ -123,10 +123,10 @@ class RobotModel:
         return float(np.linalg.norm(self.pinocchio.gravity.linear))
 
     def frame_id(self, name: str, key: str) -> int:
-        """Return the id of a link's frame, or of a joint's frame if no link has the name.
+        """Return the id of the frame of a link, else of a joint.
 
         Raises:
-            ConfigurationError: if the frame is unknown; the message begins with the configuration key.
+            ConfigurationError: for an unknown frame; the message begins with the key.
         """
         known = name.isprintable()  # Pinocchio raises on invalid UTF-8
         if known and self.pinocchio.existFrame(name, pin.BODY):
@@ -137,10 +137,10 @@ class RobotModel:
         return int(self.pinocchio.getFrameId(name))
 
     def joint_columns(self, names: Sequence[str], key: str) -> np.ndarray:
-        """Return the indices (k,) of named joints in `joints`; without names, of all joints.
+        """Return the indices (k,) of joints in `joints`, by default all.
 
         Raises:
-            ConfigurationError: if a name is not in `joints`.
+            ConfigurationError: for an unknown joint.
         """
         for name in names:
             if name not in self.joints:
@@ -150,7 +150,7 @@ class RobotModel:
         return np.array([self.joints.index(name) for name in names or self.joints], dtype=np.intp)
 
     def configuration(self, joint_positions: Array, base: pin.SE3 | None = None) -> Array:
-        """Assemble q from joint positions (nj,) and the placement of the base."""
+        """Assemble q from joint positions (nj,) and the base's placement."""
         q = np.array(pin.neutral(self.pinocchio))
         if self.floating_base and base is not None:
             q[:7] = pin.SE3ToXYZQUAT(base)
@@ -162,10 +162,7 @@ class RobotModel:
     def state(
         self, joint_positions: Array, joint_velocities: Array, pose: Array | None = None, twist: Array | None = None
     ) -> tuple[Array, Array]:
-        """Assemble q and v from joint positions and velocities (nj,), and pose and twist of a floating base.
-
-        The pose is position and quaternion, (7,); the twist (6,) is in the axes of the base.
-        """
+        """Assemble q and v from joint positions and velocities (nj,), base pose (7,) and local base twist (6,)."""
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         if pose is not None and twist is not None:
             q[:7], v[:6] = pose, twist
@@ -181,14 +178,14 @@ class RobotModel:
         return np.asarray(pin.difference(self.pinocchio, before, after))
 
     def passive_force(self, q: Array, v: Array) -> Array:
-        """Return the generalized force of passive springs and dampers at a state, (nv,)."""
+        """Return the generalized force of passive springs and dampers, (nv,)."""
         force = np.zeros(self.nv)
         if self.passive is not None:
             force[self.passive.v_index] = self.passive.torques(q, v)
         return force
 
     def joint_forces(self, force: Array) -> Array:
-        """Return the joint components (nj,) of a generalized force (nv,); mimic joints act on their leaders."""
+        """Return the joint components (nj,) of a generalized force (nv,), with mimic joints acting on their leaders."""
         if self.followers is not None:
             force = np.array(force)
             self.followers.carry(force)

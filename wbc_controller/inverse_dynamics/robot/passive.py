@@ -1,4 +1,4 @@
-"""Springs and dampers of passive joints, which have no motor of their own."""
+"""Springs and dampers of passive joints, which have no motor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class PassiveJoint:
 
     stiffness: float = 0.0  # k, N·m/rad
     damping: float = 0.0  # d, N·m·s/rad
-    rest: float = 0.0  # spring rest position q₀, rad
+    rest: float = 0.0  # rest position q₀, rad
 
 
 class PassiveForces:
@@ -25,14 +25,14 @@ class PassiveForces:
     def __init__(
         self, joints: Mapping[str, PassiveJoint], q_index: Mapping[str, int], v_index: Mapping[str, int]
     ) -> None:
-        """Collect the springs and dampers; the indices in q and v are by name."""
+        """Collect the springs and dampers; indices in q and v are by name."""
         self.joints = dict(joints)  # by name, (k,)
-        self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)  # index in v of each, (k,)
+        self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)  # (k,)
         self._q_index = np.array([q_index[name] for name in joints], dtype=np.intp)
         self._stiffness = np.array([joint.stiffness for joint in joints.values()])
         self._damping = np.array([joint.damping for joint in joints.values()])
         self._rest = np.array([joint.rest for joint in joints.values()])
 
     def torques(self, q: Array, v: Array) -> Array:
-        """Return the torques of the springs and dampers at a state, (k,) in N·m."""
+        """Return the torques at a state, (k,) in N·m."""
         return np.asarray(self._stiffness * (self._rest - q[self._q_index]) - self._damping * v[self.v_index])

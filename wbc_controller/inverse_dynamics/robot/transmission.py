@@ -1,4 +1,4 @@
-"""Drive of the joints: motors, transmissions, or none. The guard loads this module without Pinocchio."""
+"""Drive of the joints: motors and transmissions. The guard loads this module without Pinocchio."""
 
 from __future__ import annotations
 
@@ -10,31 +10,30 @@ import numpy as np
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
 
-#: Smallest component of normalized actuator ratios that is independent of the other actuators.
+#: Smallest independent component of normalized actuator ratios.
 _INDEPENDENT = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Transmission:
-    """Actuator that moves joints: its speed is Σ ratio · q̇, and its torque τ gives the joint torques ratio · τ."""
+    """Actuator of several joints: its speed is Σ ratio · q̇, and its torque τ gives joint torques ratio · τ."""
 
-    ratios: Mapping[str, float]  # rotation of the actuator per rotation of the joint, by joint
-    effort_limit: float  # largest torque of the actuator, N·m
-    rotor_inertia: float = 0.0  # inertia of the parts that rotate with the actuator, kg·m²
+    ratios: Mapping[str, float]  # rotation of actuator per rotation of joint, by joint
+    effort_limit: float  # N·m
+    rotor_inertia: float = 0.0  # of parts that rotate with the actuator, kg·m²
 
 
 class Drive:
     """Actuators and their ratios R to the joints: actuator speeds R q̇, joint torques Rᵀτ.
 
     Attributes:
-        names: actuators in the order of the command, (na,).
-        effort_limits: (na,) in N·m, before scaling.
-        ratios: R, (na, nj), of full row rank.
-        driven: True for joints moved by an actuator, (nj,).
-        motors: index of each actuator's joint, (na,); None if an actuator moves several joints or has a ratio other
-            than 1.
-        rotor_inertia: of transmissions, (na,) in kg·m²; 0 for motors of joints.
-        by_joint: True if the command contains torques of the driven joints instead of the actuators.
+        names: in the order of the command, (na,).
+        effort_limits: before scaling, (na,) in N·m.
+        ratios: R of full row rank, (na, nj).
+        driven: True for joints with an actuator, (nj,).
+        motors: joint of each actuator, (na,); None with several joints per actuator or ratios other than 1.
+        rotor_inertia: of transmissions, (na,) in kg·m²; 0 for motors.
+        by_joint: True if the command contains joint torques instead of actuator torques.
         command_size: number of torques in the command.
     """
 
@@ -47,11 +46,7 @@ class Drive:
         rotor_inertia: Array | None = None,
         by_joint: bool = False,
     ) -> None:
-        """Make a drive; `rotor_inertia` is 0 by default.
-
-        Raises:
-            ConfigurationError: if the actuators are not independent.
-        """
+        """Make a drive; raises `ConfigurationError` for dependent actuators."""
         _require_independent(names, ratios)
         self.names = tuple(names)
         self.effort_limits = frozen(effort_limits)
@@ -66,7 +61,7 @@ class Drive:
         self._from_joints = np.linalg.solve(ratios @ ratios.T, ratios)
 
     def motors_of(self, joints: np.ndarray) -> np.ndarray | None:
-        """Return the indices (k,) of the motors of given joints; None if `motors` is None."""
+        """Return the indices (k,) of the motors of joints; None if `motors` is None."""
         if self.motors is None:
             return None
         return np.array([int(np.flatnonzero(self.motors == joint)[0]) for joint in joints], dtype=np.intp)
@@ -76,15 +71,15 @@ class Drive:
         return np.asarray(joint_velocities[self.motors] if self.motors is not None else self.ratios @ joint_velocities)
 
     def at_joints(self, tau: Array) -> Array:
-        """Return the joint torques Rᵀτ, (na,) to (nj,), in N·m."""
+        """Return the joint torques Rᵀτ, (na,) to (nj,)."""
         return tau if self._is_identity else np.asarray(tau @ self.ratios)
 
     def from_joints(self, torques: Array) -> Array:
-        """Return the actuator torques (R Rᵀ)⁻¹ R τ_joints closest to joint torques, (nj,) to (na,)."""
+        """Return the actuator torques closest to joint torques, (R Rᵀ)⁻¹ R τ, (nj,) to (na,)."""
         return np.asarray(torques[self.motors] if self.motors is not None else self._from_joints @ torques)
 
     def command(self, tau: Array) -> Array:
-        """Return the effort command for actuator torques (na,): these torques, or those of the driven joints."""
+        """Return the effort command for actuator torques (na,)."""
         return np.asarray(self.at_joints(tau)[self.driven]) if self.by_joint else tau
 
     def from_command(self, values: Array) -> Array:
@@ -105,14 +100,12 @@ def make_drive(
     passive: Collection[str] = (),
     by_joint: bool = False,
 ) -> Drive:
-    """Make the drive of a robot from its settings.
+    """Make the drive of a robot from its settings, as in `from_urdf.build_model`.
 
-    Arguments as in `from_urdf.build_model`. `joint_efforts` (nj,) in N·m are the URDF's effort limits, for the joints'
-    own motors; `passive` names the joints without a motor.
+    `joint_efforts` are the URDF's effort limits, (nj,) in N·m; `passive` names joints without a motor.
 
     Raises:
-        ConfigurationError: if a name is unknown, a joint is neither driven nor passive, or the actuators are not
-            independent.
+        ConfigurationError: for an unknown name, a joint neither driven nor passive, or dependent actuators.
     """
     transmission = transmission or {}
     if transmission and not actuators:
@@ -162,7 +155,7 @@ def make_drive(
 
 
 def _require_independent(names: Sequence[str], ratios: Array) -> None:
-    """Require actuators with distinguishable torques, i.e. R of full row rank."""
+    """Require R of full row rank, for distinguishable torques."""
     if not names:
         raise ConfigurationError("robot.actuators: the list is empty; at least one actuator is required")
     rows = np.zeros((0, ratios.shape[1]))

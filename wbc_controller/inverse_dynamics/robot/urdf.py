@@ -1,4 +1,7 @@
-"""URDF reader based on XML, without Pinocchio; refuses content that other readers ignore silently or crash on."""
+"""URDF reader for untrusted text, without Pinocchio.
+
+Other readers ignore invalid content silently, or crash. All functions raise `ConfigurationError` in one sentence.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +17,19 @@ from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.urdf_structure import check_structure, shape_problem
 from wbc_controller.records import Array
 
-#: Position limits of a continuous joint, rad: beyond any reachable position, with a rounding error of 1e-10 rad.
+#: Position limits of a continuous joint, rad: out of reach, with a rounding error of 1e-10 rad.
 UNLIMITED = 1.0e6
-#: Largest length of a URDF or SRDF, characters.
+#: Longest URDF or SRDF, characters.
 LARGEST_URDF = 4_000_000
-#: Most links in a chain, which Pinocchio visits recursively; most links, as its run time grows with their square.
+#: Most links in a chain, for Pinocchio's recursion; most links, for its run time.
 LONGEST_CHAIN, MOST_LINKS = 1000, 5000
-#: Largest negative principal moment of inertia accepted as rounding error, kg·m².
+#: Largest negative moment of inertia by rounding, kg·m².
 _ROUNDING = 1.0e-6
 #: Largest magnitude of a number.
 _LARGEST_NUMBER = 1.0e20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _COMPONENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-#: Numeric attributes of each element, and their number of values.
+#: Numeric attributes of each element, with their number of values.
 _NUMBERS: dict[str, dict[str, int]] = {
     "mass": {"value": 1},
     "inertia": dict.fromkeys(_COMPONENTS, 1),
@@ -45,12 +48,12 @@ _NUMBERS: dict[str, dict[str, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of a joint that replace those of its URDF; None keeps the URDF's limit."""
+    """Limits of a joint that replace those of its URDF; None keeps them."""
 
-    effort: float | None = None  # largest torque, N·m, or force, N
-    velocity: float | None = None  # largest speed, rad/s or m/s
-    lower: float | None = None  # lower position limit, rad or m
-    upper: float | None = None  # upper position limit, rad or m
+    effort: float | None = None  # N·m or N
+    velocity: float | None = None  # rad/s or m/s
+    lower: float | None = None  # rad or m
+    upper: float | None = None  # rad or m
 
 
 class _Builder(ElementTree.TreeBuilder):
@@ -59,11 +62,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def parse_xml(text: str, key: str, kind: str) -> ElementTree.Element:
-    """Read a URDF or SRDF as XML; `key` (configuration) and `kind` of text are for the error.
-
-    Raises:
-        ConfigurationError: if it is too long, not well-formed, or has a document type declaration.
-    """
+    """Parse a URDF or SRDF; `key` (configuration) and `kind` are for the error."""
     try:
         if len(text) > LARGEST_URDF:
             raise ValueError(f"it has {len(text)} characters; the maximum is {LARGEST_URDF}")
@@ -76,10 +75,8 @@ def parse_xml(text: str, key: str, kind: str) -> ElementTree.Element:
 def parse_urdf(urdf: str) -> ElementTree.Element:
     """Read and check a URDF.
 
-    Raises:
-        ConfigurationError: for invalid XML, invalid or too large numbers, a joint axis of zero length, an incomplete
-            ``<inertial>``, a negative mass or principal moment of inertia, too many links, or an invalid structure
-            (`check_structure`).
+    Refused are invalid XML, invalid or too large numbers, joint axes of zero length, incomplete inertias, negative
+    masses or principal moments, too many links, and invalid structures (`check_structure`).
     """
     tree = parse_xml(urdf, "robot.urdf", "URDF")
     for body in (*tree.findall("link"), *tree.findall("joint")):
@@ -98,18 +95,13 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
 
 
 def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({})) -> tuple[ElementTree.Element, str]:
-    """Read a URDF as `parse_urdf` does, replace limits of some joints, and split joints with several coordinates.
+    """Read and check a URDF, replace limits of joints, and split joints with several coordinates.
 
-    A continuous joint becomes a revolute joint without position limits: Pinocchio would represent it by cosine and
-    sine, without its turns. A planar joint becomes three joints with MoveIt's names: ``NAME/x`` and ``NAME/y`` in its
-    plane, and ``NAME/theta`` about its axis.
+    A continuous joint becomes a revolute joint without position limits: Pinocchio would lose its turns. A planar joint
+    becomes MoveIt's joints ``NAME/x`` and ``NAME/y`` in its plane, and ``NAME/theta``. Missing limits are refused.
 
     Returns:
-        The tree, and its text for other readers; the given text if nothing changes.
-
-    Raises:
-        ConfigurationError: as `parse_urdf`; or for an unknown joint, missing limits, or a lower limit above the upper
-            one.
+        The tree, and its text for other readers.
     """
     tree = parse_urdf(urdf)
     changed = _drop_unusable_visuals(tree)
@@ -137,7 +129,7 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
 
 
 def split_planar_joints(tree: ElementTree.Element) -> bool:
-    """Replace planar joints by joints with one coordinate (`read_robot`), in place; return True if there are any."""
+    """Replace planar joints by joints with one coordinate, in place; return True if there are any."""
     planar = [joint for joint in tree.findall("joint") if joint.get("type") == "planar"]
     for joint in planar:
         _split(tree, joint)
@@ -145,7 +137,7 @@ def split_planar_joints(tree: ElementTree.Element) -> bool:
 
 
 def _split(tree: ElementTree.Element, planar: ElementTree.Element) -> None:
-    """Replace a planar joint by two prismatic joints and a revolute joint, with massless links between them."""
+    """Replace a planar joint by two prismatic joints and a revolute joint, with massless links."""
     name, axis, child = str(planar.get("name")), planar.find("axis"), planar.find("child")
     normal = np.array([float(part) for part in (axis.get("xyz", "1 0 0") if axis is not None else "1 0 0").split()])
     normal /= np.linalg.norm(normal)
@@ -186,7 +178,7 @@ def _write_limits(joint: ElementTree.Element, values: Mapping[str, float]) -> No
 
 
 def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
-    """Require limits with lower ≤ upper: other readers of the URDF do not name the joint."""
+    """Require limits with lower ≤ upper; other readers do not name the joint."""
     if limit is None or limit.get("effort") is None or limit.get("velocity") is None:
         key = "effort" if limit is None or limit.get("effort") is None else "velocity"
         raise ConfigurationError(
@@ -201,10 +193,7 @@ def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
 
 
 def _drop_unusable_visuals(tree: ElementTree.Element) -> bool:
-    """Remove visuals and materials that cannot be drawn, in place; return True if there are any.
-
-    Other readers drop the whole link or robot for them.
-    """
+    """Remove invalid visuals and materials, for which other readers drop the link or robot; return True if any."""
     changed, known = False, set()
     for material in tree.findall("material"):
         name = material.get("name")
@@ -248,7 +237,7 @@ def _shortened(text: str) -> str:
 
 
 def _check_inertial(link: ElementTree.Element, subject: str) -> None:
-    """Refuse an incomplete or negative ``<inertial>``; a link without it has no mass."""
+    """Refuse an incomplete or negative ``<inertial>``."""
     inertial = link.find("inertial")
     if inertial is None:
         return
@@ -271,7 +260,7 @@ def _check_inertial(link: ElementTree.Element, subject: str) -> None:
 
 
 def _check_chains(tree: ElementTree.Element) -> None:
-    """Refuse too many links and too long chains; the last parent of a link counts."""
+    """Refuse too many links and too long chains."""
     links = [str(link.get("name")) for link in tree.findall("link")]
     if len(links) > MOST_LINKS:
         raise ConfigurationError(f"robot.urdf: the number of links is {len(links)}; the maximum is {MOST_LINKS}")

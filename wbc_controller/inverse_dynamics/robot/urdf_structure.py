@@ -11,7 +11,7 @@ from wbc_controller.errors import ConfigurationError, valid_choices
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 #: Name of the world joint in Pinocchio.
 _PINOCCHIO_WORLD = "universe"
-#: Shapes with their required attributes.
+#: Shapes with required attributes.
 SHAPES = {
     "box": ("size",),
     "sphere": ("radius",),
@@ -26,10 +26,7 @@ _NAMED = 6
 def check_structure(tree: ElementTree.Element) -> None:
     """Check names, joints, collision shapes and the tree of links.
 
-    Pinocchio drops invalid parts silently, or refuses the file without naming the link or joint.
-
-    Raises:
-        ConfigurationError: in one sentence with the link or joint.
+    Pinocchio drops invalid parts silently, or does not name the link or joint.
     """
     _check_expanded(tree)
     if tree.tag != "robot":
@@ -38,7 +35,7 @@ def check_structure(tree: ElementTree.Element) -> None:
     if not links:
         raise ConfigurationError("robot.urdf: no <link> found")
     parents: dict[str, str] = {}  # joint above each link
-    above: dict[str, str] = {}  # parent link of each link
+    above: dict[str, str] = {}  # parent of each link
     for name, joint in joints.items():
         _check_joint(name, joint)
         parent, child = (_end(name, joint, key, links) for key in ("parent", "child"))
@@ -55,7 +52,7 @@ def check_structure(tree: ElementTree.Element) -> None:
 
 
 def _check_expanded(tree: ElementTree.Element) -> None:
-    """Refuse a xacro file, in which macros add the links."""
+    """Refuse a xacro file with unexpanded macros."""
     for element in tree.iter():
         space, _, tag = str(element.tag).rpartition("}")
         if space.rstrip("/").endswith("xacro"):
@@ -65,7 +62,6 @@ def _check_expanded(tree: ElementTree.Element) -> None:
 
 
 def _unique_names(tree: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
-    """Return the links or joints by name."""
     found: dict[str, ElementTree.Element] = {}
     for number, element in enumerate(tree.findall(kind), start=1):
         name = element.get("name", "")
@@ -88,7 +84,6 @@ def _check_joint(name: str, joint: ElementTree.Element) -> None:
 
 
 def _end(name: str, joint: ElementTree.Element, key: str, links: Mapping[str, object]) -> str:
-    """Return the parent or child link of a joint."""
     element = joint.find(key)
     link = None if element is None else element.get("link")
     if link is None:
@@ -101,7 +96,7 @@ def _end(name: str, joint: ElementTree.Element, key: str, links: Mapping[str, ob
 
 
 def _check_tree(links: Iterable[str], above: Mapping[str, str]) -> None:
-    """Require one root link that all links are connected to."""
+    """Require one tree."""
     roots = [name for name in links if name not in above]
     if len(roots) > 1:
         raise ConfigurationError(
@@ -133,7 +128,7 @@ def _check_shape(link: str, element: ElementTree.Element) -> None:
 
 
 def shape_problem(element: ElementTree.Element) -> str | None:
-    """Return the problem of a ``<collision>`` or ``<visual>``; Pinocchio would drop all shapes of the link for it."""
+    """Return the problem of a ``<collision>`` or ``<visual>``; Pinocchio would drop all shapes of the link."""
     geometry = element.find("geometry")
     shape = next(iter(geometry), None) if geometry is not None else None
     if shape is None:

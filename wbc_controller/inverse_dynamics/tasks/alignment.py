@@ -15,7 +15,7 @@ from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
 from wbc_controller.records import Array, Reference
 
-#: Smallest distance of a target with a direction, m; and sin θ below which the target is straight ahead or behind.
+#: Smallest distance of a target with a direction, m; smallest sin θ of a target beside the axis.
 _TINY = 1.0e-9
 #: Default distance of a gaze target along the axis, m.
 _GAZE_DISTANCE = 1.0
@@ -24,20 +24,19 @@ _GAZE_DISTANCE = 1.0
 class _AlignmentTask(MotionTask):
     """Base of both tasks: turn the axis n towards d = r / ‖r‖, with r the vector to the target.
 
-    The spin about n is free. The task has two independent rows, along axes b₁, b₂ fixed in the frame and perpendicular
-    to its axis a: b₁ is the frame axis farthest from a, made perpendicular to it, and b₂ = a × b₁. With the frame's
-    orientation R and angular velocity ω, n = R a and T = [b₁ b₂]ᵀ Rᵀ,
+    The spin about n is free. The two rows are along axes b₁, b₂ fixed in the frame and perpendicular to its axis a: b₁
+    is the frame axis farthest from a, made perpendicular to it, and b₂ = a × b₁. With the frame's orientation R and
+    angular velocity ω, n = R a and T = [b₁ b₂]ᵀ Rᵀ,
 
         ẋ = T ω             ẍ = T ω̇                                       rad/s, rad/s²
         e = T θ (n × d) / ‖n × d‖,   θ the angle between n and d           rad
         ẋ_ref = T ω_d,   ω_d = r × ṙ / ‖r‖²                                rad/s
         ẍ_ref = T (ω̇_d + (n·ω) ṅ)                                         rad/s²
 
-    The last term compensates the spin: in axes without spin, the angle to the target behaves as a spring and damper. If
-    d is opposite to n, the frame turns about b₁.
+    The last term compensates the spin. If d is opposite to n, the frame turns about b₁.
 
-    Source: angle-axis error of two unit vectors, as in Siciliano et al., Robotics: Modelling, Planning and Control,
-    2009, section 3.7.3, without its component along n.
+    Source: angle-axis error as in Siciliano et al., Robotics: Modelling, Planning and Control, 2009, section 3.7.3,
+    without its component along n.
     """
 
     size = 2
@@ -52,11 +51,7 @@ class _AlignmentTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a task for an axis a, (3,) in the frame, of non-zero length; gains are for b₁ and b₂.
-
-        Raises:
-            ConfigurationError: as `MotionTask`; or for an unknown frame, or an axis of zero length.
-        """
+        """Make a task for an axis a, (3,) in the frame, of non-zero length; gains are for b₁ and b₂."""
         super().__init__(name, [True, True], stiffness=stiffness, damping=damping)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
@@ -70,7 +65,7 @@ class _AlignmentTask(MotionTask):
         self._sides = np.stack([b1, np.cross(self._axis, b1)])  # (2, 3), in the frame
 
     def direction(self, dynamics: Dynamics) -> Array:
-        """Return the axis direction n, a unit vector in the world, (3,)."""
+        """Return the axis direction n in the world, a unit vector (3,)."""
         return np.asarray(dynamics.placement(self._frame_id).rotation @ self._axis)
 
     def _error_towards(self, dynamics: Dynamics, r: Array) -> Array:
@@ -86,7 +81,6 @@ class _AlignmentTask(MotionTask):
         return np.asarray(turn * (math.atan2(sine, cosine) / sine))
 
     def _rate_reference(self, dynamics: Dynamics, position: Array, r: Array, r_dot: Array, r_ddot: Array) -> Reference:
-        """Return the reference with velocity ẋ_ref and acceleration ẍ_ref along b₁ and b₂, (2,)."""
         square = float(r @ r)
         if square <= _TINY**2:
             return Reference(position, np.zeros(2), np.zeros(2))
@@ -98,7 +92,7 @@ class _AlignmentTask(MotionTask):
         return Reference(position, to_sides @ rate, to_sides @ rate_dot + spinning)
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Return T ω, (2,) in rad/s."""
+        """Return T ω, (2,)."""
         return np.asarray(self._sides @ dynamics.velocity(self._frame_id, pin.LOCAL)[3:])
 
     def jacobian(self, dynamics: Dynamics) -> Array:
@@ -106,11 +100,11 @@ class _AlignmentTask(MotionTask):
         return np.asarray(self._sides @ dynamics.jacobian(self._frame_id, pin.LOCAL)[3:])
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return T ω̇ at v̇ = 0, (2,) in rad/s²."""
+        """Return T ω̇ at v̇ = 0, (2,)."""
         return np.asarray(self._sides @ dynamics.drift_local(self._frame_id)[3:])
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Return a reference at the present value; its velocity has the shape of its position, (3,)."""
+        """Return a reference at the present value, with velocity (3,) as for positions."""
         still = np.zeros(3)
         return Reference(self.position(dynamics), still, still)
 
@@ -118,16 +112,15 @@ class _AlignmentTask(MotionTask):
 class AxisAlignmentTask(_AlignmentTask):
     """Task that points an axis fixed in a frame in a direction of the world: two rows, rad.
 
-    The reference is a direction r, (3,), of non-zero length, with ṙ and r̈ in 1/s and 1/s² for a unit vector. Between
-    two directions, which must be less than 180° apart, it moves along their chord. `_AlignmentTask` documents the
-    control law.
+    The reference is a direction r, (3,), of non-zero length, with ṙ and r̈ for a unit vector. Between directions, at
+    most 180° apart, it moves along their chord. `_AlignmentTask` documents the control law.
     """
 
     unit = "rad"
     form = ReferenceForm(direction=True)
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Return the axis direction, a unit vector in the world, (3,)."""
+        """Return the axis direction in the world, a unit vector (3,)."""
         return self.direction(dynamics)
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
@@ -135,7 +128,7 @@ class AxisAlignmentTask(_AlignmentTask):
         return self._error_towards(dynamics, position)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Return the rows as in `Task`; the reference is a direction."""
+        """Return the rows for a reference direction."""
         r, r_dot, r_ddot = reference.position, reference.velocity, reference.acceleration
         return super().equation(dynamics, self._rate_reference(dynamics, r, r, r_dot, r_ddot))
 
@@ -143,19 +136,19 @@ class AxisAlignmentTask(_AlignmentTask):
 class GazeTask(_AlignmentTask):
     """Task that points an axis through a frame's origin o at a point p of the world: two rows, rad.
 
-    The reference is p, (3,) in m, in the world. The control law is that of `_AlignmentTask` with r = p - o. Motion of
-    the origin changes the direction, so its acceleration J_o v̇ + J̇_o v enters too:
+    The reference is p, (3,) in m. The control law is that of `_AlignmentTask` with r = p - o, and includes the
+    acceleration J_o v̇ + J̇_o v of the origin:
 
         (T J_ω + T [r]× J_o / ‖r‖²) v̇ = ẍ_ref(v̇ = 0) + D (ẋ_ref - ẋ) + K e - T ω̇(v̇ = 0)
 
-    For a point nearer than 1 nm, error and feed-forward are zero.
+    Error and feed-forward are 0 for a point nearer than 1 nm.
     """
 
     unit = "rad"
     form = ReferenceForm()
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Return the point on the axis 1 m ahead of the origin, in the world, (3,) in m."""
+        """Return the point on the axis 1 m ahead of the origin, (3,) in m."""
         return np.asarray(dynamics.placement(self._frame_id).translation + _GAZE_DISTANCE * self.direction(dynamics))
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
@@ -163,7 +156,7 @@ class GazeTask(_AlignmentTask):
         return self._error_towards(dynamics, position - dynamics.placement(self._frame_id).translation)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Return the rows as in `Task`; the reference is a point."""
+        """Return the rows for a reference point."""
         axes = pin.LOCAL_WORLD_ALIGNED
         placement = dynamics.placement(self._frame_id)
         r = reference.position - placement.translation

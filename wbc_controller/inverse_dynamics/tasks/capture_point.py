@@ -1,4 +1,4 @@
-"""Task on the capture point (divergent component of motion), for balance."""
+"""Task on the capture point, for balance."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks.task import Gains, RateTask
 from wbc_controller.records import Array
 
-#: Lower bound of the pendulum height c_z - z_s, m; it bounds ω for a lying robot.
+#: Lower bound of the pendulum height c_z - z_s, m, for lying robots.
 LOWEST_PENDULUM = 0.1
 
 
 class CapturePointTask(RateTask):
-    """Task on the capture point, x and y in the world, (2,) in m.
+    """Task on the capture point (divergent component of motion), x and y in the world, (2,) in m.
 
     With the centre of mass c and the height z_s of the support, the capture point of the inverted pendulum,
 
         ξ = c + ċ / ω,   ω = √(g / (c_z - z_s))                             m, 1/s
 
-    diverges from the centre of pressure at the rate ω, while c converges to ξ: ċ = ω (ξ - c). Control of ξ is therefore
-    sufficient for balance. The desired rate is
+    diverges from the centre of pressure at the rate ω, while c converges to ξ: ċ = ω (ξ - c). Control of ξ is
+    sufficient for balance:
 
         ξ̇* = ξ̇_ref + k (ξ_ref - ξ)                                          m/s
 
@@ -31,14 +31,12 @@ class CapturePointTask(RateTask):
 
         ξ̇ = c̈ / ω + ċ (1 + ċ_z / (2 ω (c_z - z_s)))
 
-    gives the Jacobian J_c / ω and the drift (with c̈ at v̇ = 0) exactly. The residual is a velocity: a weight ω² w here
-    has the effect of the weight w on a task on c̈.
+    gives the Jacobian J_c / ω and the drift exactly. A weight ω² w here has the effect of the weight w on a task on c̈.
 
-    Sources: Pratt et al., Capture point: a step toward humanoid push recovery, Humanoids 2006; Takenaka et al., Real
-    time motion generation and control for biped robot, IROS 2009; Englsberger, Ott and Albu-Schäffer, Three-dimensional
-    bipedal walking control based on divergent component of motion, T-RO 31, 2015; changing height: Hopkins, Hong and
-    Leonessa, Humanoid locomotion on uneven terrain using the time-varying divergent component of motion, Humanoids
-    2014.
+    Sources: Pratt et al., Capture point: a step toward humanoid push recovery, Humanoids 2006; Englsberger, Ott and
+    Albu-Schäffer, Three-dimensional bipedal walking control based on divergent component of motion, T-RO 31, 2015;
+    changing height: Hopkins, Hong and Leonessa, Humanoid locomotion on uneven terrain using the time-varying divergent
+    component of motion, Humanoids 2014.
     """
 
     unit = "m"
@@ -53,7 +51,7 @@ class CapturePointTask(RateTask):
         support_height: float = 0.0,
         gain: Gains = 4.0,
     ) -> None:
-        """Make a capture point task: gravity g in m/s², mask of x and y, support height z_s in m, gain k in 1/s."""
+        """Make a task with gravity g in m/s², support height z_s in m and gain k in 1/s."""
         super().__init__(name, [True, True] if mask is None else mask, gain=gain, key="gain")
         self._gravity = gravity
         self.support_height = support_height
@@ -62,7 +60,7 @@ class CapturePointTask(RateTask):
         return max(float(dynamics.com[2]) - self.support_height, LOWEST_PENDULUM)
 
     def omega(self, dynamics: Dynamics) -> float:
-        """Return the natural frequency ω of the pendulum, 1/s."""
+        """Return ω, 1/s."""
         return math.sqrt(self._gravity / self._height(dynamics))
 
     def position(self, dynamics: Dynamics) -> Array:

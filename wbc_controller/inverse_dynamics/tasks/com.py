@@ -12,13 +12,13 @@ from wbc_controller.records import Array
 
 
 class ComTask(MotionTask):
-    """Task on the position of the centre of mass in the world, (3,) in m."""
+    """Task on the centre of mass in the world, (3,) in m."""
 
     unit = "m"
     size = 3
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code to fill the rows."""
+        """Return the instruction for compiled code."""
         return Instruction(COM, self.rows, size=self.size) if type(self) is ComTask else None
 
     def position(self, dynamics: Dynamics) -> Array:
@@ -26,7 +26,7 @@ class ComTask(MotionTask):
         return np.array(dynamics.com)
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Return the velocity of the centre of mass, (3,) in m/s."""
+        """Return its velocity, (3,) in m/s."""
         return dynamics.com_velocity
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
@@ -34,9 +34,9 @@ class ComTask(MotionTask):
         return position - dynamics.com
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of the centre of mass, (3, nv)."""
+        """Return its Jacobian, (3, nv)."""
         return dynamics.com_jacobian
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return the acceleration of the centre of mass at v̇ = 0, (3,) in m/s²."""
+        """Return its acceleration at v̇ = 0, (3,) in m/s²."""
         return dynamics.com_drift

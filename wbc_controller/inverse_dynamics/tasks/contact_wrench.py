@@ -15,10 +15,7 @@ _AXES = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class ContactWrenchTask(EffortTask):
-    """Task on a contact wrench, (6,) in N and N·m, in the axes of the published wrench (`Contact.basis`).
-
-    It has no rows while the contact is inactive.
-    """
+    """Task on a contact wrench, (6,) in N and N·m, in the axes of `Contact.basis`; no rows for an inactive contact."""
 
     unit = "N, N·m"
     size = 6
@@ -41,6 +38,6 @@ class ContactWrenchTask(EffortTask):
         self.contact = contact.name
 
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
-        """Return R (k, n), which maps the decision variables to the wrench, and the reference wrench (k,)."""
+        """Return R (k, n), from decision variables to the wrench, and the reference wrench (k,)."""
         force = efforts.force_map(self.contact)
         return None if force is None else (self._basis @ force, reference.position[self.rows])

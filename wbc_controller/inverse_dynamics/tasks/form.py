@@ -23,31 +23,30 @@ _SHORTEST_DIRECTION = 1.0e-6
 class ReferenceForm:
     """Form of a reference position: a vector, optionally followed by a quaternion."""
 
-    vector: int = 3  # number of vector components
+    vector: int = 3  # number of components
     oriented: bool = False  # True if a quaternion (x, y, z, w) follows the vector
-    direction: bool = False  # True if the vector is a direction, of any non-zero length
+    direction: bool = False  # True for a direction of any non-zero length
 
     @property
     def size(self) -> int:
-        """Number of values in a position."""
+        """Size of a position."""
         return self.vector + (4 if self.oriented else 0)
 
     @property
     def rate_size(self) -> int:
-        """Number of values in a velocity or acceleration."""
+        """Size of a velocity or acceleration."""
         return self.vector + (3 if self.oriented else 0)
 
     @property
     def twist(self) -> slice:
-        """Components of a twist (linear, angular) in the reference velocity."""
+        """Twist components (linear, angular) in the reference velocity."""
         return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)
 
     def position(self, values: Any, what: str) -> Array:
-        """Read a position (size,), and normalize its direction or quaternion; `what` names the values in errors.
+        """Read a position (size,), and normalize its direction or quaternion.
 
         Raises:
-            InputRefused: for a wrong number of values, a value that is not finite, a quaternion of norm ≠ 1, or a
-                direction of zero length.
+            InputRefused: for a wrong size, values that are not finite, or a wrong norm; `what` names the values.
         """
         array = np.array(finite(values, what))
         if self.size == 1 and array.shape == ():
@@ -62,11 +61,7 @@ class ReferenceForm:
 
 
 def unit_quaternion(values: Array, what: str) -> Array:
-    """Normalize a quaternion with a norm of 1 within tolerance.
-
-    Raises:
-        InputRefused: for another norm.
-    """
+    """Normalize a quaternion; raises `InputRefused` for a norm other than 1 within tolerance."""
     norm = math.sqrt(sum_of_squares(values))
     if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
         raise InputRefused(f"{what}{shortened(values)} is not a unit quaternion (norm {norm:.3g})")
@@ -74,11 +69,7 @@ def unit_quaternion(values: Array, what: str) -> Array:
 
 
 def unit_vector(values: Array, what: str) -> Array:
-    """Normalize a direction.
-
-    Raises:
-        InputRefused: for zero length.
-    """
+    """Normalize a direction; raises `InputRefused` for zero length."""
     norm = float(np.linalg.norm(values))
     if not (_SHORTEST_DIRECTION <= norm < np.inf):
         raise InputRefused(f"{what} {shortened(values)} has no direction (length {norm:.3g})")

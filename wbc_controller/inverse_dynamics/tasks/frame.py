@@ -20,10 +20,7 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 def orientation_error(rotation: Array, quaternion: Array) -> Array:
-    """Return the rotation vector R log(Rᵀ R_ref) = log(R_ref Rᵀ) from R (3, 3) to a reference, in world axes.
-
-    The reference is a quaternion (x, y, z, w). The result (3,) in rad has a norm of at most π.
-    """
+    """Return the rotation vector log(R_ref Rᵀ) from R (3, 3) to a quaternion (x, y, z, w), (3,) in rad, world axes."""
     error: Array = pin.log3(rotation_of(quaternion).dot(rotation.T))
     return error
 
@@ -48,7 +45,7 @@ class _FrameTask(MotionTask):
         self._on_link = placement_on_link(model, self._frame_id)
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code to fill the rows."""
+        """Return the instruction for compiled code."""
         if type(self) not in (FramePositionTask, FrameOrientationTask, FramePoseTask):
             return None
         link, placement = self._on_link
@@ -56,7 +53,7 @@ class _FrameTask(MotionTask):
         return Instruction(FRAME, self.rows, link, first=self.part.start, size=self.size, constants=constants)
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Return the frame's velocity in world axes, (size,) in m/s and rad/s, linear part first."""
+        """Return the frame's velocity in world axes, linear part first, (size,)."""
         return dynamics.velocity(self._frame_id, _WORLD_AXES)[self.part]
 
     def jacobian(self, dynamics: Dynamics) -> Array:
@@ -64,7 +61,7 @@ class _FrameTask(MotionTask):
         return dynamics.jacobian(self._frame_id, _WORLD_AXES)[self.part]
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return the frame's acceleration at v̇ = 0 in world axes, (size,) in m/s² and rad/s²."""
+        """Return the frame's acceleration at v̇ = 0 in world axes, (size,)."""
         return dynamics.drift_world(self._frame_id)[self.part]
 
 
@@ -85,7 +82,7 @@ class FramePositionTask(_FrameTask):
 
 
 class FrameOrientationTask(_FrameTask):
-    """Task on a frame's orientation in the world; the reference is a quaternion (x, y, z, w), (4,)."""
+    """Task on a frame's orientation in the world; the reference is a quaternion (x, y, z, w)."""
 
     unit = "rad"
     size = 3
@@ -93,7 +90,7 @@ class FrameOrientationTask(_FrameTask):
     form = ReferenceForm(vector=0, oriented=True)
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Return the orientation as a quaternion, (4,)."""
+        """Return the quaternion, (4,)."""
         return quaternion_of(dynamics.placement(self._frame_id).rotation)
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
@@ -114,7 +111,7 @@ class FramePoseTask(_FrameTask):
         return np.asarray(pin.SE3ToXYZQUAT(dynamics.placement(self._frame_id)))
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Return displacement and rotation vector to the reference in world axes, (6,) in m and rad."""
+        """Return displacement and rotation vector to the reference in world axes, (6,)."""
         placement = dynamics.placement(self._frame_id)
         error = np.empty(6)
         error[:3] = position[:3] - placement.translation

@@ -14,12 +14,12 @@ from wbc_controller.records import Array, Reference
 class _MomentumTask(RateTask):
     """Task on a part of the centroidal momentum h_G = A_G(q) v, in world axes.
 
-    With ḣ_G = A_G v̇ + Ȧ_G v, the desired rate is
+    With ḣ_G = A_G v̇ + Ȧ_G v and the damping D in 1/s, the desired rate is
 
         ḣ* = ḣ_ref + D (h_ref - h)
 
-    with the damping D in 1/s and a default reference of zero. There is no stiffness: angular momentum is not
-    integrable, and for linear momentum the centre of mass task controls the position.
+    The default reference is 0. There is no stiffness: angular momentum is not integrable, and the centre of mass task
+    controls the integral of linear momentum.
 
     Source: Orin, Goswami and Lee, Centroidal dynamics of a humanoid robot, Autonomous Robots 35, 2013.
     """
@@ -32,7 +32,7 @@ class _MomentumTask(RateTask):
         super().__init__(name, [True] * 3 if mask is None else mask, gain=damping, key="damping")
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Return the present momentum, (3,)."""
+        """Return the momentum, (3,)."""
         return np.asarray(dynamics.centroidal_matrix[self.part] @ dynamics.v)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
@@ -40,11 +40,11 @@ class _MomentumTask(RateTask):
         return np.asarray(dynamics.centroidal_matrix[self.part])
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return the rate of the momentum at v̇ = 0, (3,)."""
+        """Return Ȧ_G v, (3,)."""
         return np.asarray(dynamics.centroidal_drift[self.part])
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Return zero momentum, as a constant momentum would make the robot drift."""
+        """Return zero momentum, as another constant momentum would let the robot drift."""
         still = np.zeros(3)
         return Reference(still, still, still)
 
@@ -57,7 +57,7 @@ class LinearMomentumTask(_MomentumTask):
 
 
 class AngularMomentumTask(_MomentumTask):
-    """Task on the angular momentum about the centre of mass, (3,) in N·m·s; its residual is a torque, N·m."""
+    """Task on the centroidal angular momentum, (3,) in N·m·s; its residual is a torque, N·m."""
 
     unit = "N·m·s"
     part = slice(3, 6)

@@ -29,12 +29,9 @@ class PostureTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a posture task; without joint names for all actuated joints, in their order.
+        """Make a task, by default for all actuated joints.
 
         A passive joint moves only by the accelerations of the others.
-
-        Raises:
-            ConfigurationError: for an unknown joint, or a list of gains of another length.
         """
         columns = model.joint_columns(joints or model.driven_joints, f"tasks.{name}.joints")
         super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)
@@ -48,7 +45,7 @@ class PostureTask(MotionTask):
         self._drift = np.zeros(self.size)
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code, used if no other task acts on the same joints."""
+        """Return the instruction for compiled code, used without other tasks on the same joints."""
         return Instruction(JOINTS, self._places, size=self.size) if type(self) is PostureTask else None
 
     def position(self, dynamics: Dynamics) -> Array:
@@ -64,7 +61,7 @@ class PostureTask(MotionTask):
         return position - self.position(dynamics)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the selection matrix of the joints, (k, nv)."""
+        """Return the selection matrix, (k, nv)."""
         return self._jacobian
 
     def drift(self, dynamics: Dynamics) -> Array:

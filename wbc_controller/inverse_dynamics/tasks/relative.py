@@ -18,10 +18,10 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 class RelativePoseTask(MotionTask):
-    """Task on the pose of a frame B relative to a reference frame A, both on the robot, in the axes of A.
+    """Task on the pose of a frame B relative to a frame A of the robot, in the axes of A.
 
-    With d = p_B - p_A and the rotation R_A of A in the world, the pose is r = R_Aᵀ d in m and R = R_Aᵀ R_B. For an
-    observer fixed to A,
+    With d = p_B - p_A and the rotation R_A of A, the pose is r = R_Aᵀ d in m and R = R_Aᵀ R_B. For an observer fixed to
+    A,
 
         ṙ = R_Aᵀ (ḋ - ω_A × d)                                           m/s
         ω = R_Aᵀ (ω_B - ω_A)                                             rad/s
@@ -31,8 +31,8 @@ class RelativePoseTask(MotionTask):
     The task error is [r_ref - r, R log(Rᵀ R_ref)]. The reference is position and quaternion (x, y, z, w) of B in A,
     (7,), with velocity and acceleration (6,), linear part first.
 
-    Source: kinematics in a moving frame; for two arms Lewis and Maciejewski, Trajectory generation for cooperating
-    robots, IEEE International Conference on Systems Engineering, 1990.
+    Source: for two arms Lewis and Maciejewski, Trajectory generation for cooperating robots, IEEE International
+    Conference on Systems Engineering, 1990.
     """
 
     unit = "m, rad"
@@ -60,7 +60,7 @@ class RelativePoseTask(MotionTask):
         return dynamics.placement(self._a).actInv(dynamics.placement(self._b))
 
     def _axes_and_arm(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """Return R_Aᵀ, (3, 3), and d in world axes, (3,) in m."""
+        """Return R_Aᵀ, and d in world axes."""
         a, b = dynamics.placement(self._a), dynamics.placement(self._b)
         return a.rotation.T, b.translation - a.translation
 
@@ -69,7 +69,7 @@ class RelativePoseTask(MotionTask):
         return np.asarray(pin.SE3ToXYZQUAT(self._pose(dynamics)))
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Return displacement and rotation vector to the reference, (6,) in m and rad."""
+        """Return displacement and rotation vector to the reference, (6,)."""
         pose = self._pose(dynamics)
         error = np.empty(6)
         error[:3] = position[:3] - pose.translation
@@ -77,7 +77,7 @@ class RelativePoseTask(MotionTask):
         return error
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Return ṙ and ω, (6,) in m/s and rad/s."""
+        """Return ṙ and ω, (6,)."""
         to_a, d = self._axes_and_arm(dynamics)
         a, b = dynamics.velocity(self._a, _WORLD_AXES), dynamics.velocity(self._b, _WORLD_AXES)
         velocity = np.empty(6)
@@ -97,7 +97,7 @@ class RelativePoseTask(MotionTask):
         return J
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return r̈ and ω̇ at v̇ = 0, (6,) in m/s² and rad/s²."""
+        """Return r̈ and ω̇ at v̇ = 0, (6,)."""
         to_a, d = self._axes_and_arm(dynamics)
         a, b = dynamics.velocity(self._a, _WORLD_AXES), dynamics.velocity(self._b, _WORLD_AXES)
         a_dot, b_dot = dynamics.drift_world(self._a), dynamics.drift_world(self._b)

@@ -25,15 +25,15 @@ from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Reference, frozen
 
-#: A gain: one number, or one per axis.
+#: One number, or one per axis.
 Gains = float | Sequence[float]
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
-    """Read a gain: one number, or one for each of `size` axes including masked ones; shape () or (size,).
+    """Read a gain, () or (size,), with values for masked axes.
 
     Raises:
-        ConfigurationError: for another number of values; the message begins with the key.
+        ConfigurationError: for another size; the message begins with the key.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((), (size,)):
@@ -46,17 +46,17 @@ def gains(values: Gains, size: int, key: str) -> Array:
 class Task(Tunable, ABC):
     """Control objective: rows of a least-squares problem in the decision variables, with weight and priority level.
 
-    An `AccelerationTask` acts on v̇, an `EffortTask` on contact forces or torques. `weight`, `enabled` and
-    `setpoint_duration` apply to tasks passed as objects; settings define them for tasks of a configuration file.
+    An `AccelerationTask` acts on v̇, an `EffortTask` on contact forces or torques. Settings override `weight`,
+    `enabled` and `setpoint_duration` for tasks of a configuration file. Set `level` and `tolerance` before the
+    controller is made. Constructors raise `ConfigurationError` for unknown frames or joints and lists of wrong length.
 
     Attributes:
         name: name of the task.
         rows: indices of the components selected by the mask, (k,).
-        level: priority level; 0 is the highest. Set it before the controller is made.
-        tolerance: deviation from the reference without cost, in the unit of the error, () or (size,), or None. Set it
-            before the controller is made.
+        level: priority level; 0 is the highest.
+        tolerance: deviation without cost, in the unit of the error, () or (size,), or None.
         weight: weight in the cost.
-        enabled: True if the task is on when the controller is activated.
+        enabled: True if the task is on at activation.
         setpoint_duration: duration of the motion to a new setpoint, s.
     """
 
@@ -69,7 +69,7 @@ class Task(Tunable, ABC):
     setpoint_duration: float = 1.0
     #: Unit of the task error.
     unit: str = ""
-    #: Names of the gain attributes, each () or (size,).
+    #: Gain attributes, each () or (size,).
     gain_names: tuple[str, ...] = ()
 
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
@@ -79,7 +79,7 @@ class Task(Tunable, ABC):
 
     @property
     def full_name(self) -> str:
-        """Kind and name for error messages."""
+        """Kind and name, for errors."""
         return f"task {self.name!r}"
 
     @property
@@ -99,7 +99,7 @@ class Task(Tunable, ABC):
 
     @abstractmethod
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Return the default reference, used until a command sets another one."""
+        """Return the default reference."""
 
     def band(self) -> Array:
         """Return the tolerance as half-width of the rows, (k,)."""
@@ -109,15 +109,11 @@ class Task(Tunable, ABC):
 
     @abstractmethod
     def _stiffness_of_rows(self) -> Array:
-        """Return the change of the right-hand sides per unit of the task error, () or (size,)."""
+        """Return the change of right-hand sides per unit of the task error, () or (size,)."""
 
 
 def rest_of(task: Task, dynamics: Dynamics) -> Reference:
-    """Return the default reference of a task, checked.
-
-    Raises:
-        MethodError: if `Task.rest` raises an exception, or an array has the wrong shape or contains NaN.
-    """
+    """Return the default reference of a task, checked (`method_calls`)."""
     reference, form = call(task, "rest", dynamics), task.form
     if not isinstance(reference, Reference):
         raise MethodError(
@@ -133,16 +129,16 @@ def rest_of(task: Task, dynamics: Dynamics) -> Reference:
 class AccelerationTask(Task):
     """Task that makes a quantity x follow its reference by the choice of v̇.
 
-    Let x⁽ⁿ⁾ = J v̇ + δ be the lowest derivative of x that depends on v̇, with the drift δ. The task is
+    With the lowest derivative of x that depends on v̇, x⁽ⁿ⁾ = J v̇ + δ, and the drift δ, the task is
 
         J v̇ = x⁽ⁿ⁾* - δ
 
-    in the least-squares sense. `MotionTask` defines x⁽ⁿ⁾* for quantities x(q), and `RateTask` for x(q, v).
+    in the least-squares sense. `MotionTask` defines x⁽ⁿ⁾* for x(q), and `RateTask` for x(q, v).
     """
 
     @abstractmethod
     def position(self, dynamics: Dynamics) -> Array:
-        """Return the present value x, in the form of the reference's position."""
+        """Return x, in the form of the reference's position."""
 
     @abstractmethod
     def error(self, dynamics: Dynamics, position: Array) -> Array:
@@ -161,10 +157,7 @@ class AccelerationTask(Task):
         """Return x⁽ⁿ⁾* - δ and the task error, both (size,), before the mask."""
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code to fill the rows; None to fill them in Python.
-
-        Subclasses of a class with an instruction get None, as they may override its rows.
-        """
+        """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""
         return None
 
     def rest(self, dynamics: Dynamics) -> Reference:
@@ -182,11 +175,7 @@ class AccelerationTask(Task):
 
 
 def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
-    """Evaluate and check each method of a task, before activation or to name a failed method.
-
-    Raises:
-        MethodError: if a method raises an exception, or returns a wrong shape or type, NaN or infinity.
-    """
+    """Check each method of a task, before activation or to name a failed method (`method_calls`)."""
     size, k, nv = (task.size,), (task.dimension,), dynamics.model.nv
     array_from(task, "position", (task.form.size,), dynamics)
     array_from(task, "error", size, dynamics, reference.position)
@@ -199,11 +188,7 @@ def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -
 
 
 def motion_of(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-    """Evaluate `AccelerationTask.equation` and check its J (k, nv), b (k,) and task error (k,).
-
-    Raises:
-        MethodError: as `evaluate`, with the name of the failed method.
-    """
+    """Return J (k, nv), b (k,) and the task error (k,), checked (`method_calls`)."""
     k = (task.dimension,)
     try:
         equation = task.equation(dynamics, reference)
@@ -221,7 +206,7 @@ def _is_finite(reference: Reference) -> bool:
 
 
 class Efforts(Protocol):
-    """Torques and contact forces of a cycle as affine functions of the decision variables x, (n,)."""
+    """Torques and contact forces as affine functions of the decision variables x, (n,)."""
 
     @property
     def torque_map(self) -> tuple[Array, Array]:
@@ -232,9 +217,7 @@ class Efforts(Protocol):
 
 
 class EffortTask(Task):
-    """Task on contact forces or torques, without dynamics and gains.
-
-    Velocity and acceleration of the reference are ignored.
+    """Task on contact forces or torques, without gains; velocity and acceleration of the reference are ignored.
 
     Attributes:
         target: default reference, (size,).
@@ -256,17 +239,12 @@ class EffortTask(Task):
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
         """Return the rows R x = r in the decision variables x: R (k, n), r (k,).
 
-        `efforts` are torques and contact forces as functions of x. Return None if the quantity does not exist, e.g. the
-        force of an inactive contact.
+        Return None if the quantity does not exist, e.g. the force of an inactive contact.
         """
 
 
 def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int) -> tuple[Array, Array] | None:
-    """Evaluate `EffortTask.equation` and check its result.
-
-    Raises:
-        MethodError: if the method raises an exception, or R (k, n) or r (k,) has a wrong shape or contains NaN.
-    """
+    """Return the rows of an effort task, checked (`method_calls`)."""
     equation = call(task, "equation", efforts, reference)
     if equation is None:
         return None
@@ -284,7 +262,7 @@ class MotionTask(AccelerationTask):
 
         ẍ* = ẍ_ref + D (ẋ_ref - ẋ) + K e
 
-    with the error e from x to x_ref, stiffness K and damping D.
+    with the error e from x to x_ref.
 
     Attributes:
         stiffness: K, 1/s², () or (size,).
@@ -298,16 +276,7 @@ class MotionTask(AccelerationTask):
     def __init__(
         self, name: str, mask: Sequence[bool], *, stiffness: Gains = 100.0, damping: Gains | None = None
     ) -> None:
-        """Make a task.
-
-        Args:
-            mask: controlled axes, (size,); subclasses without a mask control all.
-            stiffness: K, 1/s², one number or one per axis.
-            damping: D, 1/s, one number or one per axis; by default critical, 2√K.
-
-        Raises:
-            ConfigurationError: for a list of gains of wrong length, or an unknown frame.
-        """
+        """Make a task with a mask of axes, (size,), and gains; the default damping is critical, 2√K."""
         super().__init__(name, mask)
         self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
         self.damping = (
@@ -321,7 +290,7 @@ class MotionTask(AccelerationTask):
 
     @abstractmethod
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Return the present velocity ẋ, (size,)."""
+        """Return ẋ, (size,)."""
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
         """Return ẍ* - J̇v and the task error, both (size,)."""
@@ -333,12 +302,11 @@ class MotionTask(AccelerationTask):
 
 
 class RateTask(AccelerationTask):
-    """Task on a quantity x(q, v) with ẋ = J v̇ + δ: first-order feedback on the task error.
+    """Task on a quantity x(q, v) with ẋ = J v̇ + δ: first-order feedback on the task error e = x_ref - x.
 
         ẋ* = ẋ_ref + k e
 
-    with the error e = x_ref - x and the gain k. Undisturbed, e decays as exp(-k t). Position and velocity of the
-    reference are x_ref and ẋ_ref; its acceleration is ignored.
+    Undisturbed, e decays as exp(-k t). The reference acceleration is ignored.
 
     Attributes:
         gain: k, 1/s, () or (size,).
@@ -347,11 +315,7 @@ class RateTask(AccelerationTask):
     gain_names = ("gain",)
 
     def __init__(self, name: str, mask: Sequence[bool], *, gain: Gains, key: str) -> None:
-        """Make a task with a mask (size,) and a gain k, 1/s, one number or one per axis.
-
-        Raises:
-            ConfigurationError: for a list of gains of wrong length; the message begins with the key.
-        """
+        """Make a task with a mask (size,) and a gain k; errors begin with the key."""
         super().__init__(name, mask)
         self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")
 

@@ -13,16 +13,12 @@ from wbc_controller.records import Array, Reference
 
 
 class TorqueTask(EffortTask):
-    """Task on joint torques, (k,) in N·m; a target of zero minimizes them."""
+    """Task on joint torques, (k,) in N·m; a target of 0 minimizes them."""
 
     unit = "N·m"
 
     def __init__(self, name: str, model: RobotModel, joints: Sequence[str], target: Sequence[float]) -> None:
-        """Make a task; defaults are all actuated joints in their order, and zero torques, (k,) in N·m.
-
-        Raises:
-            ConfigurationError: for a joint without actuator, or a target of wrong length.
-        """
+        """Make a task; defaults are all actuated joints, and a target of 0."""
         key = f"tasks.{name}.joints"
         columns = model.joint_columns(joints or model.driven_joints, key)
         for joint in joints:
@@ -41,7 +37,7 @@ class TorqueTask(EffortTask):
         self._rows = model.actuation.motors_of(columns)
 
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array]:
-        """Return the rows of the joint torques, (k, n), and the reference minus the map's constant part, (k,)."""
+        """Return the rows of the joint torques, (k, n), and the reference minus constant torques, (k,)."""
         rows, offset = efforts.torque_map
         if self._rows is not None:
             return rows[self._rows], reference.position - offset[self._rows]
