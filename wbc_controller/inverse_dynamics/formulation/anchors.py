@@ -16,8 +16,7 @@ def anchor_feedback(
 ) -> Array:
     """Return K e, (nf,) in m/s² and rad/s²; 0 for contacts without an anchor.
 
-    Dependent contacts, e.g. points of one sole activated one after the other, may be unable to reach all anchors;
-    `formulation.redundancy` then gives the nearest acceleration.
+    If dependent contacts cannot reach all anchors, `formulation.redundancy` gives the nearest acceleration.
 
     Args:
         rows: number of rows of all active contacts, nf.

@@ -7,7 +7,7 @@ import numpy as np
 from wbc_controller.inverse_dynamics.formulation.problem import Residuals
 from wbc_controller.records import Array, LevelReport
 
-#: Status of a problem with NaN, or with an entry that is not finite.
+#: Status for NaN, and entries that are not finite.
 NOT_FINITE = "not finite"
 
 
@@ -15,13 +15,13 @@ NOT_FINITE = "not finite"
 class Answer:
     """Result of a solver."""
 
-    x: Array | None  # minimizer, (n,); None if not found
-    status: str  # status of the solver
-    iterations: int  # as counted by the solver
-    # of the bounds of x, then of the rows of C, (n + m_in,): positive at an upper bound, negative at a lower one. With
-    # the multipliers y of the equality constraints, Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0
+    x: Array | None  # (n,)
+    status: str  # by the solver
+    iterations: int  # by the solver
+    # of [x; C x], positive at an upper bound, negative at a lower one, (n + m_in,); Hx + g + Aᵀy + [I; C]ᵀ multipliers
+    # = 0
     multipliers: Array = field(default_factory=lambda: np.zeros(0))
-    residuals: Residuals | None = None  # at x, if computed
-    cost: float | None = None  # at x, if computed
+    residuals: Residuals | None = None  # at x
+    cost: float | None = None  # at x
     levels: tuple[LevelReport, ...] = ()  # one per priority level
     relaxed: tuple[str, ...] = ()  # groups with violated bounds, and failed lower levels

@@ -1,4 +1,4 @@
-"""Cost of one priority level: weighted task rows and the regularization, as a sum of squares."""
+"""Cost of one priority level: weighted task rows and regularization, as a sum of squares."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,7 +16,7 @@ from wbc_controller.inverse_dynamics.tasks import EffortTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array, References
 
-#: Task errors of one level: name and part of the array of each task; the array. Later cycles do not change it.
+#: Task errors of one level: name and part of each task; the array.
 Errors = tuple[Sequence[tuple[str, slice]], Array]
 
 
@@ -25,29 +25,24 @@ class LevelCost:
 
         ½ Σ wᵢ ‖Rᵢ x - rᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f
 
-    A posture task usually adds to the diagonal of H only. With its weight w and the regularization ε,
+    A posture task with weight w only adds to the diagonal of H, together with the regularization ε:
 
         ½ w (x - b)² + ½ ε x² = ½ (w + ε) (x - t)² + ½ b² ε w / (w + ε),    t = b w / (w + ε).
 
-    It has rows only for a lower level that must keep them, or if another posture task acts on the same joints.
+    It has rows only if a lower level must keep them, or for a second posture task on the same joints.
 
     Attributes:
         squares: cost with weights w and ε.
         rows: compiled rows of tasks, and of contacts for the first level.
         effort_rows: [R, r] and error slice of each effort task.
-        redundant_rows: [R, r] of the contacts' redundant directions, with weight 1, (nf, n + 1); first level only.
+        redundant_rows: [R, r] of redundant contact directions, (nf, n + 1); first level only.
     """
 
     def __init__(
         self, tasks: Sequence[Task], layout: Layout, dynamics: Dynamics, regularization: Regularization, *,
         first: bool, last: bool,
     ) -> None:  # fmt: skip
-        """Lay out the rows.
-
-        Args:
-            first: True for the highest level, with the rows of contacts.
-            last: True for the lowest level, without levels that keep its rows.
-        """
+        """Lay out the rows, with those of contacts for the first level; the last level has no rows to keep."""
         problem, base = layout.problem, 6 if dynamics.model.floating_base else 0
         n = problem.n
         self._tasks, self._layout, self._dynamics, self._regularization = tasks, layout, dynamics, regularization
@@ -60,8 +55,7 @@ class LevelCost:
         self._rows_of = [(task.name, places[task.name]) for task in with_rows]
         end = sum(task.dimension for task in with_rows)
         count = end + base
-        # The rows of the first level precede the equality constraints, for one kernel; rows of redundant directions are
-        # above.
+        # The rows of the first level precede the equality constraints, for one kernel; redundant directions are above.
         soft = len(layout.J) if first else 0
         top, bottom = problem.room - count, problem.room + len(problem.b)
         whole = problem.memory[top - soft : bottom] if first else np.zeros((count, n + 1))
@@ -115,7 +109,7 @@ class LevelCost:
         )
 
     def set_parameters(self, weights: Mapping[str, float]) -> None:
-        """Write the weights of tasks and regularization, and the gains."""
+        """Write weights of tasks and regularization, and gains."""
         squares, model = self.squares, self._dynamics.model
         epsilon_a, epsilon_f = self._regularization.acceleration, self._regularization.force
         for name, rows in self._rows_of:
@@ -135,16 +129,12 @@ class LevelCost:
         self.rows.set_gains()
 
     def set_references(self, references: References) -> Array:
-        """Copy the references of tasks with compiled rows, and return an array for the errors of all tasks."""
+        """Copy references of compiled rows; return an array for the errors of all tasks."""
         self.rows.set_references(references.tasks)
         return np.empty(self._errors)
 
     def complete(self, references: References, constant: float, errors: Array) -> Errors:
-        """Fill the task rows that are evaluated in Python, and update the level.
-
-        Args:
-            errors: task errors of the compiled rows; the others are added.
-        """
+        """Fill the rows and errors that are evaluated in Python, and update the level."""
         level, places = self.level, self._errors_of
         level.cost.update(self.squares, constant)
         level.kept = self._kept[0]
@@ -173,7 +163,7 @@ class LevelCost:
 
 
 def _on_diagonal(tasks: Sequence[Task], nv: int) -> list[tuple[PostureTask, Instruction]]:
-    """Return the posture tasks with compiled targets and separate accelerations."""
+    """Return the posture tasks with compiled targets on separate joints."""
     found, free = [], np.ones(nv, dtype=np.bool_)
     for task in tasks:
         instruction = task.instruction() if isinstance(task, PostureTask) and task.tolerance is None else None
@@ -184,7 +174,6 @@ def _on_diagonal(tasks: Sequence[Task], nv: int) -> list[tuple[PostureTask, Inst
 
 
 def _places(tasks: Sequence[Task]) -> tuple[dict[str, slice], int]:
-    """Return the rows of each task, and their total number."""
     places, end = {}, 0
     for task in tasks:
         places[task.name] = slice(end, end + task.dimension)

@@ -37,17 +37,15 @@ from wbc_controller.records import Array, References, RobotState, Tuning
 class Formulation:
     """Quadratic program of a state and references; `inverse_dynamics.whole_body_qp` solves it.
 
-    Two caches: the structure contains all arrays, for one set of active contacts and tasks. The parameters (weights,
-    activations, gains, limits) are written to the arrays when one changes. State and references are filled in every
-    cycle.
+    Two caches: the structure has all arrays for one set of active contacts and tasks. The parameters (weights,
+    activations, gains, limits) are written to them after changes. State and references are filled in every cycle.
 
     Attributes:
         dynamics: snapshot of the last cycle.
-        structure: of the last cycle, or None.
-        parameters: of the last cycle, or None.
+        structure: of the last cycle.
+        parameters: of the last cycle.
         task_errors: of each level in the last cycle.
-        redundancy: active contacts, and True to separate them in every cycle (`formulation.redundancy`); examined after
-            changes.
+        redundancy: active contacts, and True to separate them in every cycle (`formulation.redundancy`).
     """
 
     def __init__(
@@ -81,12 +79,12 @@ class Formulation:
         self._layouts: dict[tuple[str, ...], Layout] = {}
         self._costs: dict[tuple[tuple[str, ...], tuple[str, ...]], list[LevelCost]] = {}
         self._tuning: Tuning | None = None
-        self._prepared: RobotState | None = None  # state of the present dynamics
+        self._prepared: RobotState | None = None  # of the present dynamics
         self._q_index, self._v_index = (index.astype(np.int64) for index in (model.q_index, model.v_index))
 
     @cached_property
     def has_priorities(self) -> bool:
-        """True for several levels or tolerances, which need a hierarchy of quadratic programs."""
+        """True for several levels or tolerances."""
         return len(self._levels) > 1 or any(task.tolerance is not None for task in self.tasks.values())
 
     @property
@@ -104,18 +102,14 @@ class Formulation:
         return self._layouts[names]
 
     def prepare(self, state: RobotState) -> None:
-        """Compute the dynamics of a state before its references are known, for the next `build`."""
+        """Compute the dynamics of a state before its references are known."""
         self.dynamics.update(state.q, state.v)
         self._prepared = state
 
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
-        """Compute the dynamics and fill the problem.
+        """Compute the dynamics and fill the problem of the returned layout.
 
-        Args:
-            tau_before: present torques of the actuators, (na,) in N·m; None for no torque rate limit.
-
-        Returns:
-            The layout with its `problem`.
+        `tau_before` are the present torques, (na,) in N·m; None for no torque rate limit.
         """
         if references.tuning is not None and references.tuning is not self._tuning:
             self._apply_tuning(references.tuning)
@@ -155,7 +149,7 @@ class Formulation:
         return layout
 
     def find_redundancy(self, layout: Layout) -> bool:
-        """Separate contacts that have become redundant since their examination; return True if the problem changes."""
+        """Separate contacts that have become redundant; return True if the problem changes."""
         if layout.contact_rows is not None or self._mobility(layout) >= LEAST_MOBILITY:
             return False
         self.redundancy = layout.key, True
@@ -163,7 +157,6 @@ class Formulation:
         return True
 
     def _mobility(self, layout: Layout) -> float:
-        """Return the smallest mobility of the contacts; inf without contacts."""
         return float(mobilities(layout.J, layout.metric, self.dynamics)[0].min(initial=math.inf))
 
     def _separate_contacts(self, layout: Layout) -> None:
@@ -185,7 +178,6 @@ class Formulation:
                 self.task_errors[level][1][place] = rows[:, :-1] @ x - rows[:, -1]
 
     def _current_structure(self, references: References) -> Structure:
-        """Return the structure of this cycle with its parameters."""
         known, structure = self.parameters, self.structure
         changes = self.motion_limit.version + self.torque_limit.version
         for owner in self._owners:
@@ -196,7 +188,7 @@ class Formulation:
             and known.changes == changes
             and known.motion_limit is self.motion_limit
             and known.torque_limit is self.torque_limit
-            # the comparison begins with object identity
+            # begins with object identity
             and (known.weights, known.activations) == (references.weights, references.contacts)
         ):
             return structure
@@ -215,9 +207,9 @@ class Formulation:
         return structure
 
     def _structure_for(self, parameters: Parameters) -> Structure:
-        """Return the structure of the contacts with positive activation and tasks with positive weight."""
+        """Return the structure for active contacts and tasks."""
         weights, activations, last = parameters.weights, parameters.activations, self.structure
-        # A NaN weight counts as active, for the check for finite values.
+        # A NaN weight is active, for the check for finite values.
         tasks = tuple(name for name in self.tasks if not weights.get(name, 0.0) <= 0.0)
         contacts = tuple(name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0)
         if (contacts, tasks) not in self._costs:
@@ -296,11 +288,7 @@ class Formulation:
             layout.relabel(rows, limit.names)
 
     def require_finite_limits(self, layout: Layout) -> None:
-        """Check rows and bounds of the limits for a finite state.
-
-        Raises:
-            MethodError: for NaN, or an infinite entry of G.
-        """
+        """Raise `MethodError` for NaN in rows or bounds of the limits at a finite state."""
         if not (np.isfinite(self.dynamics.q).all() and np.isfinite(self.dynamics.v).all()):
             return
         for limit, (rows, lower, upper) in zip(self.row_limits, layout.limit_parts, strict=True):
@@ -318,5 +306,4 @@ class Formulation:
 
 
 def _read_only(mapping: Mapping[str, float]) -> Mapping[str, float]:
-    """Return a read-only mapping itself, else a copy."""
     return mapping if isinstance(mapping, MappingProxyType) else dict(mapping)

@@ -10,9 +10,9 @@ from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
 class Program(Struct):
     """Arrays of a quadratic program."""
 
-    rows: FrameRows  # task and contact rows, with the link motion
-    dynamics: DynamicsRows  # equations of motion and torque bounds
-    motion_limit: JointMotion  # bounds of joint accelerations
+    rows: FrameRows  # with the link motion
+    dynamics: DynamicsRows  # and torque bounds
+    motion_limit: JointMotion
 
 
 @compiled

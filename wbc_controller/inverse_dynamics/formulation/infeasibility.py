@@ -2,25 +2,24 @@
 
 Linear programs over the constraints of the failed problem:
 
-1. Elastic phase one: minimize Σ σ_g with a slack σ_g ≥ 0 for every named constraint g (Chinneck, "Feasibility and
+1. Elastic phase one: minimize Σ σ_g with a slack σ_g ≥ 0 of every named constraint g (Chinneck, "Feasibility and
   infeasibility in optimization", Springer 2008). The constraints with slack are one side of the conflict.
-2. Deletion filter: the constraints with the smallest slack are enforced again, while the total slack of the others
-  grows by at most `SLACK_GROWTH`. They do not belong to the conflict.
-3. Steps 1 and 2 with each kind of that side enforced: constraints of other kinds with slack are the next side, if their
-  cost is at most `REMOTE_COST_RATIO` times the smallest, and their number at most twice that of the first side.
-4. Steps 1 and 2 with the named constraints enforced: constraints with nearly the smallest cost (`EQUAL_COST_RATIO`)
-  also belong to the conflict, e.g. the other foot.
+2. Deletion filter: enforce the constraints with the smallest slack, while the total slack of the others grows by at
+  most `SLACK_GROWTH`. They do not belong to the conflict.
+3. Repeat with each kind of that side enforced: constraints of other kinds with slack are the next side, up to
+  `REMOTE_COST_RATIO` times the smallest cost, and twice the number.
+4. Repeat with the named constraints enforced: other constraints up to `EQUAL_COST_RATIO` times the smallest cost also
+  belong to the conflict, e.g. the other foot.
 
-The equations of motion always hold: their rows have full rank in v̇ and never conflict alone. Scales of violations for
-σ_g = 1:
+The equations of motion always hold: they never conflict alone. Violations for σ_g = 1:
 
 - forces: weight m g; `CONTACT_SCALE` m g for pulling contacts; moments: m g `MOMENT_LENGTH`,
-- torques and torque rates: effort limit of the actuator,
+- torques and torque rates: effort limit,
 - joint accelerations: g / `MOMENT_LENGTH`,
 - cones: `CONTACT_SCALE` m g; with moments, `CONTACT_SCALE` m g `MOMENT_LENGTH`,
 - contact accelerations: `CONTACT_SCALE` g; angular, `CONTACT_SCALE` g / `MOMENT_LENGTH`.
 
-Contact physics thus costs ten times as much as settings and motors: slip is named only without alternative.
+Slip is therefore named only without alternative.
 """
 
 from collections.abc import Collection, Sequence
@@ -35,29 +34,29 @@ from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Infeasibility, frozen_mapping
 
-#: Lever between moments and forces, and between angular and linear accelerations, m.
+#: Lever between moments and forces, m.
 MOMENT_LENGTH = 0.1
 #: Scale of contact physics relative to settings.
 CONTACT_SCALE = 0.1
-#: Smallest scale of torques, N·m, for effort limits of 0.
+#: Smallest scale of torques, N·m.
 _LEAST_TORQUE = 1.0e-9
-#: Standard gravity, m/s², also for a model without gravity.
+#: Standard gravity, m/s².
 _GRAVITY = 9.81
-#: Largest relative growth of the total slack when a constraint with a small slack is enforced again.
+#: Largest relative growth of the total slack in step 2.
 SLACK_GROWTH = 0.5
-#: Largest cost of a relaxation by other kinds, relative to the smallest cost.
+#: Largest relative cost of a relaxation by other kinds.
 REMOTE_COST_RATIO = 10.0
-#: Largest cost of a relaxation by other constraints, relative to the smallest cost.
+#: Largest relative cost of an equivalent relaxation.
 EQUAL_COST_RATIO = 1.5
-#: Largest number of sides of a conflict.
+#: Most sides of a conflict.
 _SIDES = 6
 #: Largest Σ σ of feasible constraints.
 _TOLERANCE = 1.0e-6
-#: Largest σ of a satisfied constraint, relative to the largest σ.
+#: Largest relative σ of a satisfied constraint.
 _NO_SLACK = 1.0e-4
-#: Largest number of iterations per linear program.
+#: Most iterations per linear program.
 _MAX_ITERATIONS = 2000
-#: Largest number of linear programs per diagnosis.
+#: Most linear programs per diagnosis.
 MAX_PROGRAMS = 40
 
 
@@ -65,15 +64,15 @@ MAX_PROGRAMS = 40
 class Constraint:
     """Named constraint lower ≤ rows x ≤ upper."""
 
-    name: str  # kind and owner as in `Solution.binding`, e.g. `torque:left_knee_joint`
+    name: str  # kind and owner, e.g. `torque:left_knee_joint`
     rows: Array  # (k, n)
-    lower: Array  # (k,), -inf for none
-    upper: Array  # (k,), inf for none
-    scale: Array  # violation for σ = 1, in units of the rows, (k,)
-    factor: float  # from units of the rows to `units`
-    units: tuple[str, ...]  # physical unit of each row
-    offset: Array  # constant part outside the rows, (k,): h for torques
-    contact: Contact | None = None  # owner, if it is a contact
+    lower: Array  # (k,)
+    upper: Array  # (k,)
+    scale: Array  # violation for σ = 1, (k,)
+    factor: float  # from the rows to `units`
+    units: tuple[str, ...]  # of the rows
+    offset: Array  # constant part, (k,): h for torques
+    contact: Contact | None = None  # owner
 
     @property
     def kind(self) -> str:
@@ -89,9 +88,7 @@ class Constraint:
 def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Array]) -> list[Constraint]:
     """Split a built problem into named constraints, without the equations of motion.
 
-    Args:
-        effort: bounds of the torque rows without the torque rate limit, both (na,); tighter bounds come from this
-            limit.
+    `effort` are the bounds of the torque rows without the torque rate limit, both (na,).
     """
     problem, nv = layout.problem, model.nv
     force = model.mass * _GRAVITY / FORCE_UNIT
@@ -140,7 +137,6 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
             k, part = last - first, slice(columns.start + first, columns.start + last)
             none, moment = np.full(k, np.inf), bool(contact.moments[first])
             scale = force * MOMENT_LENGTH if moment else force
-            # A ground without pull is physics.
             pull = CONTACT_SCALE * scale if kind == "normal_force" and contact.min_normal_force <= 0.0 else scale
             add(
                 f"{kind}:{contact.name}", np.vstack([identity[part]] * 2),
@@ -170,13 +166,9 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
 def explain(
     layout: Layout, model: RobotModel, effort: tuple[Array, Array], held: Collection[str] = ()
 ) -> Infeasibility | None:
-    """Find the conflicting constraints of a problem.
+    """Find the conflicting constraints; None if they are feasible, or the linear programs fail.
 
-    Args:
-        held: kinds of constraints that are enforced and never named.
-
-    Returns:
-        The conflict; None if the constraints are feasible, or the linear programs fail.
+    Constraints of the kinds `held` are enforced and never named.
     """
     constraints = named_constraints(layout, model, effort)
     question = [constraint for constraint in constraints if constraint.kind not in held]
@@ -200,8 +192,6 @@ class _Side:
 
 
 class _ConflictSearch:
-    """Search for one explanation."""
-
     def __init__(self, fixed: tuple[Array, Array, Array], constraints: Sequence[Constraint]) -> None:
         self._all = {constraint.name: constraint for constraint in constraints}
         A, low, high = fixed
@@ -222,7 +212,6 @@ class _ConflictSearch:
         self.programs = 0
 
     def run(self) -> Infeasibility | None:
-        """Find the sides of the conflict, and the slack of each."""
         first = self._side(set(self._all), np.inf, len(self._all))
         if first is None:
             return None
@@ -251,7 +240,7 @@ class _ConflictSearch:
         kind = {name: constraint.kind for name, constraint in self._all.items()}
 
         def add(free: set[str], cost: float) -> set[str]:
-            """Add a relaxation of the free constraints; return the constraints that only it contains."""
+            """Add a relaxation of the free constraints; return its new constraints."""
             side = self._side(free, cost, most) if len(sides) < _SIDES else None
             new = set(side.slack) - named if side is not None else set()
             if side is not None and new:
@@ -272,7 +261,7 @@ class _ConflictSearch:
         return sides
 
     def _side(self, free: set[str], cost: float, count: int) -> _Side | None:
-        """Return a side among the free constraints; None without slack, or beyond the cost or count."""
+        """Return a relaxation within the cost and count, or None."""
         best = self._minimize_slack(free)
         if best is None or not (_TOLERANCE < best.total <= cost):
             return None
@@ -289,7 +278,7 @@ class _ConflictSearch:
         return found if len(found.slack) <= count else None
 
     def _minimize_slack(self, free: set[str]) -> _Side | None:
-        """Minimize Σ σ with slack for the free constraints only; None if infeasible, or out of programs."""
+        """Minimize Σ σ over the slack of the free constraints; None without solution."""
         if self.programs >= MAX_PROGRAMS:
             return None
         self.programs += 1
@@ -313,7 +302,7 @@ def _widened(rows: Array, columns: int) -> Array:
 
 
 def _largest_violation(constraint: Constraint, x: Array) -> tuple[float, str, str]:
-    """Return the largest violation of a constraint at x, its unit, and a phrase for it."""
+    """Return the largest violation at x, its unit, and a phrase for it."""
     value = constraint.rows @ x
     above, below = value - constraint.upper, constraint.lower - value
     beyond = np.maximum(above, below)
@@ -323,7 +312,6 @@ def _largest_violation(constraint: Constraint, x: Array) -> tuple[float, str, st
 
 
 def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> str:
-    """Describe a constraint by kind, owner, bound and slack."""
     unit, owner, contact = constraint.units[row], constraint.owner, constraint.contact
     bound = constraint.factor * float((constraint.upper if upper else constraint.lower)[row] + constraint.offset[row])
     side = f"{'at most' if upper else 'at least'} {bound:.4g} {unit}"
@@ -339,7 +327,7 @@ def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> s
         return f"joint motion of {owner} ({side}, {gives})"
     if constraint.kind == "self_collision":
         return f"distance of {owner.replace('/', ' and ')} (has to change by {side}, {gives})"
-    if constraint.kind not in ("cone", "contact_motion"):  # a limit on a combination of accelerations
+    if constraint.kind not in ("cone", "contact_motion"):  # a row limit
         return f"{constraint.kind} limit of {owner} ({side}, {gives})"
     if constraint.kind == "cone" and contact is not None:
         what = "friction and centre of pressure" if contact.moments.any() else "friction"

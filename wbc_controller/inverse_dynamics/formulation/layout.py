@@ -1,7 +1,7 @@
 """Rows and columns of the quadratic program.
 
-Decision variables: x = [v̇ (nv), f / FORCE_UNIT (nf)]. Torques are eliminated, τ = T (M v̇ + h - Jᵀ f)
-(`actuation.Actuation`); their bounds become inequality constraints on x.
+Decision variables: x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques τ = T (M v̇ + h - Jᵀ f) are eliminated
+(`actuation.Actuation`).
 """
 
 from __future__ import annotations
@@ -23,54 +23,48 @@ from wbc_controller.records import Array
 
 @dataclass(slots=True)
 class ContactPlace:
-    """Rows and columns of one contact, with views of the problem's arrays."""
+    """Rows and columns of one contact; the arrays are views."""
 
     contact: Contact
-    motion: slice  # rows of its motion constraint in A and b; indices of its force in f
-    J: Array  # Jacobian in A, (k, nv)
+    motion: slice  # rows of the motion constraint in A and b; indices in f
+    J: Array  # in A, (k, nv)
     acceleration: Array  # required J v̇ in b, (k,)
-    cone: slice  # rows of its cone in C
-    columns: slice  # columns of its force in x
-    lower: Array  # of its force, in `FORCE_UNIT`, (k,)
-    upper: Array  # of its force, in `FORCE_UNIT`, (k,)
+    cone: slice  # rows in C
+    columns: slice  # columns of the force in x
+    lower: Array  # of the force, in `FORCE_UNIT`, (k,)
+    upper: Array  # of the force, in `FORCE_UNIT`, (k,)
 
 
 class Layout:
     """Rows and columns of the problem, for one set of active contacts.
 
     Attributes:
-        places: rows and columns of each active contact.
+        places: of each active contact.
         forces: columns of all contact forces in x.
-        forces_of: name of each active contact, and indices of its force in f.
-        contact_rows: [J, b] of the contacts before the separation of redundant directions (`formulation.redundancy`),
-            (nf, nv + 1), or None.
+        forces_of: name of each contact, and indices in f.
+        contact_rows: [J, b] of the contacts before `formulation.redundancy`, (nf, nv + 1), or None.
         contact_motion: right-hand sides of the contacts in b, (nf,).
         damping: D of each row of J, (nf,) in 1/s.
-        metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (nf,).
+        metric: diagonal of W in ½ ε_f fᵀ W f, (nf,).
         dynamics_rows: equations of motion and torque bounds for the kernel.
-        mechanism: rows of A of mimic joints and of the equations of motion, never relaxed.
+        mechanism: rows of A of mimic joints and equations of motion.
         torque: rows of C of the torque bounds.
-        torque_lower: lower bounds of these rows, (na,).
-        torque_upper: upper bounds of these rows, (na,).
+        torque_lower: (na,).
+        torque_upper: (na,).
         available: smallest and largest available torques, and effort limits, (3, na) in N·m.
         limits: rows of C of each row limit.
-        limit_parts: columns of v̇, lower and upper bounds of each row limit, as views.
+        limit_parts: rows, lower and upper bounds of each row limit, as views.
         joints: columns of the joint accelerations in x, (nj,).
-        torque_bias: constant part of the torques, τ = C x + torque_bias, (na,) in N·m.
-        levels: cost of each priority level, highest first; the first is the problem's.
+        torque_bias: constant part of τ = C x + torque_bias, (na,) in N·m.
+        levels: cost of each priority level, highest first.
         key: names of the active contacts.
-        labels: names of the lower and upper bound of each entry of [x; C x], and the SI value of its unit.
+        labels: names of both bounds of each entry of [x; C x], and its unit in SI units.
     """
 
     def __init__(
         self, dynamics: Dynamics, contacts: Sequence[Contact], limits: Sequence[RowLimit] = (), cost_rows: int = 0
     ) -> None:
-        """Lay out the problem.
-
-        Args:
-            dynamics: source of the equations of motion.
-            cost_rows: largest number of rows of the cost.
-        """
+        """Lay out the problem; `cost_rows` is the largest number of rows of the cost."""
         model = dynamics.model
         nv, na, free = model.nv, model.na, model.actuation.free
         coupling = model.actuation.C
@@ -108,7 +102,7 @@ class Layout:
             row, cone = motion.stop, rows.stop
         self.forces = slice(nv, nv + nf)
         self.forces_of = [(place.contact.name, place.motion) for place in self.places]
-        #: Compiled rows of contacts with their first row; and contacts evaluated in Python.
+        #: Compiled rows of contacts with their first row; contacts evaluated in Python.
         self.instructions = [
             (instruction, place.motion.start)
             for place in self.places
@@ -170,11 +164,11 @@ class Layout:
 
     @property
     def torque_map(self) -> tuple[Array, Array]:
-        """R (na, n) and r (na,) of τ = R x + r, N·m (`tasks.Efforts`)."""
+        """R (na, n) and r (na,) of τ = R x + r, N·m."""
         return self.problem.C[self.torque], self.torque_bias
 
     def force_map(self, contact: str) -> Array | None:
-        """Return R (k, n) of the contact force R x, N and N·m; None for an inactive contact (`tasks.Efforts`)."""
+        """Return R (k, n) of the contact force R x; None for an inactive contact."""
         if contact not in self.key:
             return None
         columns = self.places[self.key.index(contact)].columns
@@ -183,14 +177,14 @@ class Layout:
         return rows
 
     def snapshot(self) -> Layout:
-        """Return a copy with a persistent problem; its `places` remain views of this layout's problem."""
+        """Return a copy with its own problem; `places` remain views of this one."""
         kept = copy.copy(self)
         kept.problem = self.problem.copy()
         kept.torque_bias = kept.problem.offset
         return kept
 
     def relabel(self, rows: slice, names: Sequence[str]) -> None:
-        """Rename rows of C in a new list of labels; earlier solutions keep the old list."""
+        """Rename rows of C in a new list of labels, as earlier solutions keep the old one."""
         n = self.problem.n
         if self._named.get(rows.start) == names:
             return

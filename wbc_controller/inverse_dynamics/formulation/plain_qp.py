@@ -1,9 +1,9 @@
 """The quadratic program of one cycle in plain NumPy: the definition of H, g, A, b, C and the bounds.
 
-Read this file first. `Formulation` computes the same numbers faster with kernels and caches, and tests compare both.
+Start reading here: `Formulation` computes the same numbers with kernels and caches, and tests compare both.
 
 Decision variables: x = [v̇ (nv), f / FORCE_UNIT (nf)], the accelerations and the forces of active contacts. The torques
-τ = T (M v̇ + h - Jᵀf) are eliminated (`robot.actuation`), so bounds of τ are rows of C.
+τ = T (M v̇ + h - Jᵀf) are eliminated (`robot.actuation`), so their bounds are rows of C.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from wbc_controller.inverse_dynamics.tasks.task import Efforts, equation_of
 from wbc_controller.inverse_dynamics.tasks.task import motion_of as task_motion
 from wbc_controller.records import Array, Reference, References
 
-#: Length that relates the rates of angular and linear momentum in the regularization, m.
+#: Length between rates of angular and linear momentum in the regularization, m.
 ROTATION_LENGTH = 0.1
 
 
@@ -33,8 +33,8 @@ class Limits:
 
     torque: TorqueLimit
     motion: JointMotionLimit
-    rows: Sequence[RowLimit]  # bounds of combinations of v̇
-    period: float  # time between cycles, s
+    rows: Sequence[RowLimit]  # bounds of combinations G v̇
+    period: float  # s
 
 
 @dataclass(frozen=True)
@@ -62,20 +62,17 @@ class PlainQP:
     columns: dict[str, slice]  # columns of each active contact's force in x
 
     def force_map(self, contact: str) -> Array | None:
-        """Return R (k, n) of f = R x for a contact; None for an inactive contact."""
+        """Return R (k, n) of the contact force f = R x; None for an inactive contact."""
         return FORCE_UNIT * np.eye(len(self.g))[self.columns[contact]] if contact in self.columns else None
 
 
 def task_rows(
     task: Task, dynamics: Dynamics, efforts: Efforts, reference: Reference, n: int
 ) -> tuple[Array, Array, Array] | None:
-    """Return the rows R x = r of a task: R (k, n), r (k,) and the task error (k,).
+    """Return the rows R x = r of a task, R (k, n) and r (k,), and its error (k,); None without such a quantity.
 
-    Acceleration tasks: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`). Effort tasks: rows in x, and NaN
-    errors, which depend on the solution. None if the quantity does not exist, e.g. the force of an inactive contact.
-
-    Raises:
-        MethodError: if a method of the task fails.
+    An acceleration task has rows J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`). An effort task has rows in x;
+    its error depends on the solution and is NaN here. The force of an inactive contact does not exist.
     """
     if isinstance(task, EffortTask):
         equation = equation_of(task, efforts, reference, n)
@@ -87,7 +84,7 @@ def task_rows(
 
 
 def bias_forces(dynamics: Dynamics, references: References) -> Array:
-    """Return h minus known generalized forces: external wrenches Σ Jₖᵀwₖ (equation (22); S4) and the disturbance."""
+    """Return h minus known forces: external wrenches Σ Jₖᵀwₖ (equation (22) of the note; S4), and the disturbance."""
     disturbance = references.disturbance
     if not references.external_wrenches and disturbance is None:
         return dynamics.h
@@ -201,7 +198,7 @@ def torque_bounds(limits: Limits, speeds: Array, tau_before: Array | None) -> tu
 
 
 def in_columns(block: Array, start: int, n: int) -> Array:
-    """Return rows (k, n) with a block (k, m) in the columns from `start` on, and zeros elsewhere."""
+    """Return rows (k, n): a block (k, m) in the columns from `start` on, and zeros."""
     rows = np.zeros((len(block), n))
     rows[:, start : start + block.shape[1]] = block
     return rows

@@ -11,15 +11,14 @@ from wbc_controller.inverse_dynamics.arrays import sum_of_squares
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import Constraints, LeastSquares, residuals
 from wbc_controller.records import Array
 
-#: Unit of the contact forces in x, N and N·m: similar magnitudes of all variables. Without it, first-order solvers lose
-#: two digits, and ProxQP reports feasible problems as infeasible.
+#: Unit of the contact forces in x, N and N·m, for similar magnitudes of all variables; first-order solvers need it.
 FORCE_UNIT = 100.0
 
 
 class QuadraticCost:
     """Cost ½ xᵀHx + gᵀx + constant, given directly or as a sum of squares.
 
-    Most cycles need only the squares. H and g are computed on first access:
+    H and g of a sum of squares are computed on first access:
 
         H = Rᵀ w R + diag(d),    g = -Rᵀ w r - d t,    constant + ½ rᵀ w r + ½ tᵀ d t
     """
@@ -28,12 +27,12 @@ class QuadraticCost:
 
     def __init__(self, H: Array, g: Array, constant: float = 0.0) -> None:
         self._H, self._g, self._constant = H, g, constant
-        self.computed = True  # True if H and g belong to the squares
-        self.squares: LeastSquares | None = None  # sum of squares; None for a cost given by H and g
-        self.squares_constant = 0.0  # constant added to the squares
+        self.computed = True  # H and g belong to the squares
+        self.squares: LeastSquares | None = None
+        self.squares_constant = 0.0  # added to the squares
 
     def update(self, squares: LeastSquares, constant: float) -> None:
-        """Set the cost to a sum of squares, with new values, plus a constant."""
+        """Set the cost to a sum of squares plus a constant."""
         self.squares, self.squares_constant = squares, constant
         self.computed = False
 
@@ -58,7 +57,7 @@ class QuadraticCost:
 
     @property
     def g(self) -> Array:
-        """Gradient at x = 0, (n,)."""
+        """Gradient at 0, (n,)."""
         self._compute()
         return self._g
 
@@ -77,25 +76,25 @@ class QuadraticCost:
 class QuadraticProgram:
     """Minimize ½ xᵀHx + gᵀx subject to A x = b, lower ≤ C x ≤ upper, x_lower ≤ x ≤ x_upper.
 
-    The arrays are refilled in every cycle; solvers must not keep references to them.
+    The arrays are refilled in every cycle.
     """
 
-    cost: QuadraticCost  # ½ xᵀHx + gᵀx
-    bounds: Array  # of [x; C x], (2, n + m_in); -inf and inf for none
-    # rows of the cost, [A, b] and C in one block, (room + m_eq + m_in, n + 1)
+    cost: QuadraticCost
+    bounds: Array  # of [x; C x], (2, n + m_in)
+    # cost rows, [A, b] and C in one block, (room + m_eq + m_in, n + 1)
     memory: Array
-    room: int  # rows for the cost, directly above the equality constraints, for one kernel
+    room: int  # cost rows above the equality constraints, for one kernel
     # r of the outputs C x + r for the first rows of C, (k,)
     offset: Array = field(default_factory=lambda: np.zeros(0))
     n: int = field(init=False)
-    A: Array = field(init=False)  # equality constraints, view of `memory`, (m_eq, n)
-    b: Array = field(init=False)  # right-hand sides, view of `memory`, (m_eq,)
-    C: Array = field(init=False)  # inequality constraints, view of `memory`, (m_in, n)
-    lower: Array = field(init=False)  # of C x, view of `bounds`, (m_in,)
-    upper: Array = field(init=False)  # of C x, view of `bounds`, (m_in,)
+    A: Array = field(init=False)  # view of `memory`, (m_eq, n)
+    b: Array = field(init=False)  # view of `memory`, (m_eq,)
+    C: Array = field(init=False)  # view of `memory`, (m_in, n)
+    lower: Array = field(init=False)  # view of `bounds`, (m_in,)
+    upper: Array = field(init=False)  # view of `bounds`, (m_in,)
     x_lower: Array = field(init=False)  # view of `bounds`, (n,)
     x_upper: Array = field(init=False)  # view of `bounds`, (n,)
-    constraints: Constraints = field(init=False)  # the same arrays for kernels
+    constraints: Constraints = field(init=False)  # for kernels
 
     def __post_init__(self) -> None:
         n = self.n = int(self.memory.shape[1]) - 1
@@ -109,7 +108,7 @@ class QuadraticProgram:
 
     @classmethod
     def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0, outputs: int = 0) -> QuadraticProgram:
-        """Allocate a problem with infinite bounds, `room` rows of the cost, and some outputs."""
+        """Allocate a problem with infinite bounds, `room` cost rows, and outputs."""
         return cls(
             QuadraticCost(np.zeros((n, n)), np.zeros(n)),
             np.repeat([[-np.inf], [np.inf]], n + inequalities, axis=1),
@@ -130,7 +129,7 @@ class QuadraticProgram:
 
     @property
     def g(self) -> Array:
-        """Gradient at x = 0, (n,)."""
+        """Gradient at 0, (n,)."""
         return self.cost.g
 
     @property
@@ -156,7 +155,7 @@ class QuadraticProgram:
         return rows
 
     def violation(self, x: Array) -> float:
-        """Return the largest violation of a constraint at x; NaN if x contains NaN."""
+        """Return the largest violation of a constraint at x, or NaN."""
         return self.residuals(x).violation
 
 
@@ -165,7 +164,7 @@ class Residuals:
 
     Attributes:
         value: [x; C x], (n + m_in,).
-        room: distances from lower and upper bounds, (2, n + m_in); negative for violated bounds.
+        room: distances from lower and upper bounds, (2, n + m_in).
         equalities: |A x - b|, (m_eq,).
         outputs: C x + r of the first rows, (k,).
         least_room: smallest value of `room`.
@@ -175,7 +174,6 @@ class Residuals:
     __slots__ = ("equalities", "largest_equality", "least_room", "outputs", "room", "value")
 
     def __init__(self, problem: QuadraticProgram) -> None:
-        """Allocate the arrays for a problem."""
         count = problem.bounds.shape[1]
         self.value, self.room = np.empty(count), np.empty((2, count))
         self.equalities, self.outputs = np.empty(len(problem.b)), np.empty(len(problem.offset))
@@ -183,7 +181,7 @@ class Residuals:
 
     @property
     def violation(self) -> float:
-        """Largest violation of a constraint, at least 0; NaN if x or the problem contains NaN."""
+        """Largest violation of a constraint, at least 0, or NaN."""
         if math.isnan(self.least_room + self.largest_equality):
             return math.nan
         return max(0.0, -self.least_room, self.largest_equality)
@@ -193,8 +191,8 @@ class Residuals:
 class SoftConstraints:
     """Soft constraints lower ≤ y + s ≤ upper on entries y of [x; C x], with the cost ½ Σ wᵢ sᵢ²."""
 
-    places: np.ndarray  # index of each y in [x; C x], (k,)
-    bounds: Array  # lower and upper bounds, (2, k); infinite for none
+    places: np.ndarray  # in [x; C x], (k,)
+    bounds: Array  # (2, k)
     weights: Array  # w, (k,)
 
     def joined_with(self, other: SoftConstraints) -> SoftConstraints:
@@ -211,8 +209,8 @@ class Level:
     """Objective of one priority level: minimize ½ xᵀHx + gᵀx + ½ ‖s‖² + constant, lower ≤ G x + s ≤ upper."""
 
     tasks: tuple[str, ...]  # active tasks
-    cost: QuadraticCost  # with regularization, so that H is positive definite
-    # task rows (r, n) with values that lower levels must keep: first rows of the squares; empty for the lowest level
+    cost: QuadraticCost  # with regularization
+    # first rows of the squares (r, n), with values that lower levels must keep
     kept: Array
     G: Array  # weighted rows of tasks with a tolerance, (k, n)
     lower: Array  # of G x + s, (k,)

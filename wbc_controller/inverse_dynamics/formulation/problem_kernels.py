@@ -12,7 +12,7 @@ class Constraints(Struct):
     """Constraints A x = b and lower ≤ [x; C x] ≤ upper, and outputs C x + r of the first rows of C."""
 
     rows: Matrix  # [A, b] above [C, 0], (m_eq + m_in, n + 1)
-    bounds: Matrix  # lower and upper bounds of [x; C x], (2, n + m_in)
+    bounds: Matrix  # of [x; C x], (2, n + m_in)
     offset: Vector  # r, (k,)
 
 
@@ -22,9 +22,9 @@ class LeastSquares(Struct):
     rows: Matrix  # [R, r], (k, n + 1)
     weights: Vector  # w, (k,), positive
     base: int  # number of base columns without d and t, determined by as many last equality constraints
-    diagonal: Vector  # d, (n,), positive except in the leading columns
+    diagonal: Vector  # d, (n,), positive except in the base columns
     target: Vector  # t, (n,)
-    constraints: Constraints  # of the quadratic program
+    constraints: Constraints
 
 
 @part
@@ -40,17 +40,14 @@ def dot(a: Array, b: Array) -> float:
 def residuals(
     constraints: Constraints, value: OutVector, room: OutMatrix, equalities: OutVector, outputs: OutVector
 ) -> tuple[float, float]:
-    """Compute the residuals of constraints at a point x.
+    """Compute the residuals of constraints at a point x; return the smallest room and the largest |A x - b|.
 
     Args:
         constraints: the constraints.
-        value: x in the first n entries; C x is written after it, (n + m_in,).
+        value: in place: x, to which C x is appended, (n + m_in,).
         room: out: distances of [x; C x] from lower and upper bounds, (2, n + m_in).
         equalities: out: |A x - b|, (m_eq,).
         outputs: out: C x + r, (k,).
-
-    Returns:
-        Smallest room and largest |A x - b|, with NaN.
     """
     rows, bounds, offset = constraints.rows, constraints.bounds, constraints.offset
     n, m = rows.shape[1] - 1, len(equalities)

@@ -1,19 +1,19 @@
 """Redundant contacts: dependent or nearly dependent rows of J v̇ = b become part of the cost.
 
-Feet without ankle roll, legs without hip abduction or four points under one sole constrain more directions than the
-robot can move along. Rounding, contact velocities (d/dt of nᵀJ = 0 is nᵀJ̇ v = -ṅᵀJ v) or anchors make such rows
-contradictory. The mobility of the contacts, the inverse of their operational-space inertia (Khatib, "A unified approach
-for motion and force control of robot manipulators", 1987), shows these directions independent of the coordinates (S2).
-With the metric W of the contact forces, and mimic joints,
+Feet without ankle roll, or four points under one sole, constrain more directions than the robot can move along.
+Rounding, contact velocities (nᵀJ̇ v = -ṅᵀJ v) or anchors make such rows contradictory. The mobility of the contacts,
+the inverse of their operational-space inertia (Khatib, "A unified approach for motion and force control of robot
+manipulators", 1987), finds these directions independent of the coordinates (S2). With the metric W of the contact
+forces, and mimic joints,
 
     Λ⁻¹ = W^-½ J (M⁻¹ - M⁻¹Cᵀ (C M⁻¹Cᵀ)⁻¹ C M⁻¹) Jᵀ W^-½ = Σ μᵢ uᵢ uᵢᵀ
 
 a unit force along uᵢ accelerates the contacts along uᵢ by μᵢ. With the robot's mass m, directions with ρᵢ = m μᵢ /
-`LEAST_MOBILITY` < 1 are redundant. J v̇ = b holds along the other directions. Along redundant ones the cost has
+`LEAST_MOBILITY` < 1 are redundant. J v̇ = b holds along the others. Along redundant ones the cost has
 
     ½ Σ wᵢ (uᵢᵀ W^-½ (J v̇ - b))²,    wᵢ = `REDUNDANT_WEIGHT` ρᵢ / (1 - ρᵢ)
 
-for a least-squares solution. wᵢ grows continuously from 0 without bound, until a direction becomes a constraint.
+wᵢ grows continuously from 0 without bound, until the direction is a constraint.
 """
 
 import numpy as np
@@ -22,25 +22,22 @@ from wbc_controller.inverse_dynamics.method_calls import is_finite
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
 
-#: Smallest mobility of a constraint, relative to a free body of the robot's mass: 1.3 for shipped robots near their
-#: stances, 0.2 with straight knees.
+#: Smallest mobility of a constraint, relative to a free body of the robot's mass; shipped robots have 1.3 near their
+#: stances, and 0.2 with straight knees.
 LEAST_MOBILITY = 0.01
 #: Mobility below which contacts are examined in every cycle.
 EXAMINED_MOBILITY = 0.1
-#: Weight of a redundant direction with ρ = ½, (m/s²)⁻²; and the largest ρ / (1 - ρ).
+#: Weight of a redundant direction with ρ = ½, (m/s²)⁻²; largest ρ / (1 - ρ).
 REDUNDANT_WEIGHT, _LARGEST = 1.0e4, 1.0e4
 
 
 def mobilities(J: Array, metric: Array, dynamics: Dynamics) -> tuple[Array, Array]:
-    """Return m μ in ascending order, (nf,), and the directions u as columns, (nf, nf); inf for a state with NaN.
+    """Return m μ in ascending order, (nf,), and the directions u as columns, (nf, nf), for J (nf, nv) at a snapshot.
 
-    Args:
-        J: stacked Jacobians of the active contacts, (nf, nv).
-        metric: diagonal of W, (nf,).
-        dynamics: snapshot at the state of J.
+    `metric` is the diagonal of W, (nf,). For NaN, m μ is inf.
     """
     k, C = len(J), dynamics.model.actuation.C
-    if not (is_finite(J) and is_finite(dynamics.M)):  # the solver refuses this problem
+    if not (is_finite(J) and is_finite(dynamics.M)):  # refused by the solver
         return np.full(k, np.inf), np.eye(k)
     rows = np.vstack([J / np.sqrt(metric)[:, None], C])
     mobility = rows @ np.linalg.solve(dynamics.M, rows.T)
@@ -52,11 +49,7 @@ def mobilities(J: Array, metric: Array, dynamics: Dynamics) -> tuple[Array, Arra
 
 
 def separate_redundant_rows(J: Array, b: Array, metric: Array, dynamics: Dynamics) -> tuple[Array, Array]:
-    """Separate J v̇ = b into constraints and rows of the cost.
-
-    Returns:
-        Rows [J, b] of consistent constraints, and rows of the cost with weight 1; both (nf, nv + 1).
-    """
+    """Return rows [J, b] of consistent constraints, and rows of the cost with weight 1, both (nf, nv + 1)."""
     rows = np.column_stack([J, b])
     values, directions = mobilities(J, metric, dynamics)
     share = np.clip(values / LEAST_MOBILITY, 0.0, None)

@@ -1,4 +1,4 @@
-"""Relaxation of limits that cannot be met together, and the cost of their violation."""
+"""Relaxation of limits that cannot be met together, and the cost of violations."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Lay
 from wbc_controller.inverse_dynamics.formulation.problem import SoftConstraints
 from wbc_controller.records import Array, References
 
-#: Weight of squared violations: (m/s²)⁻², and for torques per squared effort limit.
+#: Weight of squared violations, (m/s²)⁻², or per squared effort limit.
 _VIOLATION_WEIGHT = 1.0e4
 #: Weight of joint accelerations, (rad/s²)⁻²: equivalent at a lever of 0.1 m.
 _JOINT_WEIGHT = 1.0e2
-#: Weight of the bounds of a joint that can still stop in time, (rad/s²)⁻²: similar to tasks, to keep balance.
+#: Weight for a joint that can still stop in time, (rad/s²)⁻²: similar to tasks, to keep balance.
 _BRAKING_WEIGHT = 1.0
-#: Speeds, m/s and rad/s, of a slipping contact; and of a contact that cannot stop a joint.
+#: Speeds, m/s and rad/s, of a slipping contact, and of a contact that cannot stop a joint.
 _SLIP_SPEEDS, _LOOSE_SPEEDS = (1.0, 10.0), (0.5, 5.0)
-#: Smallest violation of a relaxed bound: rad/s², m/s² or effort limits.
+#: Largest violation of a bound that counts as met: rad/s², m/s² or effort limits.
 _VIOLATION_TOLERANCE = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Relaxable:
-    """Group of limits that can be relaxed."""
+    """Group of limits that can be relaxed together."""
 
     name: str  # as in `Solution.relaxed`
-    places: np.ndarray  # indices in the bounds of the problem, (k,)
-    units: Array  # scale of violations, (k,): 1 rad/s² or m/s², or the effort limit
-    bounds: Array  # original bounds, (2, k)
-    hard: Array  # bounds that always hold, (2, k); infinite for none
-    soft: SoftConstraints  # replacement of the original bounds
+    places: np.ndarray  # in the bounds of the problem, (k,)
+    units: Array  # of violations, (k,): 1 rad/s² or m/s², or the effort limit
+    bounds: Array  # before relaxation, (2, k)
+    hard: Array  # bounds that always hold, (2, k)
+    soft: SoftConstraints  # replacement of `bounds`
 
     @classmethod
     def of(
         cls, layout: Layout, name: str, places: np.ndarray, *, hard: Array | None = None, units: Array | None = None,
         weight: float = _VIOLATION_WEIGHT,
     ) -> Relaxable:  # fmt: skip
-        """Describe limits of a built problem; by default without hard bounds, and with units of 1."""
+        """Describe limits of a built problem, by default without hard bounds and with units of 1."""
         bounds = layout.problem.bounds[:, places]
         hard = np.repeat([[-np.inf], [np.inf]], len(places), axis=1) if hard is None else hard
         units = np.ones(len(places)) if units is None else units
@@ -56,10 +56,7 @@ class Relaxable:
 
 
 def relaxations(formulation: Formulation, layout: Layout, references: References) -> Iterator[list[Relaxable]]:
-    """Yield the groups of limits to relax together, the least relaxation first.
-
-    First the torque rate alone, if it is tighter than the available torques; then all limits except available torques.
-    """
+    """Yield the groups of limits to relax together: first the torque rate, then all limits except available torques."""
     n = layout.problem.n
     rate = Relaxable.of(
         layout,
@@ -79,14 +76,11 @@ def relaxations(formulation: Formulation, layout: Layout, references: References
 
 
 def stop_preventing_contacts(formulation: Formulation, layout: Layout, value: Array) -> tuple[str, ...]:
-    """Return the active contacts that prevent a joint from stopping at its position limit.
+    """Return the contacts that prevent a joint from stopping at its position limit, from a relaxed [x; C x].
 
-    A stance foot determines the motion of its leg: if the robot leaves the ground faster than the leg can extend, no
-    torque stops the knee, and the foot must be released. A moving foot cannot stop a joint either. Contacts of other
-    limbs keep the balance and are not released.
-
-    Args:
-        value: [x; C x] of the relaxed solution, (n + m_in,).
+    A stance foot determines the motion of its leg: if the robot leaves the ground faster than the leg can extend, only
+    release of the foot stops the knee. Moving feet cannot stop a joint either. Contacts of other limbs keep the
+    balance.
     """
     most = formulation.motion_limit.acceleration
     needed, missed = _stopping_demand(formulation, layout, value)
@@ -107,19 +101,19 @@ def stopping_shortfall(formulation: Formulation, layout: Layout, value: Array) -
 
 
 def _stopping_demand(formulation: Formulation, layout: Layout, value: Array) -> tuple[Array, Array]:
-    """Return required and missing acceleration of each joint for a stop at its limit, both (nj,) in rad/s²."""
+    """Return required and missing accelerations for stops at position limits, both (nj,)."""
     joints = layout.joints
     lower, upper = _stopping_bounds(formulation, np.repeat([[np.inf], [-np.inf]], len(joints), axis=1))
     return np.maximum(lower, -upper), np.maximum(lower - value[joints], value[joints] - upper)
 
 
 def slipping_contacts(formulation: Formulation, layout: Layout) -> tuple[str, ...]:
-    """Return the active contacts that slip."""
+    """Return the slipping contacts."""
     return _moving_contacts(formulation, layout, _SLIP_SPEEDS)
 
 
 def _moving_contacts(formulation: Formulation, layout: Layout, speeds: tuple[float, float]) -> tuple[str, ...]:
-    """Return the releasable active contacts that are faster than one of two speeds in m/s and rad/s."""
+    """Return the releasable contacts above one of two speeds, m/s and rad/s."""
     velocity = layout.J @ formulation.dynamics.v
     places = [place for place in layout.places if not place.contact.permanent]
     return tuple(place.contact.name for place in places if _faster(place, velocity[place.motion], speeds))
@@ -131,7 +125,6 @@ def _faster(place: ContactPlace, velocity: Array, speeds: tuple[float, float]) -
 
 
 def _stopping_bounds(formulation: Formulation, bounds: Array) -> Array:
-    """Return bounds for stops at position limits (`JointMotionLimit.stopping_bounds`)."""
     model, dynamics = formulation.model, formulation.dynamics
     return formulation.motion_limit.stopping_bounds(
         dynamics.q[model.q_places], dynamics.v[model.v_places], bounds, (model.position_lower, model.position_upper)
@@ -139,7 +132,7 @@ def _stopping_bounds(formulation: Formulation, bounds: Array) -> Array:
 
 
 def _joint_motion_group(formulation: Formulation, layout: Layout) -> Relaxable:
-    """Return the joint motion group: early braking weighs as much as tasks, all other bounds more."""
+    """Return the group of joint motion limits; early braking weighs as much as tasks."""
     joints = layout.joints
     stopping = _stopping_bounds(formulation, layout.problem.bounds[:, joints])
     brakes = np.isfinite(stopping).any(axis=0)
@@ -151,7 +144,7 @@ def _joint_motion_group(formulation: Formulation, layout: Layout) -> Relaxable:
 
 
 def soften(layout: Layout, groups: Sequence[Relaxable]) -> SoftConstraints:
-    """Keep only hard bounds of the groups in the problem, and return their soft constraints."""
+    """Keep only the hard bounds of groups in the problem, and return their soft constraints."""
     soft = groups[0].soft
     for group in groups:
         layout.problem.bounds[:, group.places] = group.hard
@@ -161,11 +154,7 @@ def soften(layout: Layout, groups: Sequence[Relaxable]) -> SoftConstraints:
 
 
 def widen(layout: Layout, groups: Sequence[Relaxable], value: Array, room: float) -> tuple[str, ...]:
-    """Set the bounds of the groups to the original ones, widened to the violations.
-
-    Args:
-        value: [x; C x], (n + m_in,).
-        room: distance between these values and widened bounds.
+    """Set the bounds of groups to the original ones, widened to the values [x; C x] plus `room`.
 
     Returns:
         The groups with a violated bound.

@@ -16,20 +16,18 @@ from wbc_controller.records import Array, Reference
 class RowEntry:
     """Rows of one contact or task, or of the momentum."""
 
-    instruction: Instruction  # the rows as numbers
-    row: int = 0  # first row in the block; 0 for a task on single accelerations
+    instruction: Instruction
+    row: int = 0  # first row in the block; 0 for joint tasks
     task: MotionTask | None = None  # None for contacts and the momentum
-    error: int = 0  # first index of the task error
+    error: int = 0  # first index of the error
 
 
 @dataclass(slots=True)
 class _TaskNumbers:
-    """Views of a task's numbers for the kernel."""
-
     task: MotionTask
     gains: Array  # K and D, (2, size)
-    reference: Array  # position, velocity and acceleration in sequence
-    copied: Reference | None = None  # last reference, if read-only
+    reference: Array  # position, velocity, acceleration
+    copied: Reference | None = None  # last read-only reference
 
 
 class CompiledRows:
@@ -37,17 +35,12 @@ class CompiledRows:
 
     Attributes:
         arrays: for the kernel.
-        factors: of each task on single accelerations, (2, size): factors from desired acceleration to target, and from
-            its square to twice the constant cost.
+        factors: of joint tasks, (2, size): from desired acceleration to target, and from its square to twice the
+            constant cost.
     """
 
     def __init__(self, dynamics: Dynamics, out: Array, target: Array, entries: Sequence[RowEntry]) -> None:
-        """Lay out the instructions.
-
-        Args:
-            out: the block, (k, n + 1).
-            target: targets of single accelerations, (n,).
-        """
+        """Lay out the instructions for the block `out`, (k, n + 1), and joint targets, (n,)."""
         instructions: list[tuple[int, ...]] = []
         places: list[np.ndarray] = [np.zeros(0, dtype=np.int64)]
         numbers: list[Array] = [np.zeros(0)]
@@ -94,7 +87,6 @@ class CompiledRows:
 
         Raises:
             ValueError: for an array of wrong size.
-            TypeError: for an array that is not one-dimensional float64.
         """
         for own in self._tasks:
             task = own.task

@@ -14,18 +14,18 @@ class Structure:
     """Arrays of the problem for one set of active contacts and tasks."""
 
     version: int  # number of earlier structures
-    layout: Layout  # rows and columns of the problem
+    layout: Layout
     costs: list[LevelCost]  # of each priority level, highest first
-    program: Program = field(init=False)  # arrays and limit parameters for the kernel
+    program: Program = field(init=False)  # for the kernel
 
 
 @dataclass(slots=True)
 class Parameters:
-    """Numbers of the problem that may change between two cycles, other than state and references."""
+    """Numbers of the problem that may change between cycles, other than state and references."""
 
-    weights: Mapping[str, float]  # of the tasks, by name
-    activations: Mapping[str, float]  # of the contacts, by name
-    motion_limit: JointMotionLimit  # bounds of joint accelerations
-    torque_limit: TorqueLimit  # bounds of torques
-    changes: int  # changes of attributes of tasks, contacts and limits (`Tunable.version`)
+    weights: Mapping[str, float]  # of tasks
+    activations: Mapping[str, float]  # of contacts
+    motion_limit: JointMotionLimit
+    torque_limit: TorqueLimit
+    changes: int  # number of attribute changes (`Tunable.version`)
     version: int  # number of earlier parameters

@@ -1,4 +1,4 @@
-"""Solution from the minimizer of the quadratic program, with residuals and binding constraints."""
+"""Solution from the minimizer of the quadratic program."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,18 +15,15 @@ from wbc_controller.inverse_dynamics.formulation.layout import Layout
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Residuals
 from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
 
-#: Largest distance of a binding constraint from its bound, relative to the bound (at least 1).
+#: Largest relative distance of a binding constraint from its bound.
 _BINDING = 1.0e-5
-#: Largest bound in this comparison, so that infinite bounds are never binding.
+#: Largest bound in this comparison: infinite bounds are never binding.
 _LARGEST = 1.0e9
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class _LazyDetails:
-    """`records.Details` of an answer, computed on first access, mostly never; they would delay the torques.
-
-    It uses only parts of the layout that later cycles do not change.
-    """
+    """`records.Details` from unchanged parts of the layout, computed on first access to save time in the cycle."""
 
     _forces: Mapping[str, Array] | None = None
 
@@ -45,7 +42,7 @@ class _LazyDetails:
     @property
     def forces(self) -> Mapping[str, Array]:
         """Force of each contact, (k,) in N and N·m."""
-        if self._forces is None:  # in every cycle; `cached_property` would double the time
+        if self._forces is None:  # `cached_property` would double the time
             forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
             forces.setflags(write=False)
             self._forces = MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
@@ -77,7 +74,7 @@ class _LazyDetails:
 
     @cached_property
     def binding(self) -> Mapping[str, float]:
-        """Binding constraints with their multipliers per SI unit of the bound."""
+        """Binding constraints with multipliers per SI unit of the bound."""
         return MappingProxyType(_binding(self._labels, self._residuals, self._answer.multipliers))
 
     @cached_property
@@ -96,10 +93,7 @@ def unpack(
     references: References,
     stages: Mapping[str, float] = _NONE,
 ) -> Solution:
-    """Make the solution of an answer.
-
-    Args:
-        stages: duration of each stage, s.
+    """Make the solution of an answer; `stages` are durations in s.
 
     Raises:
         ValueError: for an answer without residuals.
@@ -124,9 +118,7 @@ def unpack(
 
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
-    """Return binding constraints with their multipliers per SI unit of the bound."""
-    # Quick test for the usual case without binding constraints: the norm of all values bounds each value, and the
-    # magnitude of a bound close to it.
+    # Quick test for the usual case: the norm of all values bounds each value, and a bound close to it.
     value = residuals.value
     if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
         return {}

@@ -1,4 +1,4 @@
-"""Reference board: stores commanded changes, and samples the references at any time."""
+"""Reference board: stores commanded changes, and samples the references."""
 
 from __future__ import annotations
 
@@ -27,31 +27,31 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks.task import Task, rest_of
 from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
 
-#: Shortest motion to the first point of a trajectory that is not on the path of the reference, s.
+#: Shortest motion to a first trajectory point off the reference's path, s.
 _SHORTEST_JOIN = 0.05
-#: Shortest duration of a setpoint; a shorter one is a jump, s.
+#: Shortest duration of a setpoint without a jump, s.
 _SHORTEST_MOVE = 1.0e-3
-#: Largest distance of a point on the path of the reference, m or rad.
+#: Largest deviation of a point on the reference's path, m or rad.
 _LARGEST_DEVIATION = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
 class TaskPlan:
-    """Configured state and timing of a task's references."""
+    """Configured references of a task."""
 
-    task: Task  # the task
-    weight: float  # weight of the enabled task
-    enabled: bool  # True if the task is on at activation
-    setpoint_duration: float  # duration of the motion to a new setpoint, s
+    task: Task
+    weight: float  # of the enabled task
+    enabled: bool  # at activation
+    setpoint_duration: float  # s
 
 
 @dataclass(frozen=True, slots=True)
 class ContactPlan:
-    """Configured state and timing of a contact."""
+    """Configured state of a contact."""
 
-    enabled: bool  # True if the contact is active at activation
+    enabled: bool  # at activation
     ramp: float  # duration of loading or unloading, s
-    anchored: AnchoredContact | None = None  # the contact if it has an anchor, else None
+    anchored: AnchoredContact | None = None  # contact with an anchor
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,12 +60,12 @@ class BoardPlan:
 
     tasks: Mapping[str, TaskPlan]  # by name
     contacts: Mapping[str, ContactPlan]  # by name
-    weight_ramp: float  # duration of ramps of weights, gains and limits, s
-    tuning: Tuning  # gains and limits
+    weight_ramp: float  # for weights, gains and limits, s
+    tuning: Tuning
 
 
 class ReferenceBoard:
-    """Trajectories and ramps of all references; a set of changes is applied completely or not at all."""
+    """Trajectories and ramps of all references; sets of changes are applied completely or not at all."""
 
     #: Saved state.
     STATE_FIELDS = (
@@ -86,15 +86,14 @@ class ReferenceBoard:
         self._contact_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
         self._anchors: Mapping[str, Array] = {}
         self._trajectories: dict[str, Trajectory] = {}
-        # Goals of disabled tasks, for their activation.
+        # Goals of disabled tasks.
         self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
         self._wrenches: dict[str, Array] = {}
-        self._ranges: dict[str, PositionRange] = {}  # by task, computed at first use
+        self._ranges: dict[str, PositionRange] = {}  # computed at first use
         self._discard_samples()
 
     def _discard_samples(self) -> None:
-        """Discard the samples before a change."""
-        # Time from which references are constant: all of them, and those with ramps.
+        # Times from which references are constant: all of them, and those with ramps.
         self._constant_references: tuple[float, References] | None = None
         self._settled_ramps: tuple[float, References] | None = None
 
@@ -116,10 +115,7 @@ class ReferenceBoard:
         self._tuning = TuningRamp.at(self._tuning.after)
 
     def replan(self, plan: BoardPlan, dynamics: Dynamics, time: float | None) -> None:
-        """Replace the plan, with ramps to its new values; the tasks and contacts stay the same.
-
-        Without a time, s, on the clock of the states, new values apply at once.
-        """
+        """Replace the plan for the same tasks and contacts, with ramps; without `time` new values apply at once."""
         self._discard_samples()
         before, contacts_before = self.plans, self.contact_plans
         self.plans, self.contact_plans, self._weight_ramp = plan.tasks, plan.contacts, plan.weight_ramp
@@ -137,15 +133,14 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes.
+        """Apply a set of changes, or none of them.
 
         Args:
-            dynamics: last snapshot: initial references of enabled tasks, anchors of activated contacts, and robot
-                frames of setpoints.
+            dynamics: last snapshot, with the present state and frames of the robot.
             time: s, on the clock of the states.
 
         Raises:
-            InputRefused: as by `check`; no change is applied then.
+            InputRefused: as `check`.
         """
         changes = tuple(changes)
         for change in changes:
@@ -154,10 +149,10 @@ class ReferenceBoard:
             self._apply(change, dynamics, time)
 
     def check(self, change: Change, dynamics: Dynamics, time: float) -> None:
-        """Check a change; arguments as for `apply`.
+        """Check a change; arguments as `apply`.
 
         Raises:
-            InputRefused: if a trajectory has ended, or a setpoint or first point is out of range.
+            InputRefused: for a trajectory in the past, or a setpoint or first point out of range.
         """
         if isinstance(change, SetSetpoint):
             self._range_of(change.task, dynamics).check(self._in_task_frame(change, dynamics, time).position, dynamics)
@@ -180,7 +175,7 @@ class ReferenceBoard:
 
     def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
         if isinstance(change, SetSetpoint | SetTrajectory):
-            self._constant_references = None  # the ramps do not change
+            self._constant_references = None  # ramps do not change
             placed = self._in_task_frame(change, dynamics, time) if isinstance(change, SetSetpoint) else change
             self._follow(placed, time)
             return
@@ -200,13 +195,12 @@ class ReferenceBoard:
             self._wrenches[change.frame] = change.wrench
 
     def _anchor(self, name: str, dynamics: Dynamics) -> None:
-        """Set the anchor of a contact to its present pose; earlier samples keep their anchors."""
+        """Anchor a contact at its present pose; earlier samples keep their anchors."""
         contact = self.contact_plans[name].anchored
         if contact is not None:
             self._anchors = frozen_mapping({**self._anchors, name: anchor_of(contact, dynamics)})
 
     def _in_task_frame(self, change: SetSetpoint, dynamics: Dynamics, time: float) -> SetSetpoint:
-        """Transform a setpoint to the frame of the task's references."""
         if not change.frame:
             return change
         form, goal = self.plans[change.task].task.form, self._goal(change.task, dynamics, time)
@@ -214,7 +208,7 @@ class ReferenceBoard:
         return replace(change, position=position, frame="")
 
     def _goal(self, task: str, dynamics: Dynamics, time: float) -> Array:
-        """Return the target position of a task, or the initial one of a disabled task."""
+        """Return the target position of a task."""
         stored = self._goals.get(task)
         if stored is not None:
             return stored.position if isinstance(stored, SetSetpoint) else stored.points[-1].position
@@ -223,7 +217,7 @@ class ReferenceBoard:
         return self._trajectories[task].knots[-1].position
 
     def _follow(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
-        """Follow a setpoint or trajectory; a disabled task also stores it for its activation."""
+        """Follow a setpoint or trajectory; store it for a disabled task."""
         if isinstance(change, SetTrajectory) and change.start is None:
             change = replace(change, start=time)
         if not self._enabled[change.task]:
@@ -233,7 +227,7 @@ class ReferenceBoard:
         self._trajectories[change.task] = self._joined_trajectory(change, time)
 
     def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
-        """Enable or disable a task; a disabled task starts at the present state and moves to its stored goal."""
+        """Enable or disable a task; an inactive task starts at the present state and moves to its stored goal."""
         if enabled:
             goal = self._goals.pop(task, None)
             if self._is_inactive(task, time):
@@ -244,7 +238,7 @@ class ReferenceBoard:
         self._ramp_weight(task, time)
 
     def _is_inactive(self, task: str, time: float) -> bool:
-        """Return True if a task is disabled with weight 0; its reference is out of date then."""
+        """Return True for a disabled task with weight 0, the reference of which is not updated."""
         return not self._enabled[task] and self._weight_ramps[task].sample(time) <= 0.0
 
     def _ramp_weight(self, task: str, time: float) -> None:
@@ -261,8 +255,8 @@ class ReferenceBoard:
     def _joined_trajectory(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
         """Join the present reference to a setpoint or to the future points of a trajectory.
 
-        Past points are skipped, and points that require a jump: less than `_SHORTEST_JOIN` ahead and off the
-        reference's path. A trajectory sent twice has no effect: a part of a quintic is the quintic between its ends.
+        Points that require a jump are skipped: past ones, and ones off the reference's path less than `_SHORTEST_JOIN`
+        ahead. A trajectory sent twice has no effect.
         """
         if isinstance(goal, SetSetpoint):
             return self._towards(goal.task, goal.position, time, goal.duration)
@@ -275,7 +269,7 @@ class ReferenceBoard:
         return Trajectory([present, *ahead])
 
     def present(self, task: str, time: float) -> Knot:
-        """Return the reference of one task at a time in s."""
+        """Return the reference of a task at a time in s."""
         reference = self._trajectories[task].sample(time)
         return Knot(time, reference.position, reference.velocity, reference.acceleration)
 
@@ -309,14 +303,13 @@ class ReferenceBoard:
 
 
 def _deviates(present: Knot, knot: Knot) -> bool:
-    """Return True if a point is off the linear extrapolation of the reference."""
+    """Return True if a point is off the reference's linear extrapolation."""
     n = min(len(present.position), len(present.velocity))
     there = present.position[:n] + (knot.time - present.time) * present.velocity[:n]
     return bool(np.abs(knot.position[:n] - there).max() > _LARGEST_DEVIATION)
 
 
 def _knots(change: SetTrajectory, time: float) -> list[Knot]:
-    """Return the knots of a trajectory on the clock of the states."""
     start = time if change.start is None else change.start
     return [Knot(start + point.time, point.position, point.velocity, point.acceleration) for point in change.points]
 

@@ -1,4 +1,4 @@
-"""Changes of references by commands, applied by the board between two cycles."""
+"""Changes of references by commands, applied between two cycles."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from wbc_controller.records import Array
 class SetSetpoint:
     """Move a task's reference to a position and hold it.
 
-    `frame` is the frame of the position, by default that of the task's references: one of `relative.own_frames`, or a
-    robot frame at its pose when the setpoint is applied.
+    `frame` is one of `relative.own_frames`, or a robot frame at its present pose; by default the frame of the
+    references.
     """
 
-    task: str  # name of the task
+    task: str
     position: Array  # in the form of the task's references
-    duration: float | None = None  # of the motion, s; None for the task's ``setpoint_duration``
-    frame: str = ""  # empty for the task's own
+    duration: float | None = None  # s; None for the task's ``setpoint_duration``
+    frame: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class SetTrajectory:
-    """Follow points with times from `start`, s on the clock of the states; None means now."""
+    """Follow points at times from `start`, s on the clock of the states; None means now."""
 
     task: str
     start: float | None
@@ -51,8 +51,8 @@ class EnableTask:
 class EnableContact:
     """Activate or deactivate a contact."""
 
-    contact: str  # name of the contact
-    enabled: bool  # True to activate it
+    contact: str
+    enabled: bool
     ramp: float | None = None  # duration of loading or unloading, s; None for the contact's ``ramp``
 
 
@@ -68,8 +68,8 @@ class SetExternalWrench:
 class Walk:
     """Walk at a velocity or stop; for the walker, not for the board."""
 
-    velocity: Array | None  # forward and sideways in the heading, m/s, and turning rate, rad/s, (3,); None to stop
-    streamed: bool = False  # True to stop without another command within ``walking.command_timeout``
+    velocity: Array | None  # forward, sideways (m/s) and turning rate (rad/s) in the heading, (3,); None to stop
+    streamed: bool = False  # stop without another command within ``walking.command_timeout``
 
 
 Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench | Walk

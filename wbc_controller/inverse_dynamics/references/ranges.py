@@ -1,7 +1,6 @@
-"""Ranges of references and external wrenches, from the robot's size, weight and limits.
+"""Plausible ranges of references and external wrenches, from the robot's size, weight and limits.
 
-Values out of range are mistakes, e.g. in units. Values in range may be unreachable; the quadratic program then
-minimizes the distance.
+Values out of range are mistakes, e.g. in units. Values in range may still be unreachable.
 """
 
 from __future__ import annotations
@@ -21,18 +20,18 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import GazeTask, PostureTask, RelativePoseTask, Task, TorqueTask
 from wbc_controller.records import Array, Reference
 
-#: Longest duration of a setpoint or trajectory, and shortest time between two points, s.
+#: Longest duration of a setpoint or trajectory, and shortest time between points, s.
 LONGEST, SHORTEST = 86_400.0, 1.0e-4
-#: Largest distance from the centre of mass, and of a gaze target, in robot sizes; points of a trajectory may be as far
-#: from the first point per second.
+#: Largest distance from the centre of mass, and of a gaze target, in robot sizes; trajectory points may move as far per
+#: second.
 _LARGEST_DISTANCE, _LARGEST_GAZE_DISTANCE = 10.0, 1.0e4
 #: Largest distance beyond a joint limit, and from 0 without limits, rad or m.
 _LARGEST_OVERSHOOT, _LARGEST_UNLIMITED = 2.0 * math.pi, 1.0e3
 #: Largest force, in weights of the robot, and largest torque, in effort limits.
 _LARGEST_EFFORT = 10.0
-#: Time in which a velocity covers the range of positions, and an acceleration reaches this velocity, s.
+#: Shortest time through the range of positions, and to such a velocity, s.
 _SHORTEST_TIME = 0.1
-#: Largest angular velocity, also of joints, rad/s.
+#: Largest angular velocity, rad/s.
 _LARGEST_ANGULAR_VELOCITY = 100.0
 #: Largest value of a quantity without a known unit.
 _LARGEST_UNKNOWN = 1.0e6
@@ -41,11 +40,11 @@ _STANDARD_GRAVITY = 9.81
 
 @dataclass(frozen=True, slots=True)
 class PositionRange:
-    """Range of the position vector of a task's references."""
+    """Range of a task's position vector."""
 
-    task: Task  # the task
-    reach: Array  # largest distance of each component from the middle, (n,)
-    middle: Array | None  # middle of the range, (n,); None for the robot's centre of mass
+    task: Task
+    reach: Array  # of each component from the middle, (n,)
+    middle: Array | None  # (n,); None for the centre of mass
 
     @classmethod
     def of(cls, task: Task, model: RobotModel) -> PositionRange:
@@ -55,22 +54,14 @@ class PositionRange:
         return cls(task, np.broadcast_to(reach, n), None if middle is None else np.broadcast_to(middle, n))
 
     def check(self, position: Array, dynamics: Dynamics) -> None:
-        """Check a position at the present state of the robot.
-
-        Raises:
-            InputRefused: for a value out of range.
-        """
+        """Check a position at the present state; raises `InputRefused`."""
         n = len(self.reach)
         middle = dynamics.com[:n] if self.middle is None else self.middle
         _require_within(position[:n], middle, self.reach, f"{self.task.full_name}: a reference", self.task.unit)
 
 
 def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -> None:
-    """Check external wrenches and trajectory points, independent of the robot's state.
-
-    Raises:
-        InputRefused: for a value out of range.
-    """
+    """Check external wrenches and trajectory points, independent of the state; raises `InputRefused`."""
     if isinstance(change, SetExternalWrench):
         what = f"the external wrench at {change.frame!r}"
         _require_within(change.wrench, np.zeros(6), _largest_wrench(model), what, "N, N·m")
@@ -79,16 +70,11 @@ def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -
 
 
 def check_rates(task: Task, reference: Reference, model: RobotModel) -> None:
-    """Check velocity and acceleration of a reference.
-
-    Raises:
-        InputRefused: for a value out of range.
-    """
+    """Check velocity and acceleration of a reference; raises `InputRefused`."""
     _require_rates(task, model, reference.velocity, reference.acceleration)
 
 
 def _check_points(task: Task, points: Sequence[Knot], model: RobotModel) -> None:
-    """Check times, positions, rates and mean velocities of trajectory points."""
     what, n = f"{task.full_name}: a reference", task.form.vector
     times = np.array([point.time for point in points])
     gaps = np.diff(times)
@@ -118,7 +104,7 @@ def _require_rates(task: Task, model: RobotModel, *rates: Array) -> None:
 
 
 def _middle_and_reach(task: Task, model: RobotModel) -> tuple[Array | float | None, Array | float]:
-    """Return the middle of the range of a task's position vector, None for the centre of mass, and the reach."""
+    """Return the middle of the position range, None for the centre of mass, and the reach."""
     far = _LARGEST_DISTANCE * model.size
     if isinstance(task, PostureTask):
         indices = [model.joints.index(joint) for joint in task.joints]

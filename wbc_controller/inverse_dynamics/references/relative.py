@@ -1,4 +1,4 @@
-"""Setpoints relative to the task's reference, to the robot's heading, or to a frame of the robot."""
+"""Setpoints relative to the task's reference, the robot's heading, or a frame of the robot."""
 
 from __future__ import annotations
 
@@ -13,18 +13,17 @@ from wbc_controller.records import Array
 
 
 def own_frames(task: str) -> tuple[str, str]:
-    """Return the two frames at a task's reference: with the axes of its references, and with x along the heading."""
+    """Return the two frames at a task's reference: with its axes, and with x along the heading."""
     return f"{task}/reference", f"{task}/heading"
 
 
 def in_world(task: str, frame: str, position: Array, goal: Array, form: ReferenceForm, dynamics: Dynamics) -> Array:
-    """Transform a setpoint to the frame of the task's references, mostly the world.
+    """Transform a setpoint to the frame of the task's references.
 
     Args:
         frame: one of `own_frames`, or a robot frame at its present pose.
         position: in the form of the task's references.
-        goal: target of the reference, in the same form: a vector is added to it, an orientation rotates it about its
-            origin.
+        goal: target of the reference: a vector is added to it, an orientation rotates it.
     """
     n = form.vector
     reference, heading = own_frames(task)
@@ -42,7 +41,6 @@ def in_world(task: str, frame: str, position: Array, goal: Array, form: Referenc
 
 
 def _padded_vector(position: Array, n: int) -> Array:
-    """Return the vector of a position with three coordinates, missing ones 0."""
     return np.concatenate([position[:n], np.zeros(3 - n)])
 
 
@@ -51,14 +49,13 @@ def _assembled(vector: Array, rotation: Array, form: ReferenceForm) -> Array:
 
 
 def _rotation(quaternion: Array) -> Array:
-    """Return the rotation matrix of a quaternion, identity for none, (3, 3)."""
     if not len(quaternion):
         return np.eye(3)
     return rotation_of(quaternion)
 
 
 def _heading(dynamics: Dynamics) -> Array:
-    """Return axes with z up and x along the base's heading, (3, 3); world axes for a fixed base."""
+    """Return axes with z up and x along the base's heading, (3, 3)."""
     model = dynamics.model
     if not model.floating_base:
         return np.eye(3)

@@ -1,4 +1,4 @@
-"""Trajectories and ramps of references: quintic interpolation of vectors, orientations and poses."""
+"""Trajectories and ramps of references."""
 
 from __future__ import annotations
 
@@ -21,35 +21,34 @@ class Knot:
     time: float  # s, on the clock of the states
     position: Array  # vector (k,), quaternion (4,), or position and quaternion (7,)
     velocity: Array  # (k,), (3,) or (6,), in world axes
-    acceleration: Array  # same shape as the velocity
+    acceleration: Array  # as the velocity
 
 
 def rest(position: Array, size: int) -> Reference:
-    """Return a read-only reference at rest, with a velocity of the given size."""
+    """Return a read-only reference at rest."""
     still = frozen(np.zeros(size))
     return Reference(frozen(position), still, still)
 
 
 class Trajectory:
-    """Quintics between knots: continuous position, velocity and acceleration; at rest before and after.
+    """Quintics between knots, continuous up to the acceleration; at rest before and after.
 
-    Orientations are interpolated by the rotation vector relative to the start of the segment, a geodesic between knots
-    at rest.
+    Orientations are interpolated by the rotation vector relative to the start of the segment.
     """
 
     def __init__(self, knots: Sequence[Knot]) -> None:
         self.knots = tuple(knots)
         size = len(knots[0].velocity)
-        # A quaternion adds four values to the position and three to the velocity.
+        # A quaternion adds four values to the position, three to the velocity.
         self._linear = len(knots[0].position) - (4 if len(knots[0].position) != size else 0)
         self._times = [knot.time for knot in knots]
-        #: Coefficients by segment, computed at first use, as knots may be thousands.
+        #: Coefficients of segments, computed at first use.
         self._segments: dict[int, Array] = {}
-        # Constant objects, so that tasks can cache results.
+        # The same objects, so that tasks can cache results.
         self._before, self._after = (rest(knots[i].position, size) for i in (0, -1))
 
     def _chart(self, a: Knot, b: Knot) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Return the ends of a segment, with orientations as rotation vectors relative to its start."""
+        """Return the ends of a segment, with orientations as rotation vectors from its start."""
         n = self._linear
         if n == len(a.position):
             return a.position, a.velocity, a.acceleration, b.position, b.velocity, b.acceleration
@@ -106,13 +105,13 @@ def _with_orientation(start: Array, n: int, x: Array, x_dot: Array, x_ddot: Arra
 
 
 def _jacobian_dot(turn: Array, rate: Array) -> Array:
-    """Return d/dt Jexp3, (3, 3), by central differences along the rate."""
+    """Return d/dt Jexp3, (3, 3), by central differences."""
     step = 1.0e-5
     return np.asarray((pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step))
 
 
 def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], duration: float) -> Array:
-    """Return the coefficients of the quintic with given ends, (6, k) by increasing power."""
+    """Return the coefficients, (6, k) by increasing power, of the quintic between given ends."""
     x0, v0, a0, x1, v1, a1 = ends
     T = duration
     d = x1 - x0 - v0 * T - 0.5 * a0 * T**2
@@ -149,11 +148,7 @@ class Ramp:
 
 
 class SoftRamp(Ramp):
-    """Ramp of a non-negative number with a linear cube root.
-
-    A linear ramp would jump at its end: a weight of 5 that decreases by 0.02 per cycle outweighs a weight of 0.002
-    until the last cycle.
-    """
+    """Ramp of a non-negative number with a linear cube root, without a jump in relative size at its end."""
 
     __slots__ = ()
 

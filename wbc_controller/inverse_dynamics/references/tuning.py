@@ -14,14 +14,14 @@ _SCALARS = ("position_margin", "position_horizon", "velocity_scale", "accelerati
 
 @dataclass(frozen=True, slots=True)
 class TuningRamp:
-    """Linear ramp between two tunings, with the same share for every number.
+    """Linear ramp between two tunings.
 
-    Between critically damped tunings, the damping is at most 6 % below critical for a stiffness ratio of 4.
+    Between critically damped tunings, damping is at most 6 % below critical for a stiffness ratio of 4.
     """
 
-    share: Ramp  # ramp of the share of `after`, from 0 to 1
-    before: Tuning  # tuning until the start
-    after: Tuning  # tuning from the end on
+    share: Ramp  # share of `after`
+    before: Tuning  # until the start
+    after: Tuning  # from the end on
 
     @classmethod
     def at(cls, tuning: Tuning) -> TuningRamp:
@@ -29,7 +29,7 @@ class TuningRamp:
         return cls(Ramp(0.0, 0.0, 1.0, 1.0), tuning, tuning)
 
     def sample(self, time: float) -> Tuning:
-        """Return the tuning at a time in s; the same object while nothing changes."""
+        """Return the tuning at a time in s; the same object without changes."""
         share = self.share.sample(time)
         return self.after if share >= 1.0 else _between(self.before, self.after, share)
 

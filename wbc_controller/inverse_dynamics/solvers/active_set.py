@@ -1,4 +1,4 @@
-"""Warm start with the active set of the previous problem: the solution takes one linear solve."""
+"""Warm start with the active set of the previous problem: one linear solve."""
 
 from __future__ import annotations
 
@@ -14,31 +14,25 @@ from wbc_controller.inverse_dynamics.formulation.problem_kernels import LeastSqu
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
 from wbc_controller.records import Array
 
-#: Largest number of cost rows per unknown for which the condensed system is faster.
+#: Largest number of cost rows per unknown for the condensed system.
 _MOST_ROWS = 1.25
 
 
 class LevelWorkspace:
-    """Arrays shared by the levels of one problem, for `solve_condensed`; a single level is a hierarchy of one.
+    """Arrays shared by the levels of one problem, for `solve_condensed`.
 
     Attributes:
         rows: N and s of x_base = s - N z, equality constraints in terms of z, and kept rows of the levels above, (m_eq
             + kept, n + 1 - base).
         above: number of these rows without N; 0 before the first level.
         multipliers: of the bounds of [x; C x], from the first level in which each is active.
-        residuals: at the solution of the last level.
+        residuals: of the last level.
     """
 
     __slots__ = ("above", "multipliers", "residuals", "rows")
 
     def __init__(self, problem: QuadraticProgram, base: int, kept: int = 0) -> None:
-        """Allocate the arrays.
-
-        Args:
-            problem: the problem.
-            base: number of base accelerations.
-            kept: number of rows that all levels together keep.
-        """
+        """Allocate arrays for `base` accelerations, and `kept` rows of all levels."""
         self.rows = np.empty((len(problem.b) + kept, problem.n + 1 - base))
         self.above = 0
         self.multipliers = np.empty(problem.bounds.shape[1])
@@ -48,8 +42,7 @@ class LevelWorkspace:
 class ActiveSet:
     """Solution of a quadratic program with the active set of the previous problem.
 
-    The active set rarely changes between cycles. If it is known, the solution follows from a linear system, with the
-    active rows W of [I; C] and their bounds w:
+    With the active rows W of [I; C] and their bounds w, the solution follows from a linear system:
 
         | H  Aᵀ  Wᵀ | | x |   | -g |
         | A  0   0  | | y | = |  b |
@@ -67,23 +60,22 @@ class ActiveSet:
 
            z = t + D⁻¹ Bᵀp,    (B D⁻¹ Bᵀ + E) p = β - B t
 
-    3. Factorize K = B D⁻¹ Bᵀ + E = UᵀU, positive definite, with about half as many rows as the full system.
-    4. Solve for p and z, with up to two steps of iterative refinement for very different weights.
+    3. Factorize K = B D⁻¹ Bᵀ + E = UᵀU.
+    4. Solve for p and z, with up to two steps of iterative refinement.
     5. Check the constraints and the signs of λ.
 
     For a level of strict priority (`hierarchy`), B also has the kept rows of the levels above.
     """
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
-        """Start with an empty active set."""
         self._n, self._m = n, equalities
-        #: The active set, and the proposal of `solve_condensed` after a wrong one.
+        #: The active set, and the next one proposed by `solve_condensed`.
         self._sides = np.zeros((2, n + inequalities), dtype=np.int8)
-        self.side = self._sides[0]  # 1 for an active upper bound of [x; C x], -1 for an active lower bound, else 0
-        self._count = 0  # number of active bounds
+        self.side = self._sides[0]  # of [x; C x]: 1 at an active upper bound, -1 at a lower one, else 0
+        self._count = 0  # of active bounds
 
     def adopt_multipliers(self, multipliers: Array) -> None:
-        """Adopt the active set of a solution by its multipliers, (n + m_in,) as in `Answer`."""
+        """Adopt the active set of multipliers, (n + m_in,)."""
         self._set_sides((multipliers > 0.0).astype(np.int8) - (multipliers < 0.0))
 
     def memory(self) -> dict[str, Any]:
@@ -91,7 +83,7 @@ class ActiveSet:
         return {"side": self.side.copy()}
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the result of `memory`; ignore one of another size."""
+        """Restore the result of `memory`, if of the same size."""
         side = np.array(memory["side"], dtype=np.int8)
         if side.shape == self.side.shape:
             self._set_sides(side)
@@ -101,7 +93,7 @@ class ActiveSet:
         self._count = int(np.count_nonzero(side))
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
-        """Solve with the stored active set; None if it is wrong for this problem."""
+        """Solve with the stored active set; None if it is wrong."""
         if self._m + self._count > self._n:
             return None
         squares = problem.cost.squares
@@ -120,19 +112,18 @@ class ActiveSet:
     ) -> tuple[int, int, float]:
         """Solve the condensed system with the cost of a level.
 
-        A wrong active set is replaced by the violated constraints and the multipliers of right sign: primal-dual active
-        set method (Hintermüller, Ito, Kunisch, "The primal-dual active set strategy as a semismooth Newton method",
-        SIAM J. Optim. 13, 2002), which usually ends at once.
+        A wrong active set is replaced by the violated constraints and the multipliers of right sign (Hintermüller, Ito,
+        Kunisch, "The primal-dual active set strategy as a semismooth Newton method", SIAM J. Optim. 13, 2002).
 
         Args:
             problem: the problem.
-            squares: cost under the constraints of the problem.
+            squares: cost of the level.
             memory: kept rows of the levels above; receives the solution.
-            kept: number of rows of the cost that lower levels must keep.
-            tries: largest number of active sets.
+            kept: number of cost rows that lower levels must keep.
+            tries: most active sets.
 
         Returns:
-            Outcome (`active_set_kernels`) and number of the last try, and the sum of squares.
+            Outcome and number of the last try, and the sum of squares.
         """
         found, number = memory.residuals, 0
         while True:
@@ -161,7 +152,7 @@ class ActiveSet:
             K[m:, :n] = problem.rows(active)
             right[m:] = problem.bounds[(self.side[active] > 0).astype(np.intp), active]
         K[:n, n:] = K[n:, :n].T
-        _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # K is symmetric: its transpose saves a copy
+        _, _, answer, info = dgesv(K.T, right, overwrite_a=True)  # the transpose of the symmetric K saves a copy
         if info != 0 or not answer.dot(answer) <= kernel.LARGEST**2:
             return None
         residuals = problem.residuals(answer[:n])
@@ -169,6 +160,6 @@ class ActiveSet:
             return None
         multipliers = np.zeros(len(self.side))
         multipliers[active] = answer[m:]
-        # xᵀHx = -gᵀx - bᵀy - wᵀλ by the stationarity condition; right is [-g; b; w].
+        # xᵀHx = -gᵀx - bᵀy - wᵀλ by stationarity; right is [-g; b; w].
         cost = problem.cost.constant - 0.5 * float(right @ answer)
         return Answer(answer[:n], "optimal", 1, multipliers, residuals, cost)

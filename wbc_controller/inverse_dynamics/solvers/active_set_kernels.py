@@ -1,7 +1,4 @@
-"""Kernel for the condensed quadratic program of a known active set: eliminate, assemble, factorize, solve, check.
-
-`solvers.active_set` derives the equations.
-"""
+"""Kernel for the condensed quadratic program of a known active set (`solvers.active_set`)."""
 
 from __future__ import annotations
 
@@ -15,29 +12,19 @@ from wbc_controller.records import Array
 
 #: Outcomes of `solve_condensed`.
 NOT_FOUND, SOLVED, NOTHING_FREE, WRONG_SET = 0, 1, 2, 3
-#: Largest violation of a constraint, in the problem's units, as for DAQP.
+#: Largest violation of a constraint, as for DAQP.
 FEASIBLE = 1.0e-8
-#: Largest residual of the condensed system without refinement.
+#: Largest residual without refinement.
 PRECISE = 1.0e-11
-#: Largest norm of a solution; a nearly singular system exceeds it, 1e3 is usual.
+#: Largest norm of a solution without near singularity; usually 1e3.
 LARGEST = 1.0e8
-#: Share of its square below which a row depends on the rows above, in the metric of the cost.
+#: Relative square below which a row depends on the rows above.
 DEPENDENT = 1.0e-12
 
 
 @part
 def eliminate_base(rows: Array, base_map: Array) -> bool:
-    """Compute [N, s] = H⁻¹ [T, b] of x_base = s - N z from equality constraints H x_base + T z = b.
-
-    Gauss-Jordan elimination with row pivoting.
-
-    Args:
-        rows: [H, T, b], (k, n + 1).
-        base_map: out: [N, s], (k, n + 1 - k).
-
-    Returns:
-        False if H is singular.
-    """
+    """Compute [N, s] = H⁻¹ [T, b] of x_base = s - N z from [H, T, b] by Gauss-Jordan; return False for singular H."""
     count, matrix = len(rows), rows.copy()
     for column in range(count):
         pivot = column
@@ -65,7 +52,7 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
 
 @part
 def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
-    """Write rows [H, T] of x in terms of z: T - H N; right-hand sides are in the last column."""
+    """Write rows [H, T] of x in terms of z, T - H N, with right-hand sides in the last column."""
     base = len(base_map)
     if base == 6:  # floating base, in one pass
         n0, n1, n2, n3, n4, n5 = base_map[0], base_map[1], base_map[2], base_map[3], base_map[4], base_map[5]
@@ -86,16 +73,7 @@ def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
 
 @part
 def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: int, base_map: Array, out: Array) -> None:
-    """Write an active bound of [x; C x] in terms of z.
-
-    Args:
-        place: index in [x; C x].
-        sign: 1 for the upper bound, -1 for the lower one.
-        constraints: the constraints.
-        equalities: number of equality constraints.
-        base_map: [N, s].
-        out: row and right-hand side, (n + 1 - base,).
-    """
+    """Write an active bound of entry `place` of [x; C x] in terms of z; `sign` is 1 for the upper bound, else -1."""
     base, n = len(base_map), constraints.rows.shape[1] - 1
     if place >= n:
         row = equalities + place - n
@@ -110,7 +88,7 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
 
 @part
 def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> Array:
-    """Compute K = B D⁻¹ Bᵀ + E with E = 1 / w in the cost rows from `first_soft` on; `inverse` is diag(D⁻¹)."""
+    """Compute K = B D⁻¹ Bᵀ + E, with E = 1 / w in the cost rows from `first_soft` on."""
     scaled = np.empty(B.shape)
     for i in range(len(B)):
         for j in range(B.shape[1]):
@@ -123,17 +101,9 @@ def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> 
 
 @part
 def factorize(K: Array, hard: int, inverse: Array) -> bool:
-    """Replace K by its Cholesky factor U, K = UᵀU, in the upper triangle.
+    """Replace K by U of K = UᵀU (Cholesky), in the upper triangle; return False if K is not positive definite.
 
-    If one of the first `hard` rows depends on the rows above it, its unknown becomes 0.
-
-    Args:
-        K: symmetric, (m, m).
-        hard: number of rows that may depend on others.
-        inverse: out: 1 / Uᵢᵢ, or 0 for a dependent row, (m,).
-
-    Returns:
-        False if K is not positive definite.
+    If one of the first `hard` rows depends on the rows above, its unknown becomes 0. `inverse` receives 1 / Uᵢᵢ, or 0.
     """
     m = len(K)
     for i in range(m):
@@ -177,7 +147,7 @@ def solve_factorized(U: Array, inverse: Array, p: Array) -> None:
 
 @part
 def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> Array:
-    """Compute the residual β - B z - E p, (m,), with [B, β] (m, n + 1) and [z, -1] (n + 1,)."""
+    """Compute the residual β - B z - E p, (m,), from [B, β] and [z, -1]."""
     out: Array = np.dot(B, z)
     for i in range(len(out)):
         out[i] = -out[i] if i < first_soft else -out[i] - p[i] / weights[i - first_soft]
@@ -186,7 +156,7 @@ def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> A
 
 @part
 def largest_of(values: Array) -> float:
-    """Return the largest magnitude; NaN for NaN, 0 for no values."""
+    """Return the largest magnitude, or NaN; 0 without values."""
     largest = 0.0
     for value in values:
         if abs(value) > largest or value != value:
@@ -196,10 +166,7 @@ def largest_of(values: Array) -> float:
 
 @part
 def next_set(sides: np.ndarray, active: np.ndarray, p: Array, room: Array) -> None:
-    """Write the next active set to row 1 of `sides`: violated bounds, and active ones with a multiplier of right sign.
-
-    `p` are the negative multipliers of the active bounds; `room` as in `residuals`.
-    """
+    """Write the next active set to row 1 of `sides`: violated bounds, and active ones with -p of right sign."""
     for i in range(room.shape[1]):
         sides[1, i] = -1 if room[0, i] < -FEASIBLE else 1 if room[1, i] < -FEASIBLE else 0
     for i in range(len(active)):
@@ -226,19 +193,15 @@ def solve_condensed(
 
         z = t + D⁻¹ Bᵀp,    (B D⁻¹ Bᵀ + E) p = β - B t.
 
-    The last column of B is β, and the last entry of z is -1. Dependent rows of B are ignored; their residuals are
-    checked.
-
-    For strict priorities there is one call per level, with the same `memory` and results.
+    The last column of B is β, and the last entry of z is -1. Dependent rows of B are ignored, but their residuals
+    checked. Strict priorities use one call per level with the same `memory` and results.
 
     Args:
-        cost: of the level, with the constraints of the problem.
-        sides: active set of [x; C x]: 1 at the upper bound, -1 at the lower one, else 0; row 1 receives the next set to
-            try, (2, n + m_in).
-        memory: [N, s] and equality constraints in terms of z, filled by the first level; kept rows of the levels above,
-            and space for those of this level, (≥ base + above + kept, n + 1 - base).
+        cost: of the level, with the constraints.
+        sides: active set of [x; C x] as in `ActiveSet.side`; row 1 receives the next set to try, (2, n + m_in).
+        memory: as `LevelWorkspace.rows`.
         above: number of rows in `memory` after [N, s]; 0 for the first level.
-        kept: number of leading cost rows that are added to `memory` with their values.
+        kept: number of leading cost rows appended to `memory`.
         value: out: [x; C x], (n + m_in,).
         multipliers: out: of active bounds not set by a higher level, (n + m_in,).
         room: out: distances of [x; C x] from lower and upper bounds, (2, n + m_in).
@@ -246,8 +209,8 @@ def solve_condensed(
         outputs: out: C x + r of the first rows, (k,).
 
     Returns:
-        `SOLVED`, `WRONG_SET`, `NOTHING_FREE` if the levels above determine x (without results), or `NOT_FOUND`; then
-        the cost, the smallest room, and the largest |A x - b|.
+        `SOLVED`, `WRONG_SET`, `NOTHING_FREE` if the levels above determine x, or `NOT_FOUND`; the cost, the smallest
+        room, and the largest |A x - b|.
     """
     constraints = cost.constraints
     rows, weights, base, end = constraints.rows, cost.weights, cost.base, len(equalities)
@@ -286,7 +249,7 @@ def solve_condensed(
         return NOT_FOUND, 0.0, 0.0, 0.0
     if above and np.count_nonzero(pivots[:top]) >= last:
         return NOTHING_FREE, 0.0, 0.0, 0.0
-    # Solve, with up to two steps of iterative refinement, as D⁻¹ magnifies rounding errors of z.
+    # Solve, with iterative refinement, as D⁻¹ magnifies rounding errors of z.
     p = np.zeros(len(B))
     left = beta = residual(B, z, p, hard, weights)
     for _ in range(3):
@@ -303,7 +266,7 @@ def solve_condensed(
         if largest_of(left) <= PRECISE:
             break
     # Check.
-    lost = largest_of(left[own:top])  # of the kept rows of higher levels
+    lost = largest_of(left[own:top])  # of the kept rows
     for i in range(base):
         value[i] = -dot(base_map[i], z)
     for j in range(last):

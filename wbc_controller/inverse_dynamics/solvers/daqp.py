@@ -18,20 +18,19 @@ _EQUALITY = 5
 _SOFT = 8
 _OPTIMAL = 1
 _INFINITY = 1.0e30
-#: Searches that end take at most 1000 iterations; others cycle.
+#: Searches end within 1000 iterations, or cycle.
 _SETTINGS: Mapping[str, float] = {"primal_tol": 1.0e-8, "eps_prox": 0.0, "iter_limit": 1500}
-#: Settings after a failure. DAQP reports infeasibility if a constraint is independent of the active ones by less than
-#: `sing_tol`; the default 4e-11 is too large for ill-conditioned H. Below `pivot_tol` it refines the solution.
+#: Settings after a failure: the default `sing_tol` of 4e-11 causes false infeasibility for ill-conditioned H.
 #: Elimination of the equalities is faster, but fails on some problems.
 _CAREFUL_SETTINGS: tuple[Mapping[str, float], ...] = (
     {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2, "eq_reduction": 1},
     {**_SETTINGS, "iter_limit": 600, "sing_tol": 1.0e-13, "pivot_tol": 1.0e-2},
 )
-#: Last attempt: proximal-point iterations with H + eps_prox 1, for rare problems of lower levels.
+#: Last attempt: proximal-point iterations, for rare problems of lower levels.
 _PROXIMAL_SETTINGS: Mapping[str, float] = {**_SETTINGS, "iter_limit": 600, "eps_prox": 0.1}
-#: Divisor of the weights of soft constraints without tasks, for convergence of DAQP.
+#: Divisor of the weights of soft constraints without tasks, for convergence.
 _WEIGHT_DIVISOR = 100.0
-#: Status of an infeasible problem, different from other failures.
+#: Status of an infeasible problem.
 INFEASIBLE = "infeasible"
 _STATUS = {
     1: "optimal",
@@ -47,10 +46,9 @@ _STATUS = {
 
 
 class DaqpSolver(Solver):
-    """DAQP, called if the active set of the previous problem is wrong for this one.
+    """DAQP, called if the active set of the previous problem is wrong.
 
-    It starts from that active set, its only memory, so that a recorded cycle can be reproduced exactly. A persistent
-    workspace would not be faster, as all matrices change in every cycle.
+    It starts from that active set and has no other memory, so that recorded cycles can be reproduced exactly.
 
     Source: Arnström, Bemporad, Axehill, "A dual active-set solver for embedded quadratic programming using recursive
     LDLᵀ updates" (IEEE Transactions on Automatic Control, 2022).
@@ -60,7 +58,7 @@ class DaqpSolver(Solver):
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         rows = equalities + inequalities
-        self._inequalities = n + inequalities  # with the bounds of x first
+        self._inequalities = n + inequalities  # bounds of x first
         self._rows = np.zeros((rows, n))
         self._upper = np.zeros(n + rows)
         self._lower = np.zeros(n + rows)
@@ -69,7 +67,7 @@ class DaqpSolver(Solver):
         self.active_set: ActiveSet = ActiveSet(n, equalities, inequalities)
 
     def memory(self) -> dict[str, Any] | None:
-        """Return the active set of the last problem."""
+        """Return the active set."""
         return self.active_set.memory()
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -97,12 +95,11 @@ class DaqpSolver(Solver):
 def solve_carefully(problem: QuadraticProgram, soft: SoftConstraints | None = None) -> Answer:
     """Solve a problem on which DAQP may fail, without warm start.
 
-    The feasible point nearest to 0 decides about feasibility, independent of H. The search for the minimizer starts
-    from its active set, and after a failure from none.
+    The feasible point nearest to 0 decides about feasibility, independent of H; its active set starts the search.
 
     Returns:
-        The minimizer; a soft constraint's multiplier is added to that of its place. Without x if there is none, with
-        the status `INFEASIBLE` if the constraints conflict.
+        The minimizer, with the multipliers of soft constraints added to those of their places; without x after a
+        failure, with the status `INFEASIBLE` if constraints conflict.
     """
     n, m = problem.n, problem.bounds.shape[1]
     end = m + len(problem.b)
@@ -132,7 +129,7 @@ def solve_carefully(problem: QuadraticProgram, soft: SoftConstraints | None = No
         for first, settings in zip((begin, sense, sense), (*_CAREFUL_SETTINGS, _PROXIMAL_SETTINGS), strict=True)
     ]
     if soft is not None:
-        # One attempt: late torques are worse than a cycle without tasks and with small violations.
+        # One attempt: late torques are worse than a cycle without tasks.
         attempts = [attempts[0], (np.eye(n), np.zeros(n), begin, _CAREFUL_SETTINGS[0], _WEIGHT_DIVISOR)]
     for H, g, first, settings, lighter in attempts:
         model, flag = _set_up(H, g, (rows, upper, lower, first), settings)
@@ -154,7 +151,6 @@ _Constraints = tuple[Array, Array, Array, np.ndarray]
 
 
 def _set_up(H: Array, g: Array, constraints: _Constraints, settings: Mapping[str, float]) -> tuple[daqp.Model, int]:
-    """Return a new model of ½ xᵀHx + gᵀx under constraints, and its exit flag."""
     model = daqp.Model()
     model.settings = settings
     flag, _ = model.setup(H, g, *constraints)
@@ -162,7 +158,7 @@ def _set_up(H: Array, g: Array, constraints: _Constraints, settings: Mapping[str
 
 
 def _run(model: daqp.Model, flag: int) -> tuple[Array, int, int, Array]:
-    """Return minimizer, exit flag, iterations and multipliers; `flag` is that of the set-up."""
+    """Return minimizer, exit flag, iterations and multipliers."""
     if flag < 0:
         return np.zeros(0), flag, 0, np.zeros(0)
     x, _, flag, info = model.solve()
@@ -170,7 +166,7 @@ def _run(model: daqp.Model, flag: int) -> tuple[Array, int, int, Array]:
 
 
 def _checked_answer(problem: QuadraticProgram, x: Array, flag: int, iterations: int, multipliers: Array) -> Answer:
-    """Return the answer of a run; without x if it violates a constraint."""
+    """Return the answer of a run, without x for a violated constraint."""
     if flag < _OPTIMAL:
         return Answer(None, _STATUS.get(flag, f"exit flag {flag}"), iterations)
     residuals: Residuals = problem.residuals(x)

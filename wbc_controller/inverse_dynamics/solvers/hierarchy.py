@@ -15,15 +15,15 @@ from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelW
 from wbc_controller.inverse_dynamics.solvers.least_distance import solve_by_least_distance
 from wbc_controller.records import Array, LevelReport
 
-#: Relative size below which rows are linearly dependent.
+#: Relative size of dependent rows.
 _RANK = 1.0e-9
-#: Clearance of a level at a binding constraint, in the problem's units, so that z = 0 is feasible below.
+#: Clearance at binding constraints, in the problem's units, so that z = 0 is feasible below.
 _CLEARANCE = 1.0e-7
-#: Largest violation of the equalities by their least-squares solution, in the problem's units.
+#: Largest violation of the equalities by their least-squares solution.
 _CONSISTENT = 1.0e-6
-#: Largest number of active sets tried per level; more rarely succeed.
+#: Most active sets tried per level.
 _TRIES = 4
-#: Largest number of problems without warm attempt after repeated failures.
+#: Most problems without warm attempt after failures.
 _MOST_SKIPS = 15
 
 
@@ -31,22 +31,20 @@ class Hierarchy:
     """Strict priorities: levels solved in sequence, so that no level worsens one above it.
 
     After Kanoun, Lamiraux, Wieber, "Kinematic control of redundant manipulators: generalizing the task-priority
-    framework to inequality tasks" (T-RO 27, 2011), with null spaces instead of equality constraints, as in Escande,
-    Mansard and Wieber, "Hierarchical quadratic programming" (IJRR 33, 2014). With a basis N of the null space of the
-    equality constraints A x = b and of the levels above, level k minimizes over z and s
+    framework to inequality tasks" (T-RO 27, 2011), with null spaces as in Escande, Mansard and Wieber, "Hierarchical
+    quadratic programming" (IJRR 33, 2014). With a basis N of the null space of A x = b and of the levels above, level k
+    minimizes over z and s
 
         ½ xᵀHx + gᵀx + ½ ‖s‖²,    x = x_above + N z,    lower ≤ G x + s ≤ upper
 
-    subject to the inequality constraints of the problem. Then N is reduced to the null space of its rows, and its rows
-    with a tolerance become inequality constraints, widened by the slack s.
+    subject to the inequality constraints. Then its rows reduce N, and its rows with a tolerance become inequality
+    constraints, widened by the slack s.
 
-    First, all levels are tried with their active sets of the last problem, as in `ActiveSet`, without null space and
-    search: kept rows of the levels above are equality constraints. This requires costs that are squares: no tolerances,
-    no effort tasks.
+    Without tolerances and effort tasks, the active sets of the last problem are tried first, as in `ActiveSet`, with
+    the kept rows of the levels above as equality constraints.
     """
 
     def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
-        """Make a hierarchy; `make_solver` makes a solver for problems of the same size."""
         self._make_solver = make_solver
         self._timer = timer
         self._solvers: dict[tuple[int, int, int], Solver] = {}
@@ -54,10 +52,7 @@ class Hierarchy:
         self._misses, self._skips_left = 0, 0
 
     def memory(self) -> dict[str, Any] | None:
-        """Return the state for `recall`: active sets, counters, and the state of the solver of each level.
-
-        None if a solver hides its warm start (`Solver.memory`).
-        """
+        """Return active sets, counters and solver states for `recall`; None if a solver hides its warm start."""
         solvers = [(size, solver.memory()) for size, solver in self._solvers.items()]
         if any(remembered is None for _, remembered in solvers):
             return None
@@ -79,15 +74,12 @@ class Hierarchy:
         self._misses, self._skips_left = memory["misses"], memory["rest"]
 
     def solve(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
-        """Solve all levels.
-
-        Args:
-            problem: source of the constraints of all levels.
+        """Solve all levels under the constraints of a problem.
 
         Returns:
             The solution, with multipliers from the first level in which a constraint binds. x is None if the first
-            level has no solution. A failed lower level keeps the solution of the levels above (z = 0 with the least
-            slack), and `relaxed` names it.
+            level fails. A failed lower level keeps the solution of the levels above, with the least slack; `relaxed`
+            names it.
         """
         answer = self._solve_warm(problem, levels)
         if answer is not None:
@@ -97,7 +89,7 @@ class Hierarchy:
         return self._search(problem, levels)
 
     def _solve_warm(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer | None:
-        """Solve with the active sets of the last problem; None after a failure, or if not tried."""
+        """Solve with the active sets of the last problem; None after a failure, or while skipped."""
         if self._skips_left:
             self._skips_left -= 1
             return None
@@ -170,7 +162,7 @@ class Hierarchy:
                 found, answer.multipliers = _least_slack(reduced, free.shape[1]), np.zeros(reduced.bounds.shape[1])
             z, slack = np.split(found, [free.shape[1]])
             x = x + free @ z
-            # The reduced problem has no bounds of variables; its first rows are the bounds and rows of the problem.
+            # The first rows of the reduced problem are the bounds and rows of the problem.
             costs = answer.multipliers[len(reduced.g) :][: len(multipliers)]
             self._active_sets[index].adopt_multipliers(costs)
             multipliers = np.where(multipliers == 0.0, costs, multipliers)
@@ -188,7 +180,7 @@ class Hierarchy:
 
 
 def _least_slack(reduced: QuadraticProgram, nz: int) -> Array:
-    """Return [z, s] with z = 0, feasible in all lower levels, and the least s, (n,)."""
+    """Return [z, s] with z = 0 and the least s, (n,), feasible in all lower levels."""
     ns = reduced.n - nz
     bands = slice(len(reduced.upper) - ns, None)
     return np.concatenate([np.zeros(nz), np.clip(np.zeros(ns), reduced.lower[bands], reduced.upper[bands])])
@@ -211,7 +203,7 @@ def _reduced_problem(
         np.minimum(reduced.lower[:m], -_CLEARANCE, out=reduced.lower[:m])
         np.maximum(reduced.upper[:m], _CLEARANCE, out=reduced.upper[:m])
         decided = np.linalg.norm(reduced.C[:m], axis=1) <= _RANK * np.maximum(1.0, np.linalg.norm(rows, axis=1))
-        reduced.lower[:m][decided], reduced.upper[:m][decided] = -np.inf, np.inf  # z does not affect these rows
+        reduced.lower[:m][decided], reduced.upper[:m][decided] = -np.inf, np.inf  # independent of z
     value = level.G @ x
     reduced.C[m:, :nz] = level.G @ free
     reduced.C[m:, nz:] = np.eye(ns)
@@ -220,7 +212,7 @@ def _reduced_problem(
 
 
 def _solution_and_null_space(A: Array, b: Array) -> tuple[Array, Array]:
-    """Return the smallest x with A x = b, from independent rows, and a basis of the null space of A."""
+    """Return the smallest x with A x = b, and a basis of the null space of A."""
     Q, R, order, rank = _pivoted_qr(A)
     # A[order] = (Q R)ᵀ: with x = Q[:, :rank] y, the first `rank` rows are R₁ᵀ y = b.
     y = np.linalg.solve(R[:rank, :rank].T, b[order[:rank]]) if rank else np.zeros(0)
@@ -228,13 +220,12 @@ def _solution_and_null_space(A: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _null_space(A: Array) -> Array:
-    """Return an orthonormal basis of the null space of A, (n, n - rank)."""
     Q, _, _, rank = _pivoted_qr(A)
     return Q[:, rank:]
 
 
 def _pivoted_qr(A: Array) -> tuple[Array, Array, np.ndarray, int]:
-    """Return the QR decomposition of Aᵀ with column pivoting, and the rank of A."""
+    """Return the QR decomposition of Aᵀ with column pivoting, and the rank."""
     if not A.size:
         return np.eye(A.shape[1]), np.zeros((A.shape[1], 0)), np.zeros(0, dtype=np.intp), 0
     Q, R, order = qr(A.T, pivoting=True)

@@ -8,19 +8,18 @@ from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
 from wbc_controller.records import Array
 
-#: Norm below which a row does not depend on x.
+#: Norm of a row that is independent of x.
 _NO_ROW = 1.0e-12
-#: Smallest -rₙ₊₁ = 1 / (1 + ‖y‖²) of a feasible problem, with normalized y; 0 if infeasible.
+#: Smallest -rₙ₊₁ = 1 / (1 + ‖y‖²) of a feasible problem, with normalized y.
 _FEASIBLE = 1.0e-9
 
 
 def solve_by_least_distance(problem: QuadraticProgram) -> Answer:
-    """Solve a problem without equalities and bounds of x, even with a thin feasible set.
+    """Solve a problem without equalities and bounds of x, possibly with a thin feasible set.
 
     With H = L Lᵀ and y = Lᵀx + L⁻¹g, minimize ‖y‖² subject to G y ≥ h. From min ‖E u - e‖ over u ≥ 0, with E = [Gᵀ;
     hᵀ], e = [0; 1] and r = E u - e, follow y = -r₁…ₙ / rₙ₊₁ and the multipliers -u / rₙ₊₁ (Lawson, Hanson, "Solving
-    least squares problems", 1974, chapter 23). This does not fail if many constraints meet in a point, e.g. the apex of
-    a friction pyramid, but is slower than DAQP.
+    least squares problems", 1974, chapter 23). Robust if many constraints meet in a point, but slower than DAQP.
     """
     upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
     try:
@@ -30,7 +29,7 @@ def solve_by_least_distance(problem: QuadraticProgram) -> Answer:
         h = np.concatenate([-problem.upper[upper], problem.lower[lower]]) + G @ origin
         sizes = np.linalg.norm(G, axis=1)
         rows = sizes > _NO_ROW
-        # Unit of y with ‖y‖ ≈ 1: its size without constraints, or the distance of the farthest constraint from 0.
+        # Unit of y for ‖y‖ ≈ 1: its size without constraints, or the distance of the farthest constraint.
         unit = max(float(np.linalg.norm(origin)), float((h[rows] / sizes[rows]).max(initial=0.0)), _NO_ROW)
         E = np.vstack([G[rows].T, h[rows] / unit]) / sizes[rows]
         u, _ = nnls(E, np.append(np.zeros(problem.n), 1.0))

@@ -19,7 +19,7 @@ class OsqpSolver(Solver):
     """
 
     tolerance = 1.0e-3
-    for_levels = False  # too many iterations for a fifth of random problems
+    for_levels = False  # too many iterations for random problems
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         rows = equalities + inequalities
@@ -31,12 +31,12 @@ class OsqpSolver(Solver):
         self._upper_triangle = np.triu_indices(n)
         self._solver: osqp.OSQP | None = None
         n_range = np.arange(n)
-        # CSC order of the upper triangle: by column, then row.
+        # CSC order: by column, then row.
         order = np.lexsort((self._upper_triangle[0], self._upper_triangle[1]))
         self._h_rows = self._upper_triangle[0][order]
         self._h_columns = self._upper_triangle[1][order]
         self._h_starts = np.concatenate([[0], np.cumsum(n_range + 1)])
-        # Only the diagonal of the bounds' rows is stored.
+        # Only the diagonal of the bounds' rows.
         self._a_rows = np.concatenate([np.append(np.arange(rows), rows + j) for j in n_range])
         self._a_columns = np.repeat(n_range, rows + 1)
         self._a_starts = np.arange(n + 1) * (rows + 1)
@@ -54,7 +54,7 @@ class OsqpSolver(Solver):
             out[rows:] = x_bound
         try:
             result = self._run(problem)
-        except osqp.OSQPException as error:  # for matrices that cannot be factorized
+        except osqp.OSQPException as error:  # for singular matrices
             self._solver = None
             return Answer(None, f"OSQPException: {error}", 0)
         iterations = int(result.info.iter)
@@ -80,7 +80,7 @@ class OsqpSolver(Solver):
                 eps_abs=1.0e-5,
                 eps_rel=1.0e-5,
                 max_iter=4000,
-                polishing=self._equalities > 0,  # without equalities it prints a line for an empty active set
+                polishing=self._equalities > 0,  # prints a line for an empty active set without equalities
                 check_termination=5,
             )
         else:

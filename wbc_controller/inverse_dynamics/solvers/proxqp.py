@@ -1,4 +1,4 @@
-"""ProxQP, an augmented-Lagrangian solver, dense back end: persistent, warm-started from the last solution."""
+"""ProxQP, an augmented-Lagrangian solver: persistent, warm-started from the last solution."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ class ProxqpSolver(Solver):
     """
 
     tolerance = 1.0e-5
-    for_levels = False  # too many iterations for a fifth of random problems
+    for_levels = False  # too many iterations for random problems
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         self._size = (n, equalities, inequalities)
@@ -30,13 +30,13 @@ class ProxqpSolver(Solver):
     def _make(self) -> Any:
         n, equalities, inequalities = self._size
         qp = _proxqp.dense.QP(n, equalities, inequalities, True)
-        # With 1e-7, internal forces between the feet, of low cost, were wrong by newtons after a warm start.
+        # With 1e-7, internal forces between the feet were wrong by newtons after a warm start.
         qp.settings.eps_abs = 1.0e-8
         qp.settings.eps_rel = 0.0
-        # An infeasible problem uses all iterations (inner times outer); feasible ones need about ten.
+        # Infeasible problems use all iterations; feasible ones need about ten.
         qp.settings.max_iter = 50
         qp.settings.max_iter_in = 50
-        # With the default 1e-4, feasible problems with a tight cone were reported as infeasible.
+        # The default 1e-4 causes false infeasibility with tight cones.
         qp.settings.eps_primal_inf = 1.0e-12
         qp.settings.initial_guess = _proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         return qp
@@ -46,7 +46,7 @@ class ProxqpSolver(Solver):
         data = (problem.H, problem.g, problem.A, problem.b, problem.C, problem.lower, problem.upper,
                 problem.x_lower, problem.x_upper)  # fmt: skip
         if self._started:
-            qp.update(*data, update_preconditioner=False)  # the magnitudes hardly change
+            qp.update(*data, update_preconditioner=False)  # similar magnitudes
         else:
             qp.init(*data)
             self._started = True

@@ -12,12 +12,12 @@ from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 class Solver(ABC):
     """Solver for problems of one size, with an optional warm start."""
 
-    tolerance: float  # largest constraint violation of its solutions, in the problem's units
-    for_levels = True  # True if accurate enough for lower levels with thin feasible sets
-    active_set: ActiveSet | None = None  # of the last problem, tried first; None for solvers with their own warm start
+    tolerance: float  # of constraint violations, in the problem's units
+    for_levels = True  # accurate enough for lower levels with thin feasible sets
+    active_set: ActiveSet | None = None  # of the last problem; None for solvers with their own warm start
 
     def solve(self, problem: QuadraticProgram) -> Answer:
-        """Solve a problem, warm-started from the last solution; never raises for an infeasible problem."""
+        """Solve a problem, warm-started from the last solution; never raises for infeasibility."""
         if self.active_set is not None:
             answer = self.active_set.solve(problem)
             if answer is not None:
@@ -31,11 +31,7 @@ class Solver(ABC):
         return None
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the result of `memory`.
-
-        Raises:
-            NotImplementedError: if the solver hides its state.
-        """
+        """Restore the result of `memory`; raises `NotImplementedError` if the solver hides its state."""
         raise NotImplementedError(f"{type(self).__name__} cannot restore its state")
 
     @abstractmethod

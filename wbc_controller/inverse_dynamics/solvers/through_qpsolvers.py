@@ -9,7 +9,7 @@ from wbc_controller.inverse_dynamics.solvers.solver import Solver
 
 
 class ThroughQpsolvers(Solver):
-    """Solver called through qpsolvers, set up in every cycle and therefore slower than persistent back ends."""
+    """Solver called through qpsolvers, set up in every cycle and therefore slow."""
 
     tolerance = 1.0e-3
 
@@ -25,7 +25,7 @@ class ThroughQpsolvers(Solver):
         try:
             solution = qpsolvers.solve_problem(qp, solver=self._name, initvals=self._last)
         except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError) as error:
-            # Some back ends raise for an infeasible problem.
+            # for infeasible problems
             return Answer(None, f"{type(error).__name__}: {error}", 0)
         # A solution marked as found may contain NaN.
         if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
