@@ -16,8 +16,7 @@ from wbc_controller.records import Array
 
 Shape = tuple[int, ...]
 _FLOAT64 = np.dtype(np.float64)
-#: Longest value in an error message.
-_SHOWN = 80
+_SHOWN = 80  # longest value in an error message
 
 
 class Named(Protocol):

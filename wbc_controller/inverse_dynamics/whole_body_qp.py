@@ -28,10 +28,8 @@ from wbc_controller.inverse_dynamics.solvers.hierarchy import Hierarchy
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, Infeasibility, References, RobotState, Solution
 
-#: Clearance of strict priorities to relaxed bounds against rounding, in the problem's units.
-_CLEARANCE = 1.0e-6
-#: Contacts are released if at most this share of the missing stopping acceleration remains.
-_WORTHWHILE_SHARE = 0.5
+_CLEARANCE = 1.0e-6  # clearance of strict priorities to relaxed bounds against rounding, in the problem's units
+_WORTHWHILE_SHARE = 0.5  # contacts are released if at most this share of the missing stopping acceleration remains
 
 
 class WholeBodyQP:
@@ -250,7 +248,6 @@ class WholeBodyQP:
         return answer.residuals.violation <= tolerance  # False for NaN
 
     def _relax(self, layout: Layout, references: References, failed: Answer) -> Answer:
-        """Relax a problem without solution as little as possible."""
         problem, answer, priorities = layout.problem, failed, self._priorities
         infeasible = self._solver_name == "daqp" and failed.status == INFEASIBLE
         if not infeasible and not priorities:  # the solver may fail on a feasible problem

@@ -58,10 +58,8 @@ class Contact(Tunable, ABC):
         self.cone = cone
         self.damping = damping
         self.internal = internal
-        #: Components of f that are moments, (k,).
-        self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))
-        #: Number of force components, k.
-        self.size = basis.shape[1]
+        self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))  # components of f that are moments, (k,)
+        self.size = basis.shape[1]  # of f, k
         self.metric: Array = np.ones(self.size)
 
     @property

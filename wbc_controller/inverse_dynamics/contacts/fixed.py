@@ -15,7 +15,6 @@ from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Names of the mask axes.
 _AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 

@@ -25,8 +25,7 @@ class LoopClosure(Contact):
         γ = [ṙ, R_Aᵀ (ω_B - ω_A)] = Q ν
         γ̇ = Q (ν̇ + ω × ν)
 
-    A spring and damper return to r = 0 and Q = 1 along the held axes (Baumgarte, "Stabilization of constraints and
-    integrals of motion in dynamical systems", 1972):
+    A spring and damper return to r = 0 and Q = 1 along the held axes (Baumgarte stabilization, 1972):
 
         γ̇ = -D γ - K e,    e = [r, log Q],    D = 2 √K
 
@@ -106,7 +105,6 @@ class LoopClosure(Contact):
         X = self._a_to_b(dynamics)
         carried = X @ dynamics.velocity(self._a, pin.LOCAL)
         nu = self._to_b @ dynamics.velocity(self._b, pin.LOCAL) - carried
-        # as in `mount.Mount`
         nu_dot = self._to_b @ dynamics.drift_local(self._b) - X @ dynamics.drift_local(self._a)
         nu_dot += pin.Motion(nu).cross(pin.Motion(carried)).vector
         nu_dot[:3] += pin.skew(nu[3:]) @ nu[:3]  # ω × ω = 0

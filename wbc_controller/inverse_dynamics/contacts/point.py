@@ -47,8 +47,7 @@ class PointContact(UnilateralContact):
     The columns of E are the axes of the force: two in the plane, then n; world axes for n along z.
     """
 
-    #: True if the lowest point is independent of the link's orientation.
-    ball = True
+    ball = True  # the lowest point is independent of the link's orientation
 
     def __init__(
         self,
@@ -89,7 +88,7 @@ class PointContact(UnilateralContact):
         self._in_world_axes = self._other is None and bool(self._axes[2, 2] == 1.0)
         self._translation = np.array(translation, dtype=np.float64)
         self.radius = radius
-        #: Constant r of a ball on the world, else None.
+        #: r of a ball on the world.
         self._constant_arm = -radius * self._axes[:, 2] if self._other is None and self.ball else None
         self._on_link = placement_on_link(model, self._frame_id)
 
@@ -133,7 +132,6 @@ class PointContact(UnilateralContact):
         return np.asarray(J_point) if self._in_world_axes else np.asarray(self.axes(dynamics).T @ J_point)
 
     def _from_other(self, dynamics: Dynamics, other: int, arm: Array) -> Array:
-        """Return the vector from the origin of B to the contact point in world axes, m."""
         here, there = dynamics.placement(self._frame_id), dynamics.placement(other)
         return np.asarray(here.translation + arm - there.translation)
 

@@ -10,8 +10,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Smallest projection of the normal onto the wheel's plane; a flat wheel has no lowest point.
-_UPRIGHT = 1.0e-6
+_UPRIGHT = 1.0e-6  # smallest projection of the normal onto the wheel's plane
 
 
 class RollingContact(PointContact):
@@ -48,7 +47,6 @@ class RollingContact(PointContact):
         self._axle = unit(f"contacts.{name}.axis", axis)
 
     def _upward(self, dynamics: Dynamics, normal: Array) -> tuple[Array, Array, float]:
-        """Return the axle, u and its length."""
         axle = np.asarray(dynamics.placement(self._frame_id).rotation @ self._axle)
         up = normal - (normal @ axle) * axle
         return axle, up, max(_UPRIGHT, float(np.linalg.norm(up)))

@@ -12,10 +12,8 @@ from scipy.spatial import ConvexHull, QhullError
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 
-#: Smallest difference of two cone facets, for a polygon of size 1.
-_SAME_FACET = 1.0e-7
-#: Smallest distance of a vertex from the hull of the others, relative to the polygon's size.
-_CORNER = 1.0e-6
+_SAME_FACET = 1.0e-7  # difference of cone facets, for a polygon of size 1
+_CORNER = 1.0e-6  # distance of a vertex from the hull of the others, relative to the polygon's size
 
 
 def friction_pyramid(friction: float) -> Array:
@@ -32,8 +30,7 @@ def friction_pyramid(friction: float) -> Array:
 def wrench_cone(friction: float, half_length: float, half_width: float) -> Array:
     """Return the exact wrench cone of a rectangle with pyramids |fx|, |fy| ≤ friction fz at its corners.
 
-    Source: Caron, Pham, Nakamura, "Stability of surface contacts for humanoid robots: closed-form formulae of the
-    contact wrench cone for rectangular support areas" (ICRA 2015).
+    Source: Caron, Pham, Nakamura, "Stability of surface contacts for humanoid robots" (ICRA 2015).
 
     Returns:
         C, (16, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the centre is feasible if C w ≤ 0.
@@ -62,7 +59,7 @@ def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
     """
     middle = vertices.mean(axis=0)
     size = float(np.abs(vertices - middle).max())
-    corners = (vertices - middle) / size  # normalized for conditioning
+    corners = (vertices - middle) / size
     rays = np.array([[fx, fy, y, -x, x * fy - y * fx] for x, y in corners for fx in (1, -1) for fy in (1, -1)])
     simplices = ConvexHull(rays).equations  # (k, 6): a p + b ≤ 0, several simplices per facet
     _, first = np.unique(np.round(simplices / _SAME_FACET), axis=0, return_index=True)
@@ -130,7 +127,7 @@ def support_polygon(points: Array) -> Array:
     """Return the corners of the convex hull of points (n, 2) in order; none without area."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
-    except (QhullError, ValueError):  # less than three, or on a line
+    except (QhullError, ValueError):
         return points[:0]
 
 
@@ -138,7 +135,7 @@ def _is_outside_hull(others: Array, point: Array, least: float) -> bool:
     """Return True if a point is outside the convex hull of the others by more than `least`."""
     try:
         hull = ConvexHull(others)
-    except QhullError:  # two points, or points on a line
+    except QhullError:
         return len(others) < 3 or bool(np.linalg.norm(others - point, axis=1).min() > least)
     return bool((hull.equations[:, :2] @ point + hull.equations[:, 2]).max() > least)
 

@@ -18,10 +18,7 @@ def anchor_feedback(
 
     If dependent contacts cannot reach all anchors, `formulation.redundancy` gives the nearest acceleration.
 
-    Args:
-        rows: number of rows of all active contacts, nf.
-        anchored: contacts with a stiffness, and their rows of J.
-        anchors: by contact, (7,).
+    `rows` is nf, `anchored` contains the contacts with a stiffness and their rows of J.
 
     Raises:
         ConfigurationError: for a contact with a stiffness and without an anchor.

@@ -7,8 +7,7 @@ import numpy as np
 from wbc_controller.inverse_dynamics.formulation.problem import Residuals
 from wbc_controller.records import Array, LevelReport
 
-#: Status for NaN, and entries that are not finite.
-NOT_FINITE = "not finite"
+NOT_FINITE = "not finite"  # also for NaN
 
 
 @dataclass(slots=True)

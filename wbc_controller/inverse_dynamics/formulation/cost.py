@@ -16,8 +16,7 @@ from wbc_controller.inverse_dynamics.tasks import EffortTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array, References
 
-#: Task errors of one level: name and part of each task; the array.
-Errors = tuple[Sequence[tuple[str, slice]], Array]
+Errors = tuple[Sequence[tuple[str, slice]], Array]  # name and part of each task of a level; the array
 
 
 class LevelCost:
@@ -55,7 +54,7 @@ class LevelCost:
         self._rows_of = [(task.name, places[task.name]) for task in with_rows]
         end = sum(task.dimension for task in with_rows)
         count = end + base
-        # The rows of the first level precede the equality constraints, for one kernel; redundant directions are above.
+        # The first level precedes the equality constraints, for one kernel; redundant directions are above.
         soft = len(layout.J) if first else 0
         top, bottom = problem.room - count, problem.room + len(problem.b)
         whole = problem.memory[top - soft : bottom] if first else np.zeros((count, n + 1))

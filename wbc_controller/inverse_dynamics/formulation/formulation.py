@@ -107,10 +107,7 @@ class Formulation:
         self._prepared = state
 
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
-        """Compute the dynamics and fill the problem of the returned layout.
-
-        `tau_before` are the present torques, (na,) in N·m; None for no torque rate limit.
-        """
+        """Compute the dynamics and fill the problem of the returned layout; `tau_before` as in `WholeBodyQP.solve`."""
         if references.tuning is not None and references.tuning is not self._tuning:
             self._apply_tuning(references.tuning)
         dynamics, q, v = self.dynamics, state.q, state.v

@@ -34,30 +34,18 @@ from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Infeasibility, frozen_mapping
 
-#: Lever between moments and forces, m.
-MOMENT_LENGTH = 0.1
-#: Scale of contact physics relative to settings.
-CONTACT_SCALE = 0.1
-#: Smallest scale of torques, N·m.
-_LEAST_TORQUE = 1.0e-9
-#: Standard gravity, m/s².
-_GRAVITY = 9.81
-#: Largest relative growth of the total slack in step 2.
-SLACK_GROWTH = 0.5
-#: Largest relative cost of a relaxation by other kinds.
-REMOTE_COST_RATIO = 10.0
-#: Largest relative cost of an equivalent relaxation.
-EQUAL_COST_RATIO = 1.5
-#: Most sides of a conflict.
-_SIDES = 6
-#: Largest Σ σ of feasible constraints.
-_TOLERANCE = 1.0e-6
-#: Largest relative σ of a satisfied constraint.
-_NO_SLACK = 1.0e-4
-#: Most iterations per linear program.
-_MAX_ITERATIONS = 2000
-#: Most linear programs per diagnosis.
-MAX_PROGRAMS = 40
+MOMENT_LENGTH = 0.1  # lever, m
+CONTACT_SCALE = 0.1  # scale of contact physics relative to settings
+_LEAST_TORQUE = 1.0e-9  # N·m
+_GRAVITY = 9.81  # m/s²
+SLACK_GROWTH = 0.5  # of the total slack in step 2
+REMOTE_COST_RATIO = 10.0  # of a relaxation by other kinds
+EQUAL_COST_RATIO = 1.5  # of an equivalent relaxation
+_SIDES = 6  # of a conflict
+_TOLERANCE = 1.0e-6  # Σ σ of feasible constraints
+_NO_SLACK = 1.0e-4  # relative σ of a satisfied constraint
+_MAX_ITERATIONS = 2000  # per linear program
+MAX_PROGRAMS = 40  # per diagnosis
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +74,7 @@ class Constraint:
 
 
 def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Array]) -> list[Constraint]:
-    """Split a built problem into named constraints, without the equations of motion.
-
-    `effort` are the bounds of the torque rows without the torque rate limit, both (na,).
-    """
+    """Split a problem into named constraints; `effort` are the torque bounds without the rate limit, both (na,)."""
     problem, nv = layout.problem, model.nv
     force = model.mass * _GRAVITY / FORCE_UNIT
     found: list[Constraint] = []
@@ -234,7 +219,6 @@ class _ConflictSearch:
         )
 
     def _sides(self, first: _Side) -> list[_Side]:
-        """Return the smallest relaxation and its alternatives."""
         most = max(2, 2 * len(first.slack))
         sides, named = [first], set(first.slack)
         kind = {name: constraint.kind for name, constraint in self._all.items()}
@@ -261,11 +245,10 @@ class _ConflictSearch:
         return sides
 
     def _side(self, free: set[str], cost: float, count: int) -> _Side | None:
-        """Return a relaxation within the cost and count, or None."""
         best = self._minimize_slack(free)
         if best is None or not (_TOLERANCE < best.total <= cost):
             return None
-        # The total slack grows with the number of enforced constraints, smallest slack first: bisection.
+        # The total slack grows with the number of enforced constraints, smallest first: bisection.
         order = sorted(best.slack, key=best.slack.__getitem__)
         low, high, found = 0, len(order), best
         while high - low > 1:

@@ -49,8 +49,6 @@ class Layout:
         dynamics_rows: equations of motion and torque bounds for the kernel.
         mechanism: rows of A of mimic joints and equations of motion.
         torque: rows of C of the torque bounds.
-        torque_lower: (na,).
-        torque_upper: (na,).
         available: smallest and largest available torques, and effort limits, (3, na) in N·m.
         limits: rows of C of each row limit.
         limit_parts: rows, lower and upper bounds of each row limit, as views.

@@ -23,8 +23,7 @@ from wbc_controller.inverse_dynamics.tasks.task import Efforts, equation_of
 from wbc_controller.inverse_dynamics.tasks.task import motion_of as task_motion
 from wbc_controller.records import Array, Reference, References
 
-#: Length between rates of angular and linear momentum in the regularization, m.
-ROTATION_LENGTH = 0.1
+ROTATION_LENGTH = 0.1  # length between rates of angular and linear momentum in the regularization, m
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.arrays import sum_of_squares
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import Constraints, LeastSquares, residuals
 from wbc_controller.records import Array
 
-#: Unit of the contact forces in x, N and N·m, for similar magnitudes of all variables; first-order solvers need it.
+#: N and N·m, for similar magnitudes of all variables; first-order solvers need it.
 FORCE_UNIT = 100.0
 
 
@@ -167,8 +167,6 @@ class Residuals:
         room: distances from lower and upper bounds, (2, n + m_in).
         equalities: |A x - b|, (m_eq,).
         outputs: C x + r of the first rows, (k,).
-        least_room: smallest value of `room`.
-        largest_equality: largest value of `equalities`.
     """
 
     __slots__ = ("equalities", "largest_equality", "least_room", "outputs", "room", "value")

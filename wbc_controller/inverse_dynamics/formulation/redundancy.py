@@ -2,9 +2,8 @@
 
 Feet without ankle roll, or four points under one sole, constrain more directions than the robot can move along.
 Rounding, contact velocities (nᵀJ̇ v = -ṅᵀJ v) or anchors make such rows contradictory. The mobility of the contacts,
-the inverse of their operational-space inertia (Khatib, "A unified approach for motion and force control of robot
-manipulators", 1987), finds these directions independent of the coordinates (S2). With the metric W of the contact
-forces, and mimic joints,
+the inverse of their operational-space inertia (Khatib, IEEE Journal on Robotics and Automation, 1987), finds these
+directions independent of the coordinates (S2). With the metric W of the contact forces, and mimic joints,
 
     Λ⁻¹ = W^-½ J (M⁻¹ - M⁻¹Cᵀ (C M⁻¹Cᵀ)⁻¹ C M⁻¹) Jᵀ W^-½ = Σ μᵢ uᵢ uᵢᵀ
 
@@ -25,17 +24,12 @@ from wbc_controller.records import Array
 #: Smallest mobility of a constraint, relative to a free body of the robot's mass; shipped robots have 1.3 near their
 #: stances, and 0.2 with straight knees.
 LEAST_MOBILITY = 0.01
-#: Mobility below which contacts are examined in every cycle.
-EXAMINED_MOBILITY = 0.1
-#: Weight of a redundant direction with ρ = ½, (m/s²)⁻²; largest ρ / (1 - ρ).
-REDUNDANT_WEIGHT, _LARGEST = 1.0e4, 1.0e4
+EXAMINED_MOBILITY = 0.1  # examined in every cycle
+REDUNDANT_WEIGHT, _LARGEST = 1.0e4, 1.0e4  # for ρ = ½, (m/s²)⁻²; largest ρ / (1 - ρ)
 
 
 def mobilities(J: Array, metric: Array, dynamics: Dynamics) -> tuple[Array, Array]:
-    """Return m μ in ascending order, (nf,), and the directions u as columns, (nf, nf), for J (nf, nv) at a snapshot.
-
-    `metric` is the diagonal of W, (nf,). For NaN, m μ is inf.
-    """
+    """Return m μ in ascending order, (nf,), inf for NaN, and the directions u as columns, (nf, nf)."""
     k, C = len(J), dynamics.model.actuation.C
     if not (is_finite(J) and is_finite(dynamics.M)):  # refused by the solver
         return np.full(k, np.inf), np.eye(k)

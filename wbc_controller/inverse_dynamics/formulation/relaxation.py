@@ -12,16 +12,12 @@ from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Lay
 from wbc_controller.inverse_dynamics.formulation.problem import SoftConstraints
 from wbc_controller.records import Array, References
 
-#: Weight of squared violations, (m/s²)⁻², or per squared effort limit.
-_VIOLATION_WEIGHT = 1.0e4
-#: Weight of joint accelerations, (rad/s²)⁻²: equivalent at a lever of 0.1 m.
-_JOINT_WEIGHT = 1.0e2
-#: Weight for a joint that can still stop in time, (rad/s²)⁻²: similar to tasks, to keep balance.
-_BRAKING_WEIGHT = 1.0
+_VIOLATION_WEIGHT = 1.0e4  # (m/s²)⁻², or per squared effort limit
+_JOINT_WEIGHT = 1.0e2  # (rad/s²)⁻²: equivalent at a lever of 0.1 m
+_BRAKING_WEIGHT = 1.0  # of a joint that can still stop, (rad/s²)⁻²: similar to tasks, to keep balance
 #: Speeds, m/s and rad/s, of a slipping contact, and of a contact that cannot stop a joint.
 _SLIP_SPEEDS, _LOOSE_SPEEDS = (1.0, 10.0), (0.5, 5.0)
-#: Largest violation of a bound that counts as met: rad/s², m/s² or effort limits.
-_VIOLATION_TOLERANCE = 1.0e-3
+_VIOLATION_TOLERANCE = 1.0e-3  # rad/s², m/s² or effort limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +28,8 @@ class Relaxable:
     places: np.ndarray  # in the bounds of the problem, (k,)
     units: Array  # of violations, (k,): 1 rad/s² or m/s², or the effort limit
     bounds: Array  # before relaxation, (2, k)
-    hard: Array  # bounds that always hold, (2, k)
-    soft: SoftConstraints  # replacement of `bounds`
+    hard: Array  # always hold, (2, k)
+    soft: SoftConstraints  # in place of `bounds`
 
     @classmethod
     def of(
@@ -132,7 +128,6 @@ def _stopping_bounds(formulation: Formulation, bounds: Array) -> Array:
 
 
 def _joint_motion_group(formulation: Formulation, layout: Layout) -> Relaxable:
-    """Return the group of joint motion limits; early braking weighs as much as tasks."""
     joints = layout.joints
     stopping = _stopping_bounds(formulation, layout.problem.bounds[:, joints])
     brakes = np.isfinite(stopping).any(axis=0)

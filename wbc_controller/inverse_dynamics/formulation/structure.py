@@ -13,7 +13,7 @@ from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit
 class Structure:
     """Arrays of the problem for one set of active contacts and tasks."""
 
-    version: int  # number of earlier structures
+    version: int  # counter
     layout: Layout
     costs: list[LevelCost]  # of each priority level, highest first
     program: Program = field(init=False)  # for the kernel
@@ -28,4 +28,4 @@ class Parameters:
     motion_limit: JointMotionLimit
     torque_limit: TorqueLimit
     changes: int  # number of attribute changes (`Tunable.version`)
-    version: int  # number of earlier parameters
+    version: int  # counter

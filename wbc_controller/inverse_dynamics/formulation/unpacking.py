@@ -15,10 +15,8 @@ from wbc_controller.inverse_dynamics.formulation.layout import Layout
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Residuals
 from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
 
-#: Largest relative distance of a binding constraint from its bound.
-_BINDING = 1.0e-5
-#: Largest bound in this comparison: infinite bounds are never binding.
-_LARGEST = 1.0e9
+_BINDING = 1.0e-5  # relative distance from a bound
+_LARGEST = 1.0e9  # infinite bounds are never binding
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 

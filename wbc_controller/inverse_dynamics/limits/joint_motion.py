@@ -10,17 +10,13 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Tuning
 
-#: Time constant of the return from beyond a position limit, s: slow, as the robot may start there.
-RETURN_TIME = 0.1
-#: Longest horizon of the velocity limits, s: for torque delays up to 26 ms. Above `RETURN_TIME` / 4, the velocity limit
+RETURN_TIME = 0.1  # time constant beyond a position limit, s: slow, as the robot may start there
+#: Longest horizon of velocity limits, s: for torque delays up to 26 ms. Above `RETURN_TIME` / 4, the velocity limit
 #: would prevent the return from beyond a position limit.
 VELOCITY_HORIZON = 0.017
-#: Rounding error of a position limit, rad.
-_ROUNDING = 1.0e-11
-#: Largest distance beyond a position limit of a joint that cannot meet its bounds, rad.
-STOPPING_DISTANCE = 0.0165
-#: The lower limit of q is an upper limit of -q.
-_SIDES = np.array([[1.0], [-1.0]])
+_ROUNDING = 1.0e-11  # of a position limit, rad
+STOPPING_DISTANCE = 0.0165  # beyond a position limit, for a joint that cannot meet its bounds, rad
+_SIDES = np.array([[1.0], [-1.0]])  # signs of q for upper and lower limits
 
 
 class JointMotionLimit(Tunable):
@@ -43,12 +39,11 @@ class JointMotionLimit(Tunable):
     within a period Δt, q̈ ≤ q̇_max / T - q̇ / Δt, so the limit never contradicts braking at a position limit or the
     return to it.
 
-    Acceleration limit: |q̈| ≤ q̈_max clips the other bounds, except before a collision with the stop.
-
-    In viable states the interval of the bounds is not empty. Otherwise a joint brakes with q̈_max, or decelerates to
-    reverse at its limit (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))). If it exceeded the limit by more than
-    `STOPPING_DISTANCE`, it brakes harder, at most to a stop within the period. Beyond its limit it returns like a
-    critically damped spring with the time constant `RETURN_TIME` / 2. Position limits precede velocity limits.
+    Acceleration limit: |q̈| ≤ q̈_max clips the other bounds. In viable states their interval is not empty. Otherwise a
+    joint brakes with q̈_max, or reverses at its limit (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))). If it would exceed the
+    limit by more than `STOPPING_DISTANCE`, it brakes harder than q̈_max, at most to a stop within the period. Beyond
+    its limit it returns like a critically damped spring with the time constant `RETURN_TIME` / 2. Position limits
+    precede velocity limits.
 
     Attributes:
         position_lower: (nj,) in rad, or None.
@@ -105,13 +100,7 @@ class JointMotionLimit(Tunable):
         return lower, upper
 
     def bind(self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array) -> JointMotion:
-        """Return limits and arrays of their bounds for `acceleration_bounds`.
-
-        Args:
-            q_index: index in q of each joint, (nj,).
-            v_index: index in v and in the bounds of each joint, (nj,).
-            period: duration of an acceleration, s.
-            lower: lower bounds by index in v, rad/s²; `upper` likewise.
+        """Return limits and bounds for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds.
 
         Raises:
             ValueError: for different sizes.
@@ -144,11 +133,8 @@ class JointMotionLimit(Tunable):
         Args:
             q: joint positions, (nj,).
             v: joint velocities, (nj,).
-            bounds: result of `bounds`, (2, nj).
+            bounds: result of `bounds`, (2, nj); the returned bounds are not tighter.
             limits: position limits without the margin, both (nj,).
-
-        Returns:
-            Bounds, (2, nj), not tighter than `bounds`; infinite for other joints.
         """
         if self.position_lower is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)
@@ -161,6 +147,5 @@ class JointMotionLimit(Tunable):
 
 
 def _braking(speed: Array, room: Array) -> Array:
-    """Return the constant deceleration within a distance; -inf without distance."""
     with np.errstate(divide="ignore"):
         return np.where(room > 0.0, -(speed**2) / (2.0 * room), -np.inf)

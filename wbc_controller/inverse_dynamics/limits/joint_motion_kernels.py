@@ -12,17 +12,17 @@ class JointMotion(Struct):
 
     q_index: Indices  # (nj,)
     v_index: Indices  # also of the bounds, (nj,)
-    limits: Matrix  # upper position limits of q and of -q, (2, nj) in rad; (2, 0) without position limits
-    fastest: Vector  # largest speeds, (nj,) in rad/s; (0,) without velocity limits
-    acceleration: float  # largest, rad/s²
-    period: float  # duration of an acceleration, s
-    ahead: float  # horizon of the position limits, s; ≥ `period`
-    slowing: float  # horizon of the velocity limits, s; ≥ `period`
-    stopping: float  # `STOPPING_DISTANCE`, rad
-    return_time: float  # `RETURN_TIME`, s
-    rounding: float  # rounding error of a position limit, rad
-    lower: OutVector  # out: lower bounds by index in v, rad/s²
-    upper: OutVector  # out: upper bounds
+    limits: Matrix  # upper limits of q and -q, (2, nj) in rad, or (2, 0)
+    fastest: Vector  # largest speeds, (nj,) in rad/s, or (0,)
+    acceleration: float  # rad/s²
+    period: float  # s
+    ahead: float  # horizon of position limits, s; ≥ `period`
+    slowing: float  # horizon of velocity limits, s; ≥ `period`
+    stopping: float  # rad
+    return_time: float  # s
+    rounding: float  # rad
+    lower: OutVector  # out: by index in v, rad/s²
+    upper: OutVector  # out
 
 
 @part
@@ -53,7 +53,6 @@ def _position_bound(table: JointMotion, room: float, speed: float, fastest: floa
 
 @part
 def _returning_bound(table: JointMotion, room: float, speed: float, fastest: float) -> float:
-    """Return the bound in a state that is not viable."""
     if not room < table.rounding:
         return -(speed**2) / (2.0 * room)
     spring = 4.0 / table.return_time**2

@@ -14,18 +14,13 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_mat
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Separation speed of links nearer than the margin, m/s: slow, as the robot may start there.
-RETURN_SPEED = 0.1
-#: Additional distance for the approximation error of the rows, m; observed up to 1.2 mm.
-ROW_ERROR = 0.002
-#: Largest required acceleration, in multiples of A.
-_LARGEST_DEMAND = 3.0
+RETURN_SPEED = 0.1  # of links nearer than the margin, m/s: slow, as the robot may start there
+ROW_ERROR = 0.002  # approximation error of the rows, m; observed up to 1.2 mm
+_LARGEST_DEMAND = 3.0  # acceleration, in multiples of A
 #: Largest increase of a closing speed in a cycle without a row, m/s; rows with smaller requirements are omitted.
 _SPEED_INCREASE = 0.2
-#: Tolerance of the distances, m; initial direction and vertices of their iteration.
-_GJK_TOLERANCE = 1.0e-10
+_GJK_TOLERANCE = 1.0e-10  # m
 _GUESS = np.array([1.0, 0.0, 0.0]), np.zeros(2, dtype=np.int32)
-#: Name of unused rows.
 _UNUSED = "self_collision:unused"
 
 
@@ -38,17 +33,16 @@ class SelfCollisionLimit(RowLimit):
         ḋ = nᵀ (v₂(p₂) - v₁(p₁)) = J_d v,    d̈ ≥ J_d v̇ + δ.
 
     v₁, v₂ are the velocities of the links, and δ = nᵀ (a₂ - a₁) at v̇ = 0. Separating centripetal accelerations about a
-    shape's origin are omitted, as sliding of the nearest points reduces them (to 0 for spheres); so is the separating
-    effect of the tangential velocity.
+    shape's origin are omitted, as the nearest points slide; so is the separating effect of the tangential velocity.
 
     The closing speed w = -ḋ after a period must allow a stop before the margin. With the deceleration A, the horizon T
     and the remaining distance r = d - margin - 2 mm - w T,
 
         w² / (2 A) + w T ≤ r,    so    d̈ ≥ (w - √(A² T² + 2 A r) + A T) / T.
 
-    This is `JointMotionLimit` with twice the allowance for the last period. Near the margin, r decays like a critically
-    damped spring with the time constant T; an error e of δ costs a distance of e T². For r < 0 the links separate with
-    the speed -r / T, at most `RETURN_SPEED`. Rows require at most `_LARGEST_DEMAND` A.
+    Near the margin, r decays like a critically damped spring with the time constant T; an error e of δ costs a distance
+    of e T². For r < 0 the links separate with the speed -r / T, at most `RETURN_SPEED`. Rows require at most
+    `_LARGEST_DEMAND` A.
 
     Distances are computed only if a pair could not brake within a lower bound: the last distance minus possible joint
     motion, and the distance of enclosing spheres. The rows are the same as with all distances. With more pairs than
@@ -103,7 +97,6 @@ class SelfCollisionLimit(RowLimit):
             np.zeros(count),
             np.full(count, np.nan),
         )
-        #: Fields of `ShapePairs` except the motion.
         self._fields = {
             "shape_links": links,
             "mounts": np.column_stack([[shape.placement.translation for shape in shapes], radii]),
@@ -124,7 +117,7 @@ class SelfCollisionLimit(RowLimit):
             "reach": self._reach,
         }
         self._table: ShapePairs | None = None
-        self._row_pairs: list[int] = []  # with rows
+        self._row_pairs: list[int] = []
         self.computed = 0
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
@@ -161,7 +154,7 @@ class SelfCollisionLimit(RowLimit):
         return {name: float(self._distance(i).min_distance) for i, name in enumerate(self._pair_names)}
 
     def _distance(self, pair: int) -> coal.DistanceResult:
-        # A constant initial guess makes results independent of earlier queries.
+        # for results independent of earlier queries
         request = self._requests[pair]
         request.cached_gjk_guess, request.cached_support_func_guess = _GUESS
         return pin.computeDistance(self._geometry, self._data, pair)
@@ -181,7 +174,6 @@ class SelfCollisionLimit(RowLimit):
         return near
 
     def _rows(self, dynamics: Dynamics, pairs: np.ndarray) -> tuple[Array, Array, Array]:
-        """Return J_d, (k, nv), ḋ, (k,), and δ, (k,), of pairs with computed distances."""
         rows, rates, drifts = np.empty((len(pairs), dynamics.model.nv)), np.empty(len(pairs)), np.empty(len(pairs))
         distance_rows(self._bind(dynamics), pairs, rows, rates, drifts)
         return rows, rates, drifts
@@ -241,6 +233,5 @@ def _reach(model: pin.Model, shape: pin.GeometryObject, radius: float) -> Array:
 
 
 def _radius(geometry: Any) -> float:
-    """Return the radius of an enclosing sphere about the shape's origin, m."""
     geometry.computeLocalAABB()
     return float(np.linalg.norm(geometry.aabb_center)) + float(geometry.aabb_radius)

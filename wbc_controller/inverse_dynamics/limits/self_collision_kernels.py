@@ -36,13 +36,13 @@ class ShapePairs(Struct):
     motion: LinkMotion
     shape_links: Indices  # of each shape, (s,)
     mounts: Matrix  # origin of each shape on its link, and radius of the enclosing sphere, (s, 4) in m
-    pairs: IndexMatrix  # the two shapes of each pair, (k, 2)
+    pairs: IndexMatrix  # (k, 2)
     starts: Indices  # first lever of each shape, and end, (s + 1,)
     components: Indices  # component of v of each lever, from the link towards the root, (e,)
     levers: Vector  # (e,)
     places: Indices  # index in q of each component of v, or -1, (nv,)
     ends: IndexMatrix  # indices in `sums` of the levers that can close each pair, (k, 2)
-    faster: float  # largest increase of a closing speed in a cycle without a row, m/s
+    faster: float  # largest increase without a row, m/s
     normals: Matrix  # unit vectors from the first to the second shape, (k, 3)
     first: Matrix  # nearest points on the first shape, (k, 3) in m
     second: Matrix  # nearest points on the second shape, (k, 3) in m
@@ -117,16 +117,9 @@ def _sum_levers(table: ShapePairs, q: Array, v: Array) -> None:
 def near_pairs(table: ShapePairs, q: Vector, v: Vector, A: float, T: float, margin: float) -> int:
     """Find the pairs of shapes that may need a row, by lower bounds of their distances; return their number.
 
-    First bound: the last bound minus possible joint motion. If a pair could not brake within it, second bound: the
-    distance of enclosing spheres, with a tighter closing speed. Pairs with NaN are included.
-
-    Args:
-        table: pairs.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        A: deceleration, m/s².
-        T: horizon, s.
-        margin: least distance, m.
+    First bound: the last bound minus possible joint motion. If a pair could not brake within it with the deceleration A
+    over the horizon T, second bound: the distance of enclosing spheres, with a tighter closing speed. Pairs with NaN
+    are included.
     """
     if len(q) != len(table.seen) or len(v) != len(table.places):
         raise ValueError("near_pairs: sizes of q and v differ from nq and nv")

@@ -27,12 +27,9 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks.task import Task, rest_of
 from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
 
-#: Shortest motion to a first trajectory point off the reference's path, s.
-_SHORTEST_JOIN = 0.05
-#: Shortest duration of a setpoint without a jump, s.
-_SHORTEST_MOVE = 1.0e-3
-#: Largest deviation of a point on the reference's path, m or rad.
-_LARGEST_DEVIATION = 1.0e-3
+_SHORTEST_JOIN = 0.05  # shortest motion to a first trajectory point off the reference's path, s
+_SHORTEST_MOVE = 1.0e-3  # shortest duration of a setpoint without a jump, s
+_LARGEST_DEVIATION = 1.0e-3  # largest deviation of a point on the reference's path, m or rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +69,7 @@ class ReferenceBoard:
         "_tuning", "_weights", "_enabled", "_weight_ramps", "_contact_ramps", "_anchors", "_trajectories", "_goals",
         "_wrenches",
     )  # fmt: skip
-    #: Samples, which follow from the saved state.
-    SAMPLE_CACHE = ("_constant_references", "_settled_ramps")
+    SAMPLE_CACHE = ("_constant_references", "_settled_ramps")  # samples, which follow from the saved state
 
     def __init__(self, plan: BoardPlan) -> None:
         self.plans = plan.tasks
@@ -133,14 +129,10 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes, or none of them.
-
-        Args:
-            dynamics: last snapshot, with the present state and frames of the robot.
-            time: s, on the clock of the states.
+        """Apply a set of changes at the last snapshot, and at a time in s on the clock of the states.
 
         Raises:
-            InputRefused: as `check`.
+            InputRefused: as `check`; no change is applied then.
         """
         changes = tuple(changes)
         for change in changes:
@@ -208,7 +200,6 @@ class ReferenceBoard:
         return replace(change, position=position, frame="")
 
     def _goal(self, task: str, dynamics: Dynamics, time: float) -> Array:
-        """Return the target position of a task."""
         stored = self._goals.get(task)
         if stored is not None:
             return stored.position if isinstance(stored, SetSetpoint) else stored.points[-1].position
@@ -217,7 +208,6 @@ class ReferenceBoard:
         return self._trajectories[task].knots[-1].position
 
     def _follow(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
-        """Follow a setpoint or trajectory; store it for a disabled task."""
         if isinstance(change, SetTrajectory) and change.start is None:
             change = replace(change, start=time)
         if not self._enabled[change.task]:
@@ -303,7 +293,6 @@ class ReferenceBoard:
 
 
 def _deviates(present: Knot, knot: Knot) -> bool:
-    """Return True if a point is off the reference's linear extrapolation."""
     n = min(len(present.position), len(present.velocity))
     there = present.position[:n] + (knot.time - present.time) * present.velocity[:n]
     return bool(np.abs(knot.position[:n] - there).max() > _LARGEST_DEVIATION)

@@ -27,14 +27,10 @@ LONGEST, SHORTEST = 86_400.0, 1.0e-4
 _LARGEST_DISTANCE, _LARGEST_GAZE_DISTANCE = 10.0, 1.0e4
 #: Largest distance beyond a joint limit, and from 0 without limits, rad or m.
 _LARGEST_OVERSHOOT, _LARGEST_UNLIMITED = 2.0 * math.pi, 1.0e3
-#: Largest force, in weights of the robot, and largest torque, in effort limits.
-_LARGEST_EFFORT = 10.0
-#: Shortest time through the range of positions, and to such a velocity, s.
-_SHORTEST_TIME = 0.1
-#: Largest angular velocity, rad/s.
-_LARGEST_ANGULAR_VELOCITY = 100.0
-#: Largest value of a quantity without a known unit.
-_LARGEST_UNKNOWN = 1.0e6
+_LARGEST_EFFORT = 10.0  # force in weights of the robot, torque in effort limits
+_SHORTEST_TIME = 0.1  # through the range of positions, and to such a velocity, s
+_LARGEST_ANGULAR_VELOCITY = 100.0  # rad/s
+_LARGEST_UNKNOWN = 1.0e6  # without a known unit
 _STANDARD_GRAVITY = 9.81
 
 
@@ -133,7 +129,6 @@ def _largest_wrench(model: RobotModel) -> Array:
 
 
 def _require_within(values: Array, middle: Array | float, reach: Array | float, what: str, unit: str) -> None:
-    """Raise `InputRefused` for a value out of range."""
     good = np.abs(values - middle) <= reach
     if good.all():
         return

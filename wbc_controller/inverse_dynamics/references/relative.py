@@ -20,10 +20,8 @@ def own_frames(task: str) -> tuple[str, str]:
 def in_world(task: str, frame: str, position: Array, goal: Array, form: ReferenceForm, dynamics: Dynamics) -> Array:
     """Transform a setpoint to the frame of the task's references.
 
-    Args:
-        frame: one of `own_frames`, or a robot frame at its present pose.
-        position: in the form of the task's references.
-        goal: target of the reference: a vector is added to it, an orientation rotates it.
+    `frame` is one of `own_frames` or a robot frame. For `own_frames`, a vector is added to the target `goal` of the
+    reference, and an orientation rotates it.
     """
     n = form.vector
     reference, heading = own_frames(task)

@@ -42,13 +42,11 @@ class Trajectory:
         # A quaternion adds four values to the position, three to the velocity.
         self._linear = len(knots[0].position) - (4 if len(knots[0].position) != size else 0)
         self._times = [knot.time for knot in knots]
-        #: Coefficients of segments, computed at first use.
-        self._segments: dict[int, Array] = {}
-        # The same objects, so that tasks can cache results.
+        self._segments: dict[int, Array] = {}  # coefficients of segments, computed at first use
+        # for caches of tasks
         self._before, self._after = (rest(knots[i].position, size) for i in (0, -1))
 
     def _chart(self, a: Knot, b: Knot) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Return the ends of a segment, with orientations as rotation vectors from its start."""
         n = self._linear
         if n == len(a.position):
             return a.position, a.velocity, a.acceleration, b.position, b.velocity, b.acceleration
@@ -105,7 +103,6 @@ def _with_orientation(start: Array, n: int, x: Array, x_dot: Array, x_ddot: Arra
 
 
 def _jacobian_dot(turn: Array, rate: Array) -> Array:
-    """Return d/dt Jexp3, (3, 3), by central differences."""
     step = 1.0e-5
     return np.asarray((pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step))
 
@@ -132,8 +129,8 @@ class Ramp:
 
     start: float  # s
     duration: float  # s
-    before: float  # value until the start
-    after: float  # value from the end on
+    before: float  # until the start
+    after: float  # from the end on
 
     def sample(self, time: float) -> float:
         """Return the value at a time in s."""

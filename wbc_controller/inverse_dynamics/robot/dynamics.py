@@ -13,7 +13,6 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 _WORLD = pin.Convention.WORLD
-# Resolved once: attribute look-up in this module is slow.
 _crba, _bias_forces = pin.crba, pin.nonLinearEffects
 
 
@@ -48,14 +47,11 @@ class Dynamics:
         self._data = model.pinocchio.createData()
         self.q: Array
         self.v: Array
-        # Views of Pinocchio's data remain valid.
         data = self._data
         self._rotors, self._M = model.actuation.rotors, data.M
-        # A separate array: Pinocchio leaves entries of M between branches untouched, so rotor inertias would
-        # accumulate.
+        # A separate array: Pinocchio leaves entries of M between branches untouched, so rotors would accumulate.
         self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
-        #: Rows of M for compiled code: Pinocchio stores the symmetric M by columns.
-        self.M_rows: Array = self.M.T
+        self.M_rows: Array = self.M.T  # for compiled code: Pinocchio stores the symmetric M by columns
         self.h: Array = data.nle
         self.com: Array = data.com[0]
         self.com_velocity, self.com_drift, self.centroidal_drift = np.zeros(3), np.zeros(3), np.zeros(6)
@@ -66,7 +62,7 @@ class Dynamics:
         self.moves = support_matrix(model.pinocchio)
         self.links = np.zeros((model.pinocchio.njoints, 12))
         self.joints = view_of([placement.rotation for placement in data.oMi], 12)
-        roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)  # without the world
+        roots = np.flatnonzero(np.array(model.pinocchio.parents) == 0)[1:].astype(np.int64)
         self.motion = LinkMotion(
             joints=self.joints,
             local_twists=view_of([twist.vector for twist in data.v], 6),
@@ -96,9 +92,9 @@ class Dynamics:
         """Compute Pinocchio's terms at a state; `link_terms` adds the others."""
         model, data = self._pin, self._data
         self.q, self.v = q, v
-        # In the world convention, `crba` also computes centre of mass, joint Jacobians and centroidal matrix.
+        # `crba` in the world convention also computes centre of mass, joint Jacobians and centroidal matrix.
         _crba(model, data, q, _WORLD)
-        # Its link accelerations at v̇ = 0 contain all drifts J̇v.
+        # At v̇ = 0, its link accelerations contain all drifts.
         _bias_forces(model, data, q, v)
         if self._rotors is not None:
             np.add(self._M, self._rotors, out=self.M)
@@ -168,12 +164,7 @@ def support_matrix(model: pin.Model) -> np.ndarray:
 def view_of(parts: Sequence[Array], size: int) -> Array:
     """Return a read-only view (n, size) of n Pinocchio vectors that are contiguous in memory.
 
-    Args:
-        parts: first numbers of each vector, e.g. the rotation of a placement.
-        size: numbers per vector.
-
-    Raises:
-        RuntimeError: for another memory layout of Pinocchio.
+    `parts` are the first numbers of each vector. Raises `RuntimeError` for another memory layout.
     """
     flat = [part.reshape(-1, order="A") for part in parts]
     step = flat[0].itemsize

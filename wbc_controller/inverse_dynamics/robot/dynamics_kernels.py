@@ -9,16 +9,16 @@ from wbc_controller.records import Array
 class DynamicsRows(Struct):
     """Rows of the equations of motion, below the rows of the contacts."""
 
-    starts: Indices  # starts of the rows of [N; T] in `columns` and `values`, and end, (free + na + 1,)
+    starts: Indices  # of the rows of [N; T] in `columns` and `values`, with end, (free + na + 1,)
     columns: Indices  # of non-zero values of [N; T], (k,)
     values: Vector  # (k,)
     damping: Vector  # D of each row of J, (nf,) in 1/s
     rows: OutMatrix  # [J, 0, required J v̇] of the contacts; from `first` on rows N, then T, (…, nv + nf + 1)
-    first: int  # first row to fill
-    lower: OutVector  # out: lower bounds of T (M v̇ - Jᵀf), (na,) in N·m
-    upper: OutVector  # out: upper bounds
-    M: Matrix  # joint-space inertia matrix, (nv, nv)
-    unit: float  # unit of f, N and N·m
+    first: int  # row to fill
+    lower: OutVector  # out: bounds of T (M v̇ - Jᵀf), (na,) in N·m
+    upper: OutVector  # out
+    M: Matrix  # (nv, nv)
+    unit: float  # of f, N and N·m
     available: Matrix  # smallest and largest available torques, and τ_max, (3, na) in N·m
     bias: OutVector  # out: T h, (na,) in N·m
 
@@ -69,12 +69,7 @@ def _bound(table: DynamicsRows, before: Array, share: float) -> None:
 def fill_dynamics(table: DynamicsRows, h: Vector, v: Vector, before: Vector, share: float) -> None:
     """Fill N (M v̇ - Jᵀf) = -N h and the bounds of τ = T (M v̇ - Jᵀf) + T h; add -D J v to the contact rows.
 
-    Args:
-        table: rows.
-        h: bias forces, (nv,).
-        v: generalized velocity, (nv,).
-        before: τ_before, (na,) in N·m.
-        share: rate Δt; negative for no torque rate limit.
+    `before` is τ_before, (na,); `share` is rate Δt, negative for no torque rate limit.
     """
     nv, na, nf = len(table.M), len(table.bias), len(table.damping)
     free, right = len(table.starts) - 1 - na, nv + nf

@@ -179,7 +179,6 @@ def _frame_jacobian(
 
 @part
 def _frame_motion(link: Array, p: Vector3, twist: Array, drift: Array) -> None:
-    """Write twist and classical acceleration at v̇ = 0 of a link at the point p, (6,) each."""
     angular = three(link, 3)
     linear = add(three(link, 0), cross(angular, p))
     put_motion(twist, (linear, angular))
@@ -256,7 +255,7 @@ def copy_reference(
 def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> float:
     """Fill all contact and task rows at q and v; write task errors, and return the constant cost of joint tasks."""
     motion, instructions, places, rest = table.motion, table.instructions, table.places, 0.0
-    memory = np.empty((5, 12))  # one allocation for all rows
+    memory = np.empty((5, 12))
     for k in range(len(instructions)):
         step = instructions[k]
         kind, link, first, size = step[KIND], step[LINK], step[FIRST], step[SIZE]

@@ -20,10 +20,8 @@ from wbc_controller.inverse_dynamics.robot.urdf import JointLimits, read_robot
 from wbc_controller.inverse_dynamics.robot.virtual_base import drop_virtual_joints, virtual_joints
 from wbc_controller.records import Array, frozen
 
-#: Smallest mass of a robot, kg; divisions by smaller masses overflow.
-_LEAST_MASS = 1.0e-6
-#: Name of the floating-base joint, impossible in a URDF.
-_FREE_FLYER = "<floating base>"
+_LEAST_MASS = 1.0e-6  # of a robot, kg; divisions by smaller masses overflow
+_FREE_FLYER = "<floating base>"  # impossible in a URDF
 
 
 def build_model(
@@ -209,10 +207,7 @@ def read_mechanism(
 ) -> pin.Model:
     """Read the mechanism of a URDF with Pinocchio.
 
-    Args:
-        moving: moving joints; None for all.
-        locked: positions of other joints, rad or m; 0 by default.
-        floating_base: True if the root link moves freely.
+    Joints outside `moving` (None for all) are fixed at `locked` positions, 0 by default.
     """
     moving = [str(joint.get("name")) for joint in tree.findall("joint")] if moving is None else moving
     mechanism = ElementTree.tostring(bare_mechanism(tree, moving, locked), encoding="unicode")

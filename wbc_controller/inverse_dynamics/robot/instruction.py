@@ -15,12 +15,12 @@ from wbc_controller.records import Array
 class Instruction:
     """Rows of a task or contact as numbers."""
 
-    kind: int  # a kind of `robot.frame_kernels`
+    kind: int  # of `robot.frame_kernels`
     rows: np.ndarray  # selected components; for joint tasks their indices in q, then in v
-    link: int = 0  # index of the link
-    other: int = 0  # index of the touched link; 0 for the world
-    first: int = 0  # first component of the frame's twist
-    size: int = 0  # number of components before the mask
+    link: int = 0
+    other: int = 0  # touched link; 0 for the world
+    first: int = 0  # component of the frame's twist
+    size: int = 0  # before the mask
     constants: Array = field(default_factory=lambda: np.zeros(0))  # e.g. the placement of the frame on its link
 
 

@@ -22,16 +22,16 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 class LinkMotion(Struct):
     """Results of Pinocchio at one state, and the output of `link_terms`."""
 
-    joints: Matrix  # placements of the links in the world, (n, 12); link 0 is the world
+    joints: Matrix  # placements in the world, (n, 12); link 0 is the world
     local_twists: Matrix  # of the links in their own axes, (n, 6)
     local_accelerations: Matrix  # spatial accelerations at v̇ = 0 minus gravity, in link axes, (n, 6)
     wrenches: Matrix  # [F, N] on each subtree at v̇ = 0, minus gravity, in link axes, (n, 6)
-    roots: Indices  # root links of the trees, (r,)
+    roots: Indices  # of the trees, (r,)
     gravity: Vector  # g, (3,) in m/s²
-    mass: float  # total mass, kg
-    com: Vector  # centre of mass c, (3,) in m
+    mass: float  # kg
+    com: Vector  # c, (3,) in m
     centroidal: Matrix  # A_Gᵀ, (nv, 6)
-    joint_twists: Matrix  # columns of the joint Jacobians, (nv, 6)
+    joint_twists: Matrix  # (nv, 6)
     moves: Signs  # 1 if a component of v moves a link, (n, nv)
     links: OutMatrix  # out: twists and spatial accelerations at v̇ = 0, at the world origin, (n, 12)
     per_mass: OutMatrix  # out: A_Gᵀ / m, (nv, 6); first the Jacobian of c

@@ -25,7 +25,7 @@ class RobotModel:
     pinocchio: pin.Model  # without locked joints
     urdf: str  # with the configured limits, and continuous joints as revolute ones
     joints: tuple[str, ...]  # moving and measured joints, (nj,)
-    floating_base: bool  # True if the root link moves freely
+    floating_base: bool
     q_index: np.ndarray  # (nj,)
     v_index: np.ndarray  # (nj,)
     velocity_limits: Array  # (nj,) in rad/s

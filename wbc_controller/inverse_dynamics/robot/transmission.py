@@ -10,8 +10,7 @@ import numpy as np
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.records import Array, frozen
 
-#: Smallest independent component of normalized actuator ratios.
-_INDEPENDENT = 1.0e-6
+_INDEPENDENT = 1.0e-6  # smallest independent part of normalized ratios
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,14 +154,15 @@ def make_drive(
 
 
 def _require_independent(names: Sequence[str], ratios: Array) -> None:
-    """Require R of full row rank, for distinguishable torques."""
     if not names:
         raise ConfigurationError("robot.actuators: the list is empty; at least one actuator is required")
     rows = np.zeros((0, ratios.shape[1]))
     for name, row in zip(names, ratios, strict=True):
         size = float(np.linalg.norm(row))
         if not (0.0 < size < np.inf):
-            raise ConfigurationError(f"robot.transmission.{name}.ratios: all ratios are 0; at least one must not be 0")
+            raise ConfigurationError(
+                f"robot.transmission.{name}.ratios: all ratios are zero; at least one must differ from zero"
+            )
         unit = row / size
         shares = np.linalg.lstsq(rows.T, unit, rcond=None)[0] if len(rows) else np.zeros(0)
         if not (np.linalg.norm(unit - shares @ rows) > _INDEPENDENT):

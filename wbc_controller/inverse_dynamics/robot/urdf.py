@@ -17,15 +17,10 @@ from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.urdf_structure import check_structure, shape_problem
 from wbc_controller.records import Array
 
-#: Position limits of a continuous joint, rad: out of reach, with a rounding error of 1e-10 rad.
-UNLIMITED = 1.0e6
-#: Longest URDF or SRDF, characters.
-LARGEST_URDF = 4_000_000
-#: Most links in a chain, for Pinocchio's recursion; most links, for its run time.
-LONGEST_CHAIN, MOST_LINKS = 1000, 5000
-#: Largest negative moment of inertia by rounding, kg·m².
-_ROUNDING = 1.0e-6
-#: Largest magnitude of a number.
+UNLIMITED = 1.0e6  # rad: out of reach, with a rounding error of 1e-10 rad
+LARGEST_URDF = 4_000_000  # characters
+LONGEST_CHAIN, MOST_LINKS = 1000, 5000  # for Pinocchio's recursion and run time
+_ROUNDING = 1.0e-6  # of moments of inertia, kg·m²
 _LARGEST_NUMBER = 1.0e20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _COMPONENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -137,7 +132,6 @@ def split_planar_joints(tree: ElementTree.Element) -> bool:
 
 
 def _split(tree: ElementTree.Element, planar: ElementTree.Element) -> None:
-    """Replace a planar joint by two prismatic joints and a revolute joint, with massless links."""
     name, axis, child = str(planar.get("name")), planar.find("axis"), planar.find("child")
     normal = np.array([float(part) for part in (axis.get("xyz", "1 0 0") if axis is not None else "1 0 0").split()])
     normal /= np.linalg.norm(normal)
@@ -178,7 +172,6 @@ def _write_limits(joint: ElementTree.Element, values: Mapping[str, float]) -> No
 
 
 def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
-    """Require limits with lower ≤ upper; other readers do not name the joint."""
     if limit is None or limit.get("effort") is None or limit.get("velocity") is None:
         key = "effort" if limit is None or limit.get("effort") is None else "velocity"
         raise ConfigurationError(
@@ -237,7 +230,6 @@ def _shortened(text: str) -> str:
 
 
 def _check_inertial(link: ElementTree.Element, subject: str) -> None:
-    """Refuse an incomplete or negative ``<inertial>``."""
     inertial = link.find("inertial")
     if inertial is None:
         return
@@ -260,7 +252,6 @@ def _check_inertial(link: ElementTree.Element, subject: str) -> None:
 
 
 def _check_chains(tree: ElementTree.Element) -> None:
-    """Refuse too many links and too long chains."""
     links = [str(link.get("name")) for link in tree.findall("link")]
     if len(links) > MOST_LINKS:
         raise ConfigurationError(f"robot.urdf: the number of links is {len(links)}; the maximum is {MOST_LINKS}")

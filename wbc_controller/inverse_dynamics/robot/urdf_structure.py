@@ -7,9 +7,7 @@ from xml.etree import ElementTree
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 
-#: Joint types of a URDF.
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-#: Name of the world joint in Pinocchio.
 _PINOCCHIO_WORLD = "universe"
 #: Shapes with required attributes.
 SHAPES = {
@@ -19,8 +17,7 @@ SHAPES = {
     "capsule": ("radius", "length"),
     "mesh": ("filename",),
 }
-#: Most names in a message.
-_NAMED = 6
+_NAMED = 6  # in a message
 
 
 def check_structure(tree: ElementTree.Element) -> None:
@@ -52,7 +49,6 @@ def check_structure(tree: ElementTree.Element) -> None:
 
 
 def _check_expanded(tree: ElementTree.Element) -> None:
-    """Refuse a xacro file with unexpanded macros."""
     for element in tree.iter():
         space, _, tag = str(element.tag).rpartition("}")
         if space.rstrip("/").endswith("xacro"):
@@ -96,7 +92,6 @@ def _end(name: str, joint: ElementTree.Element, key: str, links: Mapping[str, ob
 
 
 def _check_tree(links: Iterable[str], above: Mapping[str, str]) -> None:
-    """Require one tree."""
     roots = [name for name in links if name not in above]
     if len(roots) > 1:
         raise ConfigurationError(

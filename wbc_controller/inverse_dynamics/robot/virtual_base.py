@@ -6,8 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-#: Smallest volume of three unit axes that span the space.
-_LEAST_VOLUME = 0.1
+_LEAST_VOLUME = 0.1  # of three unit axes that span the space
 
 
 def virtual_joints(tree: ElementTree.Element) -> list[str]:

@@ -14,8 +14,7 @@ from wbc_controller.inverse_dynamics.formulation.problem_kernels import LeastSqu
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
 from wbc_controller.records import Array
 
-#: Largest number of cost rows per unknown for the condensed system.
-_MOST_ROWS = 1.25
+_MOST_ROWS = 1.25  # cost rows per unknown, for the condensed system
 
 
 class LevelWorkspace:
@@ -112,8 +111,8 @@ class ActiveSet:
     ) -> tuple[int, int, float]:
         """Solve the condensed system with the cost of a level.
 
-        A wrong active set is replaced by the violated constraints and the multipliers of right sign (Hintermüller, Ito,
-        Kunisch, "The primal-dual active set strategy as a semismooth Newton method", SIAM J. Optim. 13, 2002).
+        A wrong active set is replaced by the violated constraints and the multipliers of right sign (primal-dual active
+        set strategy: Hintermüller, Ito, Kunisch, SIAM J. Optim. 13, 2002).
 
         Args:
             problem: the problem.

@@ -10,16 +10,11 @@ from wbc_controller.compilation import OutMatrix, OutVector, Signs, compiled, pa
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import Constraints, LeastSquares, dot, residuals
 from wbc_controller.records import Array
 
-#: Outcomes of `solve_condensed`.
 NOT_FOUND, SOLVED, NOTHING_FREE, WRONG_SET = 0, 1, 2, 3
-#: Largest violation of a constraint, as for DAQP.
-FEASIBLE = 1.0e-8
-#: Largest residual without refinement.
-PRECISE = 1.0e-11
-#: Largest norm of a solution without near singularity; usually 1e3.
-LARGEST = 1.0e8
-#: Relative square below which a row depends on the rows above.
-DEPENDENT = 1.0e-12
+FEASIBLE = 1.0e-8  # constraint violation, as for DAQP
+PRECISE = 1.0e-11  # residual without refinement
+LARGEST = 1.0e8  # norm of a solution; usually 1e3
+DEPENDENT = 1.0e-12  # relative square below which a row depends on the rows above
 
 
 @part

@@ -28,9 +28,7 @@ _CAREFUL_SETTINGS: tuple[Mapping[str, float], ...] = (
 )
 #: Last attempt: proximal-point iterations, for rare problems of lower levels.
 _PROXIMAL_SETTINGS: Mapping[str, float] = {**_SETTINGS, "iter_limit": 600, "eps_prox": 0.1}
-#: Divisor of the weights of soft constraints without tasks, for convergence.
-_WEIGHT_DIVISOR = 100.0
-#: Status of an infeasible problem.
+_WEIGHT_DIVISOR = 100.0  # of soft constraints without tasks, for convergence
 INFEASIBLE = "infeasible"
 _STATUS = {
     1: "optimal",
@@ -50,8 +48,7 @@ class DaqpSolver(Solver):
 
     It starts from that active set and has no other memory, so that recorded cycles can be reproduced exactly.
 
-    Source: Arnström, Bemporad, Axehill, "A dual active-set solver for embedded quadratic programming using recursive
-    LDLᵀ updates" (IEEE Transactions on Automatic Control, 2022).
+    Source: Arnström, Bemporad, Axehill, IEEE Transactions on Automatic Control, 2022.
     """
 
     tolerance = 1.0e-5
@@ -158,7 +155,6 @@ def _set_up(H: Array, g: Array, constraints: _Constraints, settings: Mapping[str
 
 
 def _run(model: daqp.Model, flag: int) -> tuple[Array, int, int, Array]:
-    """Return minimizer, exit flag, iterations and multipliers."""
     if flag < 0:
         return np.zeros(0), flag, 0, np.zeros(0)
     x, _, flag, info = model.solve()
@@ -166,7 +162,6 @@ def _run(model: daqp.Model, flag: int) -> tuple[Array, int, int, Array]:
 
 
 def _checked_answer(problem: QuadraticProgram, x: Array, flag: int, iterations: int, multipliers: Array) -> Answer:
-    """Return the answer of a run, without x for a violated constraint."""
     if flag < _OPTIMAL:
         return Answer(None, _STATUS.get(flag, f"exit flag {flag}"), iterations)
     residuals: Residuals = problem.residuals(x)

@@ -15,25 +15,19 @@ from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelW
 from wbc_controller.inverse_dynamics.solvers.least_distance import solve_by_least_distance
 from wbc_controller.records import Array, LevelReport
 
-#: Relative size of dependent rows.
-_RANK = 1.0e-9
-#: Clearance at binding constraints, in the problem's units, so that z = 0 is feasible below.
-_CLEARANCE = 1.0e-7
-#: Largest violation of the equalities by their least-squares solution.
-_CONSISTENT = 1.0e-6
-#: Most active sets tried per level.
-_TRIES = 4
-#: Most problems without warm attempt after failures.
-_MOST_SKIPS = 15
+_RANK = 1.0e-9  # relative size of dependent rows
+_CLEARANCE = 1.0e-7  # at binding constraints, so that z = 0 is feasible below
+_CONSISTENT = 1.0e-6  # violation of the equalities
+_TRIES = 4  # per level
+_MOST_SKIPS = 15  # after failures
 
 
 class Hierarchy:
     """Strict priorities: levels solved in sequence, so that no level worsens one above it.
 
-    After Kanoun, Lamiraux, Wieber, "Kinematic control of redundant manipulators: generalizing the task-priority
-    framework to inequality tasks" (T-RO 27, 2011), with null spaces as in Escande, Mansard and Wieber, "Hierarchical
-    quadratic programming" (IJRR 33, 2014). With a basis N of the null space of A x = b and of the levels above, level k
-    minimizes over z and s
+    After Kanoun, Lamiraux, Wieber, "Kinematic control of redundant manipulators" (T-RO 27, 2011), with null spaces as
+    in Escande, Mansard and Wieber, "Hierarchical quadratic programming" (IJRR 33, 2014). With a basis N of the null
+    space of A x = b and of the levels above, level k minimizes over z and s
 
         ½ xᵀHx + gᵀx + ½ ‖s‖²,    x = x_above + N z,    lower ≤ G x + s ≤ upper
 
@@ -225,7 +219,6 @@ def _null_space(A: Array) -> Array:
 
 
 def _pivoted_qr(A: Array) -> tuple[Array, Array, np.ndarray, int]:
-    """Return the QR decomposition of Aᵀ with column pivoting, and the rank."""
     if not A.size:
         return np.eye(A.shape[1]), np.zeros((A.shape[1], 0)), np.zeros(0, dtype=np.intp), 0
     Q, R, order = qr(A.T, pivoting=True)

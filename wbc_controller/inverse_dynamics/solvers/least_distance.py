@@ -8,10 +8,8 @@ from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
 from wbc_controller.records import Array
 
-#: Norm of a row that is independent of x.
-_NO_ROW = 1.0e-12
-#: Smallest -rₙ₊₁ = 1 / (1 + ‖y‖²) of a feasible problem, with normalized y.
-_FEASIBLE = 1.0e-9
+_NO_ROW = 1.0e-12  # norm of a row independent of x
+_FEASIBLE = 1.0e-9  # 1 / (1 + ‖y‖²), with normalized y
 
 
 def solve_by_least_distance(problem: QuadraticProgram) -> Answer:

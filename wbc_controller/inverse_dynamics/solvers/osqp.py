@@ -14,8 +14,7 @@ from wbc_controller.inverse_dynamics.solvers.solver import Solver
 class OsqpSolver(Solver):
     """OSQP with dense matrices, for constant sparsity.
 
-    Source: Stellato, Banjac, Goulart, Bemporad, Boyd, "OSQP: an operator splitting solver for quadratic programs"
-    (Mathematical Programming Computation, 2020).
+    Source: Stellato et al., Mathematical Programming Computation, 2020.
     """
 
     tolerance = 1.0e-3
@@ -31,12 +30,11 @@ class OsqpSolver(Solver):
         self._upper_triangle = np.triu_indices(n)
         self._solver: osqp.OSQP | None = None
         n_range = np.arange(n)
-        # CSC order: by column, then row.
+        # CSC order.
         order = np.lexsort((self._upper_triangle[0], self._upper_triangle[1]))
         self._h_rows = self._upper_triangle[0][order]
         self._h_columns = self._upper_triangle[1][order]
         self._h_starts = np.concatenate([[0], np.cumsum(n_range + 1)])
-        # Only the diagonal of the bounds' rows.
         self._a_rows = np.concatenate([np.append(np.arange(rows), rows + j) for j in n_range])
         self._a_columns = np.repeat(n_range, rows + 1)
         self._a_starts = np.arange(n + 1) * (rows + 1)
@@ -54,7 +52,7 @@ class OsqpSolver(Solver):
             out[rows:] = x_bound
         try:
             result = self._run(problem)
-        except osqp.OSQPException as error:  # for singular matrices
+        except osqp.OSQPException as error:  # singular matrices
             self._solver = None
             return Answer(None, f"OSQPException: {error}", 0)
         iterations = int(result.info.iter)

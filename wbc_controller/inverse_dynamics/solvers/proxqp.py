@@ -13,11 +13,7 @@ _proxqp = proxsuite.proxqp
 
 
 class ProxqpSolver(Solver):
-    """ProxQP.
-
-    Source: Bambade, El-Kazdadi, Taylor, Carpentier, "PROX-QP: Yet another quadratic programming solver for robotics and
-    beyond" (RSS 2022).
-    """
+    """ProxQP (Bambade, El-Kazdadi, Taylor, Carpentier, RSS 2022)."""
 
     tolerance = 1.0e-5
     for_levels = False  # too many iterations for random problems

@@ -15,10 +15,8 @@ from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
 from wbc_controller.records import Array, Reference
 
-#: Smallest distance of a target with a direction, m; smallest sin θ of a target beside the axis.
-_TINY = 1.0e-9
-#: Default distance of a gaze target along the axis, m.
-_GAZE_DISTANCE = 1.0
+_TINY = 1.0e-9  # smallest distance of a target with a direction, m; smallest sin θ of a target beside the axis
+_GAZE_DISTANCE = 1.0  # by default, m
 
 
 class _AlignmentTask(MotionTask):
@@ -35,8 +33,7 @@ class _AlignmentTask(MotionTask):
 
     The last term compensates the spin. If d is opposite to n, the frame turns about b₁.
 
-    Source: angle-axis error as in Siciliano et al., Robotics: Modelling, Planning and Control, 2009, section 3.7.3,
-    without its component along n.
+    Source: angle-axis error as in Siciliano et al., Robotics, 2009, section 3.7.3.
     """
 
     size = 2

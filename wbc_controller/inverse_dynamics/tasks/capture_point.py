@@ -11,8 +11,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks.task import Gains, RateTask
 from wbc_controller.records import Array
 
-#: Lower bound of the pendulum height c_z - z_s, m, for lying robots.
-LOWEST_PENDULUM = 0.1
+LOWEST_PENDULUM = 0.1  # lower bound of the pendulum height c_z - z_s, m, for lying robots
 
 
 class CapturePointTask(RateTask):
@@ -33,10 +32,8 @@ class CapturePointTask(RateTask):
 
     gives the Jacobian J_c / ω and the drift exactly. A weight ω² w here has the effect of the weight w on a task on c̈.
 
-    Sources: Pratt et al., Capture point: a step toward humanoid push recovery, Humanoids 2006; Englsberger, Ott and
-    Albu-Schäffer, Three-dimensional bipedal walking control based on divergent component of motion, T-RO 31, 2015;
-    changing height: Hopkins, Hong and Leonessa, Humanoid locomotion on uneven terrain using the time-varying divergent
-    component of motion, Humanoids 2014.
+    Sources: Pratt et al., Humanoids 2006; Englsberger, Ott and Albu-Schäffer, Three-dimensional bipedal walking control
+    based on divergent component of motion, T-RO 31, 2015; changing height: Hopkins, Hong and Leonessa, Humanoids 2014.
     """
 
     unit = "m"

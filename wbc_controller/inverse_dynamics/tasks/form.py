@@ -13,9 +13,7 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.arrays import sum_of_squares
 from wbc_controller.records import Array
 
-#: Largest deviation of a quaternion's norm from 1.
-_QUATERNION_TOLERANCE = 1.0e-2
-#: Smallest length of a direction.
+_QUATERNION_TOLERANCE = 1.0e-2  # of the norm
 _SHORTEST_DIRECTION = 1.0e-6
 
 
@@ -23,7 +21,7 @@ _SHORTEST_DIRECTION = 1.0e-6
 class ReferenceForm:
     """Form of a reference position: a vector, optionally followed by a quaternion."""
 
-    vector: int = 3  # number of components
+    vector: int = 3  # components
     oriented: bool = False  # True if a quaternion (x, y, z, w) follows the vector
     direction: bool = False  # True for a direction of any non-zero length
 

@@ -26,8 +26,7 @@ def orientation_error(rotation: Array, quaternion: Array) -> Array:
 
 
 class _FrameTask(MotionTask):
-    #: Rows of the frame's twist.
-    part: slice
+    part: slice  # of the frame's twist
 
     def __init__(
         self,

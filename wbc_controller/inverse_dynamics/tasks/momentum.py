@@ -25,8 +25,7 @@ class _MomentumTask(RateTask):
     """
 
     size = 3
-    #: Rows of A_G.
-    part: slice
+    part: slice  # rows of A_G
 
     def __init__(self, name: str, mask: Sequence[bool] | None = None, *, damping: Gains = 10.0) -> None:
         super().__init__(name, [True] * 3 if mask is None else mask, gain=damping, key="damping")

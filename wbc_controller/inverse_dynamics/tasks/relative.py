@@ -31,8 +31,7 @@ class RelativePoseTask(MotionTask):
     The task error is [r_ref - r, R log(Rᵀ R_ref)]. The reference is position and quaternion (x, y, z, w) of B in A,
     (7,), with velocity and acceleration (6,), linear part first.
 
-    Source: for two arms Lewis and Maciejewski, Trajectory generation for cooperating robots, IEEE International
-    Conference on Systems Engineering, 1990.
+    Source: Lewis and Maciejewski, IEEE International Conference on Systems Engineering, 1990.
     """
 
     unit = "m, rad"
@@ -60,7 +59,6 @@ class RelativePoseTask(MotionTask):
         return dynamics.placement(self._a).actInv(dynamics.placement(self._b))
 
     def _axes_and_arm(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """Return R_Aᵀ, and d in world axes."""
         a, b = dynamics.placement(self._a), dynamics.placement(self._b)
         return a.rotation.T, b.translation - a.translation
 

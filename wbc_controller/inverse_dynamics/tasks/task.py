@@ -25,8 +25,7 @@ from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Reference, frozen
 
-#: One number, or one per axis.
-Gains = float | Sequence[float]
+Gains = float | Sequence[float]  # one number, or one per axis
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
@@ -46,9 +45,9 @@ def gains(values: Gains, size: int, key: str) -> Array:
 class Task(Tunable, ABC):
     """Control objective: rows of a least-squares problem in the decision variables, with weight and priority level.
 
-    An `AccelerationTask` acts on v̇, an `EffortTask` on contact forces or torques. Settings override `weight`,
-    `enabled` and `setpoint_duration` for tasks of a configuration file. Set `level` and `tolerance` before the
-    controller is made. Constructors raise `ConfigurationError` for unknown frames or joints and lists of wrong length.
+    An `AccelerationTask` acts on v̇, an `EffortTask` on forces or torques. Settings override `weight`, `enabled` and
+    `setpoint_duration`. Set `level` and `tolerance` before the controller is made. Constructors raise
+    `ConfigurationError` for unknown names and lists of wrong length.
 
     Attributes:
         name: name of the task.
@@ -60,17 +59,14 @@ class Task(Tunable, ABC):
         setpoint_duration: duration of the motion to a new setpoint, s.
     """
 
-    #: Number of components before the mask.
-    size: int
+    size: int  # before the mask
     level: int = 0
     tolerance: Array | None = None
     weight: float = 1.0
     enabled: bool = True
     setpoint_duration: float = 1.0
-    #: Unit of the task error.
-    unit: str = ""
-    #: Gain attributes, each () or (size,).
-    gain_names: tuple[str, ...] = ()
+    unit: str = ""  # of the task error
+    gain_names: tuple[str, ...] = ()  # each () or (size,)
 
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
         self.name = name
