@@ -1,4 +1,4 @@
-"""Contacts that hold more directions than the robot can move along: solutions with all solvers, and their residuals."""
+"""Redundant contacts: solutions of all solvers, and residuals."""
 
 from dataclasses import replace
 
@@ -29,13 +29,13 @@ SOLVERS = {"daqp": {}, "osqp": {}, "proxqp": {}, "quadprog": {}, "levels": LEVEL
 
 
 def solo_8(solver="daqp"):
-    """Four point feet, and legs without hip abduction."""
+    """Solo 8: four point feet, legs without hip abduction."""
     changes = SOLVERS[solver] | {"solver.name": "daqp" if solver == "levels" else solver}
     return load(new_configuration(SOLO_8).settings).replace(changes)
 
 
 def without_ankle_roll():
-    """G1 with soles that turn about one axis only."""
+    """G1 with soles that rotate about one axis only."""
     g1 = load("g1")
     robot = g1.settings.robot
     kept = [i for i, joint in enumerate(robot.joints) if "ankle_roll" not in joint]
@@ -46,7 +46,7 @@ ROBOTS = {"solo 8": solo_8, "g1 without ankle roll": without_ankle_roll}
 
 
 class Standing:
-    """A robot on all its contacts."""
+    """Robot on all its contacts."""
 
     def __init__(self, config):
         self.settings = config.settings
@@ -59,19 +59,19 @@ class Standing:
         return RobotState(0, frozen(q), frozen(np.zeros(self.model.nv) if v is None else v))
 
     def leaning(self, share):
-        """The stance with left legs that are stretched by a share."""
+        """Return the stance with left legs stretched by a share."""
         joints = np.array([1.0 - share if joint.startswith(("FL", "HL")) else 1.0 for joint in self.model.joints])
         q = self.q.copy()
         q[self.model.q_index] *= joints
         return q
 
     def near(self, rng):
-        """A random state near the stance, whose contacts move, too."""
+        """Return a random state near the stance, with moving contacts."""
         q = pin.integrate(self.model.pinocchio, self.q, 0.03 * rng.uniform(-1.0, 1.0, self.model.nv))
         return self.state(q, 0.2 * rng.uniform(-1.0, 1.0, self.model.nv))
 
     def rows(self, state):
-        """J and b of the contacts at a state."""
+        """Return J and b of the contacts at a state."""
         rows = self.qp.formulation.build(state, self.references).contact_rows
         return rows[:, :-1], rows[:, -1]
 
@@ -135,7 +135,7 @@ def test_mobilities_do_not_depend_on_the_coordinates():
     J = np.vstack([contact.jacobian(robot.qp.dynamics) for contact in robot.qp.contacts.values()])
     other = recoordinate(robot.model.pinocchio, root="HR_HFE", flip=["FL_KFE"], shuffle=2)
     units = np.eye(robot.model.nv)
-    T = np.column_stack([other.velocity(q, unit) for unit in units])  # velocities there = T times those here
+    T = np.column_stack([other.velocity(q, unit) for unit in units])  # velocities here = T times velocities there
     M = np.linalg.inv(T).T @ robot.qp.dynamics.M @ np.linalg.inv(T)
     there = np.linalg.eigvalsh(robot.model.mass * (J @ np.linalg.inv(T)) @ np.linalg.solve(M, (J @ np.linalg.inv(T)).T))
     values, _ = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
@@ -143,7 +143,7 @@ def test_mobilities_do_not_depend_on_the_coordinates():
     assert values[1] < LEAST_MOBILITY < values[2]
 
 
-def test_nothing_jumps_as_a_direction_becomes_a_constraint():
+def test_solution_is_continuous_as_a_direction_becomes_a_constraint():
     robot = Standing(solo_8())
     com = robot.references.tasks["com"]
     asked = replace(com, position=frozen(com.position + [0.0, 0.01, 0.0]))
@@ -159,7 +159,7 @@ def test_nothing_jumps_as_a_direction_becomes_a_constraint():
     assert steps.max() < 4.0 * np.median(steps)
 
 
-def test_contacts_with_full_rank_are_left_as_they_are(load):
+def test_contacts_with_full_rank_are_unchanged(load):
     model, settings = load("go2")
     qp = make_qp(settings, model)
     q = stance(model, qp, list(qp.contacts))
@@ -172,7 +172,7 @@ def test_contacts_with_full_rank_are_left_as_they_are(load):
     assert mobilities(layout.J, layout.metric, qp.dynamics)[0].min() > 10.0 * EXAMINED_MOBILITY
 
 
-def test_contacts_that_become_redundant_after_their_activation_are_found_when_a_solver_fails():
+def test_redundancy_after_activation_is_found():
     robot, fresh = Standing(solo_8()), Standing(solo_8())
     rng = np.random.default_rng(5)
     for _ in range(5):
@@ -197,7 +197,7 @@ def test_a_restored_program_continues_bit_for_bit(solver):
         assert found.iterations == expected.iterations
 
 
-def test_two_soles_in_one_place_that_are_pulled_apart_meet_in_the_middle(bench):
+def test_contradictory_soles_have_the_mean_acceleration(bench):
     robot = bench("g1")
     contact = next(iter(robot.controller.contacts.values()))
 

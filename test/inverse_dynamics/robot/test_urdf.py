@@ -1,4 +1,4 @@
-"""URDFs that other readers accept in silence, or do not survive: one sentence each, with the link and the value."""
+"""URDFs that other readers accept silently, or crash on: one sentence each, with link and value."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ INERTIA = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
 
 
 def two(mass: str = "1.0", inertia: str = INERTIA, more: str = "", limit: str = "") -> str:
-    """A fixed link, and one that turns, whose inertial element is given."""
+    """Return a fixed link and a rotating link with a given inertial element."""
     limit = limit or '<limit lower="-1" upper="1" effort="10" velocity="2"/>'
     return f"""<robot name="two"><link name="base"><inertial><mass value="1"/>{INERTIA}</inertial></link>
       <link name="arm"><inertial><mass value="{mass}"/>{inertia}</inertial>{more}</link>
@@ -73,7 +73,7 @@ def test_a_mass_that_is_no_finite_number_is_refused(mass):
         (two("1\0"), "not a usable URDF: not well-formed"),
     ],
 )
-def test_what_pinocchio_takes_or_dies_of_is_refused_in_one_sentence(urdf, said):
+def test_invalid_urdfs_are_refused_in_one_sentence(urdf, said):
     with pytest.raises(ConfigurationError) as error:
         build_model(urdf, ["elbow"], [0.0])
     assert str(error.value).startswith("robot.urdf: ")
@@ -83,7 +83,7 @@ def test_what_pinocchio_takes_or_dies_of_is_refused_in_one_sentence(urdf, said):
 
 
 @pytest.mark.parametrize("floating", [True, False])
-def test_a_robot_of_which_nothing_that_moves_has_a_mass_is_refused(floating):
+def test_massless_robots_are_refused(floating):
     massless = INERTIA.replace("0.1", "0")
     urdf = two("0", massless)
     if floating:
@@ -106,7 +106,7 @@ def chain(links: int) -> str:
     return robot(*map(link, names), *joints)
 
 
-def test_a_chain_is_as_long_as_pinocchio_survives():
+def test_longest_chain():
     assert build_model(chain(1000), ["j0"], [0.0], floating_base=False).joints == ("j0",)
     with pytest.raises(
         ConfigurationError, match="link 'l1000' is number 1001 in a chain of links; the maximum is 1000"
@@ -117,7 +117,7 @@ def test_a_chain_is_as_long_as_pinocchio_survives():
         parse_urdf(robot(*(link(f"l{i}") for i in range(5001)), *star))
 
 
-def test_20_000_chained_links_end_no_process():
+def test_20_000_chained_links_do_not_crash():
     code = (
         "import sys; from wbc_controller.inverse_dynamics.robot.from_urdf import build_model\n"
         "build_model(sys.stdin.read(), ['j0'], [0.0])"
@@ -129,7 +129,7 @@ def test_20_000_chained_links_end_no_process():
     assert "the maximum is" in ended.stderr.splitlines()[-1]
 
 
-def test_links_in_a_circle_or_with_two_parents_are_refused():
+def test_cycles_and_two_parents_are_refused():
     links = [link(name) for name in "abcd"]
     for joints, message in (
         ([joint("1", "a", "b"), joint("2", "b", "c"), joint("3", "c", "b")], "link 'b' is the child of two joints"),
@@ -143,7 +143,7 @@ def test_links_in_a_circle_or_with_two_parents_are_refused():
             build_model(robot(*links, *joints), ["1"], [0.0])
 
 
-def test_an_srdf_has_no_entities_either():
+def test_srdf_entities_are_refused():
     with pytest.raises(
         ConfigurationError, match=r"limits\.self_collision\.srdf: not a usable SRDF: <!DOCTYPE> is not supported"
     ):

@@ -55,7 +55,7 @@ def rotation(quaternion):
 
 
 def displacement(kind, start, end):
-    """From one position to another, rotations in the outer axes; computed apart from the task's own error."""
+    """Return the displacement between positions, with rotations in outer axes, by a separate formula."""
     if kind == "frame_orientation":
         return pin.log3(rotation(end) @ rotation(start).T)
     if kind in POSES:
@@ -122,7 +122,7 @@ def test_error_leads_from_the_position_to_the_reference(load, random_state, robo
         np.testing.assert_allclose(reached, rotation(goal[-4:]), atol=1.0e-9)
 
 
-def test_position_of_a_frame_is_where_pinocchio_puts_it(load, random_state):
+def test_frame_position_equals_pinocchio(load, random_state):
     model, _ = load("g1")
     q, v = random_state(model, np.random.default_rng(1))
     dynamics, data = snapshot(model, q, v), model.pinocchio.createData()
@@ -161,7 +161,7 @@ def test_a_reference_orientation_need_not_be_normalized(load, random_state, leng
     reference = pin.Quaternion(pin.exp3(np.array([0.1, 0.2, -0.3]))).coeffs()
     expected = task.error(dynamics, reference)
     np.testing.assert_allclose(task.error(dynamics, length * reference), expected, atol=1e-12)
-    np.testing.assert_allclose(task.error(dynamics, -reference), expected, atol=1e-12)  # q and -q are one orientation
+    np.testing.assert_allclose(task.error(dynamics, -reference), expected, atol=1e-12)  # the same orientation
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_equation_gives_the_masked_rows_of_the_task_law(load, random_state, kind
     reference = Reference(goal, rng.normal(size=task.size), rng.normal(size=task.size))
     J, right, error = task.equation(dynamics, reference)
     assert task.dimension == sum(mask)
-    # The acceleration that the task gets, were it alone, is its law's.
+    # The acceleration of this task alone follows its law.
     full_error = displacement(kind, task.position(dynamics), goal)
     acceleration = reference.acceleration + stiffness * full_error
     acceleration += damping * (reference.velocity - task.jacobian(dynamics) @ dynamics.v)
@@ -219,7 +219,7 @@ def test_damping_is_critical_where_it_is_not_given(load, kind):
     np.testing.assert_allclose(make(kind, model, "g1", stiffness=np.arange(size) ** 2).damping, 2.0 * np.arange(size))
 
 
-def test_rest_is_a_reference_that_asks_for_no_acceleration(load, random_state):
+def test_default_reference_requires_no_acceleration(load, random_state):
     model, _ = load("g1")
     q, _ = random_state(model, np.random.default_rng(5))
     dynamics = snapshot(model, q, np.zeros(model.nv))
@@ -268,7 +268,7 @@ def test_a_list_of_gains_of_another_length_is_refused_with_the_right_one(load, k
         make(kind, model, "g1", **{key: [1.0] * (size + 1)})
 
 
-# Axes that point somewhere -------------------------------------------------------------------------------------------
+# Axis tasks ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
@@ -292,7 +292,7 @@ def test_jacobian_and_drift_of_an_axis_are_the_turning_of_the_axis(load, random_
     dynamics.update(q, v)
     n, (_, b1, b2) = task.direction(dynamics), dynamics.placement(frame).rotation.T
     np.testing.assert_allclose(n, dynamics.placement(frame).rotation[:, 0], atol=1e-12)
-    turning = np.cross(n, np.array(columns))  # ω = n × ṅ, less the spin about n
+    turning = np.cross(n, np.array(columns))  # ω = n × ṅ, without the spin about n
     np.testing.assert_allclose(task.jacobian(dynamics), [turning @ b1, turning @ b2], atol=1e-7)
     np.testing.assert_allclose(task.velocity(dynamics), task.jacobian(dynamics) @ v, atol=1e-10)
     np.testing.assert_allclose(task.drift(dynamics), (ends[1] - ends[0]) / (2.0 * step), rtol=1e-6, atol=1e-6)
@@ -313,7 +313,7 @@ def test_under_its_law_the_angle_to_a_moving_target_is_a_damped_spring(load, ran
     r = ahead if kind is AxisAlignmentTask else task.position(dynamics) - task.direction(dynamics) + ahead
     r_dot, r_ddot = rng.normal(size=3), rng.normal(size=3)
     J, right, error = task.equation(dynamics, Reference(r, r_dot, r_ddot))
-    assert np.abs(error).max() < 1.0e-9  # on target, and moving away from it
+    assert np.abs(error).max() < 1.0e-9  # on the target, with relative motion
     v_dot = np.linalg.lstsq(J, right, rcond=None)[0]
     frame = model.pinocchio.getFrameId(FRAMES[robot])
     to_sides = task._sides @ dynamics.placement(frame).rotation.T
@@ -323,7 +323,7 @@ def test_under_its_law_the_angle_to_a_moving_target_is_a_damped_spring(load, ran
         target = r + t * r_dot + 0.5 * t**2 * r_ddot
         if kind is GazeTask:
             target = target - dynamics.placement(frame).translation
-        # In axes that do not spin, and by another formula: for small angles the sine will do.
+        # In axes without spin, and by another formula; sin θ ≈ θ for small angles.
         errors.append(to_sides @ np.cross(task.direction(dynamics), target / np.linalg.norm(target)))
     rate, acceleration = (errors[2] - errors[0]) / (2.0 * h), (errors[2] - 2.0 * errors[1] + errors[0]) / h**2
     assert np.linalg.norm(rate) > 0.01
@@ -332,7 +332,7 @@ def test_under_its_law_the_angle_to_a_moving_target_is_a_damped_spring(load, ran
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-10, 1e-5, 0.3, 1.5, 3.0, np.pi - 1e-10, np.pi])
-def test_the_error_of_an_axis_is_the_angle_and_leads_there(load, random_state, angle):
+def test_axis_error_is_the_angle(load, random_state, angle):
     model, _ = load("g1")
     dynamics = snapshot(model, *random_state(model, np.random.default_rng(10)))
     task = AxisAlignmentTask("aim", model, FRAMES["g1"], [1.0, 0.0, 0.0])
@@ -343,7 +343,7 @@ def test_the_error_of_an_axis_is_the_angle_and_leads_there(load, random_state, a
     np.testing.assert_allclose(R @ pin.exp3(np.array([0.0, *error])) @ [3.0, 0.0, 0.0], goal, atol=1e-8)
 
 
-def test_a_target_without_direction_asks_for_nothing(load, random_state):
+def test_target_without_direction(load, random_state):
     model, _ = load("g1")
     dynamics = snapshot(model, random_state(model, np.random.default_rng(11))[0], np.zeros(model.nv))
     here = dynamics.placement(model.pinocchio.getFrameId(FRAMES["g1"])).translation
@@ -356,7 +356,7 @@ def test_a_target_without_direction_asks_for_nothing(load, random_state):
 
 
 @pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
-def test_an_axis_at_rest_stays_and_the_reference_fits_the_trajectories(load, random_state, kind):
+def test_default_reference_of_an_axis(load, random_state, kind):
     model, _ = load("g1")
     dynamics = snapshot(model, random_state(model, np.random.default_rng(12))[0], np.zeros(model.nv))
     task = kind("aim", model, FRAMES["g1"], [0.0, 1.0, 1.0])
@@ -381,7 +381,7 @@ RATES = {
 
 
 def above_the_support(model, q):
-    """The same state with the base higher, so that there is a pendulum."""
+    """Return the state with a higher base, for a pendulum of positive length."""
     return np.concatenate([q[:2], [np.abs(q[2])], q[3:]])
 
 
@@ -415,7 +415,7 @@ def test_the_equation_of_a_rate_is_feed_forward_and_decay(load, random_state, ki
     mask = [False] + [True] * (size - 1)
     task = RATES[kind](model, mask=mask, **{key: list(range(1, size + 1))})
     here = np.array(task.position(dynamics))
-    reference = Reference(here + 0.5, np.full(size, 7.0), np.full(size, np.nan))  # an acceleration is not looked at
+    reference = Reference(here + 0.5, np.full(size, 7.0), np.full(size, np.nan))  # the acceleration is ignored
     J, right, error = task.equation(dynamics, reference)
     assert task.dimension == len(J) == size - 1
     np.testing.assert_allclose(right + task.drift(dynamics)[1:], 7.0 + 0.5 * np.arange(2, size + 1))
@@ -425,7 +425,7 @@ def test_the_equation_of_a_rate_is_feed_forward_and_decay(load, random_state, ki
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_momenta_are_pinocchios_and_their_rest_is_zero(load, random_state, robot):
+def test_momenta_equal_pinocchio(load, random_state, robot):
     model, _ = load(robot)
     q, v = random_state(model, np.random.default_rng(14))
     dynamics = snapshot(model, q, v)
@@ -438,11 +438,11 @@ def test_momenta_are_pinocchios_and_their_rest_is_zero(load, random_state, robot
         np.testing.assert_array_equal(task.rest(dynamics).position, np.zeros(3))
 
 
-def test_the_capture_point_is_where_the_pendulum_comes_to_rest(load):
+def test_pendulum_comes_to_rest_over_the_capture_point(load):
     """The pendulum c̈ = ω² (c - p) with its foot p at the capture point, integrated for five time constants."""
     model, _ = load("g1")
     v = np.zeros(model.nv)
-    v[:2] = [0.4, -0.2]  # the whole robot moves, without turning
+    v[:2] = [0.4, -0.2]  # translation of the whole robot
     dynamics = snapshot(model, model.configuration(model.posture), v)
     task = CapturePointTask("cp", model.gravity, support_height=-0.7)
     omega, point = task.omega(dynamics), task.position(dynamics)
