@@ -26,7 +26,6 @@ class Contact(Tunable, ABC):
     for unknown frames, masks without held axis, and vectors of zero length.
 
     Attributes:
-        name: name of the contact.
         basis: orthonormal columns, (6, k): the published wrench [force, moment] is basis f.
         wrench_frame: link with the contact frame of the wrench, or ``world``.
         cone: friction or wrench cone C, (rows, k).
@@ -176,8 +175,6 @@ class UnilateralContact(AnchoredContact):
 
     Attributes:
         normal: index in f of the normal force.
-        friction: Coulomb friction coefficient.
-        min_normal_force: N.
         max_normal_force: N.
         max_yaw_moment: largest moment about the normal, N·m; inf for none.
     """

@@ -22,10 +22,6 @@ class FixedContact(AnchoredContact):
     """Bolted foot or gripping hand: some axes of its frame are held, with forces in both directions.
 
     f has one component per held axis of the contact frame, forces first.
-
-    Attributes:
-        max_force: largest force along each axis, N.
-        max_moment: largest moment about each axis, N·m.
     """
 
     def __init__(
@@ -49,8 +45,8 @@ class FixedContact(AnchoredContact):
             placement: of the contact in that frame.
             mask: held axes of the contact frame: along x, y, z, about x, y, z.
             against: URDF frame of the holding link; None for the world.
-            max_force: largest force along each axis, N.
-            max_moment: largest moment about each axis, N·m.
+            max_force: along each axis, N.
+            max_moment: about each axis, N·m.
             damping: D, 1/s.
             stiffness: K, 1/s², for holonomic masks only (see `_nonholonomic_axes`).
         """
@@ -129,8 +125,7 @@ def _nonholonomic_axes(held: np.ndarray) -> list[str]:
     """Name the held axes along which sequences of motions along free axes can displace the link.
 
     If the twists along the free axes do not form a Lie algebra, the constraint is nonholonomic and does not restrict
-    the position, as for a parking car (Murray, Li and Sastry, A Mathematical Introduction to Robotic Manipulation,
-    1994, section 7.2).
+    the position, as for a parking car (Murray, Li and Sastry, 1994, section 7.2).
     """
     free = [pin.Motion(axis) for i, axis in enumerate(np.eye(6)) if i not in held]
     brackets = np.array([a.cross(b).vector for a in free for b in free]).reshape(-1, 6)

@@ -67,7 +67,6 @@ class Mount:
     def __init__(
         self, model: RobotModel, name: str, frame: str, placement: pin.SE3, against: str | None = None
     ) -> None:
-        """Make a mount of a contact frame C from its placement in a URDF frame."""
         self.frame = frame  # URDF frame of the link
         self.against = against  # URDF frame of B; None for the world
         self._id = model.frame_id(frame, f"contacts.{name}.frame")

@@ -70,7 +70,6 @@ class PointContact(UnilateralContact):
             radius: of the ball, m.
             normal: outward normal of the plane, (3,); in the world, or in `against`.
             against: URDF frame of the touched link; None for the world.
-            friction: Coulomb friction coefficient.
             **limits: other keywords of `UnilateralContact`.
         """
         self._axes = axes_with_normal(unit(f"contacts.{name}.normal", np.asarray(normal)))

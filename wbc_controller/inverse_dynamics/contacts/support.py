@@ -53,9 +53,8 @@ def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
     """Return the exact wrench cone C, (rows, 6), of a convex polygon with vertices (n, 2), as in `wrench_cone`.
 
     Forces along the four pyramid edges at each vertex span the cone. Scaled to fz = 1, they are the corners of a
-    polytope in (fx, fy, τx, τy, τz); its facets are the rows of C (Caron, Pham, Nakamura, "Leveraging cone double
-    description for multi-contact stability of humanoids", RSS 2015). Rows are scaled to a yaw coefficient of size 1; if
-    it is 0, to those of τx and τy, then of fx and fy.
+    polytope in (fx, fy, τx, τy, τz); its facets are the rows of C (Caron, Pham, Nakamura, RSS 2015). Rows are scaled to
+    a yaw coefficient of size 1; if it is 0, to those of τx and τy, then of fx and fy.
     """
     middle = vertices.mean(axis=0)
     size = float(np.abs(vertices - middle).max())

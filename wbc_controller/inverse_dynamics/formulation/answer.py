@@ -17,8 +17,7 @@ class Answer:
     x: Array | None  # (n,)
     status: str  # by the solver
     iterations: int  # by the solver
-    # of [x; C x], positive at an upper bound, negative at a lower one, (n + m_in,); Hx + g + Aᵀy + [I; C]ᵀ multipliers
-    # = 0
+    # of [x; C x], (n + m_in,), positive at an upper bound; Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0
     multipliers: Array = field(default_factory=lambda: np.zeros(0))
     residuals: Residuals | None = None  # at x
     cost: float | None = None  # at x

@@ -41,7 +41,6 @@ class LevelCost:
         self, tasks: Sequence[Task], layout: Layout, dynamics: Dynamics, regularization: Regularization, *,
         first: bool, last: bool,
     ) -> None:  # fmt: skip
-        """Lay out the rows, with those of contacts for the first level; the last level has no rows to keep."""
         problem, base = layout.problem, 6 if dynamics.model.floating_base else 0
         n = problem.n
         self._tasks, self._layout, self._dynamics, self._regularization = tasks, layout, dynamics, regularization

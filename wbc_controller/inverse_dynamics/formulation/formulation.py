@@ -41,9 +41,6 @@ class Formulation:
     activations, gains, limits) are written to them after changes. State and references are filled in every cycle.
 
     Attributes:
-        dynamics: snapshot of the last cycle.
-        structure: of the last cycle.
-        parameters: of the last cycle.
         task_errors: of each level in the last cycle.
         redundancy: active contacts, and True to separate them in every cycle (`formulation.redundancy`).
     """

@@ -19,7 +19,7 @@ The equations of motion always hold: they never conflict alone. Violations for Ï
 - cones: `CONTACT_SCALE` m g; with moments, `CONTACT_SCALE` m g `MOMENT_LENGTH`,
 - contact accelerations: `CONTACT_SCALE` g; angular, `CONTACT_SCALE` g / `MOMENT_LENGTH`.
 
-Slip is therefore named only without alternative.
+Slip is therefore named only if no other constraint can be relaxed.
 """
 
 from collections.abc import Collection, Sequence

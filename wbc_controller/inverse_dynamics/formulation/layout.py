@@ -62,7 +62,6 @@ class Layout:
     def __init__(
         self, dynamics: Dynamics, contacts: Sequence[Contact], limits: Sequence[RowLimit] = (), cost_rows: int = 0
     ) -> None:
-        """Lay out the problem; `cost_rows` is the largest number of rows of the cost."""
         model = dynamics.model
         nv, na, free = model.nv, model.na, model.actuation.free
         coupling = model.actuation.C

@@ -23,7 +23,7 @@ from wbc_controller.inverse_dynamics.tasks.task import Efforts, equation_of
 from wbc_controller.inverse_dynamics.tasks.task import motion_of as task_motion
 from wbc_controller.records import Array, Reference, References
 
-ROTATION_LENGTH = 0.1  # length between rates of angular and linear momentum in the regularization, m
+ROTATION_LENGTH = 0.1  # scales rates of angular momentum to rates of linear momentum, m
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,10 @@ class PlainQP:
 def task_rows(
     task: Task, dynamics: Dynamics, efforts: Efforts, reference: Reference, n: int
 ) -> tuple[Array, Array, Array] | None:
-    """Return the rows R x = r of a task, R (k, n) and r (k,), and its error (k,); None without such a quantity.
+    """Return the rows R x = r of a task, R (k, n) and r (k,), and its error (k,); None for an inactive contact's force.
 
     An acceleration task has rows J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`). An effort task has rows in x;
-    its error depends on the solution and is NaN here. The force of an inactive contact does not exist.
+    its error depends on the solution and is NaN here.
     """
     if isinstance(task, EffortTask):
         equation = equation_of(task, efforts, reference, n)

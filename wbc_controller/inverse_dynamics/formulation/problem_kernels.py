@@ -42,12 +42,7 @@ def residuals(
 ) -> tuple[float, float]:
     """Compute the residuals of constraints at a point x; return the smallest room and the largest |A x - b|.
 
-    Args:
-        constraints: the constraints.
-        value: in place: x, to which C x is appended, (n + m_in,).
-        room: out: distances of [x; C x] from lower and upper bounds, (2, n + m_in).
-        equalities: out: |A x - b|, (m_eq,).
-        outputs: out: C x + r, (k,).
+    The outputs are as in `formulation.problem.Residuals`; `value` contains x in its first n entries.
     """
     rows, bounds, offset = constraints.rows, constraints.bounds, constraints.offset
     n, m = rows.shape[1] - 1, len(equalities)

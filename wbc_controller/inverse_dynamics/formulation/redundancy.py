@@ -21,8 +21,7 @@ from wbc_controller.inverse_dynamics.method_calls import is_finite
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
 
-#: Smallest mobility of a constraint, relative to a free body of the robot's mass; shipped robots have 1.3 near their
-#: stances, and 0.2 with straight knees.
+#: Relative to a free body of the robot's mass; shipped robots have 1.3 near their stances, 0.2 with straight knees.
 LEAST_MOBILITY = 0.01
 EXAMINED_MOBILITY = 0.1  # examined in every cycle
 REDUNDANT_WEIGHT, _LARGEST = 1.0e4, 1.0e4  # for ρ = ½, (m/s²)⁻²; largest ρ / (1 - ρ)

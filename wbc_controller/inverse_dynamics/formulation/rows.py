@@ -40,7 +40,6 @@ class CompiledRows:
     """
 
     def __init__(self, dynamics: Dynamics, out: Array, target: Array, entries: Sequence[RowEntry]) -> None:
-        """Lay out the instructions for the block `out`, (k, n + 1), and joint targets, (n,)."""
         instructions: list[tuple[int, ...]] = []
         places: list[np.ndarray] = [np.zeros(0, dtype=np.int64)]
         numbers: list[Array] = [np.zeros(0)]

@@ -22,9 +22,9 @@ _SIDES = np.array([[1.0], [-1.0]])  # signs of q for upper and lower limits
 class JointMotionLimit(Tunable):
     """Bounds of q̈ that keep every joint in viable states, from which all limits can be met for all time.
 
-    After Del Prete, "Joint position and velocity bounds in discrete-time acceleration/torque control of robot arms"
-    (IEEE Robotics and Automation Letters, 2018), in closed form. A state is viable if the joint can stop at its limits
-    without reversing, with accelerations of at most q̈_max, constant over each period T:
+    After Del Prete, "Joint position and velocity bounds" (IEEE Robotics and Automation Letters, 2018), in closed form.
+    A state is viable if the joint can stop at its limits without reversing, with accelerations of at most q̈_max,
+    constant over each period T:
 
         q̇² / (2 q̈_max) + q̇ T / 2 ≤ q_max - q    for q̇ > 0, mirrored for q̇ < 0.
 
@@ -57,7 +57,6 @@ class JointMotionLimit(Tunable):
     def __init__(
         self, position: tuple[Array, Array] | None, velocity: Array | None, *, acceleration: float, horizon: float = 0.0
     ) -> None:
-        """Make a limit; None for unlimited positions or velocities."""
         self.position_lower: Array | None = None
         self.position_upper: Array | None = None
         if position is not None:
@@ -130,11 +129,7 @@ class JointMotionLimit(Tunable):
         A joint that moves towards a limit must brake with a constant acceleration that stops it within
         `STOPPING_DISTANCE` beyond the limit: q̈ ≤ -q̇² / (2 (q_max + STOPPING_DISTANCE - q)).
 
-        Args:
-            q: joint positions, (nj,).
-            v: joint velocities, (nj,).
-            bounds: result of `bounds`, (2, nj); the returned bounds are not tighter.
-            limits: position limits without the margin, both (nj,).
+        The returned bounds are not tighter than `bounds`, (2, nj); `limits` are position limits without the margin.
         """
         if self.position_lower is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)

@@ -69,7 +69,6 @@ class SelfCollisionLimit(RowLimit):
         max_pairs: int,
         summary: str = "",
     ) -> None:
-        """Make a limit for the pairs of convex shapes in a geometry, with `max_pairs` rows."""
         self.summary = summary
         self.margin = margin
         self.acceleration = acceleration
@@ -121,7 +120,7 @@ class SelfCollisionLimit(RowLimit):
         self.computed = 0
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write rows and bounds in the order of the pairs, which keep their rows, and the solver its warm start."""
+        """Write rows and bounds in the order of the pairs, for the solver's warm start."""
         rows[:], lower[:], upper[:] = 0.0, -np.inf, np.inf
         ahead = max(period, self.horizon)
         near = self._compute_near_distances(dynamics, ahead)
@@ -190,9 +189,8 @@ def _levers(
     """Return `starts`, `components`, `levers` and `ends` of `ShapePairs`.
 
     A joint that moves one link of a pair changes their distance at most by its speed times its largest distance from
-    the shape. For each shape, these joints are from its link towards the root, up to the first joint that moves both
-    links: a partial sum common to all of its pairs. `reach` (s, nv) is the largest distance of each shape from each
-    joint.
+    the shape, `reach` (s, nv). For each shape, these joints are from its link towards the root, up to the first joint
+    that moves both links: a partial sum common to all of its pairs.
     """
     starts, components, levers, ends = [0], [], [], np.zeros(pairs.shape, dtype=np.int64)
     for shape, link in enumerate(links):

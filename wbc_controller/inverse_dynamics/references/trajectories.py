@@ -145,7 +145,7 @@ class Ramp:
 
 
 class SoftRamp(Ramp):
-    """Ramp of a non-negative number with a linear cube root, without a jump in relative size at its end."""
+    """Ramp of a non-negative number with a linear cube root, so that it reaches zero without a relative jump."""
 
     __slots__ = ()
 

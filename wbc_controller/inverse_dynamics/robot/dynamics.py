@@ -22,10 +22,6 @@ class Dynamics:
     The arrays belong to Pinocchio and are overwritten by the next `update`. Drifts are accelerations at v̇ = 0.
 
     Attributes:
-        model: robot model.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        M: joint-space inertia matrix, (nv, nv).
         h: bias forces: Coriolis, centrifugal and gravity terms minus passive joint forces, (nv,).
         com: centre of mass in the world, (3,) in m.
         com_velocity: (3,) in m/s.

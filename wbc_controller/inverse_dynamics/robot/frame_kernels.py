@@ -129,9 +129,9 @@ def _frame_rows(
     """Fill rows of a frame task in world axes: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
 
     Args:
-        motion: motion of the links.
-        link: link of the frame.
-        first: first twist component: 0, or 3 for an orientation.
+        motion: of the links.
+        link: of the frame.
+        first: twist component: 0, or 3 for an orientation.
         size: number of twist components: 3 or 6.
         numbers: placement of the frame on its link, (12,); K, D; reference position, quaternion, or both; ẋ_ref, ẍ_ref.
         rows: selected components, (r,).

@@ -46,7 +46,7 @@ def build_model(
 
     Args:
         joints: moving and measured joints with one degree of freedom.
-        posture: nominal position of each joint, rad.
+        posture: nominal positions, rad.
         floating_base: True if the root link moves freely.
         armature: reflected rotor inertia of each joint with its own motor, kg·m².
         effort_limit_scale: usable share of the effort limits.
@@ -55,7 +55,7 @@ def build_model(
         transmission: actuators with ratios, by name.
         passive_joints: springs and dampers of joints without a motor, by name.
         locked_joints: positions of locked joints, rad; 0 by default, or as determined by a locked leader.
-        joint_limits: limits that replace those of the URDF, by joint.
+        joint_limits: replacements of the URDF's limits, by joint.
         commanded_by_joint: True if the command contains joint torques instead of actuator torques.
 
     Raises:

@@ -56,7 +56,6 @@ class Followers:
     """Mimic joints of a model."""
 
     def __init__(self, mimics: Mapping[str, Mimic], q_index: Mapping[str, int], v_index: Mapping[str, int]) -> None:
-        """Collect the mimic joints; indices in q and v of all joints are by name."""
         self.names = tuple(mimics)  # (nm,)
         self.mimics = dict(mimics)  # by name
         self.q_index = _indices_of(q_index, self.names)  # (nm,)

@@ -25,7 +25,6 @@ class PassiveForces:
     def __init__(
         self, joints: Mapping[str, PassiveJoint], q_index: Mapping[str, int], v_index: Mapping[str, int]
     ) -> None:
-        """Collect the springs and dampers; indices in q and v are by name."""
         self.joints = dict(joints)  # by name, (k,)
         self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)  # (k,)
         self._q_index = np.array([q_index[name] for name in joints], dtype=np.intp)

@@ -114,12 +114,8 @@ class ActiveSet:
         A wrong active set is replaced by the violated constraints and the multipliers of right sign (primal-dual active
         set strategy: Hintermüller, Ito, Kunisch, SIAM J. Optim. 13, 2002).
 
-        Args:
-            problem: the problem.
-            squares: cost of the level.
-            memory: kept rows of the levels above; receives the solution.
-            kept: number of cost rows that lower levels must keep.
-            tries: most active sets.
+        `memory` has the kept rows of the levels above, and receives the solution. `kept` is the number of cost rows
+        that lower levels must keep, `tries` the largest number of active sets.
 
         Returns:
             Outcome and number of the last try, and the sum of squares.
@@ -139,7 +135,6 @@ class ActiveSet:
         return outcome, number, cost
 
     def _full(self, problem: QuadraticProgram) -> Answer | None:
-        """Solve the full system; None for a wrong active set or a nearly singular system."""
         active, n, m = self.side.nonzero()[0], self._n, self._n + self._m
         size = m + len(active)
         K, right = np.zeros((size, size)), np.empty(size)

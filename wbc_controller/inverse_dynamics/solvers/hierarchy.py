@@ -25,9 +25,8 @@ _MOST_SKIPS = 15  # after failures
 class Hierarchy:
     """Strict priorities: levels solved in sequence, so that no level worsens one above it.
 
-    After Kanoun, Lamiraux, Wieber, "Kinematic control of redundant manipulators" (T-RO 27, 2011), with null spaces as
-    in Escande, Mansard and Wieber, "Hierarchical quadratic programming" (IJRR 33, 2014). With a basis N of the null
-    space of A x = b and of the levels above, level k minimizes over z and s
+    After Kanoun, Lamiraux, Wieber (T-RO 27, 2011), with null spaces as in Escande, Mansard and Wieber (IJRR 33, 2014).
+    With a basis N of the null space of A x = b and of the levels above, level k minimizes over z and s
 
         ½ xᵀHx + gᵀx + ½ ‖s‖²,    x = x_above + N z,    lower ≤ G x + s ≤ upper
 

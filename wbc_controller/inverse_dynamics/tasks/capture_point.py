@@ -32,8 +32,8 @@ class CapturePointTask(RateTask):
 
     gives the Jacobian J_c / ω and the drift exactly. A weight ω² w here has the effect of the weight w on a task on c̈.
 
-    Sources: Pratt et al., Humanoids 2006; Englsberger, Ott and Albu-Schäffer, Three-dimensional bipedal walking control
-    based on divergent component of motion, T-RO 31, 2015; changing height: Hopkins, Hong and Leonessa, Humanoids 2014.
+    Sources: Pratt et al., Humanoids 2006; Englsberger, Ott and Albu-Schäffer, T-RO 31, 2015; changing height: Hopkins,
+    Hong and Leonessa, Humanoids 2014.
     """
 
     unit = "m"

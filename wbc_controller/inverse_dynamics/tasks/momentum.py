@@ -21,7 +21,7 @@ class _MomentumTask(RateTask):
     The default reference is 0. There is no stiffness: angular momentum is not integrable, and the centre of mass task
     controls the integral of linear momentum.
 
-    Source: Orin, Goswami and Lee, Centroidal dynamics of a humanoid robot, Autonomous Robots 35, 2013.
+    Source: Orin, Goswami and Lee, Autonomous Robots 35, 2013.
     """
 
     size = 3

@@ -20,8 +20,7 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 class RelativePoseTask(MotionTask):
     """Task on the pose of a frame B relative to a frame A of the robot, in the axes of A.
 
-    With d = p_B - p_A and the rotation R_A of A, the pose is r = R_Aᵀ d in m and R = R_Aᵀ R_B. For an observer fixed to
-    A,
+    With d = p_B - p_A and the rotation R_A of A, the pose is r = R_Aᵀ d in m and R = R_Aᵀ R_B. Seen from A,
 
         ṙ = R_Aᵀ (ḋ - ω_A × d)                                           m/s
         ω = R_Aᵀ (ω_B - ω_A)                                             rad/s

@@ -50,11 +50,9 @@ class Task(Tunable, ABC):
     `ConfigurationError` for unknown names and lists of wrong length.
 
     Attributes:
-        name: name of the task.
         rows: indices of the components selected by the mask, (k,).
         level: priority level; 0 is the highest.
         tolerance: deviation without cost, in the unit of the error, () or (size,), or None.
-        weight: weight in the cost.
         enabled: True if the task is on at activation.
         setpoint_duration: duration of the motion to a new setpoint, s.
     """
