@@ -269,11 +269,11 @@ def test_locked_joint_with_mimic_joint():
 
 CASES = {
     "unknown passive joint": ({"passive_joints": {"ankel": {}}}, ["robot.passive_joints: 'ankel'", "'ankle'"]),
-    "actuator that is passive": (
+    "passive actuator": (
         {"actuators": ["rail", "both", "shoulder", "knee_motor", "elbow", "ankle"]},
         ["robot.actuators: 'ankle' is neither in robot.transmission nor a joint", "Valid: "],
     ),
-    "actuator that is unknown": (
+    "unknown actuator": (
         {"actuators": ["rail", "both", "shoulder", "knee_moter", "knee_motor", "elbow"]},
         ["robot.actuators: 'knee_moter'", "did you mean 'knee_motor'"],
     ),

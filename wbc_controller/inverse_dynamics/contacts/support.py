@@ -106,8 +106,8 @@ class Polygon:
         for index, (point, is_corner) in enumerate(zip(points, are_corners(points), strict=True)):
             if not is_corner:
                 raise ConfigurationError(
-                    f"{key}[{index}] = {point.tolist()}: not a corner: it is on or inside the polygon of the other "
-                    "vertices, and the polygon must be convex"
+                    f"{key}[{index}] = {point.tolist()}: not a corner, but a point on or inside the polygon of the "
+                    "other vertices; the polygon must be convex: remove the point"
                 )
         self.vertices: Array = points[hull.vertices]  # in order, (n, 2) in m
 
