@@ -23,7 +23,7 @@ RESIDUALS = {"equations_of_motion", "contact_motion", "inequalities"}
 def keep_contacts(monkeypatch):
     """Keep all contacts, so that the relaxed problem counts."""
     monkeypatch.setattr(whole_body_qp, "slipping_contacts", lambda *_: ())
-    monkeypatch.setattr(whole_body_qp, "stop_preventing_contacts", lambda *_: ())
+    monkeypatch.setattr(whole_body_qp, "contacts_preventing_stop", lambda *_: ())
 
 
 def joint_forces(bench, q, forces, wrenches=None):
@@ -323,7 +323,7 @@ def test_contact_preventing_a_stop_is_released(bench, monkeypatch):
     acceleration = solution.v_dot[talos.model.v_index[knee]]
     assert acceleration > talos.settings.limits.acceleration  # it brakes
     assert max(solution.residuals.values()) < 1e-5
-    monkeypatch.setattr(whole_body_qp, "stop_preventing_contacts", lambda *_: ())
+    monkeypatch.setattr(whole_body_qp, "contacts_preventing_stop", lambda *_: ())
     held = talos.controller.solve(state, talos.references())
     assert "left_foot" in held.forces
     assert held.v_dot[talos.model.v_index[knee]] < 0.0  # it accelerates further
@@ -354,7 +354,7 @@ def test_no_release_for_a_nearly_stopping_joint(bench):
 @pytest.mark.parametrize(("share", "feet"), [(0.6, {"left_foot", "right_foot"}), (0.4, {"right_foot"})])
 def test_release_must_halve_the_shortfall(bench, monkeypatch, share, feet):
     talos, state, _ = rising(bench, 8.0)
-    monkeypatch.setattr(whole_body_qp, "stop_preventing_contacts", lambda *_: ("left_foot",))
+    monkeypatch.setattr(whole_body_qp, "contacts_preventing_stop", lambda *_: ("left_foot",))
     monkeypatch.setattr(
         whole_body_qp, "stopping_shortfall", lambda _, layout, __: share if len(layout.key) == 1 else 1.0
     )

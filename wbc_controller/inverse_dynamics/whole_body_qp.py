@@ -12,10 +12,10 @@ from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
 from wbc_controller.inverse_dynamics.formulation.layout import Layout
 from wbc_controller.inverse_dynamics.formulation.relaxation import (
+    contacts_preventing_stop,
     relaxations,
     slipping_contacts,
     soften,
-    stop_preventing_contacts,
     stopping_shortfall,
     widen,
 )
@@ -192,7 +192,7 @@ class WholeBodyQP:
     ) -> tuple[Layout, References, Answer]:
         """Release slipping contacts and contacts that prevent a joint from stopping; keep the better solution."""
         lost = slipping_contacts(self.formulation, layout)
-        given_up = {*lost, *stop_preventing_contacts(self.formulation, layout, value)}
+        given_up = {*lost, *contacts_preventing_stop(self.formulation, layout, value)}
         if not given_up:
             return layout, references, found
         without = replace(references, contacts={**references.contacts, **dict.fromkeys(given_up, 0.0)})

@@ -4,10 +4,10 @@ import pytest
 
 from wbc_controller.inverse_dynamics.contacts import LoopClosure
 from wbc_controller.inverse_dynamics.formulation.relaxation import (
+    contacts_preventing_stop,
     relaxations,
     slipping_contacts,
     soften,
-    stop_preventing_contacts,
     widen,
 )
 
@@ -74,7 +74,7 @@ def test_released_feet_of_legs_and_arms(bench, joint, given_up):
     layout = formulation.build(g1.state(q, v), g1.references())
     value = np.zeros(layout.problem.bounds.shape[1])  # a solution without braking
     loose = {place.contact.name for place in layout.places if np.linalg.norm((place.J @ v)[:3]) > 0.5}
-    assert set(stop_preventing_contacts(formulation, layout, value)) == given_up | loose
+    assert set(contacts_preventing_stop(formulation, layout, value)) == given_up | loose
     assert loose <= given_up
 
 
@@ -89,7 +89,7 @@ def test_moving_feet_are_released(bench, turning, given_up):
     assert (speed > 0.5) == ("right_foot" in given_up)
     assert speed < 2.0
     value = np.zeros(layout.problem.bounds.shape[1])
-    assert set(stop_preventing_contacts(formulation, layout, value)) == given_up
+    assert set(contacts_preventing_stop(formulation, layout, value)) == given_up
 
 
 def test_loops_are_never_released(bench):
@@ -105,5 +105,5 @@ def test_loops_are_never_released(bench):
     (place,) = (place for place in layout.places if place.contact is bar)
     assert np.linalg.norm(place.J @ v) > 1.0
     value = np.zeros(layout.problem.bounds.shape[1])
-    assert set(stop_preventing_contacts(formulation, layout, value)) == {"left_foot", "right_foot"}
+    assert set(contacts_preventing_stop(formulation, layout, value)) == {"left_foot", "right_foot"}
     assert slipping_contacts(formulation, layout) == ()

@@ -124,8 +124,8 @@ class FixedContact(AnchoredContact):
 def _nonholonomic_axes(held: np.ndarray) -> list[str]:
     """Name the held axes along which sequences of motions along free axes can displace the link.
 
-    If the twists along the free axes do not form a Lie algebra, the constraint is nonholonomic and does not restrict
-    the position, as for a parking car (Murray, Li and Sastry, 1994, section 7.2).
+    There are none if the twists along the free axes form a Lie algebra. Otherwise the constraint is nonholonomic: it
+    does not restrict the position, as for a parking car (Murray, Li and Sastry, 1994, section 7.2).
     """
     free = [pin.Motion(axis) for i, axis in enumerate(np.eye(6)) if i not in held]
     brackets = np.array([a.cross(b).vector for a in free for b in free]).reshape(-1, 6)

@@ -71,7 +71,7 @@ def relaxations(formulation: Formulation, layout: Layout, references: References
     yield first + [group for group in (*rows, _joint_motion_group(formulation, layout)) if len(group.places)]
 
 
-def stop_preventing_contacts(formulation: Formulation, layout: Layout, value: Array) -> tuple[str, ...]:
+def contacts_preventing_stop(formulation: Formulation, layout: Layout, value: Array) -> tuple[str, ...]:
     """Return the contacts that prevent a joint from stopping at its position limit, from a relaxed [x; C x].
 
     A stance foot determines the motion of its leg: if the robot leaves the ground faster than the leg can extend, only

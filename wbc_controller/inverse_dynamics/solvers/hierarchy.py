@@ -33,8 +33,8 @@ class Hierarchy:
     subject to the inequality constraints. Then its rows reduce N, and its rows with a tolerance become inequality
     constraints, widened by the slack s.
 
-    Without tolerances and effort tasks, the active sets of the last problem are tried first, as in `ActiveSet`, with
-    the kept rows of the levels above as equality constraints.
+    Without tolerances and effort tasks, the active sets of the last problem are tried first (`ActiveSet`). The kept
+    rows of the levels above are equality constraints there.
     """
 
     def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
