@@ -453,7 +453,7 @@ def test_values_that_are_not_finite_are_refused(robots, where):
     assert bench.controller.solve(bench.state(), bench.references()).relaxed == ()
 
 
-# Content of a solution ----------------------------------------------------------------------------------------------
+# Content of a solution -----------------------------------------------------------------------------------------------
 
 
 def test_residuals_by_group(robots):

@@ -41,8 +41,7 @@ def random_place(rng):
     return pin.SE3(pin.exp3(rng.normal(size=3)), 0.2 * rng.normal(size=3))
 
 
-# Displacement from the anchor
-# ------------------------------------------------------------------------------------------
+# Displacement from the anchor ----------------------------------------------------------------------------------------
 
 
 def a_surface(model, rng, **limits):

@@ -65,8 +65,7 @@ def asked(robot, state=None, before=None):
     )
 
 
-# Each case makes constraints contradictory, and returns their names.
-# ----------------------------------------------------
+# Each case makes constraints contradictory, and returns their names --------------------------------------------------
 
 
 def too_heavy(robot, name):

@@ -108,8 +108,7 @@ def test_the_position_limit_matters(bench):
     assert limit - 0.02 < reached["limited"] <= limit + 1e-6
 
 
-# Viability: with any demand, a joint never reaches a state without feasible bounds.
-# ------------------------------------
+# Viability: with any demand, a joint never reaches a state without feasible bounds -----------------------------------
 
 MANY = 10_000
 ADVERSARIES = ("upper", "lower", "outwards", "random", "bang-bang")
@@ -317,7 +316,7 @@ def test_torque_bounds():
     np.testing.assert_allclose(upper, [10.0, -19.0])
 
 
-# Torque-speed curve ---------------------------------------------------------------------------------------------------
+# Torque-speed curve --------------------------------------------------------------------------------------------------
 
 CURVE = TorqueSpeedCurve(np.full(3, 4.0), np.full(3, 10.0))
 EFFORT = np.array([10.0, 20.0, 30.0])
@@ -415,8 +414,7 @@ def test_a_state_that_is_not_finite_never_gives_torques(bench, solver, where):
     np.testing.assert_allclose(again.tau, good.tau, atol=0.01)
 
 
-# Stopping bounds of a joint that cannot meet its bounds
-# -----------------------------------------------------------------
+# Stopping bounds of a joint that cannot meet its bounds --------------------------------------------------------------
 
 
 LIMITS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])

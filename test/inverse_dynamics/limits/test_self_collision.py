@@ -80,7 +80,7 @@ def along(model, limit, q, v, step, pairs):
     return np.array(found)
 
 
-# Rows --------------------------------------------------------------------------------------------------------------
+# Rows ----------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("robot", SRDF)
@@ -260,7 +260,7 @@ def test_no_pair_is_missed(limits, robot):
     assert found > 50
 
 
-# Barrier -----------------------------------------------------------------------------------------------------------
+# Barrier -------------------------------------------------------------------------------------------------------------
 
 
 def barrier(acceleration=10.0, horizon=0.02):
@@ -304,7 +304,7 @@ def test_nan_stays_nan():
     assert np.isnan(barrier().bound(np.array([np.nan, 0.1]), np.array([0.0, np.nan]), 0.02)).all()
 
 
-# Arms commanded through the torso and through each other --------------------------------------------------------------
+# Arms commanded through the torso and through each other -------------------------------------------------------------
 
 
 class Original:

@@ -166,7 +166,7 @@ def test_a_trajectory_in_the_past_is_refused_and_nothing_else_is_applied(board, 
     assert board.sample(START + 10.0).weights["com"] == 1.0
 
 
-# Disabled tasks -----------------------------------------------------------------------------------------------------
+# Disabled tasks ------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -258,7 +258,7 @@ def test_reset_discards_goals_wrenches_and_weights(board, dynamics, elsewhere):
     np.testing.assert_array_equal(board.sample(START + 9.0).tasks["foot"].position, here)
 
 
-# Zero durations, weights and contacts -------------------------------------------------------------------------------
+# Zero durations, weights and contacts --------------------------------------------------------------------------------
 
 
 def test_a_setpoint_without_duration_holds_at_once(board, dynamics):
