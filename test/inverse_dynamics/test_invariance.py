@@ -85,7 +85,7 @@ def test_solution_is_independent_of_coordinates(robot):
 
 
 @pytest.mark.parametrize(("robot", "share"), [("go2", 0.92), ("g1", 1.0 - 1e-8), ("talos", 1.0 - 1e-8)])
-def test_the_available_friction_does_not_depend_on_the_heading(robot, share):
+def test_available_friction_is_independent_of_heading(robot, share):
     """Exactly for soles, with rotating pyramids; within cos(π / 8) for points."""
     settings = load_settings(find_configuration(robot))
     model = make_model(settings)

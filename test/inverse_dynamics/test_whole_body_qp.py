@@ -92,7 +92,7 @@ def test_equations_of_motion(robots, robot):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_forces_stay_in_their_cones_and_torques_in_their_limits(robots, robot):
+def test_forces_and_torques_are_within_limits(robots, robot):
     bench, rng = robots[robot], np.random.default_rng(2)
     bound = 0
     for _ in range(30):
@@ -160,7 +160,7 @@ def test_force_bounds_of_partial_activation(robots):
         assert "normal_force:left_foot:upper" in solution.binding
 
 
-def test_a_robot_in_the_air_falls(robots):
+def test_robot_in_the_air_falls(robots):
     bench = robots["go2"]
     references = replace(bench.references(), contacts={})
     solution = bench.controller.solve(bench.state(), references)
@@ -218,7 +218,7 @@ def test_joint_brakes_with_full_torque(bench):
     assert np.delete(np.maximum(lower - v_dot, v_dot - upper), i).max() < 0.05 * (v_dot - upper)[i]
 
 
-def test_the_torque_rate_is_relaxed_first_and_no_more_than_needed(bench):
+def test_torque_rate_is_relaxed_first(bench):
     g1 = bench("g1", limits={"torque_rate": 1.0e-3})
     before = np.array(g1.model.effort_limits)  # every motor at its limit: the feet would pull at the floor
     solution = g1.controller.solve(g1.state(), g1.references(), before)
@@ -438,7 +438,7 @@ def test_no_solution_of_an_infeasible_problem(bench, solver):
 
 
 @pytest.mark.parametrize("where", ["reference", "wrench", "torques before"])
-def test_values_that_are_not_finite_are_refused(robots, where):
+def test_non_finite_values_are_refused(robots, where):
     bench = robots["go2"]
     references, before = bench.references(), None
     bad = np.array([np.nan, 0.0, 0.0])
@@ -480,7 +480,7 @@ def test_residuals_of_an_inaccurate_answer(bench):
     assert found.residuals["contact_motion"] == pytest.approx(1.0e-4, rel=0.2)
 
 
-def test_an_answer_without_residuals_is_no_solution(bench):
+def test_answer_without_residuals_is_no_solution(bench):
     g1 = bench("g1")
     layout = g1.controller.formulation.build(g1.state(), g1.references())
     with pytest.raises(ValueError, match="'infeasible' has no residuals"):
@@ -496,7 +496,7 @@ def test_task_errors_are_distances(robots):
     assert solution.task_errors["posture"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_binding_names_exactly_the_constraints_that_hold_with_equality(robots):
+def test_binding_constraints_hold_with_equality(robots):
     bench, rng = robots["g1"], np.random.default_rng(5)
     seen = set()
     for _ in range(20):
@@ -567,7 +567,7 @@ def test_standing_robot_has_no_binding_constraint(robots):
         assert bench.controller.solve(bench.state(), bench.references()).binding == {}
 
 
-def test_a_solution_cannot_be_changed(robots):
+def test_solution_is_immutable(robots):
     solution = robots["go2"].controller.solve(robots["go2"].state(), robots["go2"].references())
     for array in (solution.v_dot, solution.tau, *solution.forces.values()):
         with pytest.raises(ValueError, match="read-only"):
@@ -667,7 +667,7 @@ def test_feet_share_loads_by_normal_forces(robots, robot):
 
 
 @pytest.mark.parametrize("overlapping", [False, True])
-def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots, overlapping):
+def test_cost_is_task_errors_and_regularization(robots, overlapping):
     """Also for two tasks on the same joint."""
     bench, rng = robots["go2"], np.random.default_rng(9)
     if overlapping:

@@ -279,7 +279,7 @@ def test_explanation_only_on_request(bench, monkeypatch):
     assert "conflict" not in str(error.value)
 
 
-def test_the_number_of_linear_programs_is_bounded(bench, monkeypatch):
+def test_number_of_linear_programs_is_bounded(bench, monkeypatch):
     robot = bench("talos")
     calls = []
     monkeypatch.setattr(infeasibility, "MAX_PROGRAMS", 5)
@@ -301,7 +301,7 @@ def test_sentence_of_an_explanation(bench):
     assert dict(why.units) == {"torque:leg_left_4_joint": "N·m", "normal_force:left_foot": "N"}
 
 
-def test_an_explanation_cannot_be_changed(bench):
+def test_explanation_is_immutable(bench):
     (why, *_), _ = weak_arm(bench("g1"), "g1")
     with pytest.raises(FrozenInstanceError):
         why.sentence = ""

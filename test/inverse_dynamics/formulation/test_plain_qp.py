@@ -156,7 +156,7 @@ def test_fast_formulation_equals_the_plain_qp(robot, levels):
         near("torque offset", layout.torque_bias, expected.torque_map[1])
 
 
-def test_versions_count_the_changes_of_structure_and_parameters():
+def test_versions_count_changes():
     qp = build("go2", levels=False)
     formulation, rng = qp.formulation, np.random.default_rng(1)
     state, references = random_state(qp.model, rng), random_references(qp, rng)

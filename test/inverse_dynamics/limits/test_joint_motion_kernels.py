@@ -75,7 +75,7 @@ def test_kernel_equals_numpy(seed, most, period, horizon, speeds, widths, limite
     horizon=st.floats(0.0, 0.1),
     speeds=st.sampled_from([0.3, 3.0]),
 )
-def test_a_velocity_limit_leaves_room_to_brake_and_to_return(seed, most, period, horizon, speeds):
+def test_velocity_limit_permits_braking_and_return(seed, most, period, horizon, speeds):
     rng = np.random.default_rng(seed)
     low = rng.uniform(-2.0, 0.0, MANY)
     high, velocity = low + rng.uniform(0.5, 2.0, MANY), rng.uniform(0.2, 2.0, MANY) * speeds

@@ -30,7 +30,7 @@ FREE = {"position": False, "velocity": False, "acceleration": 1.0e5}
 
 
 @pytest.mark.parametrize("side", ["upper", "lower"])
-def test_the_torque_limit_matters(bench, side):
+def test_torque_limit_has_an_effect(bench, side):
     g1 = bench("g1", limits=FREE)
     i = g1.model.joints.index(ELBOW)
     sign = 1.0 if side == "upper" else -1.0
@@ -46,7 +46,7 @@ def test_the_torque_limit_matters(bench, side):
     assert f"torque:{ELBOW}:{side}" not in free.binding
 
 
-def test_the_torque_rate_matters(bench):
+def test_torque_rate_has_an_effect(bench):
     g1 = bench("g1", limits={**FREE, "torque_rate": 10.0})
     i = g1.model.joints.index(ELBOW)
     before = g1.controller.solve(g1.state(), g1.references()).tau
@@ -60,7 +60,7 @@ def test_the_torque_rate_matters(bench):
     assert f"torque:{ELBOW}:upper" in held.binding
 
 
-def test_the_velocity_limit_matters(bench):
+def test_velocity_limit_has_an_effect(bench):
     limited = bench("g1", limits={"position": False, "velocity_scale": 1.0, "acceleration": 1.0e4})
     free = bench("g1", limits=FREE)
     i = limited.model.joints.index(ELBOW)
@@ -79,7 +79,7 @@ def test_the_velocity_limit_matters(bench):
     assert after["limited"] <= limit + 1e-6
 
 
-def test_the_position_limit_matters(bench):
+def test_position_limit_has_an_effect(bench):
     limited = bench("g1", limits={"position": True, "velocity": False})
     free = bench("g1", limits=FREE)
     model = limited.model
@@ -146,7 +146,7 @@ def excess(q, v, a, period, low, high):
 @pytest.mark.parametrize("acceleration", [30.0, 500.0])
 @pytest.mark.parametrize("horizon", [0.0, 0.02])
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
-def test_from_viable_states_no_bound_is_ever_exceeded(period, horizon, acceleration):
+def test_viable_states_keep_all_bounds(period, horizon, acceleration):
     rng = np.random.default_rng(1)
     low, high = -rng.uniform(0.05, 3.0, MANY), rng.uniform(0.05, 3.0, MANY)
     velocity = rng.uniform(0.2, 40.0, MANY)
@@ -173,7 +173,7 @@ def test_from_viable_states_no_bound_is_ever_exceeded(period, horizon, accelerat
 
 
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
-def test_position_holds_from_states_that_can_brake(period):
+def test_position_limit_holds_for_states_with_braking_distance(period):
     rng = np.random.default_rng(2)
     low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 5.0)
     limit = JointMotionLimit((low, high), velocity, acceleration=200.0)
@@ -194,7 +194,7 @@ def hard_braking(q, v, period):
 
 
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
-def test_return_from_states_that_are_not_viable(period):
+def test_return_from_non_viable_states(period):
     rng = np.random.default_rng(3)
     low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 4.0)
     limit = JointMotionLimit((low, high), velocity, acceleration=100.0)
@@ -337,7 +337,7 @@ def test_nan_passes_through_the_torque_speed_curve():
     assert np.isfinite([lower[1:], upper[1:]]).all()
 
 
-def test_the_curve_and_the_rate_never_contradict_each_other():
+def test_curve_and_rate_never_conflict():
     rng = np.random.default_rng(4)
     for rate in (0.1, 5.0, 1.0e4):
         limit = TorqueLimit(EFFORT, rate, CURVE)
@@ -351,7 +351,7 @@ def test_the_curve_and_the_rate_never_contradict_each_other():
             assert (np.maximum(upper - before, before - lower) <= rate * PERIOD * EFFORT + 1e-9)[inside].all()
 
 
-def test_the_torque_speed_curve_matters(bench):
+def test_torque_speed_curve_has_an_effect(bench):
     """An elbow at high speed stays within its motor curve; without the curve it needs more torque."""
     joint = {"enabled": True, "corner": 0.2, "no_load": 0.6}
     limits = {**FREE, "torque_speed": TorqueSpeedSettings(**joint)}
@@ -376,7 +376,7 @@ def test_the_torque_speed_curve_matters(bench):
     assert (tau > limit * np.clip((0.6 * fastest - speed) / (0.4 * fastest), 0.0, 1.0) + 1.0).any()
 
 
-def test_actuators_have_torque_speed_curves_of_their_own(bench):
+def test_torque_speed_curves_per_actuator(bench):
     own = ActuatorTorqueSpeed(corner=3.0, no_load=5.0)
     g1 = bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, actuators={ELBOW: own})})
     curve, i = g1.controller.formulation.torque_limit.curve, g1.model.joints.index(ELBOW)
@@ -400,7 +400,7 @@ def test_nan_passes_through_the_bounds():
 
 @pytest.mark.parametrize("where", ["position", "velocity"])
 @pytest.mark.parametrize("solver", ["daqp", "osqp", "proxqp"])
-def test_a_state_that_is_not_finite_never_gives_torques(bench, solver, where):
+def test_non_finite_states_give_no_torques(bench, solver, where):
     go2 = bench("go2", solver={"name": solver})
     good = go2.controller.solve(go2.state(), go2.references())
     q, v = np.array(go2.stance), np.zeros(go2.model.nv)

@@ -84,7 +84,7 @@ def along(model, limit, q, v, step, pairs):
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_the_rate_of_every_distance_is_its_row_times_the_velocity(limits, robot):
+def test_rows_give_the_rates_of_distances(limits, robot):
     model, limit = limits[robot]
     rng, dynamics, checked = np.random.default_rng(0), Dynamics(model), 0
     for _ in range(4):
@@ -184,7 +184,7 @@ def test_drift_is_a_lower_bound(limits, robot):
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_no_motion_of_the_robot_as_a_whole_changes_a_distance(limits, robot):
+def test_rigid_motion_does_not_change_distances(limits, robot):
     model, limit = limits[robot]
     dynamics = Dynamics(model)
     dynamics.update(*random_motion(model, np.random.default_rng(3)))
@@ -223,7 +223,7 @@ def test_rows_do_not_depend_on_earlier_states(limits, robot):
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_no_distance_changes_faster_than_the_joints_between_its_links_allow(limits, robot):
+def test_distance_rates_are_bounded_by_the_levers(limits, robot):
     model, limit = limits[robot]
     rng, dynamics, tight = np.random.default_rng(8), Dynamics(model), []
     for joint in rng.choice(np.arange(6, model.nv), 12, replace=False):
@@ -273,7 +273,7 @@ def barrier(acceleration=10.0, horizon=0.02):
 @pytest.mark.parametrize("acceleration", [3.0, 40.0])
 @pytest.mark.parametrize("horizon", [0.0, 0.02])
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
-def test_from_viable_distances_the_margin_is_never_passed(period, horizon, acceleration):
+def test_viable_distances_keep_the_margin(period, horizon, acceleration):
     limit, rng = barrier(acceleration, horizon), np.random.default_rng(5)
     T = max(period, horizon)
     room = rng.uniform(0.0, 0.5, 2000)

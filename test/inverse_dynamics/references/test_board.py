@@ -76,7 +76,7 @@ def test_reset_holds_the_present_state(board, dynamics):
         assert not references.external_wrenches
 
 
-def test_a_setpoint_is_reached_in_its_duration_and_kept(board, dynamics):
+def test_setpoint_is_reached_in_its_duration(board, dynamics):
     before = board.sample(START).tasks["com"]
     board.apply([SetSetpoint("com", GOAL)], dynamics, START)
     assert_no_jump(board, "com", START, before)
@@ -115,7 +115,7 @@ def test_replaced_pose_is_continuous(board, dynamics):
     np.testing.assert_array_equal(last.position, goals[-1])
 
 
-def test_a_trajectory_joins_the_present_reference_without_a_jump(board, dynamics):
+def test_trajectory_joins_the_present_reference(board, dynamics):
     board.apply([SetSetpoint("com", GOAL)], dynamics, START)
     now = START + 0.3
     before = board.sample(now).tasks["com"]
@@ -134,7 +134,7 @@ def test_a_trajectory_joins_the_present_reference_without_a_jump(board, dynamics
         ((0.0,), None, START + DURATION, 0.0),
     ],
 )
-def test_a_trajectory_of_any_start_is_joined_without_a_jump(board, dynamics, times, start, at, reached):
+def test_trajectory_with_any_start_is_joined(board, dynamics, times, start, at, reached):
     before = board.sample(START).tasks["com"]
     board.apply([trajectory("com", *times, start=start)], dynamics, START)
     assert_no_jump(board, "com", START, before)
@@ -152,7 +152,7 @@ def test_repeated_trajectory_has_no_effect(board, dynamics):
         np.testing.assert_allclose(board.sample(time).tasks["com"].velocity, reference.velocity, atol=1e-8)
 
 
-def test_a_trajectory_in_the_past_is_refused_and_nothing_else_is_applied(board, dynamics):
+def test_past_trajectory_is_refused_with_all_changes(board, dynamics):
     before = board.sample(START)
     changes = [SetWeight("com", 1.0), SetSetpoint("com", GOAL), EnableContact("left", False), EnableTask("foot", True)]
     late = trajectory("com", 1.0, 2.0, start=START - 2.5)
@@ -195,7 +195,7 @@ def assert_starts_here_and_reaches(board, elsewhere, now, reached):
 
 @pytest.mark.parametrize("changes", [(SETPOINT, ENABLE), (ENABLE, SETPOINT)])
 @pytest.mark.parametrize("together", [True, False])
-def test_a_task_enabled_with_a_setpoint_starts_where_the_robot_is(board, elsewhere, changes, together):
+def test_enabled_task_starts_at_the_present_state(board, elsewhere, changes, together):
     now = START + 3.0
     for group in [changes] if together else [[change] for change in changes]:
         board.apply(group, elsewhere, now)
@@ -261,7 +261,7 @@ def test_reset_discards_goals_wrenches_and_weights(board, dynamics, elsewhere):
 # Zero durations, weights and contacts --------------------------------------------------------------------------------
 
 
-def test_a_setpoint_without_duration_holds_at_once(board, dynamics):
+def test_setpoint_without_duration_is_immediate(board, dynamics):
     goal = np.linspace(-1.0, 1.0, 12)
     board.apply([SetSetpoint("posture", goal)], dynamics, START + 1.0)
     reference = board.sample(START + 1.0).tasks["posture"]
@@ -283,7 +283,7 @@ def test_weight_ramps(board, dynamics):
     assert board.sample(START + 4.0).weights["com"] == 20.0
 
 
-def test_a_contact_is_loaded_and_unloaded_by_a_ramp(board, dynamics):
+def test_contact_activation_ramps(board, dynamics):
     board.apply([EnableContact("left", False), EnableContact("right", True)], dynamics, START)
     half = board.sample(START + 0.5 * CONTACT_RAMP).contacts
     assert half["left"] == pytest.approx(0.125)
@@ -294,7 +294,7 @@ def test_a_contact_is_loaded_and_unloaded_by_a_ramp(board, dynamics):
     assert board.sample(START + 1.0).contacts == {"left": 1.0, "right": 1.0, "stiff": 1.0}
 
 
-def test_a_contact_without_ramp_breaks_at_once(board, dynamics):
+def test_contact_without_ramp_ends_immediately(board, dynamics):
     board.apply([EnableContact("stiff", False)], dynamics, START)
     assert board.sample(START).contacts["stiff"] == 0.0
 

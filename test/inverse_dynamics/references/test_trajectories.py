@@ -44,7 +44,7 @@ def journey(kind, seed):
 @pytest.mark.parametrize("kind", KINDS)
 @some
 @given(seed=seeds)
-def test_a_trajectory_passes_its_knots_with_their_velocity_and_acceleration(kind, seed):
+def test_trajectory_interpolates_its_knots(kind, seed):
     knots = journey(kind, seed)
     trajectory = Trajectory(knots)
     for point, time in ((0, 2.0), (1, 2.7 - JUST), (1, 2.7), (1, 2.7 + JUST), (2, 3.9 - JUST)):
@@ -94,7 +94,7 @@ def test_rotation_between_resting_knots_is_a_geodesic():
         np.testing.assert_allclose(turned, share * whole, atol=1e-9)
 
 
-def test_the_sign_of_a_quaternion_does_not_matter():
+def test_sign_of_a_quaternion_has_no_effect():
     a, b, c = journey("orientation", 4)
     flipped = Trajectory([a, Knot(b.time, -b.position, b.velocity, b.acceleration), c])
     for time in (2.3, 3.1):

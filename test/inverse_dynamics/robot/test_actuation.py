@@ -42,7 +42,7 @@ def solve(settings: Settings, model: RobotModel, state: RobotState):
 
 
 @pytest.mark.parametrize("name", ["g1", "talos", "go2"])
-def test_the_shipped_robots_have_one_motor_at_each_joint(load, name):
+def test_shipped_robots_have_one_motor_per_joint(load, name):
     model, _ = load(name)
     rng = np.random.default_rng(0)
     force, torques = rng.normal(size=(model.nv, 3)), rng.normal(size=model.nj)
@@ -340,7 +340,7 @@ def test_invalid_mimics_are_refused(more, said):
         )
 
 
-def test_an_actuator_that_is_too_weak_is_named():
+def test_weak_actuator_is_named():
     settings = menagerie(
         passive_joints={}, actuators=["rail", "both", "shoulder", "knee_motor", "elbow", "ankle"],
         transmission={
@@ -352,7 +352,7 @@ def test_an_actuator_that_is_too_weak_is_named():
         check(settings, MENAGERIE)
 
 
-def test_a_passive_joint_that_does_not_rest_in_the_posture_is_named():
+def test_passive_joint_without_equilibrium_is_named():
     found = {finding.subject: finding.text for finding in check(menagerie(), MENAGERIE)}
     assert found["joints"].startswith("6, 5 actuators, 1 passive, 1 that follow others, base fixed")
     assert found["passive joints"].startswith("not in balance in the posture: ankle by ")

@@ -82,7 +82,7 @@ def test_frames_equal_pinocchio(snapshots, random_state, robot, seed):
     close(dynamics.drift_world(frame), classical, 1e-8)
 
 
-def test_the_reflected_inertia_of_the_rotors_is_in_the_inertia_matrix(load):
+def test_inertia_matrix_contains_rotor_inertia(load):
     model, settings = load("g1")
     armature = settings.robot.armature
     assert armature > 0.0
@@ -94,7 +94,7 @@ def test_the_reflected_inertia_of_the_rotors_is_in_the_inertia_matrix(load):
     np.testing.assert_allclose(np.triu(dynamics.M - without)[:6, :6], 0.0, atol=1e-9)
 
 
-def test_an_external_wrench_acts_with_its_power(snapshots, random_state):
+def test_external_force_has_the_power_of_the_wrench(snapshots, random_state):
     dynamics = snapshots["g1"]
     rng = np.random.default_rng(3)
     dynamics.update(*random_state(dynamics.model, rng))
@@ -111,7 +111,7 @@ def test_new_snapshot_has_the_nominal_posture(load):
     assert not dynamics.v.any()
 
 
-def test_a_robot_of_one_joint_has_matrices_of_one_column():
+def test_matrices_of_a_robot_with_one_joint():
     """Pinocchio returns (6,) instead of (6, nv) for nv = 1."""
     urdf = robot(link("base"), link("arm"), joint("shoulder", "base", "arm"))
     own = {"base": "fixed", "joints": ["shoulder"], "posture": [0.3]}

@@ -193,7 +193,7 @@ def test_ball_rows_equal_pinocchio(robot, seed, radius):
 
 @settings(deadline=None)
 @given(seed=seeds, angle=st.one_of(st.floats(0.0, 3.141592), st.floats(0.0, 1e-6), st.floats(3.1415, 3.14159265)))
-def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
+def test_rotation_error_equals_axis_and_angle(seed, angle):
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
@@ -230,6 +230,6 @@ def test_link_motion_views_pinocchio_vectors(robot):
     assert not dynamics.joints.flags.writeable
 
 
-def test_vectors_that_are_not_contiguous_are_refused():
+def test_non_contiguous_vectors_are_refused():
     with pytest.raises(RuntimeError, match="does not store vectors of 3 numbers contiguously"):
         view_of(list(np.zeros((3, 4))[:, :3]), 3)

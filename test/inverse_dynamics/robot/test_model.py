@@ -37,7 +37,7 @@ def test_invalid_arguments_are_refused(urdf, changes, parts):
 
 
 @pytest.mark.parametrize(("kind", "limit"), [("effort", "0"), ("velocity", "0")])
-def test_a_joint_needs_a_positive_limit(urdf, kind, limit):
+def test_joint_limits_must_be_positive(urdf, kind, limit):
     joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
     broken = urdf.replace(joint, re.sub(rf'{kind}="[^"]*"', f'{kind}="{limit}"', joint))
     assert broken != urdf
@@ -45,7 +45,7 @@ def test_a_joint_needs_a_positive_limit(urdf, kind, limit):
         build_model(broken, LEG, POSTURE)
 
 
-def test_a_joint_may_have_the_name_of_a_link_and_that_of_pinocchios_own_root(urdf):
+def test_joint_with_the_name_of_a_link(urdf):
     """The frame is then that of the link."""
     renamed = urdf.replace('"FL_foot_joint"', '"FL_foot"').replace('"FR_foot_joint"', '"root_joint"')
     assert renamed.count('"root_joint"') == 1
@@ -117,7 +117,7 @@ def test_order_of_the_joints(load, urdf):
         assert (joint.idx_q, joint.idx_v) == (shuffled.q_index[i], shuffled.v_index[i])
 
 
-def test_joints_that_are_not_named_are_locked_at_zero_and_keep_their_mass(load, urdf):
+def test_unlisted_joints_are_locked_at_zero(load, urdf):
     full, _ = load("go2")
     leg = build_model(urdf, LEG, POSTURE)
     assert (leg.na, leg.nv, leg.nq) == (3, 9, 10)
@@ -145,7 +145,7 @@ def test_limits_and_armature(urdf):
         assert not getattr(whole, name).flags.writeable
 
 
-def test_a_base_placement_goes_into_the_configuration(load):
+def test_base_placement_is_in_the_configuration(load):
     model, _ = load("g1")
     base = pin.SE3.Random()
     q = model.configuration(model.posture, base)
@@ -192,7 +192,7 @@ def test_files_are_located_by_path_and_by_package(tmp_path, monkeypatch):
         ("package://numpy/robot.urdf", ["'numpy' has no folder share/numpy"]),
     ],
 )
-def test_a_file_that_is_not_there_is_named(uri, parts):
+def test_missing_file_is_named(uri, parts):
     with pytest.raises(ConfigurationError) as refusal:
         locate(uri)
     for part in parts:

@@ -40,7 +40,7 @@ def test_no_memory_leak():
     assert 1024 * (memory() - before) / count < 10.0  # bytes; pin.Quaternion(R) leaks 80
 
 
-def test_no_other_module_makes_quaternions_of_matrices():
+def test_only_orientation_converts_matrices_to_quaternions():
     package = Path(wbc_controller.__file__).parent
     users = [path.name for path in package.rglob("*.py") if "pin.Quaternion(" in path.read_text(encoding="utf-8")]
     assert users == ["orientation.py"]

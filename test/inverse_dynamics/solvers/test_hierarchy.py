@@ -190,7 +190,7 @@ def test_inaccurate_back_ends_are_refused(bench, solver):
         robot.on_levels(posture=1)
 
 
-def test_a_tolerance_is_kept_and_used():
+def test_tolerance_is_kept_and_used():
     n = 4
     problem = QuadraticProgram.empty(n, 0, 1)
     band = level("band", np.eye(n)[:1], np.array([1.0]), n, np.array([0.25]))
@@ -202,7 +202,7 @@ def test_a_tolerance_is_kept_and_used():
     assert hierarchy().solve(problem, [band, wish]).x[0] == pytest.approx(0.5)
 
 
-def test_equalities_that_contradict_each_other_have_no_solution():
+def test_contradictory_equalities_have_no_solution():
     problem = QuadraticProgram.empty(3, 2, 1)
     problem.A[:, 0], problem.b[:] = 1.0, [0.0, 1.0]
     answer = hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)])
@@ -210,7 +210,7 @@ def test_equalities_that_contradict_each_other_have_no_solution():
     assert "contradict" in answer.status
 
 
-def test_the_first_level_without_a_solution_is_one_of_the_problem():
+def test_failure_of_the_first_level_has_no_solution():
     problem = QuadraticProgram.empty(3, 0, 1)
     problem.C[0, 0], problem.lower[0], problem.x_upper[0] = 1.0, 1.0, 0.0
     assert hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)]).x is None
@@ -356,7 +356,7 @@ def test_wrong_active_sets_are_tried_less_often(monkeypatch):
 
 
 @pytest.mark.parametrize("spoilt", ["A", "bounds"])
-def test_values_that_are_not_finite_are_named(bench, spoilt):
+def test_non_finite_values_are_named(bench, spoilt):
     robot = bench("g1").on_levels(posture=1)
     layout = robot.controller.formulation.build(robot.state(), robot.references())
     solving = hierarchy()
@@ -375,7 +375,7 @@ def test_one_level_is_solved_once(bench):
     assert only.iterations == solution.iterations
 
 
-def test_a_tolerance_of_another_length_is_refused(bench):
+def test_tolerance_of_wrong_length_is_refused(bench):
     robot = bench("g1")
     tasks = dict(robot.settings.tasks)
     tasks["posture"] = tasks["posture"].model_copy(update={"tolerance": [0.1, 0.2]})

@@ -19,7 +19,7 @@ def random_problem(rng, n=8, m=20):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_solution_and_multipliers_are_those_of_an_exact_solver(seed):
+def test_solution_and_multipliers_equal_quadprog(seed):
     problem = random_problem(np.random.default_rng(seed))
     expected, found = make_solver("quadprog", problem).solve(problem), solve_by_least_distance(problem)
     np.testing.assert_allclose(found.x, expected.x, atol=1e-7)

@@ -92,7 +92,7 @@ def assert_agrees(solver, problem, answer, expected):
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_a_cold_solver_finds_the_minimizer(name):
+def test_minimizer_without_warm_start(name):
     for seed in range(10):
         problem = random_problem(np.random.default_rng(seed))
         solver = make_solver(name, problem)
@@ -100,7 +100,7 @@ def test_a_cold_solver_finds_the_minimizer(name):
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_a_warm_solver_follows_drifting_problems(name):
+def test_warm_start_on_drifting_problems(name):
     rng = np.random.default_rng(7)
     problem = random_problem(rng)
     solver = make_solver(name, problem)
@@ -168,14 +168,14 @@ def test_nan_is_never_an_answer(name, field):
     assert_agrees(solver, good, solver.solve(good), reference_answer(good))
 
 
-def test_an_unknown_solver_is_refused_with_the_nearest_one():
+def test_unknown_solver_is_refused():
     problem = random_problem(np.random.default_rng(6))
     for call in (lambda: make_solver("dapq", problem), lambda: require_solver("dapq")):
         with pytest.raises(ConfigurationError, match=r"solver\.name = 'dapq'.*did you mean 'daqp'.*osqp, .*proxqp"):
             call()
 
 
-def test_the_persistent_solvers_are_among_those_available():
+def test_persistent_solvers_are_available():
     assert set(PERSISTENT) <= set(SOLVERS)
     for name in SOLVERS:
         require_solver(name)
@@ -268,7 +268,7 @@ def test_accuracy_with_different_weights(bench, apart):
     assert not problem.cost.computed  # the condensed system was sufficient
 
 
-def test_the_active_set_is_followed_without_a_search():
+def test_active_set_is_followed_without_a_search():
     rng = np.random.default_rng(7)
     problem = random_problem(rng)
     active_set = active_set_of(problem)
@@ -292,7 +292,7 @@ CORNERS = {"g1": (607, 1210, 1855, 3011, 3335, 3791, 5018, 6347), "talos": (9195
 
 
 @pytest.mark.parametrize(("robot", "seed"), [(robot, seed) for robot, seeds in CORNERS.items() for seed in seeds])
-def test_a_feasible_problem_is_not_called_infeasible(bench, robot, seed):
+def test_feasible_problem_is_not_reported_as_infeasible(bench, robot, seed):
     """Joints near their limits with different weights: the solution is in a corner. quadprog is the reference."""
     robot = bench(robot)
     problem = robot.controller.formulation.build(*robot.random_problem(seed)).problem

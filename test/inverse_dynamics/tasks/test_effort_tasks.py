@@ -67,7 +67,7 @@ def test_some_torques_follow_their_reference(bench):
     np.testing.assert_allclose(reached, [1.0, -2.0], atol=1e-2)
 
 
-def test_a_wrench_within_a_tolerance_below_a_strict_level(bench):
+def test_wrench_task_with_tolerance(bench):
     """The left foot's load may be 100 to 140 N; balance has priority."""
     made = bench("g1")
     keys = {"type": "contact_wrench", "contact": "left_foot", "mask": VERTICAL, "target": [0, 0, 120, 0, 0, 0]}
