@@ -29,7 +29,7 @@ PATH = (
     "inverse_dynamics/whole_body_qp.py:WholeBodyQP.solve",
     "inverse_dynamics/formulation/formulation.py:Formulation.build",
     "inverse_dynamics/robot/dynamics.py:Dynamics.compute",
-    "inverse_dynamics/whole_body_qp.py:WholeBodyQP._attempt",
+    "inverse_dynamics/whole_body_qp.py:WholeBodyQP._solve_with_relaxation",
     "inverse_dynamics/solvers/solver.py:Solver.solve",
     "inverse_dynamics/solvers/active_set.py:ActiveSet.solve",
     "inverse_dynamics/formulation/unpacking.py:unpack",

@@ -105,7 +105,7 @@ def program():
 def test_torques_before_of_another_size_are_refused(program, size):
     qp, state, references = program
     qp.solve(state, references, of(qp.model.na))
-    with pytest.raises(ValueError, match="the torques before have another size"):
+    with pytest.raises(ValueError, match="the size of tau_before differs"):
         qp.solve(state, references, of(size))
 
 
@@ -131,5 +131,5 @@ def test_a_frame_that_the_model_does_not_have_is_refused(program, frame):
         lambda: dynamics.drift_world(frame),
     )
     for call in calls:
-        with pytest.raises(IndexError, match=f"frame {frame}, but the model has"):
+        with pytest.raises(IndexError, match=f"invalid frame id {frame}: the model has"):
             call()

@@ -100,7 +100,7 @@ FAILURES = [
     (Grip, "jacobian", returns(np.zeros((1, 18))), "returned shape (1, 18), expected (3, 18)"),
     (Grip, "drift", returns(np.full(3, np.nan)), "returned [nan, nan, nan], expected finite numbers"),
     (Grip, "displacement", returns(np.zeros(6)), "returned shape (6,), expected (3,)"),
-    (Grip, "bounds", returns((np.zeros(3), np.full(3, -1.0))), "gave the bounds 0 and -1 at index 0"),
+    (Grip, "bounds", returns((np.zeros(3), np.full(3, -1.0))), "returned the bounds 0 and -1 at index 0"),
     (Grip, "bounds", returns((np.zeros(1), np.ones(1))), "returned shape (1,), expected (3,)"),
     (Ceiling, "fill", writes(np.nan), "wrote [[nan, nan,"),
     (Ceiling, "fill", raises, "raised ZeroDivisionError: division by zero"),

@@ -1,4 +1,4 @@
-"""The shipped robots, their random states, and their controllers."""
+"""Shipped robots, random states, and controllers."""
 
 import copy
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from wbc_controller.validation.fuzz.problems import random_problem, rest
 
 
 class Bench:
-    """A controller of a shipped robot, and states and references for it."""
+    """Controller of a shipped robot, with states and references."""
 
     def __init__(self, settings: Settings, model: RobotModel, changes: dict[str, dict[str, Any]]) -> None:
         self.model = model
@@ -29,7 +29,7 @@ class Bench:
         self.stance = stance(self.model, self.controller, list(self.controller.contacts))
 
     def on_soles(self, **sole: float) -> "Bench":
-        """The same robot, whose controller takes its soles for smaller or larger ones."""
+        """Return the same robot with other sole sizes in the controller."""
         other = copy.copy(self)
         contacts = {name: contact.model_copy(update=sole) for name, contact in self.settings.contacts.items()}
         other.settings = self.settings.model_copy(update={"contacts": contacts})
@@ -37,26 +37,26 @@ class Bench:
         return other
 
     def rebuilt(self, tasks: dict[str, TaskSettings]) -> "Bench":
-        """The same robot with other tasks."""
+        """Return the same robot with other tasks."""
         other = copy.copy(self)
         other.settings = self.settings.model_copy(update={"tasks": tasks})
         other.controller = make_qp(other.settings, self.model, lambda: 0.0)
         return other
 
     def on_levels(self, **levels: int) -> "Bench":
-        """The same robot with some tasks on other priority levels."""
+        """Return the same robot with tasks on other priority levels."""
         tasks = self.settings.tasks
         moved = {name: tasks[name].model_copy(update={"level": level}) for name, level in levels.items()}
         return self.rebuilt({**tasks, **moved})
 
     def state(self, q: Array | None = None, v: Array | None = None) -> RobotState:
-        """A state; at rest in the stance where nothing else is given."""
+        """Return a state, by default at rest in the stance."""
         return RobotState(
             0, frozen(self.stance if q is None else q), frozen(np.zeros(self.model.nv) if v is None else v)
         )
 
     def near_stance(self, rng: np.random.Generator, position: float = 0.1, velocity: float = 0.3) -> RobotState:
-        """A random state within joint limits, near the stance."""
+        """Return a random state within joint limits, near the stance."""
         q = pin.integrate(self.model.pinocchio, self.stance, position * rng.uniform(-1, 1, self.model.nv))
         q[self.model.q_index] = np.clip(
             q[self.model.q_index], self.model.position_lower + 0.05, self.model.position_upper - 0.05
@@ -64,11 +64,11 @@ class Bench:
         return self.state(q, velocity * rng.uniform(-1, 1, self.model.nv))
 
     def random_problem(self, seed: int) -> tuple[RobotState, References, Array | None]:
-        """A random state, references and torques before."""
+        """Return a random state, references and present torques."""
         return random_problem(self.model, self.stance, self.references(), seed)
 
     def references(self, state: RobotState | None = None, **weights: float) -> References:
-        """Stay where a state is; weights that are not given are the configuration's."""
+        """Return references at a state, with the configured weights by default."""
         state = self.state() if state is None else state
         found = rest(self.controller, self.settings, state)
         return replace(found, weights={**found.weights, **weights})
@@ -76,13 +76,13 @@ class Bench:
 
 @pytest.fixture(scope="session")
 def load(robot_of) -> Callable[[str], tuple[RobotModel, Settings]]:
-    """Model and settings of a shipped robot, by name; built once."""
+    """Return a function for model and settings of a shipped robot, cached by name."""
     return lambda name: robot_of(name)[::-1]
 
 
 @pytest.fixture(scope="session")
 def bench(robot_of) -> Callable[..., Bench]:
-    """The function that builds a controller: bench("g1", limits={"velocity": False})."""
+    """Return a function that builds a controller: bench("g1", limits={"velocity": False})."""
 
     def build(robot: str, **changes: dict[str, Any]) -> Bench:
         return Bench(*robot_of(robot), changes)
@@ -92,7 +92,7 @@ def bench(robot_of) -> Callable[..., Bench]:
 
 @pytest.fixture(scope="session")
 def random_state() -> Callable[[RobotModel, np.random.Generator], tuple[Array, Array]]:
-    """The function that draws (q, v) with any base orientation and joints within their limits."""
+    """Return a function that draws (q, v) with any base orientation and joints within limits."""
 
     def draw(model: RobotModel, rng: np.random.Generator) -> tuple[Array, Array]:
         joints = rng.uniform(np.maximum(model.position_lower, -3.0), np.minimum(model.position_upper, 3.0))

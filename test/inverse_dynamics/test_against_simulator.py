@@ -1,10 +1,10 @@
-"""The controller's forecast against MuJoCo: what the QP says will happen under its torques, and what does.
+"""Predictions of the quadratic program against MuJoCo, under the same torques.
 
-States are sampled from a run under the controller: standing, swaying, squatting, both at once. Only states whose feet
-truly stand are compared: the contacts move at less than 0.5 mm/s and every corner bears; the simulator's floor gives a
-little, and a rocking foot is not what the QP's rigid contacts describe.
+States are sampled from a run under the controller: standing, swaying, squatting, both at once. Only states with firmly
+standing feet are compared: contact speeds below 0.5 mm/s, and load on every corner. The simulated floor is slightly
+elastic, unlike rigid contacts.
 
-Errors are relative to the norm of what is compared, with floors: 9.81 m/s² for v̇, the robot's weight for the forces.
+Errors are relative to the norm of the compared quantity, at least 9.81 m/s² for v̇ and the robot's weight for forces.
 """
 
 from dataclasses import dataclass, field
@@ -22,15 +22,15 @@ from wbc_controller.simulation.plant import Plant
 
 ROBOTS = ("g1", "talos", "go2")
 ACCELERATION, FORCE = 0.02, 0.005
-#: When to go where with the centre of mass, m, in 0.7 s: sway, sway and squat, squat further, come back.
+#: Centre of mass references, m, for 0.7 s each: sway, sway and squat, squat further, return.
 JOURNEY = ((0.2, (0.0, 0.02, 0.0)), (0.9, (0.0, -0.02, -0.03)), (1.9, (0.01, 0.0, -0.05)), (2.6, (0.0, 0.0, 0.0)))
-#: Soles of the controller within the true ones: on its edge a foot rocks, however little the floor gives.
+#: Soles of the controller, smaller than the real ones: a foot rocks on its edge.
 SOLES = {"g1": {"half_width": 0.02}, "talos": {"half_length": 0.08, "half_width": 0.05}}
-#: Contact speed up to which a foot stands: the norm over all contacts, m/s and rad/s together.
+#: Largest contact speed of a standing foot: norm over all contacts, m/s and rad/s together.
 SPEED = 5.0e-4
-#: Force from which on a corner bears, N: at less it is about to leave the floor.
+#: Smallest force on a loaded corner, N.
 LOAD = 2.0
-#: Cycles in which the robot sinks into the floor, by some hundredths of a millimetre.
+#: Cycles of the initial penetration of the floor.
 SETTLED = 50
 
 
@@ -44,7 +44,7 @@ class Comparison:
 
 
 def whole_feet_bear(plant):
-    """Whether every ball of the feet, those at the corners of soles too, bears a part of the robot's weight."""
+    """Return True if every sphere of the feet, also at the corners of soles, carries load."""
     borne, force = {}, np.zeros(6)
     for index in range(plant.data.ncon):
         mujoco.mj_contactForce(plant.model, plant.data, index, force)
@@ -55,7 +55,7 @@ def whole_feet_bear(plant):
 
 
 def let_go(robot):
-    """The physics of a robot that stands without its hoist, and a board whose references hold it there."""
+    """Return the simulation of a standing robot without its hoist, and a board with resting references."""
     plant, dynamics = Plant(robot.model, robot.settings), robot.controller.dynamics
     plant.hold(False, ramp=0.0)
     board = make_board(robot.settings, robot.controller)
@@ -66,7 +66,7 @@ def let_go(robot):
 
 @pytest.fixture(scope="module", params=ROBOTS)
 def compared(request, bench):
-    """One run of 3.4 s, compared every 20 ms."""
+    """Return one run of 3.4 s, compared every 20 ms."""
     robot = bench(request.param).on_soles(**SOLES.get(request.param, {}))
     model, controller = robot.model, robot.controller
     plant, board = let_go(robot)
@@ -106,7 +106,7 @@ def compared(request, bench):
     return result
 
 
-def test_the_run_is_one_worth_comparing(compared):
+def test_run_covers_the_motions(compared):
     assert not compared.plant.fallen
     assert compared.moved > 0.04
     assert len(compared.speed) >= 20
@@ -114,23 +114,21 @@ def test_the_run_is_one_worth_comparing(compared):
     assert max(compared.speed) > 0.3
 
 
-def test_accelerations_are_those_of_the_simulator(compared):
+def test_accelerations_equal_the_simulator(compared):
     assert max(compared.acceleration) < ACCELERATION
 
 
-def test_contact_forces_are_those_of_the_simulator(compared):
+def test_contact_forces_equal_the_simulator(compared):
     assert max(compared.force) < FORCE
 
 
 @pytest.mark.parametrize(("depth", "seconds"), [(0.46, 0.5), (0.5, 0.3)])
-def test_a_squat_beyond_what_the_knees_can_do_keeps_them_within_their_limits_without_a_stop_or_a_fall(
-    bench, depth, seconds
-):
-    """Talos, told to go further down than its knees bend, and faster than they can brake."""
+def test_unreachable_squat_keeps_joint_limits(bench, depth, seconds):
+    """Talos, commanded to squat further than its knees bend, and faster than they can brake."""
     robot = bench("talos")
     model, controller = robot.model, robot.controller
     plant, board = let_go(robot)
-    plant.model.jnt_limited[:] = 0  # so that nothing but the torques stops a joint
+    plant.model.jnt_limited[:] = 0  # only torques stop a joint
     knot = Knot(seconds, controller.dynamics.com - [0.0, 0.0, depth], np.zeros(3), np.zeros(3))
     board.apply([SetTrajectory("com", None, (knot,))], controller.dynamics, 0.0)
     step = robot.settings.limits.torque_rate * controller.formulation.period * model.effort_limits

@@ -1,4 +1,4 @@
-"""The faster equivalents of NumPy's calls give what these give."""
+"""Fast array functions against NumPy."""
 
 import numpy as np
 from hypothesis import given
@@ -10,5 +10,5 @@ vectors = st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3).map(np.array)
 
 
 @given(a=vectors, b=vectors)
-def test_the_cross_product_is_numpy_s_to_the_bit(a, b):
+def test_cross_product_equals_numpy(a, b):
     np.testing.assert_array_equal(cross(a, b), np.cross(a, b))

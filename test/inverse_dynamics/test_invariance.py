@@ -1,4 +1,4 @@
-"""The controller's answer does not depend on the coordinates (S2): another base link, joints renumbered and flipped."""
+"""Independence of the coordinates (S2): another base link, renumbered and flipped joints."""
 
 import dataclasses
 
@@ -22,7 +22,7 @@ NEW_ROOT = {"g1": "waist_pitch_joint", "talos": "arm_left_4_joint", "go2": "RL_t
 
 
 def in_other_coordinates(model: RobotModel, other: Recoordinated) -> tuple[RobotModel, np.ndarray]:
-    """The robot's model on other coordinates, and the sign of each joint of the command."""
+    """Return the model in other coordinates, and the sign of each joint of the command."""
     joints = [other.model.joints[other.model.getJointId(name)] for name in model.joints]
     signs = np.array([other.signs[name] for name in model.joints])
     ends = np.sort(np.stack([signs * model.position_lower, signs * model.position_upper]), axis=0)
@@ -40,14 +40,14 @@ def in_other_coordinates(model: RobotModel, other: Recoordinated) -> tuple[Robot
 
 
 def hurried(references: References, heading: float = 0.3) -> References:
-    """Ask for 8 m/s² of the centre of mass along a heading, which friction does not allow."""
+    """Demand 8 m/s² of the centre of mass along a heading, beyond the friction."""
     ahead = 8.0 * np.array([np.cos(heading), np.sin(heading), 0.0])
     com = dataclasses.replace(references.tasks["com"], acceleration=frozen(ahead))
     return dataclasses.replace(references, tasks={**references.tasks, "com": com})
 
 
 @pytest.mark.parametrize("robot", list(NEW_ROOT))
-def test_the_answer_is_the_same_in_other_coordinates(robot):
+def test_solution_is_independent_of_coordinates(robot):
     settings = load_settings(find_configuration(robot))
     model = make_model(settings)
     rng = np.random.default_rng(7)
@@ -75,7 +75,7 @@ def test_the_answer_is_the_same_in_other_coordinates(robot):
         a, b = answers
         assert a.relaxed == b.relaxed == ()
         active += any(name.startswith("cone:") for name in a.binding)
-        forces = [np.concatenate(list(answer.forces.values())) for answer in answers]  # one foot may bear nothing
+        forces = [np.concatenate(list(answer.forces.values())) for answer in answers]  # one foot may carry no load
         pairs = [(signs * a.tau, b.tau), (other.acceleration(q, v, a.v_dot), b.v_dot), (forces[0], forces[1])]
         for expected, found in pairs:
             worst = max(worst, float(np.linalg.norm(found - expected) / np.linalg.norm(expected)))
@@ -85,8 +85,8 @@ def test_the_answer_is_the_same_in_other_coordinates(robot):
 
 
 @pytest.mark.parametrize(("robot", "share"), [("go2", 0.92), ("g1", 1.0 - 1e-8), ("talos", 1.0 - 1e-8)])
-def test_the_available_friction_does_not_depend_on_the_heading(robot, share):
-    """Exactly for soles, whose pyramids turn with them; within cos(π / 8) for points."""
+def test_available_friction_is_independent_of_heading(robot, share):
+    """Exactly for soles, with rotating pyramids; within cos(π / 8) for points."""
     settings = load_settings(find_configuration(robot))
     model = make_model(settings)
     controller = make_qp(settings, model)
@@ -101,5 +101,5 @@ def test_the_available_friction_does_not_depend_on_the_heading(robot, share):
         ahead = np.array([np.cos(heading), np.sin(heading), 0.0])
         reached.append(ahead @ controller.dynamics.com_jacobian @ solution.v_dot)
     assert min(reached) > share * max(reached)
-    if robot == "go2":  # 0.6 of gravity is 5.9 m/s², and the body sinks a little
+    if robot == "go2":  # 0.6 of gravity is 5.9 m/s², and the body sinks slightly
         assert min(reached) > 5.9

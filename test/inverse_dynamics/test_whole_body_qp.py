@@ -21,13 +21,13 @@ RESIDUALS = {"equations_of_motion", "contact_motion", "inequalities"}
 
 @pytest.fixture
 def keep_contacts(monkeypatch):
-    """No contact is given up, so that the relaxed problem counts."""
-    monkeypatch.setattr(whole_body_qp, "lost_contacts", lambda *_: ())
-    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
+    """Keep all contacts, so that the relaxed problem counts."""
+    monkeypatch.setattr(whole_body_qp, "slipping_contacts", lambda *_: ())
+    monkeypatch.setattr(whole_body_qp, "contacts_preventing_stop", lambda *_: ())
 
 
 def joint_forces(bench, q, forces, wrenches=None):
-    """The contacts' and known wrenches as Pinocchio's external forces: one per joint, in the joint's own axes."""
+    """Return contact and external wrenches as Pinocchio's external forces: one per joint, in joint axes."""
     model = bench.model.pinocchio
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
@@ -53,7 +53,7 @@ def joint_forces(bench, q, forces, wrenches=None):
 
 
 def imbalance(bench, state, solution, wrenches=None):
-    """M v̇ + h - Sᵀτ - Σ Jᵀf, (nv,), by recursive Newton-Euler."""
+    """Return M v̇ + h - Sᵀτ - Σ Jᵀf, (nv,), by recursive Newton-Euler."""
     model = bench.model.pinocchio
     external = joint_forces(bench, state.q, solution.forces, wrenches)
     result = pin.rnea(model, model.createData(), state.q, state.v, solution.v_dot, external)
@@ -62,12 +62,12 @@ def imbalance(bench, state, solution, wrenches=None):
 
 
 def asking(references, name, **asked):
-    """The references, in which one task asks for another position, velocity or acceleration."""
+    """Return references with another position, velocity or acceleration of one task."""
     return replace(references, tasks={**references.tasks, name: replace(references.tasks[name], **asked)})
 
 
 def busy(bench, state, rng):
-    """References that ask every task for some acceleration."""
+    """Return references with accelerations of all tasks."""
     references = bench.references(state)
     tasks = {
         name: replace(task, acceleration=rng.normal(size=len(task.acceleration)))
@@ -82,7 +82,7 @@ def robots(bench):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_equations_of_motion_close_for_every_row(robots, robot):
+def test_equations_of_motion(robots, robot):
     bench, rng = robots[robot], np.random.default_rng(0)
     for _ in range(30):
         state = bench.near_stance(rng)
@@ -92,7 +92,7 @@ def test_the_equations_of_motion_close_for_every_row(robots, robot):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_forces_stay_in_their_cones_and_torques_in_their_limits(robots, robot):
+def test_forces_and_torques_are_within_limits(robots, robot):
     bench, rng = robots[robot], np.random.default_rng(2)
     bound = 0
     for _ in range(30):
@@ -114,7 +114,7 @@ def test_forces_stay_in_their_cones_and_torques_in_their_limits(robots, robot):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_push_that_is_declared_changes_the_contact_forces_by_itself(robots, robot):
+def test_external_wrench_changes_contact_forces(robots, robot):
     bench = robots[robot]
     state, references = bench.state(), bench.references()
     push = np.array([12.0, -6.0, 20.0, 1.0, -0.5, 0.3])
@@ -122,11 +122,11 @@ def test_a_push_that_is_declared_changes_the_contact_forces_by_itself(robots, ro
     before = bench.controller.solve(state, references)
     after = bench.controller.solve(state, replace(references, external_wrenches=wrenches))
     assert np.abs(imbalance(bench, state, after, wrenches)).max() < 1.0e-8
-    # It stands, pushed or not: arms, with their small weight, yield to the regularization of the forces by 0.6 mrad.
+    # Also when pushed, only the arms, with small weights, deviate by 0.6 mrad, by the regularization of forces.
     assert np.abs(after.v_dot).max() < 0.05
 
     def world(solution):
-        """Sum of the contact wrenches at the base's origin, in world axes."""
+        """Return the sum of contact wrenches at the base's origin in world axes."""
         total = pin.Force.Zero()
         data = bench.model.pinocchio.createData()
         pin.forwardKinematics(bench.model.pinocchio, data, state.q)
@@ -136,12 +136,12 @@ def test_a_push_that_is_declared_changes_the_contact_forces_by_itself(robots, ro
 
     weight = bench.model.mass * bench.model.gravity
     np.testing.assert_allclose(world(before)[:3], [0.0, 0.0, weight], atol=1e-3 * weight)
-    # The centre of mass yields to the regularization of the forces too, by a micrometre per newton.
+    # The regularization of forces also displaces the centre of mass, by a micrometre per newton.
     np.testing.assert_allclose(world(after) - world(before), -push, atol=1e-2 * np.linalg.norm(push))
 
 
 @pytest.mark.parametrize(("robot", "broken"), [("g1", "left_foot"), ("go2", "rear_left_foot")])
-def test_a_contact_that_is_broken_bears_nothing(robots, robot, broken):
+def test_inactive_contact_has_no_force(robots, robot, broken):
     bench = robots[robot]
     state, references = bench.state(), bench.references()
     assert broken in bench.controller.solve(state, references).forces
@@ -150,7 +150,7 @@ def test_a_contact_that_is_broken_bears_nothing(robots, robot, broken):
     assert np.abs(imbalance(bench, state, solution)).max() < 1.0e-8
 
 
-def test_a_contact_about_to_break_bears_its_share_at_most(robots):
+def test_force_bounds_of_partial_activation(robots):
     bench = robots["g1"]
     references = bench.references()
     for activation in (0.1, 0.01, 1.0e-4):
@@ -160,7 +160,7 @@ def test_a_contact_about_to_break_bears_its_share_at_most(robots):
         assert "normal_force:left_foot:upper" in solution.binding
 
 
-def test_a_robot_in_the_air_falls(robots):
+def test_robot_in_the_air_falls(robots):
     bench = robots["go2"]
     references = replace(bench.references(), contacts={})
     solution = bench.controller.solve(bench.state(), references)
@@ -170,7 +170,7 @@ def test_a_robot_in_the_air_falls(robots):
     np.testing.assert_allclose(com, [0.0, 0.0, -bench.model.gravity], atol=1e-6)
 
 
-def test_the_more_a_task_weighs_the_better_it_is_met(robots):
+def test_weights_reduce_errors(robots):
     bench = robots["g1"]
     state = bench.state()
     wanted, got = np.array([0.0, 0.0, 3.0]), []
@@ -188,7 +188,7 @@ def test_the_more_a_task_weighs_the_better_it_is_met(robots):
 
 
 def outside(bench, joint, by):
-    """Standing, with one joint beyond its upper limit."""
+    """Return the stance with one joint beyond its upper limit."""
     i = bench.model.joints.index(joint)
     q = np.array(bench.stance)
     q[bench.model.q_index[i]] = bench.model.position_upper[i] + by
@@ -196,16 +196,16 @@ def outside(bench, joint, by):
 
 
 def joint_bounds(bench, state):
-    """Lower and upper bounds of the joint accelerations at a state, each (nj,)."""
+    """Return the bounds of the joint accelerations at a state, (nj,) each."""
     q, v = state.q[bench.model.q_index], state.v[bench.model.v_index]
     return bench.controller.formulation.motion_limit.bounds(q, v, bench.controller.formulation.period)
 
 
-def test_a_joint_that_cannot_brake_as_it_should_brakes_as_it_can(bench):
+def test_joint_brakes_with_full_torque(bench):
     g1 = bench("g1", limits={"acceleration": 1.0e5, "velocity": False})
     i, v = g1.model.joints.index("left_elbow_joint"), np.zeros(g1.model.nv)
     v[g1.model.v_index[i]] = 15.0
-    state = g1.state(outside(g1, "left_elbow_joint", 0.1).q, v)  # asks for 7500 rad/s² at least: the motor cannot
+    state = g1.state(outside(g1, "left_elbow_joint", 0.1).q, v)  # requires 7500 rad/s², beyond the motor
     solution = g1.controller.solve(state, g1.references())
     assert solution.relaxed == ("joint_motion",)
     assert np.abs(imbalance(g1, state, solution)).max() < 1.0e-8
@@ -214,13 +214,13 @@ def test_a_joint_that_cannot_brake_as_it_should_brakes_as_it_can(bench):
     v_dot, (lower, upper) = solution.v_dot[g1.model.v_index], joint_bounds(g1, state)
     assert upper[i] < v_dot[i] < -100.0
     assert solution.binding["motion:left_elbow_joint:upper"] > 1.0e5
-    # The others pull a little too: they miss their bounds by at most a twentieth of what the elbow does.
+    # The other joints violate their bounds by at most a twentieth of the elbow's violation.
     assert np.delete(np.maximum(lower - v_dot, v_dot - upper), i).max() < 0.05 * (v_dot - upper)[i]
 
 
-def test_the_torque_rate_is_relaxed_first_and_no_more_than_needed(bench):
+def test_torque_rate_is_relaxed_first(bench):
     g1 = bench("g1", limits={"torque_rate": 1.0e-3})
-    before = np.array(g1.model.effort_limits)  # every motor at its limit: the feet would be torn off the floor
+    before = np.array(g1.model.effort_limits)  # every motor at its limit: the feet would pull at the floor
     solution = g1.controller.solve(g1.state(), g1.references(), before)
     assert solution.relaxed == ("torque_rate",)
     v_dot, (lower, upper) = solution.v_dot[g1.model.v_index], joint_bounds(g1, g1.state())
@@ -234,8 +234,8 @@ def test_the_torque_rate_is_relaxed_first_and_no_more_than_needed(bench):
 
 @pytest.mark.usefixtures("keep_contacts")
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_only_what_has_to_be_relaxed_is(bench, robot):
-    """By linear programs: nothing where nothing has to give, and the torque rate alone where that is enough."""
+def test_minimal_relaxation(bench, robot):
+    """By linear programs: nothing if feasible, and the torque rate alone if sufficient."""
     bench, seen = bench(robot), set()
     for seed in range(60):
         state, references, before = bench.random_problem(seed)
@@ -256,15 +256,15 @@ def test_only_what_has_to_be_relaxed_is(bench, robot):
 
 @pytest.mark.usefixtures("keep_contacts")
 @pytest.mark.parametrize(("robot", "seed", "most"), [("talos", 3926, 1.0e-7), ("g1", 7686, 1.0e-5)])
-def test_where_the_soft_program_is_not_solved_the_least_is_missed_all_the_same(bench, robot, seed, most):
-    """DAQP calls a feasible soft program of Talos infeasible; joints of G1 miss their bounds by 10⁴ rad/s²."""
+def test_unsolved_soft_program_has_least_violations(bench, robot, seed, most):
+    """DAQP reports a feasible soft program of Talos as infeasible; joints of G1 violate bounds by 10⁴ rad/s²."""
     robot = bench("talos").on_soles(half_length=0.1) if robot == "talos" else bench(robot)
     solution = robot.controller.solve(*robot.random_problem(seed))
     assert solution.relaxed == ("torque_rate", "joint_motion")
-    assert max(solution.residuals.values()) < most  # DAQP's 1e-8 are of rows whose norm is 1
+    assert max(solution.residuals.values()) < most  # DAQP's 1e-8 is for rows of norm 1
 
 
-def test_a_cycle_with_something_relaxed_leaves_no_trace(bench):
+def test_relaxed_cycle_has_no_side_effect(bench):
     g1, fresh = bench("g1"), bench("g1")
     before = g1.controller.solve(g1.state(), g1.references())
     state, references, _ = g1.random_problem(next(k for k in range(0, 99, 4) if relaxed(fresh, k)))
@@ -282,9 +282,7 @@ def relaxed(bench, seed):
 
 
 @pytest.mark.parametrize("solver", ["daqp", "osqp", "quadprog"])
-def test_where_a_solver_fails_on_a_feasible_problem_another_one_solves_it_and_nothing_is_relaxed(
-    bench, monkeypatch, solver
-):
+def test_failed_solver_on_a_feasible_problem_relaxes_nothing(bench, monkeypatch, solver):
     robot = bench("go2", solver={"name": solver})
     other = bench("go2")
     problems = [robot.random_problem(seed) for seed in range(0, 40, 4)]
@@ -302,7 +300,7 @@ def test_where_a_solver_fails_on_a_feasible_problem_another_one_solves_it_and_no
 
 
 def rising(bench, speed):
-    """Talos, whose base rises with its feet on the ground, its left knee 0.05 rad before its limit: straight."""
+    """Talos, with a rising base and its feet on the ground; its left knee is 0.05 rad before its limit."""
     talos = bench("talos")
     model, q, v = talos.model, np.array(talos.stance), np.zeros(talos.model.nv)
     knee = model.joints.index("leg_left_4_joint")
@@ -317,7 +315,7 @@ def rising(bench, speed):
     return talos, talos.state(q, v), knee
 
 
-def test_a_contact_that_keeps_a_joint_from_stopping_at_its_limit_is_given_up(bench, monkeypatch):
+def test_contact_preventing_a_stop_is_released(bench, monkeypatch):
     talos, state, knee = rising(bench, 8.0)
     solution = talos.controller.solve(state, talos.references())
     assert "contact_motion" in solution.relaxed
@@ -325,14 +323,14 @@ def test_a_contact_that_keeps_a_joint_from_stopping_at_its_limit_is_given_up(ben
     acceleration = solution.v_dot[talos.model.v_index[knee]]
     assert acceleration > talos.settings.limits.acceleration  # it brakes
     assert max(solution.residuals.values()) < 1e-5
-    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ())
+    monkeypatch.setattr(whole_body_qp, "contacts_preventing_stop", lambda *_: ())
     held = talos.controller.solve(state, talos.references())
     assert "left_foot" in held.forces
-    assert held.v_dot[talos.model.v_index[knee]] < 0.0  # it goes on, faster
+    assert held.v_dot[talos.model.v_index[knee]] < 0.0  # it accelerates further
 
 
 @pytest.mark.parametrize("speed", [0.9, 1.1])
-def test_a_contact_that_moves_fast_is_given_up_where_something_has_to_be_relaxed(bench, speed):
+def test_slipping_contact_is_released(bench, speed):
     g1 = bench("g1", limits={"acceleration": 1.0e5})
     elbow, v = g1.model.joints.index("left_elbow_joint"), np.zeros(g1.model.nv)
     v[0], v[g1.model.v_index[elbow]] = speed, 15.0  # both feet slide, and an elbow cannot brake
@@ -346,7 +344,7 @@ def test_a_contact_that_moves_fast_is_given_up_where_something_has_to_be_relaxed
     assert set(sliding.forces) == {"left_foot", "right_foot"}
 
 
-def test_a_joint_that_nearly_stops_costs_no_contact(bench):
+def test_no_release_for_a_nearly_stopping_joint(bench):
     talos, state, _ = rising(bench, 6.0)
     solution = talos.controller.solve(state, talos.references())
     assert "joint_motion" in solution.relaxed
@@ -354,23 +352,25 @@ def test_a_joint_that_nearly_stops_costs_no_contact(bench):
 
 
 @pytest.mark.parametrize(("share", "feet"), [(0.6, {"left_foot", "right_foot"}), (0.4, {"right_foot"})])
-def test_a_contact_is_given_up_where_it_at_least_halves_what_the_joints_miss(bench, monkeypatch, share, feet):
+def test_release_must_halve_the_shortfall(bench, monkeypatch, share, feet):
     talos, state, _ = rising(bench, 8.0)
-    monkeypatch.setattr(whole_body_qp, "hindering_contacts", lambda *_: ("left_foot",))
-    monkeypatch.setattr(whole_body_qp, "stops_missed", lambda _, layout, __: share if len(layout.key) == 1 else 1.0)
+    monkeypatch.setattr(whole_body_qp, "contacts_preventing_stop", lambda *_: ("left_foot",))
+    monkeypatch.setattr(
+        whole_body_qp, "stopping_shortfall", lambda _, layout, __: share if len(layout.key) == 1 else 1.0
+    )
     assert set(talos.controller.solve(state, talos.references()).forces) == feet
 
 
-def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(bench, monkeypatch):
+def test_failed_release_keeps_the_first_solution(bench, monkeypatch):
     talos, state, _ = rising(bench, 8.0)
-    attempt, calls = talos.controller._attempt, []
+    attempt, calls = talos.controller._solve_with_relaxation, []
 
     def fails_at_last(layout, references):
         calls.append(layout.key)
         found = attempt(layout, references)
         return found if len(calls) == 1 else Answer(None, found.status, found.iterations)
 
-    monkeypatch.setattr(talos.controller, "_attempt", fails_at_last)
+    monkeypatch.setattr(talos.controller, "_solve_with_relaxation", fails_at_last)
     solution = talos.controller.solve(state, talos.references())
     assert calls[0] == ("left_foot", "right_foot")
     assert "left_foot" not in calls[1]
@@ -379,13 +379,13 @@ def test_where_nothing_is_found_without_the_contact_the_first_solution_counts(be
     assert "contact_motion" not in solution.relaxed
     assert max(solution.residuals.values()) < 1e-5
     formulation = talos.controller.formulation
-    assert formulation.structure.layout.key == calls[0]  # tasks on forces take the columns of this solution from it
+    assert formulation.structure.layout.key == calls[0]  # effort tasks use the columns of this solution
     lifted = {name: float(name in calls[1]) for name in calls[0]}
     assert formulation.build(state, replace(talos.references(), contacts=lifted)).key == calls[1]
 
 
 @pytest.mark.usefixtures("keep_contacts")
-def test_bounds_that_do_not_change_come_back_after_a_cycle_in_which_they_were_relaxed(bench):
+def test_relaxed_bounds_are_restored(bench):
     g1 = bench("g1", limits={"position": False, "velocity": False, "acceleration": 5.0})
     first = g1.controller.formulation.build(g1.state(), g1.references()).problem
     expected = np.array(first.bounds)
@@ -395,7 +395,7 @@ def test_bounds_that_do_not_change_come_back_after_a_cycle_in_which_they_were_re
     np.testing.assert_array_equal(after.bounds, expected)
 
 
-def test_with_strict_priorities_the_same_is_relaxed(bench):
+def test_relaxation_with_strict_priorities(bench):
     g1 = bench("g1")
     strict, count = g1.on_levels(posture=1), 0
     for seed in range(0, 60, 2):
@@ -410,7 +410,7 @@ def test_with_strict_priorities_the_same_is_relaxed(bench):
 
 
 def infeasible(bench, solver="daqp"):
-    """Feet that must press with more than the motors can give."""
+    """Feet that must press with more force than the motors have."""
     g1 = bench("g1", solver={"name": solver})
     for contact in g1.controller.contacts.values():
         contact.min_normal_force = contact.max_normal_force = 20000.0
@@ -418,7 +418,7 @@ def infeasible(bench, solver="daqp"):
 
 
 @pytest.mark.parametrize("solver", ["daqp", "osqp", "proxqp", "quadprog"])
-def test_where_nothing_satisfies_the_constraints_there_is_no_solution(bench, solver):
+def test_no_solution_of_an_infeasible_problem(bench, solver):
     g1 = infeasible(bench, solver)
     with pytest.raises(NoSolution, match=rf"left_foot, right_foot.*torque limits together \({solver}: ") as failure:
         g1.controller.solve(g1.state(), g1.references())
@@ -426,9 +426,9 @@ def test_where_nothing_satisfies_the_constraints_there_is_no_solution(bench, sol
     assert isinstance(problem, QuadraticProgram)
     assert failure.value.status
     evidence = np.array(problem.x_lower)
-    # The evidence stands on its own: another solver finds no answer either.
+    # The evidence is self-contained: another solver finds no solution either.
     assert make_solver("daqp", problem).solve(problem).x is None
-    # And the controller is not the worse for it.
+    # The controller continues normally.
     for contact in g1.controller.contacts.values():
         contact.min_normal_force, contact.max_normal_force = 0.0, 1000.0
     solution = g1.controller.solve(g1.state(), g1.references())
@@ -438,7 +438,7 @@ def test_where_nothing_satisfies_the_constraints_there_is_no_solution(bench, sol
 
 
 @pytest.mark.parametrize("where", ["reference", "wrench", "torques before"])
-def test_what_is_not_finite_is_refused_at_once(robots, where):
+def test_non_finite_values_are_refused(robots, where):
     bench = robots["go2"]
     references, before = bench.references(), None
     bad = np.array([np.nan, 0.0, 0.0])
@@ -453,10 +453,10 @@ def test_what_is_not_finite_is_refused_at_once(robots, where):
     assert bench.controller.solve(bench.state(), bench.references()).relaxed == ()
 
 
-# What a solution says ------------------------------------------------------------------------------------------------
+# Content of a solution -----------------------------------------------------------------------------------------------
 
 
-def test_residuals_have_these_names_and_are_what_is_left(robots):
+def test_residuals_by_group(robots):
     bench, rng = robots["talos"], np.random.default_rng(4)
     state = bench.near_stance(rng)
     solution = bench.controller.solve(state, busy(bench, state, rng))
@@ -467,12 +467,12 @@ def test_residuals_have_these_names_and_are_what_is_left(robots):
     assert solution.iterations > 0
 
 
-def test_residuals_show_an_answer_that_is_a_little_wrong(bench):
+def test_residuals_of_an_inaccurate_answer(bench):
     g1 = bench("g1")
     state, references = g1.state(), g1.references()
     layout = g1.controller.formulation.build(state, references)
     x = np.array(make_solver("daqp", layout.problem).solve(layout.problem).x)
-    x[0] += 1.0e-4  # the base accelerates, and nothing carries it
+    x[0] += 1.0e-4  # the base accelerates without a force
     multipliers = np.zeros(len(x) + len(layout.problem.upper))
     answer = Answer(x, "made", 0, multipliers, layout.problem.residuals(x))
     found = unpack(g1.controller.formulation, layout, answer, references)
@@ -480,7 +480,7 @@ def test_residuals_show_an_answer_that_is_a_little_wrong(bench):
     assert found.residuals["contact_motion"] == pytest.approx(1.0e-4, rel=0.2)
 
 
-def test_an_answer_without_residuals_is_no_solution(bench):
+def test_answer_without_residuals_is_no_solution(bench):
     g1 = bench("g1")
     layout = g1.controller.formulation.build(g1.state(), g1.references())
     with pytest.raises(ValueError, match="'infeasible' has no residuals"):
@@ -496,7 +496,7 @@ def test_task_errors_are_distances(robots):
     assert solution.task_errors["posture"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_binding_names_exactly_the_constraints_that_hold_with_equality(robots):
+def test_binding_constraints_hold_with_equality(robots):
     bench, rng = robots["g1"], np.random.default_rng(5)
     seen = set()
     for _ in range(20):
@@ -526,9 +526,9 @@ def test_binding_names_exactly_the_constraints_that_hold_with_equality(robots):
 
 
 @pytest.mark.parametrize("kind", ["torque", "motion", "normal_force", "cone"])
-def test_what_a_binding_constraint_costs_is_the_slope_of_the_cost(bench, kind):
-    """By finite differences: give one bound a little, solve again, and see by how much the cost falls."""
-    g1 = bench("g1", limits={"velocity": False})  # it would bind before the torque does
+def test_multipliers_are_cost_gradients(bench, kind):
+    """By finite differences: relax one bound, solve again, and compare the cost."""
+    g1 = bench("g1", limits={"velocity": False})  # it would bind before the torque
     formulation, elbow = g1.controller.formulation, g1.model.joints.index("left_elbow_joint")
     references = g1.references(posture=5.0)
     wish = np.zeros(g1.model.na)
@@ -562,12 +562,12 @@ def test_what_a_binding_constraint_costs_is_the_slope_of_the_cost(bench, kind):
     assert (before - after) / given == pytest.approx(costs[name], rel=1e-3)
 
 
-def test_a_robot_that_stands_has_nothing_binding(robots):
+def test_standing_robot_has_no_binding_constraint(robots):
     for bench in robots.values():
         assert bench.controller.solve(bench.state(), bench.references()).binding == {}
 
 
-def test_a_solution_cannot_be_changed(robots):
+def test_solution_is_immutable(robots):
     solution = robots["go2"].controller.solve(robots["go2"].state(), robots["go2"].references())
     for array in (solution.v_dot, solution.tau, *solution.forces.values()):
         with pytest.raises(ValueError, match="read-only"):
@@ -580,7 +580,7 @@ def test_a_solution_cannot_be_changed(robots):
 
 
 def said(solution):
-    """Everything that a solution says, and of its levels."""
+    """Return all content of a solution and its levels."""
     names = ("forces", "residuals", "task_errors", "binding", "external_wrenches")
     found = {name: {key: np.array(value) for key, value in getattr(solution, name).items()} for name in names}
     found["motion"] = {"v_dot": np.array(solution.v_dot), "tau": np.array(solution.tau)}
@@ -588,7 +588,7 @@ def said(solution):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, robot):
+def test_solution_details_belong_to_their_cycle(bench, robot):
     late, at_once, rng = bench(robot), bench(robot), np.random.default_rng(11)
     solutions, expected, bound = [], [], 0
     for count, scale in enumerate((1.0, 300.0, 1.0, 200.0, 50.0)):
@@ -603,7 +603,7 @@ def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, rob
         expected.append(said(at_once.controller.solve(state, references)))
         bound += len(expected[-1]["binding"])
     layout = late.controller.formulation.layout(tuple(late.controller.contacts))
-    layout.relabel(layout.torque, ["renamed"] * late.model.na)  # as those of self-collision are, in every cycle
+    layout.relabel(layout.torque, ["renamed"] * late.model.na)  # as self-collision does in every cycle
     for solution, then in zip(solutions, expected, strict=True):
         now = said(solution)
         for name, values in then.items():
@@ -613,15 +613,15 @@ def test_what_a_solution_says_is_of_its_own_cycle_whenever_it_is_read(bench, rob
     assert bound > 0
 
 
-# Building is apart from solving --------------------------------------------------------------------------------------
+# Building is separate from solving -----------------------------------------------------------------------------------
 
 
 def arrays(problem):
     return {name: np.array(getattr(problem, name)) for name in ("H", "g", "A", "b", "C", "bounds")}
 
 
-def test_a_snapshot_keeps_all_of_its_cycle(bench):
-    """What is infeasible is explained later."""
+def test_snapshot_keeps_its_cycle(bench):
+    """The diagnosis of infeasibility runs later."""
     g1, rng = bench("g1"), np.random.default_rng(4)
     layout = g1.controller.formulation.build(g1.near_stance(rng), g1.references())
     kept, torque_bias = layout.snapshot(), np.array(layout.torque_bias)
@@ -635,7 +635,7 @@ def test_a_snapshot_keeps_all_of_its_cycle(bench):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_building_twice_gives_the_same_problem_whatever_came_between(bench, robot):
+def test_building_is_reproducible(bench, robot):
     used, rng = bench(robot), np.random.default_rng(7)
     state, other = used.near_stance(rng), used.near_stance(rng)
     references, tau = busy(used, state, rng), used.model.effort_limits * 0.1
@@ -648,13 +648,13 @@ def test_building_twice_gives_the_same_problem_whatever_came_between(bench, robo
     expected = arrays(bench(robot).controller.formulation.build(state, heavier, tau).problem)
     for name, values in arrays(used.controller.formulation.build(state, heavier, tau).problem).items():
         np.testing.assert_array_equal(values, expected[name], err_msg=name)
-    for again in (used, bench(robot)):  # the same controller, and a fresh one
+    for again in (used, bench(robot)):  # the same controller, and a new one
         for name, values in arrays(again.controller.formulation.build(state, references, tau).problem).items():
             np.testing.assert_array_equal(values, first[name], err_msg=name)
 
 
 @pytest.mark.parametrize("robot", ["g1", "talos"])
-def test_feet_share_a_load_by_pressing_unequally_before_their_centres_of_pressure_reach_the_edge(robots, robot):
+def test_feet_share_loads_by_normal_forces(robots, robot):
     bench = robots[robot]
     state = bench.state()
     references = bench.references(state)
@@ -667,8 +667,8 @@ def test_feet_share_a_load_by_pressing_unequally_before_their_centres_of_pressur
 
 
 @pytest.mark.parametrize("overlapping", [False, True])
-def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots, overlapping):
-    """Also where two tasks ask something of the same joint, and one of them of no other."""
+def test_cost_is_task_errors_and_regularization(robots, overlapping):
+    """Also for two tasks on the same joint."""
     bench, rng = robots["go2"], np.random.default_rng(9)
     if overlapping:
         joints = bench.model.joints
@@ -682,7 +682,7 @@ def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots, over
     nv, solver = bench.model.nv, bench.settings.solver
 
     def cost(x):
-        # ε_a (‖q̈‖² + ‖ḣ_G / m‖²): the rate of the centroidal momentum by Newton-Euler, turning parts over 0.1 m.
+        # ε_a (‖q̈‖² + ‖ḣ_G / m‖²): momentum rate by Newton-Euler, angular parts over 0.1 m.
         model = bench.model.pinocchio
         rate = pin.computeCentroidalMomentumTimeVariation(model, model.createData(), state.q, state.v, x[:nv]).vector
         rate = rate / bench.model.mass * [1.0, 1.0, 1.0, 10.0, 10.0, 10.0]
@@ -704,11 +704,11 @@ def test_the_cost_is_the_weighted_task_error_and_the_regularization(robots, over
         assert problem.cost.value(x) == pytest.approx(cost(x), rel=1e-9)
 
 
-def test_weights_and_activations_that_change_are_noticed_in_whatever_mapping(robots):
+def test_changes_in_mutable_mappings_are_noticed(robots):
     g1 = robots["g1"]
     state, references, before = g1.random_problem(3)
     weights, contacts = dict(references.weights), dict(references.contacts)
-    own = replace(references, weights=weights, contacts=contacts)  # which their owner may change
+    own = replace(references, weights=weights, contacts=contacts)  # mutable, of the caller
     task, contact = next(iter(weights)), next(iter(contacts))
 
     def answers():
@@ -736,7 +736,7 @@ def test_weights_and_activations_that_change_are_noticed_in_whatever_mapping(rob
         ((0, 0, 1), "3 positions, 3 velocities and 4 accelerations"),
     ],
 )
-def test_a_reference_of_another_size_is_refused_though_all_of_it_may_be_as_long(robots, more, sizes):
+def test_references_of_wrong_size_are_refused(robots, more, sizes):
     g1 = robots["g1"]
     state, references, before = g1.random_problem(3)
     g1.controller.solve(state, references, before)
@@ -747,7 +747,7 @@ def test_a_reference_of_another_size_is_refused_though_all_of_it_may_be_as_long(
         g1.controller.solve(state, replace(references, tasks={**references.tasks, "com": shifted}), before)
 
 
-def test_a_reference_that_its_owner_writes_is_read_in_every_cycle(robots):
+def test_mutable_references_are_read_in_every_cycle(robots):
     g1 = robots["g1"]
     state, references, before = g1.random_problem(3)
     position = references.tasks["com"].position.copy()

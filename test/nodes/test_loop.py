@@ -390,7 +390,7 @@ def test_an_extreme_request_is_refused_with_its_range(bench, make, name):
     controller.send(key, content(make), subject)
     refused = [sentence for _ in range(10) for sentence in controller.cycle().refused]
     assert len(refused) == 1
-    assert re.search(r" is .*; for this robot it is from -?[\d.]+ to [\d.]+", refused[0])
+    assert re.search(r" is .*; for this robot it must be from -?[\d.]+ to [\d.]+", refused[0])
     assert controller.reports[-1].mode is Mode.ACTIVE
     assert board._trajectories["com"] is before
     assert not board._wrenches

@@ -132,5 +132,5 @@ def test_a_urdf_from_the_network_that_pinocchio_would_not_survive_ends_in_a_sent
         transport.close()
     assert ended.returncode == 2
     assert ended.stderr == (
-        f"error: {path}: robot.urdf: link 'l1000' is number 1001 in a chain of links; it may have 1000\n"
+        f"error: {path}: robot.urdf: link 'l1000' is number 1001 in a chain of links; the maximum is 1000\n"
     )

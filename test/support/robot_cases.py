@@ -153,25 +153,25 @@ XACRO = (
 REFUSED = {
     "a link with two parents": (
         arm(joint("j4", "base", "l3", at="0.2 0 0")),
-        "link 'l3' is the child of two joints, 'j3' and 'j4'; a URDF is a tree: leave one of them out, and close the "
-        "chain by `loops`",
+        "link 'l3' is the child of two joints, 'j3' and 'j4'; a URDF is a tree: remove one of them, and close the "
+        "chain with `loops`",
     ),
     "exchanged limits": (
         arm(second=joint("j2", "l1", "l2", limit='lower="2" upper="-2" effort="50" velocity="5"')),
         "joint 'j2': the lower limit 2 is above the upper limit -2",
     ),
     "a file for xacro": (XACRO, "it contains <xacro:include>; expand the file with xacro first"),
-    "two links of one name": (arm(link("l2")), "two links are called 'l2'; names of links are unique"),
-    "two joints of one name": (arm(link("l4"), joint("j2", "l3", "l4")), "two joints are called 'j2'"),
+    "two links of one name": (arm(link("l2")), "duplicate link 'l2'; link names must be unique"),
+    "two joints of one name": (arm(link("l4"), joint("j2", "l3", "l4")), "duplicate joint 'j2'"),
     "a link without a name": (arm(link("")), "link number 5 has no name"),
     "an unknown type": (arm(link("l4"), joint("j4", "l3", "l4", kind="hinge")), "joint 'j4' has the unknown type 'hi"),
     "an unknown parent": (arm(joint("j4", "l9", "l3")), "joint 'j4': its parent 'l9' is not a link of the URDF"),
     "no child": (arm('<joint name="j4" type="fixed"><parent link="l3"/></joint>'), "'j4' has no <child link=…>"),
     "two roots": (arm(link("l4")), "the links 'base', 'l4' have no parent; a URDF is one tree"),
-    "a circle": (arm(link("a"), link("b"), joint("j4", "a", "b"), joint("j5", "b", "a")), "'a', 'b' are below each"),
-    "another format": ("<sdf version='1.6'/>", "its root element is <sdf>; the one of a URDF is <robot>"),
-    "no links": ("<robot name='none'/>", "it has no <link>"),
-    "a name of Pinocchio": (arm(link("l4"), joint("universe", "l3", "l4")), "no joint may be called 'universe'"),
+    "a circle": (arm(link("a"), link("b"), joint("j4", "a", "b"), joint("j5", "b", "a")), "'a', 'b' form a cycle"),
+    "another format": ("<sdf version='1.6'/>", "the root element is <sdf>; expected <robot>"),
+    "no links": ("<robot name='none'/>", "no <link> found"),
+    "a name of Pinocchio": (arm(link("l4"), joint("universe", "l3", "l4")), "invalid joint name 'universe'"),
     "a shape without a size": (
         biped(sole="<collision><geometry><cylinder radius='0.1'/></geometry></collision>"),
         "link 'left_foot': its <collision> has a <cylinder> without length",
@@ -182,6 +182,6 @@ REFUSED = {
     ),
     "a negative size": (
         biped(sole="<collision><geometry><sphere radius='-0.1'/></geometry></collision>"),
-        "link 'left_foot': its <collision> has a <sphere radius='-0.1'>; sizes are not negative",
+        "link 'left_foot': its <collision> has a <sphere radius='-0.1'>; sizes must not be negative",
     ),
 }

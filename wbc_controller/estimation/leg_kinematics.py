@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.contacts import Contact, FixedContact, PointContact, SurfaceContact
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, moved_by
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -90,7 +90,7 @@ class LegKinematics:
         self._data = model.pinocchio.createData()
         frame = self._pinocchio.frames[model.frame_id(imu_frame, "estimation.imu_frame")]
         self._imu_joint, self._imu_placement = int(frame.parentJoint), frame.placement
-        self._moves = moved_by(self._pinocchio)
+        self._moves = support_matrix(self._pinocchio)
         self._q, self._v = pin.neutral(self._pinocchio), np.zeros(model.nv)
         self.imu_rotation, self.imu_position, self.imu_motion = np.eye(3), np.zeros(3), np.zeros(6)
         self._noise = joint_noise, point_noise

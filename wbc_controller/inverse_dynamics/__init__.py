@@ -1,4 +1,1 @@
-"""The controller itself: model, dynamics, tasks, contacts, limits and the quadratic program.
-
-It depends on no ROS, no DDS, no simulator, no YAML and no clock.
-"""
+"""Inverse dynamics: model, tasks, contacts, limits and the quadratic program; without ROS, simulator and clock."""

@@ -1,12 +1,4 @@
-"""Faster equivalents of some NumPy calls, for small arrays.
-
-A cycle makes some hundred calls on arrays of a few dozen numbers. There the run time of a NumPy call is mostly its
-overhead, which differs between functions. ``python benchmarks/small_arrays.py`` measures each function below against
-the plain NumPy call; on one machine, for 30 numbers, the NumPy equivalent took 24 times as long for `cross`, 3.5 for
-`smallest`, 3.2 for `all_true`, 2.0 for `all_finite`, 1.7 for `solved`, 2.2 for `sum_of_squares` and 1.4 for
-`as_slice`. Reductions are slow, `argmin` and `argmax` are not; `numpy.linalg.solve` is a Python wrapper around the
-function that is called here.
-"""
+"""Fast equivalents of NumPy functions for small arrays; ``python benchmarks/small_arrays.py`` compares them."""
 
 import math
 from typing import Any
@@ -19,44 +11,44 @@ Array = npt.NDArray[np.float64]
 
 
 def as_slice(index: np.ndarray) -> np.ndarray | slice:
-    """Turn an index array of consecutive entries, (k,), into a slice, so that indexing gives a view and not a copy."""
+    """Convert consecutive indices (k,) to a slice, for views instead of copies."""
     if len(index) and (np.diff(index) == 1).all():
         return slice(int(index[0]), int(index[-1]) + 1)
     return index
 
 
 def cross(a: Array, b: Array) -> Array:
-    """The cross product of two vectors, (3,) each."""
+    """Return the cross product of two vectors (3,)."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def smallest(values: np.ndarray) -> Any:
-    """The smallest value; NaN if any is NaN. The array must not be empty."""
+    """Return the smallest value of a non-empty array, or NaN."""
     return values.item(values.argmin())
 
 
 def largest(values: np.ndarray) -> Any:
-    """The largest value; NaN if any is NaN. The array must not be empty."""
+    """Return the largest value of a non-empty array, or NaN."""
     return values.item(values.argmax())
 
 
 def all_true(flags: np.ndarray) -> bool:
-    """Whether all flags are true. The array must not be empty."""
+    """Return True if all flags of a non-empty array are true."""
     return bool(smallest(flags))
 
 
 def all_finite(values: Array) -> bool:
-    """Whether no value is infinite or NaN. The array must not be empty."""
+    """Return True if all values of a non-empty array are finite."""
     return bool(smallest(values) > -math.inf and largest(values) < math.inf)
 
 
 def solved(A: Array, b: Array) -> Array:
-    """Solve A x = b for a regular A, (n, n); A and b are not modified."""
+    """Solve A x = b for a regular matrix A (n, n)."""
     x: Array = dgesv(A, b)[2]
     return x
 
 
 def sum_of_squares(values: Array) -> float:
-    """Σ vᵢ²: infinite or NaN if any value is, and infinite if one is beyond 1e150."""
+    """Return Σ vᵢ²; not finite for NaN, infinity and values above 1e150."""
     return float(np.vdot(values, values))

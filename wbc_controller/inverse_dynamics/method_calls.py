@@ -1,7 +1,7 @@
-"""Calls of the methods of tasks, contacts and limits, which users may define; errors name the class and the method.
+"""Checked calls of user-defined methods of tasks, contacts and limits.
 
-Arrays from these methods go into compiled code and into the arrays of the quadratic program. A wrong shape would be
-broadcast there, or would let compiled code write outside of its memory.
+A wrong shape would be broadcast, or make compiled code write outside its memory. All functions raise `MethodError` with
+the class, the method and the problem: an exception, a wrong number, type or shape of arrays, NaN or infinity.
 """
 
 import math
@@ -16,8 +16,7 @@ from wbc_controller.records import Array
 
 Shape = tuple[int, ...]
 _FLOAT64 = np.dtype(np.float64)
-#: Longest value in an error message.
-_SHOWN = 80
+_SHOWN = 80  # longest value in an error message
 
 
 class Named(Protocol):
@@ -25,15 +24,11 @@ class Named(Protocol):
 
     @property
     def full_name(self) -> str:
-        """Kind and name, such as ``task 'com'``."""
+        """Kind and name, e.g. ``task 'com'``."""
 
 
 def call(owner: Named, method: str, *arguments: Any) -> Any:
-    """Call a method of a task, contact or limit.
-
-    Raises:
-        MethodError: if the method raises an exception; the message names class and method.
-    """
+    """Call a method; translate its exception to a `MethodError`."""
     try:
         return getattr(owner, method)(*arguments)
     except MethodError:
@@ -43,50 +38,35 @@ def call(owner: Named, method: str, *arguments: Any) -> Any:
 
 
 def raised(owner: Named, method: str, error: Exception) -> MethodError:
-    """The error of a method that has raised an exception."""
+    """Return the error for an exception in a method."""
     return MethodError(f"{_title(owner, method)} raised {type(error).__name__}: {error}")
 
 
 def array_from(owner: Named, method: str, shape: Shape, *arguments: Any) -> Array:
-    """Call a method that returns one array, and check its shape; returns float64, converted from integers or lists.
-
-    Raises:
-        MethodError: as `call`, and if the array has another shape, is not numeric, or contains NaN or infinity.
-    """
+    """Call a method that returns an array of finite numbers, and return it as float64."""
     array = checked(owner, method, call(owner, method, *arguments), shape)
     require_finite_result(owner, method, array)
     return array
 
 
 def arrays_from(owner: Named, method: str, shapes: Sequence[Shape], *arguments: Any) -> tuple[Array, ...]:
-    """Call a method that returns a tuple of arrays, and check each as `array_from` does.
-
-    Raises:
-        MethodError: as `array_from`, and if the method does not return as many arrays as `shapes`.
-    """
+    """Call a method that returns several arrays of finite numbers."""
     arrays = arrays_of(owner, method, call(owner, method, *arguments), shapes)
     require_finite_result(owner, method, *arrays)
     return arrays
 
 
 def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -> tuple[Array, ...]:
-    """Check number, types and shapes of the arrays that a method has returned.
-
-    Raises:
-        MethodError: as `arrays_from`.
-    """
+    """Check the arrays returned by a method."""
     if not isinstance(values, tuple | list) or len(values) != len(shapes):
         raise MethodError(f"{_title(owner, method)} returned {_short(values)}, expected {len(shapes)} arrays")
     return tuple(checked(owner, method, value, shape) for value, shape in zip(values, shapes, strict=True))
 
 
 def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array, Array]:
-    """Check the lower and upper bounds that a method has returned, both (size,); they may be infinite.
+    """Check bounds (size,) returned by a method: lower ≤ upper, possibly infinite.
 
-    An object that needs no conversion is returned itself, so that the caller can recognize it in the next cycle.
-
-    Raises:
-        MethodError: as `arrays_of`, and if a bound is NaN, or a lower bound is above its upper bound.
+    Bounds that need no conversion are returned as the same object, for recognition in the next cycle.
     """
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
         raise MethodError(f"{_title(owner, method)} returned {_short(bounds)}, expected lower and upper bounds")
@@ -98,52 +78,36 @@ def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array,
 
 
 def require_bounds(owner: Named, method: str, lower: Array, upper: Array) -> None:
-    """Require lower ≤ upper, neither NaN, no lower bound inf and no upper bound -inf.
-
-    Raises:
-        MethodError: with the first pair of bounds that does not meet this.
-    """
+    """Require lower ≤ upper, lower < inf and upper > -inf, without NaN."""
     right = (lower <= upper) & (lower < np.inf) & (upper > -np.inf)
     if not right.all():
         i = int(np.argmin(right))
         raise MethodError(
-            f"{_title(owner, method)} gave the bounds {lower[i]:g} and {upper[i]:g} at index {i}, expected a lower "
-            "bound that is not above the upper one (-inf and inf for no bound)"
+            f"{_title(owner, method)} returned the bounds {lower[i]:g} and {upper[i]:g} at index {i}, expected "
+            "lower ≤ upper (-inf and inf for no bound)"
         )
 
 
 def require_finite_result(owner: Named, method: str, *arrays: Array) -> None:
-    """Require finite numbers in arrays that a method has returned.
-
-    Raises:
-        MethodError: if there is NaN or infinity.
-    """
+    """Require finite arrays as result of a method."""
     for array in arrays:
         if not np.isfinite(array).all():
             raise MethodError(f"{_title(owner, method)} returned {_short(array)}, expected finite numbers")
 
 
 def require_finite(owner: Named, method: str, name: str, written: Array) -> None:
-    """Require finite numbers in an array that a method has written in place.
-
-    Raises:
-        MethodError: if there is NaN or infinity.
-    """
+    """Require finite values in an array that a method wrote in place."""
     if not is_finite(written) and not np.isfinite(written).all():
         raise MethodError(f"{_title(owner, method)} wrote {_short(written)} to {name}, expected finite numbers")
 
 
 def is_finite(values: Array) -> bool:
-    """Whether the sum of the squares is finite: not if there is NaN, infinity, or a number beyond 1e150."""
+    """Return True for a finite sum of squares: no NaN, infinity or value above 1e150."""
     return math.isfinite(sum_of_squares(values))
 
 
 def checked(owner: Named, method: str, value: Any, shape: Shape) -> Array:
-    """Check type and shape of an array that a method has returned; cheap, for every cycle.
-
-    Raises:
-        MethodError: if it is not an array of numbers, or has another shape.
-    """
+    """Check type and shape of an array returned by a method; fast."""
     if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == shape:
         return value
     try:

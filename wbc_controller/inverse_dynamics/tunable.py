@@ -1,4 +1,4 @@
-"""The version of an object's parameters: tasks, contacts and limits count the changes of their attributes."""
+"""Version counter for parameters of tasks, contacts and limits."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 
 class Tunable:
-    """A task, contact or limit, whose attributes may be set between two cycles, such as gains and force limits.
+    """Base class that counts attribute changes, e.g. of gains between two cycles.
 
-    The quadratic program keeps arrays that depend on them (`formulation.structure`) until a version changes. A change
-    within an array, such as ``task.stiffness[0] = 1.0``, is not counted: set the attribute.
+    Arrays of the quadratic program are reused until a version changes (`formulation.structure`). Changes in place, e.g.
+    ``task.stiffness[0] = 1.0``, are not counted: assign the attribute.
 
     Attributes:
-        version: number of changes of attributes without a leading underscore.
+        version: number of assignments to public attributes.
     """
 
     version: int = 0

@@ -1,4 +1,4 @@
-"""The whole-body controller: from a state and references to accelerations, torques and contact forces."""
+"""Whole-body controller: accelerations, torques and contact forces from a state and references."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -12,11 +12,11 @@ from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
 from wbc_controller.inverse_dynamics.formulation.layout import Layout
 from wbc_controller.inverse_dynamics.formulation.relaxation import (
-    hindering_contacts,
-    lost_contacts,
+    contacts_preventing_stop,
     relaxations,
+    slipping_contacts,
     soften,
-    stops_missed,
+    stopping_shortfall,
     widen,
 )
 from wbc_controller.inverse_dynamics.formulation.unpacking import unpack
@@ -28,24 +28,21 @@ from wbc_controller.inverse_dynamics.solvers.hierarchy import Hierarchy
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, Infeasibility, References, RobotState, Solution
 
-#: Room that strict priorities leave at relaxed bounds, in the problem's units, so that rounding does not close it.
-_ROOM = 1.0e-6
-#: Share of what joints miss to stop at their limits that may be left where contacts are given up for it.
-_WORTH = 0.5
+_CLEARANCE = 1.0e-6  # clearance of strict priorities to relaxed bounds against rounding, in the problem's units
+_WORTHWHILE_SHARE = 0.5  # contacts are released if at most this share of the missing stopping acceleration remains
 
 
 class WholeBodyQP:
-    """Solves one quadratic program per cycle (S10 as equality constraints, S12), or one per priority level.
+    """Inverse dynamics by one quadratic program per cycle (S10 as equality constraints, S12) or priority level.
 
-    Minimize, over v̇, τ and f,
+    Minimize over v̇, τ and f
 
         ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f ‖f‖²
 
-    subject to the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + Σ Jₖᵀwₖ, the motion constraints of active contacts and
-    closed loops J v̇ + J̇v = -D J v + K e (e is the displacement to the anchor of the contact, or to the closed loop),
-    the friction and wrench cones of the contacts, and the limits. Here q̈ are the joint accelerations and ḣ_G is the
-    rate of the momentum about the centre of mass: together they determine v̇, and unlike ‖v̇‖² they do not depend on the
-    choice of the base link (S2). Building the problem (`formulation`) is separate from solving it.
+    subject to the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + Σ Jₖᵀwₖ, the contact and loop constraints J v̇ + J̇v =
+    -D J v + K e (e: displacement to the anchor or closed loop), friction and wrench cones, and limits. Joint
+    accelerations q̈ and the centroidal momentum rate ḣ_G determine v̇; unlike ‖v̇‖², their norm is independent of the
+    base link (S2).
     """
 
     def __init__(
@@ -54,10 +51,10 @@ class WholeBodyQP:
         """Make a controller.
 
         Args:
-            timer: returns the time in s, for the stage times; by default they are all 0.
+            timer: clock for the stage times, s; by default they are 0.
 
         Raises:
-            ConfigurationError: where the solver is not installed, or not accurate enough for the tasks' priorities.
+            ConfigurationError: if the solver is missing, or too inaccurate for the tasks' priorities.
         """
         self.formulation = formulation
         self._solver_name = solver
@@ -68,44 +65,44 @@ class WholeBodyQP:
         self._priorities = formulation.has_priorities
         if self._priorities and not self._solver_of(self.formulation.layout(())).for_levels:
             raise ConfigurationError(
-                f"solver.name = {solver!r} is not accurate enough for tasks with a level above 0 or with a tolerance; "
-                "take daqp, or quadprog through qpsolvers"
+                f"solver.name = {solver!r} is not accurate enough for task levels above 0 and for tolerances; valid: "
+                "daqp, and quadprog through qpsolvers"
             )
         self._solver_of(self.formulation.layout(tuple(self.contacts)))
 
     @property
     def model(self) -> RobotModel:
-        """The robot's model."""
+        """Model of the robot."""
         return self.formulation.model
 
     @property
     def dynamics(self) -> Dynamics:
-        """The snapshot of the last cycle."""
+        """Dynamics of the last cycle."""
         return self.formulation.dynamics
 
     @property
     def tasks(self) -> Mapping[str, Task]:
-        """The tasks, by name."""
+        """Tasks by name."""
         return self.formulation.tasks
 
     @property
     def contacts(self) -> Mapping[str, Contact]:
-        """The contacts, by name."""
+        """Contacts by name."""
         return self.formulation.contacts
 
     def contact_jacobian(self, names: tuple[str, ...]) -> Array:
-        """Stacked Jacobians, (k, nv), of the contacts with a force in the last cycle's solution, in their order."""
+        """Return the stacked Jacobians (k, nv) of active contacts in the last cycle."""
         return self.formulation.layout(names).J
 
     def forget(self) -> None:
-        """Discard all warm starts: the next solution is that of a new program."""
+        """Discard all warm starts."""
         self._solvers.clear()
         self._hierarchies.clear()
         self._current = None
         self.formulation.redundancy = None
 
     def memory(self) -> dict[str, Any] | None:
-        """State that the next solution depends on: warm starts and last state; None if a solver hides its own."""
+        """Return warm starts and last state, for `recall`; None if a back end hides its warm start."""
         solvers = [(key, solver.memory()) for key, solver in self._solvers.items()]
         hierarchies = [(key, hierarchy.memory()) for key, hierarchy in self._hierarchies.items()]
         if any(remembered is None for _, remembered in (*solvers, *hierarchies)):
@@ -119,7 +116,7 @@ class WholeBodyQP:
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Go on from what `memory` gave."""
+        """Restore the result of `memory`."""
         self.forget()
         self.dynamics.update(memory["q"], memory["v"])
         found = memory.get("redundancy")
@@ -131,15 +128,13 @@ class WholeBodyQP:
             hierarchy.recall(remembered)
 
     def _solver_of(self, layout: Layout) -> Solver:
-        """The solver for one set of active contacts; each keeps its own warm start."""
         if layout.key not in self._solvers:
             self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
         solver = self._solvers[layout.key]
         self._current = layout, solver
         return solver
 
-    def _by_levels(self, layout: Layout) -> Answer:
-        """Solve one quadratic program per level."""
+    def _solve_levels(self, layout: Layout) -> Answer:
         if layout.key not in self._hierarchies:
             self._hierarchies[layout.key] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
         return self._hierarchies[layout.key].solve(layout.problem, layout.levels)
@@ -149,26 +144,24 @@ class WholeBodyQP:
     ) -> Solution:
         """Compute the solution of one cycle.
 
-        If the problem is infeasible, the torque rate limit is relaxed, and if that is not enough, also the limits on
-        combinations of accelerations and those of joint motion. What their bounds miss becomes part of the cost.
-        In this second case contacts that move fast are given up, and those that keep a joint from stopping at its
-        position limit. `Solution.relaxed` names the groups in which a bound is missed.
+        If the problem is infeasible, limits become soft: first the torque rate, then also row limits and joint motion.
+        In the second case, contacts are released that slip or prevent a joint from stopping at its position limit.
+        `Solution.relaxed` names the groups with violated bounds.
 
         Args:
-            tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
-            explained: search at once for the conflicting constraints if there is no solution. This takes several
-                periods; `NoSolution.explained` does it later.
+            tau_before: present torques of the actuators (na,), N·m; None for no torque rate limit.
+            explained: find the conflicting constraints if there is no solution. This takes several periods;
+                `NoSolution.explained` does it later.
 
         Raises:
-            NoSolution: where the equations of motion, contacts and torque limits cannot be met together, or where a
-                value is not finite.
+            NoSolution: if equations of motion, contacts and torque limits conflict, or a value is not finite.
         """
         started = self._timer()
         layout = self.formulation.build(state, references, tau_before)
         built = self._timer()
-        answer = self._attempt(layout, references)
+        answer = self._solve_with_relaxation(layout, references)
         if answer.relaxed and answer.residuals is not None and not {*answer.relaxed} <= {"torque_rate"}:
-            layout, references, answer = self._without_contacts(
+            layout, references, answer = self._release_contacts(
                 layout, references, answer, answer.residuals.value, state, tau_before
             )
         solved = self._timer()
@@ -188,7 +181,7 @@ class WholeBodyQP:
         stages["unpack"] = self._timer() - solved
         return solution
 
-    def _without_contacts(
+    def _release_contacts(
         self,
         layout: Layout,
         references: References,
@@ -197,68 +190,67 @@ class WholeBodyQP:
         state: RobotState,
         tau_before: Array | None,
     ) -> tuple[Layout, References, Answer]:
-        """Give up the contacts that hold nothing, and those that keep a joint from stopping, if that helps."""
-        lost = lost_contacts(self.formulation, layout)
-        given_up = {*lost, *hindering_contacts(self.formulation, layout, value)}
+        """Release slipping contacts and contacts that prevent a joint from stopping; keep the better solution."""
+        lost = slipping_contacts(self.formulation, layout)
+        given_up = {*lost, *contacts_preventing_stop(self.formulation, layout, value)}
         if not given_up:
             return layout, references, found
         without = replace(references, contacts={**references.contacts, **dict.fromkeys(given_up, 0.0)})
         built = self.formulation.structure, self.formulation.task_errors
         lifted = self.formulation.build(state, without, tau_before)
-        other = self._attempt(lifted, without)
+        other = self._solve_with_relaxation(lifted, without)
         helps = other.residuals is not None and (
             bool(lost)
-            or stops_missed(self.formulation, lifted, other.residuals.value)
-            < _WORTH * stops_missed(self.formulation, layout, value)
+            or stopping_shortfall(self.formulation, lifted, other.residuals.value)
+            < _WORTHWHILE_SHARE * stopping_shortfall(self.formulation, layout, value)
         )
         if not helps:
             self.formulation.structure, self.formulation.task_errors = built
-            self.formulation.parameters = None  # those of the other structure
+            self.formulation.parameters = None
             return layout, references, found
         other.iterations += found.iterations
         other.relaxed = ("contact_motion", *other.relaxed)
         return lifted, without, other
 
-    def _attempt(self, layout: Layout, references: References) -> Answer:
-        """Solve a built problem, with as little as possible relaxed; an answer without residuals is not a solution."""
+    def _solve_with_relaxation(self, layout: Layout, references: References) -> Answer:
+        """Solve a problem with the least relaxation; an answer without residuals is no solution."""
         current = self._current
         solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
-        answer = self._by_levels(layout) if self._priorities else solver.solve(layout.problem)
+        answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
         if answer.x is None and answer.status != NOT_FINITE and self.formulation.find_redundancy(layout):
-            answer = self._by_levels(layout) if self._priorities else solver.solve(layout.problem)
+            answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
         known = answer.residuals
         if known is not None and answer.cost is not None and known.violation <= solver.tolerance:
-            return answer  # as an active set leaves it, complete
-        if self._usable(answer, layout, solver.tolerance):
+            return answer
+        if self._is_solution(answer, layout, solver.tolerance):
             return answer
         if answer.status == NOT_FINITE:
             self.formulation.require_finite_limits(layout)
             raise NoSolution(
-                "the state, the references or the torques before hold a value that is not finite",
+                "the state, the references or tau_before contain values that are not finite",
                 "not solved",
                 layout.problem.copy(),
             )
         relaxed = self._relax(layout, references, answer)
         relaxed.iterations += answer.iterations
-        if self._usable(relaxed, layout, solver.tolerance):
+        if self._is_solution(relaxed, layout, solver.tolerance):
             return relaxed
         return Answer(None, relaxed.status, relaxed.iterations)
 
-    def _usable(self, answer: Answer, layout: Layout, tolerance: float) -> bool:
-        """Whether an answer has an x that violates no constraint beyond the tolerance; what it lacks is computed."""
+    def _is_solution(self, answer: Answer, layout: Layout, tolerance: float) -> bool:
+        """Return True if no constraint is violated; complete residuals and cost."""
         if answer.x is None:
             return False
         if answer.residuals is None:
             answer.residuals = layout.problem.residuals(answer.x)
         if answer.cost is None and not answer.levels:
             answer.cost = layout.levels[0].cost.value(answer.x)
-        return answer.residuals.violation <= tolerance  # not for NaN
+        return answer.residuals.violation <= tolerance  # False for NaN
 
     def _relax(self, layout: Layout, references: References, failed: Answer) -> Answer:
-        """Solve a problem for which the solver has found no solution, with as little as possible relaxed."""
         problem, answer, priorities = layout.problem, failed, self._priorities
         infeasible = self._solver_name == "daqp" and failed.status == INFEASIBLE
-        if not infeasible and not priorities:  # the solver may have failed on a feasible problem
+        if not infeasible and not priorities:  # the solver may fail on a feasible problem
             answer = solve_carefully(problem)
             if answer.x is not None:
                 return answer
@@ -266,12 +258,12 @@ class WholeBodyQP:
             answer = solve_carefully(problem, soften(layout, groups))
             if answer.x is None:
                 continue
-            # The minimizer of the problem with soft constraints is that of the problem with bounds widened to it.
-            relaxed = widen(layout, groups, problem.residuals(answer.x).value, _ROOM if priorities else 0.0)
+            # The minimizer with soft constraints also minimizes the problem with widened bounds.
+            relaxed = widen(layout, groups, problem.residuals(answer.x).value, _CLEARANCE if priorities else 0.0)
             if priorities:
-                answer = self._by_levels(layout)
+                answer = self._solve_levels(layout)
             else:
-                answer.residuals = None  # of the bounds that were widened
+                answer.residuals = None  # of the bounds before widening
             answer.relaxed = (*relaxed, *answer.relaxed)
             return answer
         return Answer(None, answer.status, answer.iterations)
@@ -279,10 +271,9 @@ class WholeBodyQP:
     def explain(
         self, state: RobotState, references: References, tau_before: Array | None = None
     ) -> Infeasibility | None:
-        """Find the constraints that conflict, including those that `solve` would relax.
+        """Find the conflicting constraints, including limits that `solve` would relax; takes several periods.
 
-        This takes several periods, and is not part of a control cycle. None if the constraints can be met together, or
-        a value is not finite; `tau_before` as in `solve`.
+        Returns None for a feasible problem, or a value that is not finite; `tau_before` as in `solve`.
         """
         layout = self.formulation.build(state, references, tau_before)
         if not layout.problem.is_finite:

@@ -126,7 +126,7 @@ IN_THE_CONFIGURATION = {
     "limits the wrong way round": ({"robot.joint_limits.knee": {"lower": 1.0, "upper": -1.0}},
         ["robot.joint_limits.knee.lower = 1.0: must be below upper = -1.0"]),
     "a margin without room": ({"limits.position_margin": 1.0},
-        ["limits.position_margin = 1: it leaves 'hip' no room", "-1 and 1 rad"]),
+        ["limits.position_margin = 1 leaves no range for 'hip'", "-1 and 1 rad"]),
     "a file that is not there": ({"robot.urdf": "/robots/hopper.urdf"},
         ["robot.urdf = '/robots/hopper.urdf': there is no file"]),
     "a package that is not there": ({"robot.urdf": "package://hopper_description/hopper.urdf"},

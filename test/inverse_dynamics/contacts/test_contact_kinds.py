@@ -1,4 +1,4 @@
-"""Polygons, tilted planes, wheels, fixed contacts, contacts between two links, closed loops."""
+"""Polygons, tilted planes, wheels, fixed contacts, contacts between links, and closed loops."""
 
 import itertools
 
@@ -50,7 +50,7 @@ def same_rows(first, second):
 
 @hypothesis_settings(deadline=None, max_examples=30, derandomize=True)
 @given(friction=st.floats(0.05, 1.5), x=st.floats(0.01, 0.3), y=st.floats(0.01, 0.3))
-def test_the_cone_of_a_rectangle_as_a_polygon_is_the_closed_form(friction, x, y):
+def test_polygon_cone_of_a_rectangle_is_the_closed_form(friction, x, y):
     assert same_rows(polygon_wrench_cone(friction, Rectangle(x, y).vertices), wrench_cone(friction, x, y))
 
 
@@ -60,7 +60,7 @@ def polygon(rng, size=0.1):
 
 
 def can_be_made(wrench, friction, vertices):
-    """Whether forces within the pyramids at the vertices make up a wrench: a linear program."""
+    """Return True if forces within the pyramids at the vertices give a wrench, by a linear program."""
     edges = itertools.product((1.0, -1.0), repeat=2)
     forces = [np.array([a * friction, b * friction, 1.0]) for a, b in edges]
     rays = [np.append(force, np.cross([*vertex, 0.0], force)) for vertex in vertices for force in forces]
@@ -69,7 +69,7 @@ def can_be_made(wrench, friction, vertices):
 
 @hypothesis_settings(deadline=None, max_examples=60, derandomize=True)
 @given(seed=seeds, friction=st.floats(0.1, 1.2))
-def test_the_cone_of_a_polygon_holds_exactly_the_wrenches_that_its_vertices_can_make(seed, friction):
+def test_polygon_cone_contains_exactly_the_wrenches_of_vertex_forces(seed, friction):
     rng = np.random.default_rng(seed)
     vertices = polygon(rng).vertices
     C = polygon_wrench_cone(friction, vertices)
@@ -83,7 +83,7 @@ def test_the_cone_of_a_polygon_holds_exactly_the_wrenches_that_its_vertices_can_
     assert not can_be_made(upright + (1.0 + 1.0e-4) * reach * direction, friction, vertices)
 
 
-def test_vertices_may_come_in_any_order():
+def test_vertices_in_any_order():
     corners = np.array([[0.1, 0.0], [-0.1, 0.05], [0.05, 0.06], [0.0, -0.07], [-0.1, -0.05]])
     rng = np.random.default_rng(0)
     C = Polygon(corners, "vertices").cone(0.5)
@@ -94,26 +94,26 @@ def test_vertices_may_come_in_any_order():
         turns = np.cross(
             np.column_stack([edges, np.zeros(5)]), np.column_stack([np.roll(edges, -1, axis=0), np.zeros(5)])
         )
-        assert (turns[:, 2] > 0.0).all()  # in order around it
+        assert (turns[:, 2] > 0.0).all()  # in order around the polygon
 
 
 @pytest.mark.parametrize(
     ("vertices", "said"),
     [
-        ([[0, 0], [0.1, 0]], "has 2 vertices; a polygon takes three or more"),
+        ([[0, 0], [0.1, 0]], "has 2 vertices; a polygon needs at least three"),
         ([[0, 0], [0.1, 0.1], [0.2, 0.2]], "the vertices are on one line"),
-        ([[0, 0], [0.1, 0], [0.1, 0.1], [0.02, 0.01]], r"key\[3\] = \[0.02, 0.01\]: no corner"),
-        ([[0, 0], [0.1, 0], [0.05, 0.02], [0.1, 0.1], [0, 0.1]], r"key\[2\] = \[0.05, 0.02\]: no corner"),
-        ([[0, 0], [0.1, 0], [0.05, 0], [0, 0.1]], r"key\[2\] = \[0.05, 0.0\]: no corner"),
-        ([[0, 0], [0.1, 0], [0, 0.1], [0.1, 0]], r"key\[1\] = \[0.1, 0.0\]: no corner"),
+        ([[0, 0], [0.1, 0], [0.1, 0.1], [0.02, 0.01]], r"key\[3\] = \[0.02, 0.01\]: not a corner"),
+        ([[0, 0], [0.1, 0], [0.05, 0.02], [0.1, 0.1], [0, 0.1]], r"key\[2\] = \[0.05, 0.02\]: not a corner"),
+        ([[0, 0], [0.1, 0], [0.05, 0], [0, 0.1]], r"key\[2\] = \[0.05, 0.0\]: not a corner"),
+        ([[0, 0], [0.1, 0], [0, 0.1], [0.1, 0]], r"key\[1\] = \[0.1, 0.0\]: not a corner"),
     ],
 )
-def test_what_is_no_convex_polygon_is_refused_and_the_vertex_named(vertices, said):
+def test_invalid_polygons_are_refused(vertices, said):
     with pytest.raises(ConfigurationError, match=said):
         Polygon(np.array(vertices, dtype=float), "key")
 
 
-def test_the_yaw_moment_can_be_bounded_further_and_ramps(load):
+def test_bounds_of_the_yaw_moment(load):
     model, _ = load("g1")
     place = "foot", model, "left_ankle_roll_link", pin.SE3.Identity(), Rectangle(0.1, 0.05)
     lower, upper = SurfaceContact(*place, max_yaw_moment=4.0).bounds(0.25)
@@ -153,7 +153,7 @@ KINDS = {
 
 
 def velocity_by_differences(contact, model, q, v, step=1.0e-6):
-    """Velocity of the contact along the axes of its force, by the motion of what it consists of."""
+    """Return the contact velocity along the axes of its force, by finite differences."""
     ends = [at(model, pin.integrate(model.pinocchio, q, sign * step * v), v) for sign in (-1.0, 1.0)]
     middle = at(model, q, v)
 
@@ -180,7 +180,7 @@ def velocity_by_differences(contact, model, q, v, step=1.0e-6):
         return dynamics.placement(contact._frame_id)
 
     touching = contact.points(middle)[0]
-    fixed = frame(middle).actInv(touching)  # the material point of the link that touches just now
+    fixed = frame(middle).actInv(touching)  # material point at the contact
     velocity = rate(lambda dynamics: frame(dynamics).act(fixed))
     if contact._other is not None:
 
@@ -196,7 +196,7 @@ def velocity_by_differences(contact, model, q, v, step=1.0e-6):
 @pytest.mark.parametrize("kind", KINDS)
 @few
 @given(seed=seeds)
-def test_the_jacobian_is_the_velocity_of_what_touches(load, random_state, kind, seed):
+def test_jacobian_is_the_contact_velocity(load, random_state, kind, seed):
     model, _ = load("g1")
     rng = np.random.default_rng(seed)
     contact = KINDS[kind](model, rng)
@@ -210,7 +210,7 @@ def test_the_jacobian_is_the_velocity_of_what_touches(load, random_state, kind, 
 @pytest.mark.parametrize("kind", KINDS)
 @few
 @given(seed=seeds)
-def test_the_drift_is_the_rate_of_that_velocity_at_constant_v(load, random_state, kind, seed):
+def test_drift_is_the_velocity_rate_at_constant_v(load, random_state, kind, seed):
     model, _ = load("g1")
     rng = np.random.default_rng(seed)
     contact = KINDS[kind](model, rng)
@@ -225,8 +225,8 @@ def test_the_drift_is_the_rate_of_that_velocity_at_constant_v(load, random_state
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_force_does_the_power_that_its_wrench_does(load, random_state, kind):
-    """fᵀ J v against the wrench in the world, on a contact with the world; between two links, on the first alone."""
+def test_force_and_wrench_have_the_same_power(load, random_state, kind):
+    """Compare fᵀ J v with the power of the world wrench; between links, on the first link."""
     model, _ = load("g1")
     rng = np.random.default_rng(3)
     contact = KINDS[kind](model, rng)
@@ -243,7 +243,7 @@ def test_the_force_does_the_power_that_its_wrench_does(load, random_state, kind)
 # Fixed contacts and loops --------------------------------------------------------------------------------------------
 
 
-def test_a_fixed_contact_bears_both_ways_along_what_it_holds_and_ramps(load):
+def test_bounds_of_a_fixed_contact(load):
     model, _ = load("g1")
     hand = FixedContact(
         "hand", model, HANDS[0], pin.SE3.Identity(), [1, 0, 1, 0, 1, 0], max_force=200.0, max_moment=10.0
@@ -258,8 +258,8 @@ def test_a_fixed_contact_bears_both_ways_along_what_it_holds_and_ramps(load):
 
 @few
 @given(seed=seeds)
-def test_an_open_loop_closes_as_fast_as_its_stiffness_says(load, random_state, seed):
-    """ė = J v where the loop is nearly closed: then γ̇ = -D γ - K e makes e decay critically."""
+def test_open_loop_closes_with_its_stiffness(load, random_state, seed):
+    """ė = J v near closure, so γ̇ = -D γ - K e decays critically."""
     model, _ = load("g1")
     rng = np.random.default_rng(seed)
     q, v = random_state(model, rng)
@@ -281,15 +281,21 @@ def test_an_open_loop_closes_as_fast_as_its_stiffness_says(load, random_state, s
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda model: FixedContact("c", model, HANDS[0], pin.SE3.Identity(), [False] * 6), "holds no axis"),
-        (lambda model: LoopClosure("c", model, HANDS, (pin.SE3.Identity(),) * 2, [False] * 6), "holds no axis"),
+        (
+            lambda model: FixedContact("c", model, HANDS[0], pin.SE3.Identity(), [False] * 6),
+            "at least one axis must be held",
+        ),
+        (
+            lambda model: LoopClosure("c", model, HANDS, (pin.SE3.Identity(),) * 2, [False] * 6),
+            "at least one axis must be held",
+        ),
         (
             lambda model: LoopClosure("c", model, (HANDS[0], "left_rubber_hand"), (pin.SE3.Identity(),) * 2),
             r"loops\.c: no joint is between frame_a = 'left_wrist_yaw_link' and frame_b = 'left_rubber_hand'",
         ),
         (
             lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, against="left_rubber_hand"),
-            r"contacts\.c\.against = 'left_rubber_hand': it moves together with 'left_wrist_yaw_link'",
+            r"contacts\.c\.against = 'left_rubber_hand': no joint is between it and 'left_wrist_yaw_link'",
         ),
         (
             lambda model: PointContact("c", model, "left_rubber_hnd", np.zeros(3), 0.02),
@@ -301,15 +307,15 @@ def test_an_open_loop_closes_as_fast_as_its_stiffness_says(load, random_state, s
         ),
         (
             lambda model: PointContact("c", model, HANDS[0], np.zeros(3), 0.1, normal=[0, 0, 0]),
-            r"contacts\.c\.normal = \[0, 0, 0\]: it must have a length",
+            r"contacts\.c\.normal = \[0, 0, 0\]: the length must not be 0",
         ),
         (
             lambda model: RollingContact("c", model, HANDS[0], np.zeros(3), 0.1, np.full(3, np.nan)),
-            r"contacts\.c\.axis = \[nan, nan, nan\]: it must have a length",
+            r"contacts\.c\.axis = \[nan, nan, nan\]: the length must not be 0",
         ),
     ],
 )
-def test_what_cannot_be_a_contact_is_refused(load, make, said):
+def test_invalid_contacts_are_refused(load, make, said):
     model, _ = load("g1")
     with pytest.raises(ConfigurationError, match=said):
         make(model)

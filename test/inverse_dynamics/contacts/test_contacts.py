@@ -20,7 +20,7 @@ def placement_of(rng):
     return pin.SE3(pin.exp3(rng.normal(size=3)), 0.2 * rng.normal(size=3))
 
 
-def test_points_of_support_stand_where_the_geometry_says(load, random_state):
+def test_support_points(load, random_state):
     model, _ = load("g1")
     rng = np.random.default_rng(0)
     q, v = random_state(model, rng)
@@ -43,11 +43,11 @@ def corners(x, y):
 
 
 def grasp(x, y):
-    """Corner forces (12,) to wrench (6,)."""
+    """Return the map from corner forces (12,) to a wrench (6,)."""
     return np.hstack([np.vstack([np.eye(3), pin.skew(corner)]) for corner in corners(x, y)])
 
 
-def test_the_cone_forbids_pulling():
+def test_cone_forbids_pulling():
     C = wrench_cone(0.5, 0.1, 0.05)
     assert C.shape == (16, 6)
     assert (C @ [0.0, 0.0, 1.0, 0.0, 0.0, 0.0] < 0.0).all()
@@ -55,7 +55,7 @@ def test_the_cone_forbids_pulling():
 
 
 @given(friction=st.floats(0.05, 2.0), fx=st.floats(-2, 2), fy=st.floats(-2, 2), fz=st.floats(-1, 2))
-def test_the_friction_pyramid_is_inside_the_friction_cone_and_reaches_most_of_it(friction, fx, fy, fz):
+def test_friction_pyramid_is_inside_the_friction_cone(friction, fx, fy, fz):
     inside = (friction_pyramid(friction) @ [fx, fy, fz]).max()
     if inside <= 0.0:
         assert math.hypot(fx, fy) <= friction * fz + 1.0e-9
@@ -64,24 +64,24 @@ def test_the_friction_pyramid_is_inside_the_friction_cone_and_reaches_most_of_it
 
 
 @pytest.mark.parametrize("friction", [0.3, 1.0])
-def test_the_friction_pyramid_touches_the_friction_cone(friction):
+def test_friction_pyramid_touches_the_friction_cone(friction):
     for angle in np.arange(8) * math.pi / 4.0:
         values = friction_pyramid(friction) @ [friction * math.cos(angle), friction * math.sin(angle), 1.0]
         assert values.max() == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_surface_contact_holds_every_corner_within_coulomb_friction(load):
+def test_surface_cone_keeps_corner_forces_within_coulomb_friction(load):
     model, _ = load("g1")
     contact = SurfaceContact("foot", model, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05), friction=0.8)
     np.testing.assert_allclose(contact.cone, wrench_cone(0.8 / math.sqrt(2.0), 0.1, 0.05))
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.1, 0.05), (0.06, 0.06), (0.092, 0.03)])
-def test_a_wrench_weighs_what_the_forces_at_the_corners_of_its_rectangle_weigh(load, x, y):
+def test_wrench_metric_equals_corner_forces(load, x, y):
     model, _ = load("g1")
     contact = SurfaceContact("foot", model, FRAME, pin.SE3.Identity(), Rectangle(x, y))
     wrench = np.random.default_rng(7).normal(size=6)
-    forces = np.linalg.lstsq(grasp(x, y), wrench, rcond=None)[0]  # those that make it up with the least squares
+    forces = np.linalg.lstsq(grasp(x, y), wrench, rcond=None)[0]  # least squares
     np.testing.assert_allclose(grasp(x, y) @ forces, wrench, atol=1e-12)
     assert wrench @ (contact.metric * wrench) == pytest.approx(4.0 * forces @ forces)
 

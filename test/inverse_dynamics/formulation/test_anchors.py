@@ -1,4 +1,4 @@
-"""Contacts that go back to where they were made: their anchors, and that what they are displaced by decays."""
+"""Contact anchors: displacement, feedback, and decay."""
 
 import math
 from dataclasses import replace
@@ -41,7 +41,7 @@ def random_place(rng):
     return pin.SE3(pin.exp3(rng.normal(size=3)), 0.2 * rng.normal(size=3))
 
 
-# Where a contact is against its anchor -------------------------------------------------------------------------------
+# Displacement from the anchor ----------------------------------------------------------------------------------------
 
 
 def a_surface(model, rng, **limits):
@@ -61,7 +61,7 @@ def a_fixed(mask):
     return lambda model, rng, **limits: FixedContact("c", model, HANDS[0], random_place(rng), mask, **limits)
 
 
-#: A kind, and a motion along the axes that it leaves free (a twist in the contact frame): it stays at its anchor.
+#: A contact kind, and a twist along its free axes in the contact frame, which keeps it at its anchor.
 KINDS = {
     "surface": (a_surface, [0, 0, 0, 0, 0, 0]),
     "point": (a_point, None),
@@ -78,14 +78,14 @@ KINDS = {
 @pytest.mark.parametrize("kind", KINDS)
 @few
 @given(seed=seeds)
-def test_the_displacement_is_what_the_velocity_of_the_contact_undoes(load, random_state, kind, against, seed):
+def test_contact_velocity_removes_the_displacement(load, random_state, kind, against, seed):
     model, _ = load("g1")
     rng = np.random.default_rng(seed)
     make, free = KINDS[kind]
     contact = make(model, rng, against=against, stiffness=STIFFNESS)
     q, v = random_state(model, rng)
     anchor = contact.anchor(at(model, q))
-    if free is not None:  # it was made elsewhere on the way that is free
+    if free is not None:  # activated after a motion along the free axes
         anchor = pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(anchor) * pin.exp6(np.array(free)))
     e = contact.displacement(at(model, q), anchor)
     assert e.shape == (contact.size,)
@@ -94,14 +94,14 @@ def test_the_displacement_is_what_the_velocity_of_the_contact_undoes(load, rando
     ends = [contact.displacement(at(model, pin.integrate(model.pinocchio, q, s * step * v)), anchor) for s in (-1, 1)]
     wanted = -contact.jacobian(at(model, q, v)) @ v
     if kind == "wheel":
-        wanted[:2] = 0.0  # along the plane it has no place
+        wanted[:2] = 0.0  # no position along the plane
     np.testing.assert_allclose((ends[1] - ends[0]) / (2.0 * step), wanted, atol=1e-6 * max(1.0, np.abs(wanted).max()))
 
 
 @pytest.mark.parametrize("wheel", [False, True])
 @few
 @given(seed=seeds)
-def test_a_ball_that_rolled_is_at_its_anchor_and_one_that_slid_or_rose_is_not(load, random_state, wheel, seed):
+def test_displacement_excludes_rolling(load, random_state, wheel, seed):
     model, _ = load("g1")
     rng = np.random.default_rng(seed)
     contact = (a_wheel if wheel else a_point)(model, rng, stiffness=STIFFNESS)
@@ -109,7 +109,7 @@ def test_a_ball_that_rolled_is_at_its_anchor_and_one_that_slid_or_rose_is_not(lo
     dynamics = at(model, q)
     anchor, n = contact.anchor(dynamics), contact.axes(dynamics)[:, 2]
     centre = dynamics.placement(contact._frame_id).act(contact._translation)
-    # About any axis where it is a ball, and about the normal where it is a wheel, which stays as upright as it was.
+    # About any axis for a ball; about the normal for a wheel, which stays upright.
     turn = rng.uniform(-1.5, 1.5) * (n if wheel else np.array(random_place(rng).rotation[:, 0]))
     slid = 0.1 * rng.normal(size=3)
     moved = np.array(q)
@@ -123,7 +123,7 @@ def test_a_ball_that_rolled_is_at_its_anchor_and_one_that_slid_or_rose_is_not(lo
     np.testing.assert_allclose(contact.displacement(at(model, moved), anchor), expected, atol=1e-9)
 
 
-def test_a_contact_between_two_links_is_where_it_was_when_both_have_moved(load, random_state):
+def test_anchor_between_links_moves_with_them(load, random_state):
     model, _ = load("g1")
     rng = np.random.default_rng(0)
     q, _ = random_state(model, rng)
@@ -143,11 +143,11 @@ def test_a_contact_between_two_links_is_where_it_was_when_both_have_moved(load, 
         ([1, 1, 0, 0, 0, 0], "along x and along y"),
     ],
 )
-def test_a_mask_that_leaves_no_place_takes_no_stiffness(load, mask, said):
+def test_nonholonomic_masks_refuse_a_stiffness(load, mask, said):
     model, _ = load("g1")
     place = "grip", model, HANDS[0], pin.SE3.Identity(), [bool(held) for held in mask]
     FixedContact(*place)
-    with pytest.raises(ConfigurationError, match=rf"contacts\.grip\.stiffness = 30: with mask = .*places {said} by"):
+    with pytest.raises(ConfigurationError, match=rf"contacts\.grip\.stiffness = 30: with mask = .*link {said}, so"):
         FixedContact(*place, stiffness=30.0)
 
 
@@ -158,7 +158,7 @@ GRIP = {"type": "fixed", "frame": "left_rubber_hand", "against": "right_rubber_h
 
 
 class Standing:
-    """G1 in its stance, with contacts of some stiffness, and references from a board."""
+    """G1 in its stance, with stiff contacts, and references of a board."""
 
     def __init__(self, load, bench, stiffness, **contacts):
         self.model, settings = load("g1")
@@ -179,7 +179,7 @@ class Standing:
 
 
 @pytest.mark.parametrize("name", ["left_foot", "grip"])
-def test_what_is_displaced_by_some_millimetres_goes_back_as_k_and_d_say(load, bench, name):
+def test_displacement_decays_with_k_and_d(load, bench, name):
     robot = Standing(load, bench, STIFFNESS, **({"grip": GRIP | {"enabled": True}} if name == "grip" else {}))
     contact = robot.controller.contacts[name]
     off = pin.exp6(np.array([3e-3, -2e-3, 1e-3, 0.01, -0.02, 0.015]))
@@ -205,7 +205,7 @@ def test_what_is_displaced_by_some_millimetres_goes_back_as_k_and_d_say(load, be
             for other in set(references.anchors) - {name}:
                 away = robot.controller.contacts[other].displacement(now, references.anchors[other])
                 assert np.abs(away).max() < 1e-5
-    # The same answer from the same arguments, whatever was solved before, or by another controller.
+    # The result is independent of earlier solutions, and of the controller object.
     other = make_qp(robot.settings, robot.model, lambda: 0.0)
     for state, solution in (cycles[10], cycles[200], cycles[0]):
         for controller in (robot.controller, other):
@@ -214,7 +214,7 @@ def test_what_is_displaced_by_some_millimetres_goes_back_as_k_and_d_say(load, be
             np.testing.assert_allclose(again.tau, solution.tau, atol=1e-6)
 
 
-def test_a_contact_asks_for_k_e_exactly_in_every_row(load, bench):
+def test_rows_contain_k_e(load, bench):
     robot, without = Standing(load, bench, STIFFNESS), Standing(load, bench, 0.0)
     rng = np.random.default_rng(1)
     q = pin.integrate(robot.model.pinocchio, robot.q, 0.02 * rng.normal(size=robot.model.nv))
@@ -231,7 +231,7 @@ def test_a_contact_asks_for_k_e_exactly_in_every_row(load, bench):
     assert np.array_equal(layouts[0].J, layouts[1].J)
 
 
-def test_a_contact_is_anchored_where_it_is_made_and_anew_when_it_was_broken(load, bench):
+def test_anchors_are_set_at_each_activation(load, bench):
     robot = Standing(load, bench, STIFFNESS)
     foot, ramp = robot.controller.contacts["left_foot"], robot.settings.contacts["left_foot"].ramp
 
@@ -250,9 +250,9 @@ def test_a_contact_is_anchored_where_it_is_made_and_anew_when_it_was_broken(load
     assert set(early.anchors) == {"left_foot", "right_foot"}
     a, b, c = elsewhere(0.01), elsewhere(0.02), elsewhere(0.03)
     np.testing.assert_allclose(np.linalg.norm(displacement(a, 0.0)[:3]), math.sqrt(3.0) * 0.01)
-    switch(True, a, 1.0)  # made already
+    switch(True, a, 1.0)  # active already
     switch(False, a, 2.0)
-    switch(True, b, 2.0 + 0.5 * ramp)  # not broken yet: it is the contact that it was
+    switch(True, b, 2.0 + 0.5 * ramp)  # still active: keeps its anchor
     np.testing.assert_allclose(displacement(robot.dynamics, 3.0), 0.0, atol=1e-12)
     switch(False, b, 4.0)
     np.testing.assert_allclose(displacement(robot.dynamics, 4.0 + 0.5 * ramp), 0.0, atol=1e-12)
@@ -262,13 +262,13 @@ def test_a_contact_is_anchored_where_it_is_made_and_anew_when_it_was_broken(load
     np.testing.assert_array_equal(other, early.anchors["right_foot"])
     robot.board.reset(b, 8.0)
     np.testing.assert_allclose(displacement(b, 8.0), 0.0, atol=1e-12)
-    # What was sampled stays as it was.
+    # Earlier samples do not change.
     np.testing.assert_allclose(foot.displacement(robot.dynamics, early.anchors["left_foot"]), 0.0, atol=1e-12)
     with pytest.raises(ValueError, match="read-only"):
         early.anchors["left_foot"][0] = 1.0
 
 
-def test_a_contact_that_is_not_made_at_activation_is_anchored_when_it_is(load, bench):
+def test_anchor_of_a_contact_enabled_later(load, bench):
     robot = Standing(load, bench, 0.0, grip=GRIP)
     robot.board.apply([EnableContact("grip", True)], robot.dynamics, 1.0)
     references = robot.board.sample(1.5)
@@ -276,16 +276,16 @@ def test_a_contact_that_is_not_made_at_activation_is_anchored_when_it_is(load, b
     assert not robot.controller.solve(robot.state(), references).relaxed
 
 
-def test_a_contact_without_its_anchor_is_named(load, bench):
+def test_missing_anchor_is_named(load, bench):
     robot = Standing(load, bench, STIFFNESS)
     references = robot.board.sample(0.0)
     only_right = replace(references, anchors={"right_foot": references.anchors["right_foot"]})
-    with pytest.raises(ConfigurationError, match=r"'left_foot' has stiffness = 100 1/s².*they have: right_foot"):
+    with pytest.raises(ConfigurationError, match=r"'left_foot' has stiffness = 100 1/s².*anchors: right_foot"):
         robot.controller.solve(robot.state(), only_right)
 
 
-def test_contacts_of_one_link_that_were_made_one_after_the_other_do_not_conflict(load, bench):
-    """Four points under a sole: twelve rows of rank six, and anchors that no pose of the sole meets."""
+def test_incompatible_anchors_of_one_link_do_not_conflict(load, bench):
+    """Four points under a sole: twelve rows of rank six, and anchors without a common pose."""
     robot = Standing(load, bench, 0.0)
     sole = robot.settings.contacts["left_foot"]
     x, y, z = sole.translation

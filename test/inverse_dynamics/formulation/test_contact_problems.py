@@ -1,4 +1,4 @@
-"""The newer contacts in the quadratic program: what binds, what conflicts, forces between links, loops."""
+"""Fixed contacts, contacts between links and loops in the quadratic program: binding constraints and conflicts."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from wbc_controller.mechanics import SurfaceContact as Held
 
 
 def with_contacts(robot, *contacts):
-    """Put contacts in the place of the robot's own."""
+    """Replace the robot's contacts."""
     formulation = robot.controller.formulation
     formulation.contacts = {contact.name: contact for contact in contacts}
     formulation._layouts.clear()
@@ -22,7 +22,7 @@ def with_contacts(robot, *contacts):
 
 
 def bolted(robot, **limits):
-    """A robot whose base hangs from a bolt."""
+    """Return a robot with its base on a bolt."""
     bolt = FixedContact("bolt", robot.model, robot.model.base_link, pin.SE3.Identity(), **limits)
     return with_contacts(robot, bolt)
 
@@ -40,7 +40,7 @@ POINT = [True, True, True, False, False, False]
 
 
 def between_hands(robot):
-    """Place of the right hand in the frame of the left one, (3,) in m, with the snapshot in the stance."""
+    """Return the right hand in the frame of the left hand in the stance, (3,) in m."""
     dynamics = robot.controller.dynamics
     dynamics.update(robot.stance, np.zeros(robot.model.nv))
     left, right = (dynamics.placement(robot.model.frame_id(hand, "")) for hand in HANDS)
@@ -48,11 +48,11 @@ def between_hands(robot):
 
 
 def bar_between_hands(robot, place, **options):
-    """A loop that holds the right hand at a place in the frame of the left one."""
+    """Return a loop that holds the right hand in the frame of the left hand."""
     return LoopClosure("bar", robot.model, HANDS, (pin.SE3(np.eye(3), place), pin.SE3.Identity()), POINT, **options)
 
 
-def test_a_bolt_bears_the_weight_from_above(bench):
+def test_bolt_carries_the_weight(bench):
     robot = bolted(bench("go2"), max_force=1000.0)
     weight = robot.model.mass * robot.model.gravity
     solution = robot.controller.solve(robot.state(), robot.references())
@@ -64,7 +64,7 @@ def test_a_bolt_bears_the_weight_from_above(bench):
     assert robot.controller.solve(robot.state(), down).forces["bolt"][2] == pytest.approx(-2.0 * weight, rel=1e-4)
 
 
-def test_a_bolt_that_is_too_weak_is_named_with_its_unit(bench):
+def test_weak_bolt_is_named_with_its_unit(bench):
     robot = bolted(bench("go2"), max_force=100.0)
     weight = robot.model.mass * robot.model.gravity
     why = still(robot, robot.references())
@@ -80,10 +80,10 @@ def test_a_bolt_that_is_too_weak_is_named_with_its_unit(bench):
     assert "moment of bolt (at least -20 N·m, " in why.sentence
 
 
-def test_what_binds_at_a_fixed_contact_has_its_name(bench):
+def test_binding_constraints_of_a_fixed_contact(bench):
     robot = bolted(bench("go2"), max_force=1.0)
     weight = robot.model.mass * robot.model.gravity
-    up = np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0])  # the bolt has nothing to bear, but for what moves the robot
+    up = np.array([0.0, 0.0, weight, 0.0, 0.0, 0.0])  # the bolt carries no weight
     lifted = replace(robot.references(), external_wrenches={robot.model.base_link: up})
     moving = robot.near_stance(np.random.default_rng(0))
     references = replace(lifted, tasks=robot.references(robot.state()).tasks)
@@ -93,8 +93,8 @@ def test_what_binds_at_a_fixed_contact_has_its_name(bench):
     assert all(np.isfinite(cost) for cost in solution.binding.values())
 
 
-def test_two_links_squeeze_each_other_and_the_robot_does_not_feel_it(bench):
-    """The feet bear what they bear without it; the arms carry the squeeze."""
+def test_squeeze_force_is_internal(bench):
+    """The feet carry the same load; the arms carry the squeeze."""
     robot = bench("g1")
     state, references = robot.state(), robot.references()
     palm = SurfaceContact(
@@ -114,19 +114,19 @@ def test_two_links_squeeze_each_other_and_the_robot_does_not_feel_it(bench):
     assert pressed.forces["palm"][2] >= 30.0 - 1e-6
     assert (palm.cone @ pressed.forces["palm"]).max() < 1e-6
     total = [sum(s.forces[foot.name][:3] for foot in feet) for s in (alone, pressed)]
-    np.testing.assert_allclose(total[1], total[0], atol=0.05)  # the centre of mass is where it is asked to be
+    np.testing.assert_allclose(total[1], total[0], atol=0.05)  # the centre of mass is at its reference
     arms = [i for i, joint in enumerate(robot.model.joints) if "shoulder" in joint or "elbow" in joint]
     assert np.abs(pressed.tau - alone.tau)[arms].max() > 2.0
 
 
-def test_a_loop_is_held_without_being_made_and_moves_as_its_law_says(bench):
+def test_loops_are_always_active(bench):
     robot = bench("g1")
     dynamics, open_by = robot.controller.dynamics, np.array([0.002, -0.001, 0.003])
     bar = bar_between_hands(robot, between_hands(robot) - open_by, stiffness=100.0)
     with_contacts(robot, *robot.controller.contacts.values(), bar)
     for state in (robot.state(), robot.near_stance(np.random.default_rng(1), position=0.0)):
         references = robot.references(state)
-        references = replace(references, contacts=dict.fromkeys(robot.settings.contacts, 1.0))  # nothing of the loop
+        references = replace(references, contacts=dict.fromkeys(robot.settings.contacts, 1.0))  # without the loop
         solution = robot.controller.solve(state, references)
         assert not solution.relaxed
         J = bar.jacobian(dynamics)
@@ -136,11 +136,11 @@ def test_a_loop_is_held_without_being_made_and_moves_as_its_law_says(bench):
     assert set(robot.controller.solve(robot.state(), falling).forces) == {"bar"}
 
 
-def test_an_open_loop_between_two_fixed_hands_closes_as_far_as_the_grips_give(bench):
-    """Both hands are fixed to the world, and the loop between them is open: the nearest accelerations, in thirds."""
+def test_open_loop_between_fixed_hands_has_nearest_accelerations(bench):
+    """Open loop between two hands fixed to the world: nearest accelerations, in thirds."""
     robot = bench("g1")
     place = between_hands(robot)
-    out = place / np.linalg.norm(place)  # the hands may turn, so that only this direction is contradictory
+    out = place / np.linalg.norm(place)  # the hands may rotate: only this direction is contradictory
     bar = bar_between_hands(robot, place + 0.005 * out)
     grips = [FixedContact(hand, robot.model, hand, pin.SE3.Identity(), POINT) for hand in HANDS]
     feet = list(robot.controller.contacts.values())
@@ -157,8 +157,8 @@ def test_an_open_loop_between_two_fixed_hands_closes_as_far_as_the_grips_give(be
         np.testing.assert_allclose(foot.jacobian(dynamics) @ solution.v_dot, 0.0, atol=1e-7)
 
 
-def test_a_solution_with_a_loop_and_a_grip_is_the_motion_of_the_mechanics(bench):
-    """Under the torques of the answer, Gauss's principle with constraints of their own gives the same motion (S10)."""
+def test_solution_with_loop_and_grip_satisfies_gauss_principle(bench):
+    """With the torques of the solution, Gauss's principle gives the same motion (S10)."""
     robot = bench("g1")
     model, dynamics, middle = robot.model, robot.controller.dynamics, between_hands(robot)
     bar = bar_between_hands(robot, middle)
@@ -167,7 +167,7 @@ def test_a_solution_with_a_loop_and_a_grip_is_the_motion_of_the_mechanics(bench)
     with_contacts(robot, *feet, grip, bar)
     J = np.vstack([contact.jacobian(dynamics) for contact in (*feet, grip, bar)])
     v = np.random.default_rng(2).normal(size=model.nv)
-    v = 0.5 * (v - np.linalg.pinv(J) @ (J @ v))  # nothing that is held moves
+    v = 0.5 * (v - np.linalg.pinv(J) @ (J @ v))  # no velocity of constraints
     state = robot.state(v=v)
     references = replace(robot.references(), contacts=dict.fromkeys([contact.name for contact in (*feet, grip)], 1.0))
     solution = robot.controller.solve(state, references)

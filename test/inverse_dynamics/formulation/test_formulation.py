@@ -1,4 +1,4 @@
-"""What is taken over from cycle to cycle, and compiled code beside the classes of the same tasks and contacts."""
+"""State of the formulation between cycles, and compiled rows against the classes' own rows."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from wbc_controller.records import frozen
 
 
 def numbers(robot, state, before=None):
-    """All that a solver is given."""
+    """Return all numbers for a solver."""
     problem = robot.controller.formulation.build(state, robot.references(state), before).problem
     return np.concatenate(
         [problem.memory[problem.room :].ravel(), problem.bounds.ravel(), problem.H.ravel(), problem.g]
@@ -20,7 +20,7 @@ def first_contact(formulation):
     return next(iter(formulation.contacts.values()))
 
 
-#: What may be set between two cycles.
+#: Parameters that may be set between two cycles.
 SETTINGS = {
     "largest normal force": lambda of: setattr(first_contact(of), "max_normal_force", 77.0),
     "smallest normal force": lambda of: setattr(first_contact(of), "min_normal_force", 11.0),
@@ -34,7 +34,7 @@ SETTINGS = {
 
 @pytest.mark.parametrize("what", SETTINGS)
 @pytest.mark.parametrize("name", ["g1", "go2"])
-def test_what_is_set_counts_from_the_next_cycle(bench, name, what):
+def test_attribute_changes_apply_in_the_next_cycle(bench, name, what):
     late, early = bench(name), bench(name)
     rng = np.random.default_rng(3)
     state, before = late.near_stance(rng), np.zeros(late.model.na)
@@ -48,13 +48,13 @@ def test_what_is_set_counts_from_the_next_cycle(bench, name, what):
 
 
 def plain(thing):
-    """The same, of a class of its own, so that its rows are made by the class."""
+    """Return an instance of a subclass, the rows of which are evaluated in Python."""
     thing.__class__ = type(f"Own{type(thing).__name__}", (type(thing),), {})
     assert thing.instruction() is None
 
 
 @pytest.mark.parametrize("name", ["g1", "talos", "go2"])
-def test_compiled_code_fills_what_the_classes_say(bench, name):
+def test_compiled_rows_equal_the_classes(bench, name):
     compiled, own = bench(name), bench(name)
     formulation = own.controller.formulation
     kinds = set()

@@ -1,4 +1,4 @@
-"""Why there is no solution: the guilty constraints, no innocent one, and the slack that would reconcile them."""
+"""Diagnosis of infeasibility: conflicting constraints without others, and the smallest slack."""
 
 from dataclasses import FrozenInstanceError, replace
 
@@ -35,7 +35,7 @@ def weaken(robot, joint, limit):
 
 
 def still(robot, references=None):
-    """Why the robot cannot stand still; the problem with it."""
+    """Return the explanation for a robot at rest, and the problem."""
     references = references or robot.references()
     layout = robot.controller.formulation.build(robot.state(), references)
     accelerations = slice(0, robot.model.nv)
@@ -45,7 +45,7 @@ def still(robot, references=None):
 
 
 def failure(robot, references=None, state=None):
-    """What NoSolution carries; the problem with it."""
+    """Return the explanation of `NoSolution`, and the problem."""
     with pytest.raises(NoSolution) as error:
         robot.controller.solve(state or robot.state(), references or robot.references())
     assert error.value.infeasibility is not None
@@ -56,7 +56,7 @@ def failure(robot, references=None, state=None):
 
 
 def asked(robot, state=None, before=None):
-    """What the controller says of the limits that it would relax; the problem with it."""
+    """Return the explanation with limits that would be relaxed, and the problem."""
     state, references = state or robot.state(), robot.references(state)
     return (
         robot.controller.explain(state, references, before),
@@ -65,7 +65,7 @@ def asked(robot, state=None, before=None):
     )
 
 
-# Each case: contradict the constraints of a robot, and say which are guilty. -----------------------------------------
+# Each case makes constraints contradictory, and returns their names --------------------------------------------------
 
 
 def too_heavy(robot, name):
@@ -121,7 +121,7 @@ def wrong_torque_before(joint):
 
 
 def slippery(robot, name):
-    """Pushed sideways on ice: the friction does not bear it."""
+    """Pushed sideways without sufficient friction."""
     for contact in robot.controller.contacts.values():
         contact.friction = 0.05
         if contact.size == 3:
@@ -140,7 +140,7 @@ def slippery(robot, name):
 
 
 def weak_and_braked(robot, name):
-    """A hand that must brake hard, by a wrist that is nearly without torque."""
+    """A hand that must brake hard, with a weak wrist."""
     wrist = "left_wrist_yaw_joint"
     weaken(robot, wrist, 0.2)
     column = robot.model.v_index[robot.model.joints.index(wrist)]
@@ -154,7 +154,7 @@ def weak_and_braked(robot, name):
 
 
 def two_at_once(robot, name):
-    """One foot that pulls, and an elbow whose bounds contradict each other."""
+    """A pulling foot, and an elbow with contradictory bounds."""
     contact = first_contact(robot)
     contact.max_normal_force = -50.0
     (_, _, _), motion = crossed(robot, name)
@@ -183,7 +183,7 @@ every_case = pytest.mark.parametrize(
 
 
 @every_case
-def test_the_guilty_are_named_and_no_innocent_one(bench, case, name):
+def test_conflict_names_only_conflicting_constraints(bench, case, name):
     (why, *_), guilty = CASES[case][0](bench(name), name)
     assert set(why.conflict) == guilty
     assert set(why.smallest) <= guilty
@@ -192,7 +192,7 @@ def test_the_guilty_are_named_and_no_innocent_one(bench, case, name):
 
 
 def possible(layout, model, effort, given):
-    """Whether the problem's constraints can be met where some of them give, by a linear program of its own."""
+    """Return True if the problem is feasible with given slack, by a separate linear program."""
     problem = layout.problem
     rows, right = [np.zeros((0, len(problem.g)))], [np.zeros(0)]
     for constraint in named_constraints(layout, model, effort):
@@ -210,7 +210,7 @@ def possible(layout, model, effort, given):
 
 
 @every_case
-def test_the_smallest_slack_reconciles_and_less_does_not(bench, case, name):
+def test_smallest_slack_is_necessary_and_sufficient(bench, case, name):
     robot = bench(name)
     (why, layout, effort), _ = CASES[case][0](robot, name)
     constraints = {constraint.name: constraint for constraint in named_constraints(layout, robot.model, effort)}
@@ -227,14 +227,14 @@ def test_the_smallest_slack_reconciles_and_less_does_not(bench, case, name):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_problem_that_is_split_into_names_is_the_whole_problem(bench, name):
+def test_named_constraints_are_the_whole_problem(bench, name):
     robot, rng = bench(name), np.random.default_rng(0)
     before = 0.1 * robot.model.effort_limits
     layout = robot.controller.formulation.build(robot.state(), robot.references(), before)
     named = named_constraints(layout, robot.model, robot.controller.formulation.effort_bounds(robot.references()))
     assert len({constraint.name for constraint in named}) == len(named)
     problem = layout.problem
-    problem.A[layout.mechanism], problem.b[layout.mechanism] = 0.0, 0.0  # these have no name
+    problem.A[layout.mechanism], problem.b[layout.mechanism] = 0.0, 0.0  # without names
     for _ in range(50):
         x = 10.0 * rng.normal(size=len(problem.g))
         worst = max(
@@ -245,20 +245,20 @@ def test_the_problem_that_is_split_into_names_is_the_whole_problem(bench, name):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_where_nothing_conflicts_there_is_no_explanation(bench, name):
+def test_no_explanation_of_a_feasible_problem(bench, name):
     robot = bench(name)
     assert asked(robot)[0] is None
     assert still(robot)[0] is None
 
 
-def test_a_value_that_is_not_finite_is_not_explained(bench):
+def test_no_explanation_for_nan(bench):
     robot = bench("go2")
     q = np.array(robot.stance)
     q[robot.model.q_index[0]] = np.nan
     assert robot.controller.explain(robot.state(q), robot.references()) is None
 
 
-def test_a_solver_that_fails_without_a_conflict_is_named(bench, monkeypatch):
+def test_failed_solver_is_named(bench, monkeypatch):
     robot = bench("go2")
     layout = robot.controller.formulation.build(robot.state(), robot.references())
     solver = robot.controller._solvers[layout.key]
@@ -269,7 +269,7 @@ def test_a_solver_that_fails_without_a_conflict_is_named(bench, monkeypatch):
     assert error.value.infeasibility is None
 
 
-def test_what_is_not_asked_is_not_explained(bench, monkeypatch):
+def test_explanation_only_on_request(bench, monkeypatch):
     robot = bench("go2")
     first_contact(robot).max_normal_force = -50.0
     monkeypatch.setattr(infeasibility, "linprog", None)  # would raise
@@ -279,7 +279,7 @@ def test_what_is_not_asked_is_not_explained(bench, monkeypatch):
     assert "conflict" not in str(error.value)
 
 
-def test_the_number_of_linear_programs_is_bounded(bench, monkeypatch):
+def test_number_of_linear_programs_is_bounded(bench, monkeypatch):
     robot = bench("talos")
     calls = []
     monkeypatch.setattr(infeasibility, "MAX_PROGRAMS", 5)
@@ -289,7 +289,7 @@ def test_the_number_of_linear_programs_is_bounded(bench, monkeypatch):
     assert why.conflict
 
 
-def test_the_sentence_says_what_and_how_much(bench):
+def test_sentence_of_an_explanation(bench):
     robot = bench("talos")
     (why, *_), _ = one_foot_presses(robot, "talos")
     assert why.sentence == (
@@ -301,7 +301,7 @@ def test_the_sentence_says_what_and_how_much(bench):
     assert dict(why.units) == {"torque:leg_left_4_joint": "N·m", "normal_force:left_foot": "N"}
 
 
-def test_an_explanation_cannot_be_changed(bench):
+def test_explanation_is_immutable(bench):
     (why, *_), _ = weak_arm(bench("g1"), "g1")
     with pytest.raises(FrozenInstanceError):
         why.sentence = ""

@@ -1,4 +1,4 @@
-"""The fast path has the numbers of the plain quadratic program, on random problems of six robots.
+"""The fast formulation against the plain quadratic program, on random problems of six robots.
 
 ``PLAIN_QP_PROBLEMS=10000 pytest test/inverse_dynamics/formulation/test_plain_qp.py`` runs more problems.
 """
@@ -29,7 +29,7 @@ PANDA = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
 
 
 class Height(own_classes.Height):
-    """A user's own task with a priority level and a tolerance."""
+    """User-defined task with a priority level and a tolerance."""
 
     def __init__(self, model, name="height", level=0, tolerance=None):
         super().__init__(model, name)
@@ -37,11 +37,11 @@ class Height(own_classes.Height):
 
 
 class OwnPosture(PostureTask):
-    """A posture task whose rows are evaluated in Python."""
+    """Posture task with rows evaluated in Python."""
 
 
 def grip(model):
-    """A held point of the last link."""
+    """Return a held point of the last link."""
     return own_classes.Grip(model, model.pinocchio.frames[-1].name, np.array([[1.0, 0.5, -1.0]]), 3.0)
 
 
@@ -58,7 +58,7 @@ def settings_of(robot):
 
 
 def build(robot, *, levels):
-    """Return a quadratic program with compiled tasks and contacts, and with others that are evaluated in Python."""
+    """Return a quadratic program with compiled tasks and contacts, and with others evaluated in Python."""
     settings = settings_of(robot)
     model = make_model(settings, MENAGERIE if robot == "menagerie" else None)
     joints = model.driven_joints[:2]
@@ -86,7 +86,7 @@ def random_state(model, rng):
 
 
 def random_references(qp, rng):
-    """Draw references, weights, activations, anchors, external forces; and new gains and limits."""
+    """Draw references, weights, activations, anchors, external forces, gains and limits."""
     there = Dynamics(qp.model)
     elsewhere = random_state(qp.model, rng)
     there.update(elsewhere.q, elsewhere.v)
@@ -125,7 +125,7 @@ def near(name, found, expected):
 
 @pytest.mark.parametrize("levels", [False, True], ids=["one level", "levels"])
 @pytest.mark.parametrize("robot", ["g1", "go2", "talos", "panda", "menagerie", "solo8"])
-def test_the_fast_path_has_the_numbers_of_the_plain_qp(robot, levels):
+def test_fast_formulation_equals_the_plain_qp(robot, levels):
     qp = build(robot, levels=levels)
     formulation, rng = qp.formulation, np.random.default_rng(7)
     seen = Dynamics(qp.model)
@@ -156,7 +156,7 @@ def test_the_fast_path_has_the_numbers_of_the_plain_qp(robot, levels):
         near("torque offset", layout.torque_bias, expected.torque_map[1])
 
 
-def test_versions_count_the_changes_of_structure_and_parameters():
+def test_versions_count_changes():
     qp = build("go2", levels=False)
     formulation, rng = qp.formulation, np.random.default_rng(1)
     state, references = random_state(qp.model, rng), random_references(qp, rng)

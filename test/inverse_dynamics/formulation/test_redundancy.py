@@ -1,4 +1,4 @@
-"""Contacts that hold more directions than the robot can move along: solutions with all solvers, and their residuals."""
+"""Redundant contacts: solutions of all solvers, and residuals."""
 
 from dataclasses import replace
 
@@ -12,7 +12,12 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.contacts import Rectangle, placement_of
-from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST, NEARLY, mobilities, separate
+from wbc_controller.inverse_dynamics.formulation.redundancy import (
+    EXAMINED_MOBILITY,
+    LEAST_MOBILITY,
+    mobilities,
+    separate_redundant_rows,
+)
 from wbc_controller.mechanics import recoordinate
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.config import load
@@ -24,13 +29,13 @@ SOLVERS = {"daqp": {}, "osqp": {}, "proxqp": {}, "quadprog": {}, "levels": LEVEL
 
 
 def solo_8(solver="daqp"):
-    """Four point feet, and legs without hip abduction."""
+    """Solo 8: four point feet, legs without hip abduction."""
     changes = SOLVERS[solver] | {"solver.name": "daqp" if solver == "levels" else solver}
     return load(new_configuration(SOLO_8).settings).replace(changes)
 
 
 def without_ankle_roll():
-    """G1 with soles that turn about one axis only."""
+    """G1 with soles that rotate about one axis only."""
     g1 = load("g1")
     robot = g1.settings.robot
     kept = [i for i, joint in enumerate(robot.joints) if "ankle_roll" not in joint]
@@ -41,7 +46,7 @@ ROBOTS = {"solo 8": solo_8, "g1 without ankle roll": without_ankle_roll}
 
 
 class Standing:
-    """A robot on all its contacts."""
+    """Robot on all its contacts."""
 
     def __init__(self, config):
         self.settings = config.settings
@@ -54,25 +59,25 @@ class Standing:
         return RobotState(0, frozen(q), frozen(np.zeros(self.model.nv) if v is None else v))
 
     def leaning(self, share):
-        """The stance with left legs that are stretched by a share."""
+        """Return the stance with left legs stretched by a share."""
         joints = np.array([1.0 - share if joint.startswith(("FL", "HL")) else 1.0 for joint in self.model.joints])
         q = self.q.copy()
         q[self.model.q_index] *= joints
         return q
 
     def near(self, rng):
-        """A random state near the stance, whose contacts move, too."""
+        """Return a random state near the stance, with moving contacts."""
         q = pin.integrate(self.model.pinocchio, self.q, 0.03 * rng.uniform(-1.0, 1.0, self.model.nv))
         return self.state(q, 0.2 * rng.uniform(-1.0, 1.0, self.model.nv))
 
     def rows(self, state):
-        """J and b of the contacts at a state."""
+        """Return J and b of the contacts at a state."""
         rows = self.qp.formulation.build(state, self.references).contact_rows
         return rows[:, :-1], rows[:, -1]
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_redundant_feet_have_a_least_squares_solution_and_its_residual(solver):
+def test_redundant_feet_have_a_least_squares_solution(solver):
     robot = Standing(solo_8(solver))
     rng, missed = np.random.default_rng(3), []
     for _ in range(20):
@@ -84,8 +89,8 @@ def test_redundant_feet_have_a_least_squares_solution_and_its_residual(solver):
         assert solution.residuals["contact_motion"] == pytest.approx(np.abs(off).max(), abs=1e-9)
         assert solution.residuals["equations_of_motion"] < 1e-3 if solver == "osqp" else 1e-6
         values, u = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
-        assert (values < LEAST).sum() in (1, 2)  # of 12: all feet together, and the lean near the level stance
-        held = values >= LEAST
+        assert (values < LEAST_MOBILITY).sum() in (1, 2)  # of 12: all feet together, and the lean near the level stance
+        held = values >= LEAST_MOBILITY
         np.testing.assert_allclose(u[:, held].T @ off, 0.0, atol=1e-3 if solver == "osqp" else 1e-6)
         (exact,) = u[:, values < 1e-9].T  # no acceleration changes this component
         assert exact @ off == pytest.approx(-exact @ b, abs=1e-9)
@@ -94,7 +99,7 @@ def test_redundant_feet_have_a_least_squares_solution_and_its_residual(solver):
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_solo_8_moves_its_centre_of_mass_to_the_side(solver):
+def test_solo_8_sways(solver):
     simulation = Simulation(solo_8(solver))
     controller = simulation.controller
     start = controller.dynamics.com.copy()
@@ -104,7 +109,7 @@ def test_solo_8_moves_its_centre_of_mass_to_the_side(solver):
     assert 2e-3 < controller.dynamics.com[1] - start[1] < 11e-3
 
 
-def test_a_humanoid_without_ankle_roll_moves_its_centre_of_mass_to_the_side():
+def test_humanoid_without_ankle_roll_sways():
     simulation = Simulation(without_ankle_roll())
     controller = simulation.controller
     start = controller.dynamics.com.copy()
@@ -118,8 +123,8 @@ def test_two_of_twelve_directions_are_redundant(robot):
     robot = Standing(ROBOTS[robot]())
     J, _ = robot.rows(robot.state(robot.q))
     values, _ = mobilities(J, np.concatenate([c.metric for c in robot.qp.contacts.values()]), robot.qp.dynamics)
-    assert (values < LEAST).sum() == 2
-    assert values[values >= LEAST].min() > 0.5
+    assert (values < LEAST_MOBILITY).sum() == 2
+    assert values[values >= LEAST_MOBILITY].min() > 0.5
     assert 12 - np.linalg.matrix_rank(J, tol=1e-3) in (1, 2)
 
 
@@ -130,15 +135,15 @@ def test_mobilities_do_not_depend_on_the_coordinates():
     J = np.vstack([contact.jacobian(robot.qp.dynamics) for contact in robot.qp.contacts.values()])
     other = recoordinate(robot.model.pinocchio, root="HR_HFE", flip=["FL_KFE"], shuffle=2)
     units = np.eye(robot.model.nv)
-    T = np.column_stack([other.velocity(q, unit) for unit in units])  # velocities there = T times those here
+    T = np.column_stack([other.velocity(q, unit) for unit in units])  # velocities here = T times velocities there
     M = np.linalg.inv(T).T @ robot.qp.dynamics.M @ np.linalg.inv(T)
     there = np.linalg.eigvalsh(robot.model.mass * (J @ np.linalg.inv(T)) @ np.linalg.solve(M, (J @ np.linalg.inv(T)).T))
     values, _ = mobilities(J, np.ones(len(J)), robot.qp.dynamics)
     np.testing.assert_allclose(values, there, atol=1e-9 * there.max())
-    assert values[1] < LEAST < values[2]
+    assert values[1] < LEAST_MOBILITY < values[2]
 
 
-def test_nothing_jumps_as_a_direction_becomes_a_constraint():
+def test_solution_is_continuous_as_a_direction_becomes_a_constraint():
     robot = Standing(solo_8())
     com = robot.references.tasks["com"]
     asked = replace(com, position=frozen(com.position + [0.0, 0.01, 0.0]))
@@ -148,26 +153,26 @@ def test_nothing_jumps_as_a_direction_becomes_a_constraint():
         state = robot.state(robot.leaning(share), 0.1 * np.eye(robot.model.nv)[3])
         answers.append(robot.qp.solve(state, references).tau)
         J, _ = robot.rows(state)
-        held.append(int((mobilities(J, np.ones(len(J)), robot.qp.dynamics)[0] >= LEAST).sum()))
+        held.append(int((mobilities(J, np.ones(len(J)), robot.qp.dynamics)[0] >= LEAST_MOBILITY).sum()))
     assert (held[0], held[-1]) == (10, 11)
     steps = np.abs(np.diff(answers, axis=0)).max(axis=1)
     assert steps.max() < 4.0 * np.median(steps)
 
 
-def test_contacts_with_full_rank_are_left_as_they_are(load):
+def test_contacts_with_full_rank_are_unchanged(load):
     model, settings = load("go2")
     qp = make_qp(settings, model)
     q = stance(model, qp, list(qp.contacts))
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
     layout = qp.formulation.build(state, rest(qp, settings, state))
     assert layout.contact_rows is None
-    hard, soft = separate(layout.J, layout.contact_motion, layout.metric, qp.dynamics)
+    hard, soft = separate_redundant_rows(layout.J, layout.contact_motion, layout.metric, qp.dynamics)
     assert np.array_equal(hard, np.column_stack([layout.J, layout.contact_motion]))
     assert not soft.any()
-    assert mobilities(layout.J, layout.metric, qp.dynamics)[0].min() > 10.0 * NEARLY
+    assert mobilities(layout.J, layout.metric, qp.dynamics)[0].min() > 10.0 * EXAMINED_MOBILITY
 
 
-def test_contacts_that_become_redundant_after_their_activation_are_found_when_a_solver_fails():
+def test_redundancy_after_activation_is_found():
     robot, fresh = Standing(solo_8()), Standing(solo_8())
     rng = np.random.default_rng(5)
     for _ in range(5):
@@ -179,7 +184,7 @@ def test_contacts_that_become_redundant_after_their_activation_are_found_when_a_
 
 
 @pytest.mark.parametrize("solver", ["daqp", "levels"])
-def test_a_restored_program_continues_bit_for_bit(solver):
+def test_restored_program_is_identical(solver):
     robot, other = Standing(solo_8(solver)), Standing(solo_8(solver))
     rng = np.random.default_rng(6)
     robot.qp.solve(robot.near(rng), robot.references)
@@ -192,7 +197,7 @@ def test_a_restored_program_continues_bit_for_bit(solver):
         assert found.iterations == expected.iterations
 
 
-def test_two_soles_in_one_place_that_are_pulled_apart_meet_in_the_middle(bench):
+def test_contradictory_soles_have_the_mean_acceleration(bench):
     robot = bench("g1")
     contact = next(iter(robot.controller.contacts.values()))
 

@@ -4,9 +4,9 @@ import pytest
 
 from wbc_controller.inverse_dynamics.contacts import LoopClosure
 from wbc_controller.inverse_dynamics.formulation.relaxation import (
-    hindering_contacts,
-    lost_contacts,
+    contacts_preventing_stop,
     relaxations,
+    slipping_contacts,
     soften,
     widen,
 )
@@ -21,23 +21,23 @@ def built(bench, seed=2):
 
 
 def rushing(g1, joint):
-    """q and v of the stance with a joint that cannot stop at its limit."""
+    """Return q and v of the stance with a joint that cannot stop at its limit."""
     q, v = np.array(g1.stance), np.zeros(g1.model.nv)
     if joint:
         i = g1.model.joints.index(joint)
         q[g1.model.q_index[i]] = g1.model.position_upper[i] - 0.1
-        v[g1.model.v_index[i]] = 9.0  # it needs 350 rad/s² to stop
+        v[g1.model.v_index[i]] = 9.0  # needs 350 rad/s² to stop
     return q, v
 
 
-def test_first_comes_the_torque_rate_then_all(bench):
+def test_order_of_relaxation(bench):
     _, _, stages, _ = built(bench)
     assert [[group.name for group in stage] for stage in stages] == [["torque_rate"], ["torque_rate", "joint_motion"]]
-    _, _, stages, _ = built(bench, seed=0)  # without torques before
+    _, _, stages, _ = built(bench, seed=0)  # without present torques
     assert [[group.name for group in stage] for stage in stages] == [["joint_motion"]]
 
 
-def test_what_the_torque_rate_misses_counts_in_effort_limits_and_the_available_torques_remain(bench):
+def test_torque_rate_is_relaxed_in_effort_limits(bench):
     g1, layout, ((rate,), _), available = built(bench)
     weights = rate.soft.weights * g1.model.effort_limits**2
     np.testing.assert_allclose(weights, weights[0])
@@ -49,7 +49,7 @@ def test_what_the_torque_rate_misses_counts_in_effort_limits_and_the_available_t
     np.testing.assert_array_equal(layout.problem.bounds[:, others], before[:, others])
 
 
-def test_bounds_are_widened_to_what_was_missed_and_no_further(bench):
+def test_bounds_are_widened_to_the_violation(bench):
     _, layout, (_, every), _ = built(bench)
     before = np.array(layout.problem.bounds)
     soften(layout, every)
@@ -67,32 +67,32 @@ def test_bounds_are_widened_to_what_was_missed_and_no_further(bench):
     ("joint", "given_up"),
     [("left_knee_joint", {"left_foot"}), ("left_elbow_joint", {"left_foot", "right_foot"}), ("", set())],
 )
-def test_a_leg_gives_up_its_own_foot_and_an_arm_both(bench, joint, given_up):
+def test_released_feet_of_legs_and_arms(bench, joint, given_up):
     g1 = bench("g1")
     q, v = rushing(g1, joint)
     formulation = g1.controller.formulation
     layout = formulation.build(g1.state(q, v), g1.references())
-    value = np.zeros(layout.problem.bounds.shape[1])  # a solution in which nothing brakes
+    value = np.zeros(layout.problem.bounds.shape[1])  # a solution without braking
     loose = {place.contact.name for place in layout.places if np.linalg.norm((place.J @ v)[:3]) > 0.5}
-    assert set(hindering_contacts(formulation, layout, value)) == given_up | loose
+    assert set(contacts_preventing_stop(formulation, layout, value)) == given_up | loose
     assert loose <= given_up
 
 
 @pytest.mark.parametrize(("turning", "given_up"), [(1.0, {"left_foot"}), (4.0, {"left_foot", "right_foot"})])
-def test_a_foot_that_moves_stops_no_joint_and_is_given_up_too(bench, turning, given_up):
+def test_moving_feet_are_released(bench, turning, given_up):
     g1 = bench("g1")
     q, v = rushing(g1, "left_knee_joint")
-    v[g1.model.v_index[g1.model.joints.index("right_knee_joint")]] = turning  # this one can stop
+    v[g1.model.v_index[g1.model.joints.index("right_knee_joint")]] = turning  # can stop
     formulation = g1.controller.formulation
     layout = formulation.build(g1.state(q, v), g1.references())
     speed = float(np.linalg.norm((layout.places[1].J @ v)[:3]))
     assert (speed > 0.5) == ("right_foot" in given_up)
     assert speed < 2.0
     value = np.zeros(layout.problem.bounds.shape[1])
-    assert set(hindering_contacts(formulation, layout, value)) == given_up
+    assert set(contacts_preventing_stop(formulation, layout, value)) == given_up
 
 
-def test_a_loop_is_never_given_up(bench):
+def test_loops_are_never_released(bench):
     g1 = bench("g1")
     hands = ("left_rubber_hand", "right_rubber_hand")
     held = [True, True, True, False, False, False]
@@ -105,5 +105,5 @@ def test_a_loop_is_never_given_up(bench):
     (place,) = (place for place in layout.places if place.contact is bar)
     assert np.linalg.norm(place.J @ v) > 1.0
     value = np.zeros(layout.problem.bounds.shape[1])
-    assert set(hindering_contacts(formulation, layout, value)) == {"left_foot", "right_foot"}
-    assert lost_contacts(formulation, layout) == ()
+    assert set(contacts_preventing_stop(formulation, layout, value)) == {"left_foot", "right_foot"}
+    assert slipping_contacts(formulation, layout) == ()

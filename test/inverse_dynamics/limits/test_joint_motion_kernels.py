@@ -1,4 +1,4 @@
-"""Held against the same equations in NumPy."""
+"""Joint motion kernel against NumPy."""
 
 from collections import deque
 
@@ -7,13 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit
-from wbc_controller.inverse_dynamics.limits.joint_motion import RETURN_TIME, SLOWING_TIME, STOPPING
+from wbc_controller.inverse_dynamics.limits.joint_motion import RETURN_TIME, STOPPING_DISTANCE, VELOCITY_HORIZON
 
 MANY = 2000
 
 
 def plain_bounds(position, velocity, most, ahead, q, v, period):
-    """As `JointMotionLimit` says it; the lower limit of q is an upper limit of -q."""
+    """`JointMotionLimit` in NumPy; the lower limit of q is an upper limit of -q."""
     speed, room = np.stack([v, -v]), np.stack([position[1] - q, q - position[0]])
     left, reach = room - 0.5 * ahead * speed, most * ahead
     bound = (np.sqrt(reach**2 + 2.0 * most * np.maximum(left, 0.0)) - reach - speed) / ahead
@@ -24,13 +24,13 @@ def plain_bounds(position, velocity, most, ahead, q, v, period):
     bound = np.where(left < -rounding, np.where(room < rounding, back, turning), bound)
     late, bound = bound < -most, np.minimum(np.maximum(bound, -most), most)
     with np.errstate(divide="ignore"):
-        braking = np.where(room + STOPPING > 0.0, -(speed**2) / (2.0 * (room + STOPPING)), -np.inf)
+        braking = np.where(room + STOPPING_DISTANCE > 0.0, -(speed**2) / (2.0 * (room + STOPPING_DISTANCE)), -np.inf)
     harder = np.maximum(braking, -speed / period)
     upper, lower = np.where(late & (harder < -most), harder, bound)
     lower = -lower
     crossed, up = lower > upper, v > 0.0
     lower, upper = np.where(crossed & up, upper, lower), np.where(crossed & ~up, lower, upper)
-    slowing = max(period, min(ahead, SLOWING_TIME))
+    slowing = max(period, min(ahead, VELOCITY_HORIZON))
     fast_down, fast_up = (velocity / slowing - each / np.where(each > 0.0, slowing, period) for each in (-v, v))
     return (
         np.clip(np.clip(-fast_down, -most, most), lower, upper),
@@ -49,7 +49,7 @@ def plain_bounds(position, velocity, most, ahead, q, v, period):
     limited=st.booleans(),
     slowed=st.booleans(),
 )
-def test_it_is_what_numpy_makes_of_the_same_equations(seed, most, period, horizon, speeds, widths, limited, slowed):
+def test_kernel_equals_numpy(seed, most, period, horizon, speeds, widths, limited, slowed):
     rng = np.random.default_rng(seed)
     low = rng.uniform(-2.0, 0.0, MANY)
     high, velocity = low + rng.uniform(0.1, 2.0, MANY) * widths, rng.uniform(0.2, 2.0, MANY) * speeds
@@ -61,7 +61,7 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, most, period, horizo
     fastest = velocity if slowed else np.full(MANY, np.inf)
     expected = plain_bounds(position, fastest, most, max(period, horizon), q, v, period)
     found = limit.bounds(q, v, period)
-    # Differences of speeds are divided by the period: what they round to is all that compiled code may differ by.
+    # Rounding errors of speed differences are divided by the period.
     rounding = 8.0 * np.finfo(float).eps * max(np.abs(v).max(), velocity.max()) / period
     np.testing.assert_allclose(found[0], expected[0], rtol=1e-12, atol=rounding)
     np.testing.assert_allclose(found[1], expected[1], rtol=1e-12, atol=rounding)
@@ -75,7 +75,7 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, most, period, horizo
     horizon=st.floats(0.0, 0.1),
     speeds=st.sampled_from([0.3, 3.0]),
 )
-def test_a_velocity_limit_leaves_room_to_brake_and_to_return(seed, most, period, horizon, speeds):
+def test_velocity_limit_permits_braking_and_return(seed, most, period, horizon, speeds):
     rng = np.random.default_rng(seed)
     low = rng.uniform(-2.0, 0.0, MANY)
     high, velocity = low + rng.uniform(0.5, 2.0, MANY), rng.uniform(0.2, 2.0, MANY) * speeds
@@ -84,12 +84,12 @@ def test_a_velocity_limit_leaves_room_to_brake_and_to_return(seed, most, period,
     lower, upper = JointMotionLimit((low, high), velocity, acceleration=most, horizon=horizon).bounds(q, v, period)
     free = (alone[0] < alone[1]) & (np.abs(v) < velocity) & (np.abs(alone).max(axis=0) <= most)
     assert free.any()
-    # A joint that turns at its limit within the period asks for more than a stop, and that is all that it may do.
+    # A joint that reverses at its limit within the period needs more than a stop, the largest deceleration allowed.
     brakes = np.where(v > 0.0, alone[1] >= -v / period, alone[0] <= -v / period)
     assert (lower < upper)[free & brakes].all()
 
 
-def test_a_velocity_limit_does_not_swing_where_accelerations_come_late():
+def test_velocity_limit_is_stable_with_delay():
     limit = JointMotionLimit(None, np.array([0.5]), acceleration=200.0, horizon=0.02)
     period, late, v = 0.002, deque([0.0] * 10), 0.6
     speeds = []

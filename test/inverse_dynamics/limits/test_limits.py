@@ -6,7 +6,7 @@ import pytest
 
 from wbc_controller.errors import ConfigurationError, NoSolution
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit, TorqueSpeedCurve
-from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING
+from wbc_controller.inverse_dynamics.limits.joint_motion import STOPPING_DISTANCE
 from wbc_controller.inverse_dynamics.robot.dynamics_kernels import DynamicsRows, fill_dynamics
 from wbc_controller.records import Tuning
 from wbc_controller.settings import ActuatorTorqueSpeed, TorqueSpeedSettings
@@ -15,7 +15,7 @@ PERIOD = 0.002
 
 
 def fling(bench, joint, acceleration, state=None):
-    """References that ask one arm joint for an acceleration, above all else, and the others to stay."""
+    """Return references that demand an acceleration of one arm joint with priority, and rest of the others."""
     model = bench.model
     references = bench.references(state, posture=1000.0)
     posture = references.tasks["posture"]
@@ -30,7 +30,7 @@ FREE = {"position": False, "velocity": False, "acceleration": 1.0e5}
 
 
 @pytest.mark.parametrize("side", ["upper", "lower"])
-def test_the_torque_limit_matters(bench, side):
+def test_torque_limit_has_an_effect(bench, side):
     g1 = bench("g1", limits=FREE)
     i = g1.model.joints.index(ELBOW)
     sign = 1.0 if side == "upper" else -1.0
@@ -46,7 +46,7 @@ def test_the_torque_limit_matters(bench, side):
     assert f"torque:{ELBOW}:{side}" not in free.binding
 
 
-def test_the_torque_rate_matters(bench):
+def test_torque_rate_has_an_effect(bench):
     g1 = bench("g1", limits={**FREE, "torque_rate": 10.0})
     i = g1.model.joints.index(ELBOW)
     before = g1.controller.solve(g1.state(), g1.references()).tau
@@ -60,7 +60,7 @@ def test_the_torque_rate_matters(bench):
     assert f"torque:{ELBOW}:upper" in held.binding
 
 
-def test_the_velocity_limit_matters(bench):
+def test_velocity_limit_has_an_effect(bench):
     limited = bench("g1", limits={"position": False, "velocity_scale": 1.0, "acceleration": 1.0e4})
     free = bench("g1", limits=FREE)
     i = limited.model.joints.index(ELBOW)
@@ -79,7 +79,7 @@ def test_the_velocity_limit_matters(bench):
     assert after["limited"] <= limit + 1e-6
 
 
-def test_the_position_limit_matters(bench):
+def test_position_limit_has_an_effect(bench):
     limited = bench("g1", limits={"position": True, "velocity": False})
     free = bench("g1", limits=FREE)
     model = limited.model
@@ -92,7 +92,7 @@ def test_the_position_limit_matters(bench):
         q[model.q_index[i]] = limit - 0.3
         v[column] = 2.0
         farthest, bound = -np.inf, False
-        for _ in range(150):  # the arm alone is moved: the rest stays in its stance
+        for _ in range(150):  # only the arm moves
             state = robot.state(q, v)
             solution = robot.controller.solve(state, fling(robot, ELBOW, 60.0, state))
             acceleration = solution.v_dot[column]
@@ -108,20 +108,20 @@ def test_the_position_limit_matters(bench):
     assert limit - 0.02 < reached["limited"] <= limit + 1e-6
 
 
-# Viability: whatever is asked of it, a joint never comes into a state from which a bound cannot be met. ---------------
+# Viability: with any demand, a joint never reaches a state without feasible bounds -----------------------------------
 
 MANY = 10_000
 ADVERSARIES = ("upper", "lower", "outwards", "random", "bang-bang")
 
 
 def fastest(room, acceleration, ahead):
-    """The largest viable speed towards a limit with this room left."""
+    """Return the largest viable speed towards a limit at a distance."""
     reach = 0.5 * acceleration * ahead
     return np.sqrt(reach**2 + 2.0 * acceleration * room) - reach
 
 
 def adversary(kind, rng):
-    """Picks an acceleration between the bounds."""
+    """Return a function that picks an acceleration between the bounds."""
     side = np.zeros(MANY, dtype=bool)
 
     def pick(lower, upper, v):
@@ -137,7 +137,7 @@ def adversary(kind, rng):
 
 
 def excess(q, v, a, period, low, high):
-    """How far a joint gets beyond its position limits within one period, turning points included."""
+    """Return the largest violation of position limits within one period, with turning points."""
     turn = np.clip(np.divide(-v, a, out=np.zeros_like(v), where=a != 0.0), 0.0, period)
     passed = np.stack([q + t * v + 0.5 * t**2 * a for t in (turn, period)])
     return max(np.max(passed - high), np.max(low - passed))
@@ -146,7 +146,7 @@ def excess(q, v, a, period, low, high):
 @pytest.mark.parametrize("acceleration", [30.0, 500.0])
 @pytest.mark.parametrize("horizon", [0.0, 0.02])
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
-def test_from_viable_states_no_bound_is_ever_exceeded(period, horizon, acceleration):
+def test_viable_states_keep_all_bounds(period, horizon, acceleration):
     rng = np.random.default_rng(1)
     low, high = -rng.uniform(0.05, 3.0, MANY), rng.uniform(0.05, 3.0, MANY)
     velocity = rng.uniform(0.2, 40.0, MANY)
@@ -169,11 +169,11 @@ def test_from_viable_states_no_bound_is_ever_exceeded(period, horizon, accelerat
             v = v + period * a
             assert np.max(np.abs(v) - velocity) <= 1.0e-6
             closest = min(closest, np.min(np.minimum(high - q, q - low)))
-        assert closest < 5.0e-3  # it mattered
+        assert closest < 5.0e-3  # the limit was active
 
 
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
-def test_from_whatever_could_still_brake_in_continuous_time_the_position_holds(period):
+def test_position_limit_holds_for_states_with_braking_distance(period):
     rng = np.random.default_rng(2)
     low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 5.0)
     limit = JointMotionLimit((low, high), velocity, acceleration=200.0)
@@ -187,14 +187,14 @@ def test_from_whatever_could_still_brake_in_continuous_time_the_position_holds(p
 
 
 def hard_braking(q, v, period):
-    """What stops a joint just beyond its limit of 1, where 100 rad/s² do not; at most what stops it within a period."""
-    room = 1.0 + STOPPING - np.sign(v) * q
+    """Return the deceleration of a joint that stops just beyond its limit of 1, at most a stop within a period."""
+    room = 1.0 + STOPPING_DISTANCE - np.sign(v) * q
     needed = np.where(room > 0.0, v**2 / (2.0 * np.maximum(room, 1e-300)), np.inf)
     return np.maximum(100.0, np.minimum(needed, np.abs(v) / period))
 
 
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
-def test_what_is_not_viable_brakes_as_hard_as_it_may_and_comes_back(period):
+def test_return_from_non_viable_states(period):
     rng = np.random.default_rng(3)
     low, high, velocity = np.full(MANY, -1.0), np.full(MANY, 1.0), np.full(MANY, 4.0)
     limit = JointMotionLimit((low, high), velocity, acceleration=100.0)
@@ -213,14 +213,14 @@ def test_what_is_not_viable_brakes_as_hard_as_it_may_and_comes_back(period):
             assert 1000 < (hardest > 100.0).sum() < MANY - 1000
             for hard in (away, fast):
                 np.testing.assert_allclose(np.where(v > 0.0, upper, lower)[hard], -(hardest * np.sign(v))[hard])
-        a = np.where(q > 0.0, upper, lower)  # outwards as far as it may
+        a = np.where(q > 0.0, upper, lower)  # outwards
         q, v = q + period * v + 0.5 * period**2 * a, v + period * a
     assert np.max(np.abs(q)) <= 1.0 + 1.0e-6
     assert np.max(np.abs(v)) <= 4.0 + 1.0e-6
 
 
-def test_the_limits_do_not_stop_a_joint_before_it_has_to_stop():
-    """Pushed all the way, it goes from one end to the other nearly as fast as q̈_max allows."""
+def test_limits_are_not_conservative():
+    """With full demand, a joint moves between its limits nearly as fast as q̈_max allows."""
     limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.full(1, 100.0), acceleration=100.0)
     q, v, cycles = np.array([-1.0]), np.zeros(1), 0
     while q[0] < 1.0 - 1.0e-4 and cycles < 10_000:
@@ -231,7 +231,7 @@ def test_the_limits_do_not_stop_a_joint_before_it_has_to_stop():
     assert cycles * PERIOD < shortest + 0.03
 
 
-def test_a_longer_horizon_is_softer_against_noise():
+def test_longer_horizon_reduces_the_effect_of_noise():
     q, v, noise = np.array([0.999]), np.zeros(1), 1.0e-4
     change = {}
     for horizon in (0.0, 0.02):
@@ -255,7 +255,7 @@ def test_contradicting_position_limits_are_refused():
         )
 
     with pytest.raises(
-        ConfigurationError, match=r"position_margin = 0.2: it leaves 'finger' no room, whose limits are 0 and 0.3 m"
+        ConfigurationError, match=r"position_margin = 0.2 leaves no range for 'finger', with the limits 0 and 0.3 m"
     ):
         JointMotionLimit.of(gripper(0.0), tuning)
     with pytest.raises(ConfigurationError, match="finger"):
@@ -264,33 +264,33 @@ def test_contradicting_position_limits_are_refused():
     assert JointMotionLimit.of(gripper(0.0), tuning, position=False).position_upper is None
 
 
-def test_where_the_intervals_do_not_meet_position_goes_first():
+def test_position_precedes_velocity():
     position = JointMotionLimit((np.array([-1.0]), np.array([1.0])), None, acceleration=500.0)
     velocity = JointMotionLimit(None, np.array([2.0]), acceleration=500.0)
     both = JointMotionLimit((np.array([-1.0]), np.array([1.0])), np.array([2.0]), acceleration=500.0)
-    q, v = np.array([3.0]), np.array([-3.0])  # far beyond, and back faster than allowed
-    assert velocity.bounds(q, v, PERIOD)[0] > position.bounds(q, v, PERIOD)[1]  # they do not meet
+    q, v = np.array([3.0]), np.array([-3.0])  # far beyond the limit, and returning too fast
+    assert velocity.bounds(q, v, PERIOD)[0] > position.bounds(q, v, PERIOD)[1]  # disjoint intervals
     lower, upper = both.bounds(q, v, PERIOD)
     assert lower == upper
     assert upper < velocity.bounds(q, v, PERIOD)[0]
 
 
-def test_but_for_what_would_run_into_its_stop():
-    """38 rad/s, half a radian before the limit: 30 rad/s² would let it arrive at 37.6 rad/s."""
+def test_harder_braking_before_the_stop():
+    """38 rad/s at 0.5 rad before the limit: with 30 rad/s² it would arrive at 37.6 rad/s."""
     limit = JointMotionLimit((-np.ones(1), np.ones(1)), np.ones(1), acceleration=30.0)
     for side in (1.0, -1.0):
         q, v = np.array([side * 0.5]), np.array([side * 38.0])
         lower, upper = limit.bounds(q, v, PERIOD)
-        np.testing.assert_allclose([lower[0], upper[0]], -side * 38.0**2 / (2.0 * (0.5 + STOPPING)))
+        np.testing.assert_allclose([lower[0], upper[0]], -side * 38.0**2 / (2.0 * (0.5 + STOPPING_DISTANCE)))
         for _ in range(200):
             a = limit.bounds(q, v, PERIOD)[side > 0.0]
             q, v = q + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
-            assert side * q[0] < 1.0 + STOPPING + 1e-3  # bounds change only once in a period
+            assert side * q[0] < 1.0 + STOPPING_DISTANCE + 1e-3  # bounds change once per period
         assert abs(v[0]) < 1.0
 
 
 def torque_bounds(limit, before, v, period):
-    """Of a robot of as many joints without mass, as the program has them."""
+    """Return the torque bounds of a robot of massless joints."""
     n, available = len(v), limit.available(v)
     lower, upper, bias, each = np.empty(n), np.empty(n), np.empty(n), np.arange(n + 1)
     share = -1.0 if before is None else limit.rate * period
@@ -310,34 +310,34 @@ def test_torque_bounds():
     lower, upper = torque_bounds(limit, np.array([0.0, 19.5]), v, 0.01)
     np.testing.assert_allclose(lower, [-0.5, 18.5])
     np.testing.assert_allclose(upper, [0.5, 20.0])
-    # A torque beyond its limit comes back at once: never an empty interval, never beyond the limit.
+    # A torque beyond its limit returns at once: the interval is never empty, nor beyond the limit.
     lower, upper = torque_bounds(limit, np.array([300.0, -300.0]), v, 0.01)
     np.testing.assert_allclose(lower, [9.5, -20.0])
     np.testing.assert_allclose(upper, [10.0, -19.0])
 
 
-# Torque-speed curve ---------------------------------------------------------------------------------------------------
+# Torque-speed curve --------------------------------------------------------------------------------------------------
 
 CURVE = TorqueSpeedCurve(np.full(3, 4.0), np.full(3, 10.0))
 EFFORT = np.array([10.0, 20.0, 30.0])
 
 
 @pytest.mark.parametrize(("speed", "share"), [(0.0, 1.0), (4.0, 1.0), (7.0, 0.5), (10.0, 0.0), (25.0, 0.0)])
-def test_the_torque_falls_along_a_line_in_the_direction_of_motion_alone(speed, share):
+def test_torque_speed_curve(speed, share):
     forwards, backwards = (CURVE.available(EFFORT, np.full(3, v)) for v in (speed, -speed))
     np.testing.assert_allclose(forwards[1], share * EFFORT)
-    np.testing.assert_array_equal(forwards[0], -EFFORT)  # against the motion the motor brakes: all of it
+    np.testing.assert_array_equal(forwards[0], -EFFORT)  # a braking motor has its full torque
     np.testing.assert_allclose(backwards[0], -share * EFFORT)
     np.testing.assert_array_equal(backwards[1], EFFORT)
 
 
-def test_a_speed_that_is_not_a_number_passes_through_the_curve_to_where_it_is_refused():
+def test_nan_passes_through_the_torque_speed_curve():
     lower, upper = CURVE.available(EFFORT, np.array([np.nan, 0.0, 0.0]))
     assert np.isnan([lower[0], upper[0]]).all()
     assert np.isfinite([lower[1:], upper[1:]]).all()
 
 
-def test_the_curve_and_the_rate_never_contradict_each_other():
+def test_curve_and_rate_never_conflict():
     rng = np.random.default_rng(4)
     for rate in (0.1, 5.0, 1.0e4):
         limit = TorqueLimit(EFFORT, rate, CURVE)
@@ -351,8 +351,8 @@ def test_the_curve_and_the_rate_never_contradict_each_other():
             assert (np.maximum(upper - before, before - lower) <= rate * PERIOD * EFFORT + 1e-9)[inside].all()
 
 
-def test_the_torque_speed_curve_matters(bench):
-    """An elbow that is flung stays within what its motor has; without the curve it takes more."""
+def test_torque_speed_curve_has_an_effect(bench):
+    """An elbow at high speed stays within its motor curve; without the curve it needs more torque."""
     joint = {"enabled": True, "corner": 0.2, "no_load": 0.6}
     limits = {**FREE, "torque_speed": TorqueSpeedSettings(**joint)}
     sent = {}
@@ -376,7 +376,7 @@ def test_the_torque_speed_curve_matters(bench):
     assert (tau > limit * np.clip((0.6 * fastest - speed) / (0.4 * fastest), 0.0, 1.0) + 1.0).any()
 
 
-def test_actuators_have_torque_speed_curves_of_their_own(bench):
+def test_torque_speed_curves_per_actuator(bench):
     own = ActuatorTorqueSpeed(corner=3.0, no_load=5.0)
     g1 = bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, actuators={ELBOW: own})})
     curve, i = g1.controller.formulation.torque_limit.curve, g1.model.joints.index(ELBOW)
@@ -388,7 +388,7 @@ def test_actuators_have_torque_speed_curves_of_their_own(bench):
         bench("g1", limits={"torque_speed": TorqueSpeedSettings(enabled=True, actuators={"elbow": own})})
 
 
-def test_nan_passes_through_the_bounds_to_where_it_is_refused():
+def test_nan_passes_through_the_bounds():
     motion = JointMotionLimit((-np.ones(2), np.ones(2)), np.ones(2), acceleration=500.0)
     for q, v in (([np.nan, 0.0], [0.0, 0.0]), ([0.0, 0.0], [np.nan, 0.0])):
         lower, upper = motion.bounds(np.array(q), np.array(v), PERIOD)
@@ -400,7 +400,7 @@ def test_nan_passes_through_the_bounds_to_where_it_is_refused():
 
 @pytest.mark.parametrize("where", ["position", "velocity"])
 @pytest.mark.parametrize("solver", ["daqp", "osqp", "proxqp"])
-def test_a_state_that_is_not_finite_never_gives_torques(bench, solver, where):
+def test_non_finite_states_give_no_torques(bench, solver, where):
     go2 = bench("go2", solver={"name": solver})
     good = go2.controller.solve(go2.state(), go2.references())
     q, v = np.array(go2.stance), np.zeros(go2.model.nv)
@@ -414,14 +414,14 @@ def test_a_state_that_is_not_finite_never_gives_torques(bench, solver, where):
     np.testing.assert_allclose(again.tau, good.tau, atol=0.01)
 
 
-# What is asked of a joint that cannot meet its bounds -----------------------------------------------------------------
+# Stopping bounds of a joint that cannot meet its bounds --------------------------------------------------------------
 
 
 LIMITS = np.array([-1.0, -1.0]), np.array([1.0, 1.0])
 
 
 def stopping(limit, q, v, bounds=None):
-    """Bounds of the first of two joints; the other one is at rest in the middle."""
+    """Return the bounds of the first of two joints; the other one is at rest in the middle."""
     q, v = np.array([q, 0.0]), np.array([v, 0.0])
     bounds = np.stack(limit.bounds(q, v, PERIOD)) if bounds is None else bounds
     return limit.stopping_bounds(q, v, bounds, LIMITS)[:, 0]
@@ -429,7 +429,7 @@ def stopping(limit, q, v, bounds=None):
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("gap", "speed"), [(0.1, 3.0), (0.02, 2.0), (0.3, 8.0)])
-def test_a_joint_that_brakes_as_little_as_it_may_stops_a_little_beyond_its_limit(side, gap, speed):
+def test_stopping_bounds_stop_within_the_stopping_distance(side, gap, speed):
     limit = JointMotionLimit((LIMITS[0] + 0.02, LIMITS[1] - 0.02), None, acceleration=200.0, horizon=0.02)
     q, v = side * (1.0 - gap), side * speed
     for _ in range(500):
@@ -440,11 +440,11 @@ def test_a_joint_that_brakes_as_little_as_it_may_stops_a_little_beyond_its_limit
         assert a < 0.0
         q, v = q + PERIOD * v + 0.5 * PERIOD**2 * side * a, v + PERIOD * side * a
     assert side * v <= 0.0
-    # A bound changes only once in a period, so that the last one may take it a little further.
-    assert 1.0 + 0.5 * STOPPING < side * q < 1.0 + STOPPING + 1e-3
+    # Bounds change once per period, so the last period may exceed it.
+    assert 1.0 + 0.5 * STOPPING_DISTANCE < side * q < 1.0 + STOPPING_DISTANCE + 1e-3
 
 
-def test_it_is_nowhere_asked_for_more_than_the_bounds_and_only_on_the_way_to_a_limit():
+def test_stopping_bounds_are_not_tighter_than_the_bounds():
     limit = JointMotionLimit((LIMITS[0] + 0.02, LIMITS[1] - 0.02), np.full(2, 5.0), acceleration=200.0)
     rng = np.random.default_rng(0)
     for _ in range(500):
@@ -457,12 +457,12 @@ def test_it_is_nowhere_asked_for_more_than_the_bounds_and_only_on_the_way_to_a_l
         assert upper == np.inf or v > 0.0
 
 
-def test_beyond_reach_it_brakes_as_the_bounds_ask():
+def test_stopping_bounds_beyond_the_stopping_distance():
     limit = JointMotionLimit((LIMITS[0], LIMITS[1]), None, acceleration=200.0)
-    assert stopping(limit, 1.0 + STOPPING + 0.01, 2.0)[1] == -2.0 / PERIOD
-    assert stopping(limit, -1.0 - STOPPING - 0.01, -2.0)[0] == 2.0 / PERIOD
+    assert stopping(limit, 1.0 + STOPPING_DISTANCE + 0.01, 2.0)[1] == -2.0 / PERIOD
+    assert stopping(limit, -1.0 - STOPPING_DISTANCE - 0.01, -2.0)[0] == 2.0 / PERIOD
 
 
-def test_without_position_limits_nothing_is_asked():
+def test_no_stopping_bounds_without_position_limits():
     limit = JointMotionLimit(None, np.full(2, 5.0), acceleration=200.0)
     np.testing.assert_array_equal(stopping(limit, 0.99, 4.0), [-np.inf, np.inf])

@@ -1,4 +1,4 @@
-"""Self-collision: the rows by finite differences, the barrier against adversaries, and arms through torso and arms."""
+"""Self-collision: rows by finite differences, the barrier against adversaries, and arms commanded through the torso."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wbc_controller.controller.build.limits import make_self_collision
 from wbc_controller.errors import NoSolution
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, SelfCollisionLimit, TorqueLimit
-from wbc_controller.inverse_dynamics.limits.self_collision import _FASTER, INEXACT, RETURN_SPEED
+from wbc_controller.inverse_dynamics.limits.self_collision import _SPEED_INCREASE, RETURN_SPEED, ROW_ERROR
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.tasks import PostureTask
@@ -27,7 +27,7 @@ from wbc_controller.settings.resources import share_folder
 
 SRDF = {"g1": "", "talos": "package://example-robot-data/robots/talos_data/srdf/talos.srdf"}
 MARGIN = 0.02
-#: By how much the links may come nearer than the margin while they are flung at each other, m: not at all.
+#: Largest violation of the margin, m.
 TOLERANCE = 0.0
 
 
@@ -37,7 +37,7 @@ def settings(robot, **changes):
 
 @pytest.fixture(scope="module")
 def limits(load):
-    """Of each robot: its model, and a limit with a row for every pair."""
+    """Return a robot's model, and a limit with a row for every pair."""
     found = {}
     for robot in SRDF:
         model, of_robot = load(robot)
@@ -52,26 +52,26 @@ def random_motion(model, rng):
 
 
 def near_of(limit, dynamics, ahead):
-    """The pairs whose distances were needed, and these."""
-    near = limit._find(dynamics, ahead).copy()
+    """Return the pairs with required distances."""
+    near = limit._compute_near_distances(dynamics, ahead).copy()
     return near, limit._distances[near]
 
 
 def rows_of(limit, dynamics, near):
-    """J_d and the drift of pairs whose distances have just been computed."""
+    """Return J_d and the drift of pairs with computed distances."""
     J, rate, drift = limit._rows(dynamics, np.array(near))
     np.testing.assert_allclose(J @ dynamics.v, rate, rtol=1e-12, atol=1e-12)
     return J, drift
 
 
 def another(model, limit):
-    """A limit like this one, that has seen nothing."""
+    """Return an equal limit without history."""
     how = {"margin": limit.margin, "acceleration": limit.acceleration, "horizon": limit.horizon}
     return SelfCollisionLimit(model, limit._geometry, **how, max_pairs=len(limit.names))
 
 
 def along(model, limit, q, v, step, pairs):
-    """Distances of pairs before, at and after a state, in motion without acceleration; (3, k)."""
+    """Return distances of pairs before, at and after a state at constant velocity, (3, k)."""
     dynamics, found = Dynamics(model), []
     for time in (-step, 0.0, step):
         dynamics.update(pin.integrate(model.pinocchio, q, time * v), v)
@@ -80,11 +80,11 @@ def along(model, limit, q, v, step, pairs):
     return np.array(found)
 
 
-# The rows. ---------------------------------------------------------------------------------------------------------
+# Rows ----------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_the_rate_of_every_distance_is_its_row_times_the_velocity(limits, robot):
+def test_rows_give_the_rates_of_distances(limits, robot):
     model, limit = limits[robot]
     rng, dynamics, checked = np.random.default_rng(0), Dynamics(model), 0
     for _ in range(4):
@@ -94,10 +94,10 @@ def test_the_rate_of_every_distance_is_its_row_times_the_velocity(limits, robot)
         rate = rows_of(limit, dynamics, near)[0] @ v
         before, now, after = along(model, limit, q, v, 1.0e-4, near)
         np.testing.assert_allclose(now, distance, atol=1e-9)
-        apart = now > 0.002  # where shapes touch, the normal changes within the step
+        apart = now > 0.002  # the normal of touching shapes changes within the step
         error = np.abs((after - before) / 2.0e-4 - rate)[apart]
         assert np.quantile(error, 0.9) < 2.0e-3
-        assert error.max() < 0.05  # an edge that was passed
+        assert error.max() < 0.05  # at an edge
         assert np.abs(rate).max() > 0.2
         checked += apart.sum()
     assert checked > 200
@@ -114,7 +114,7 @@ ixz="0" iyz="0"/></inertial><collision><origin xyz="0 0 -0.3"/><geometry><sphere
 
 @pytest.fixture(scope="module")
 def balls():
-    """Two arms of three joints each, one of them sliding, with a ball at each link's end."""
+    """Two arms of three joints each, one of them prismatic, with a sphere at each link's end."""
     links = [
         LINK.format(
             name=f"{side}{i}", kind=kind, parent="base" if i == 0 else f"{side}{i - 1}", at=at, axis=axis, effort=100
@@ -136,19 +136,19 @@ def balls():
     )
 
 
-def test_of_balls_the_second_derivative_is_the_drift_and_what_parts_them(balls):
+def test_drift_of_spheres(balls):
     model, limit = balls
     rng, dynamics = np.random.default_rng(1), Dynamics(model)
     for _ in range(20):
         q, v = model.configuration(rng.uniform(-1.0, 1.0, model.na), pin.SE3.Random()), rng.normal(size=model.nv)
         dynamics.update(q, v)
-        near, _ = near_of(limit, dynamics, 50.0)  # any distance is near
+        near, _ = near_of(limit, dynamics, 50.0)  # all pairs are near
         assert len(near) == len(limit._pair_names)
         J, drift = rows_of(limit, dynamics, near)
         step = 1.0e-3
         before, now, after = along(model, limit, q, v, step, near)
         second = (after - 2.0 * now + before) / step**2
-        # Left out: (|ċ|² - ḋ²) / |c| of the vector c between the centres, the tangential velocity's share.
+        # Omitted: (|ċ|² - ḋ²) / |c| by the tangential velocity, with the vector c between the centres.
         centres = np.array([limit._data.oMg[i].translation for i in range(6)])
         dynamics.update(pin.integrate(model.pinocchio, q, step * v), v)
         dynamics.place(limit._geometry, limit._data)
@@ -167,8 +167,8 @@ def test_of_balls_the_second_derivative_is_the_drift_and_what_parts_them(balls):
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_the_drift_promises_no_more_than_there_is(limits, robot):
-    """Of convex hulls: but for corners that are passed within the step, d̈ is at least the drift."""
+def test_drift_is_a_lower_bound(limits, robot):
+    """For convex hulls, d̈ is at least the drift, except at corners within the step."""
     model, limit = limits[robot]
     rng, dynamics, surplus = np.random.default_rng(2), Dynamics(model), []
     for _ in range(4):
@@ -180,11 +180,11 @@ def test_the_drift_promises_no_more_than_there_is(limits, robot):
         surplus.append(((after - 2.0 * now + before) / 2.0e-3**2 - drift)[now > 0.005])
     surplus = np.concatenate(surplus)
     assert np.mean(surplus > -1.0) > 0.9
-    assert np.median(np.abs(surplus)) < 5.0  # nor is it far from it
+    assert np.median(np.abs(surplus)) < 5.0  # the bound is tight
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_no_motion_of_the_robot_as_a_whole_changes_a_distance(limits, robot):
+def test_rigid_motion_does_not_change_distances(limits, robot):
     model, limit = limits[robot]
     dynamics = Dynamics(model)
     dynamics.update(*random_motion(model, np.random.default_rng(3)))
@@ -193,8 +193,8 @@ def test_no_motion_of_the_robot_as_a_whole_changes_a_distance(limits, robot):
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_what_was_computed_before_changes_no_row(limits, robot):
-    """The rows of a limit that has seen a motion are those of one that sees the state for the first time."""
+def test_rows_do_not_depend_on_earlier_states(limits, robot):
+    """The rows do not depend on earlier states."""
     model, limit = limits[robot]
     rng, dynamics = np.random.default_rng(4), Dynamics(model)
     k, used, skipped = 400, 0, 0
@@ -210,7 +210,7 @@ def test_what_was_computed_before_changes_no_row(limits, robot):
         skipped += len(limit._pair_names) - limit.computed
         if i % 10 == 9:
             distances = limit.distances(dynamics)
-            assert (limit._least <= [distances[name] + 1e-9 for name in limit._pair_names]).all()
+            assert (limit._distance_bounds <= [distances[name] + 1e-9 for name in limit._pair_names]).all()
             new = another(model, limit)
             new.fill(dynamics, 0.002, *filled[1])
             assert new.computed > 0
@@ -219,11 +219,11 @@ def test_what_was_computed_before_changes_no_row(limits, robot):
                 np.testing.assert_array_equal(ours, fresh)
             used += np.isfinite(filled[0][1]).sum()
     assert used > 5
-    assert skipped > 0.8 * 120 * len(limit._pair_names)  # it saved something
+    assert skipped > 0.8 * 120 * len(limit._pair_names)  # most distances were skipped
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_no_distance_changes_faster_than_the_joints_between_its_links_allow(limits, robot):
+def test_distance_rates_are_bounded_by_the_levers(limits, robot):
     model, limit = limits[robot]
     rng, dynamics, tight = np.random.default_rng(8), Dynamics(model), []
     for joint in rng.choice(np.arange(6, model.nv), 12, replace=False):
@@ -232,16 +232,16 @@ def test_no_distance_changes_faster_than_the_joints_between_its_links_allow(limi
         v[joint] = 1.0
         dynamics.update(q, v)
         before, _, after = along(model, limit, q, v, 1.0e-3, range(len(limit._pair_names)))
-        limit._find(dynamics, 0.02)
+        limit._compute_near_distances(dynamics, 0.02)
         rate, most = np.abs(after - before) / 2.0e-3, limit._table.sums[limit._table.ends, 0].sum(axis=1)
         assert (rate <= most + 1.0e-6).all()
         tight.append(np.max(rate / np.where(most > 0.0, most, 1.0)))
-    assert max(tight) > 0.4  # nor is it far more than it can be
+    assert max(tight) > 0.4  # the bound is tight
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_no_pair_that_needs_a_row_is_passed_over(limits, robot):
-    """However fast the links move: against the distances and rates of all pairs, one by one."""
+def test_no_pair_is_missed(limits, robot):
+    """At any speed, compared with the distances and rates of all pairs."""
     model, limit = limits[robot]
     rng, dynamics, found, all_pairs = np.random.default_rng(9), Dynamics(model), 0, list(range(len(limit._pair_names)))
     filled = np.empty((400, model.nv)), np.empty(400), np.empty(400)
@@ -254,26 +254,26 @@ def test_no_pair_that_needs_a_row_is_passed_over(limits, robot):
         assert new.computed < 0.7 * len(all_pairs)
         distance = np.array(list(new.distances(dynamics).values()))
         bound = limit.bound(distance, rows_of(new, dynamics, all_pairs)[0] @ v, limit.horizon)
-        needed = {limit._pair_names[i] for i in np.flatnonzero(bound >= -_FASTER / limit.horizon)}
+        needed = {limit._pair_names[i] for i in np.flatnonzero(bound >= -_SPEED_INCREASE / limit.horizon)}
         assert set(new.names) - {"self_collision:unused"} == needed
         found += len(needed)
     assert found > 50
 
 
-# The barrier. ------------------------------------------------------------------------------------------------------
+# Barrier -------------------------------------------------------------------------------------------------------------
 
 
 def barrier(acceleration=10.0, horizon=0.02):
-    """A barrier at `MARGIN`, with what it keeps for inexact rows."""
+    """Return a barrier at `MARGIN` plus the row error."""
     limit = SelfCollisionLimit.__new__(SelfCollisionLimit)
-    limit.acceleration, limit.horizon, limit.margin = acceleration, horizon, MARGIN - INEXACT
+    limit.acceleration, limit.horizon, limit.margin = acceleration, horizon, MARGIN - ROW_ERROR
     return limit
 
 
 @pytest.mark.parametrize("acceleration", [3.0, 40.0])
 @pytest.mark.parametrize("horizon", [0.0, 0.02])
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.005])
-def test_from_viable_distances_the_margin_is_never_passed(period, horizon, acceleration):
+def test_viable_distances_keep_the_margin(period, horizon, acceleration):
     limit, rng = barrier(acceleration, horizon), np.random.default_rng(5)
     T = max(period, horizon)
     room = rng.uniform(0.0, 0.5, 2000)
@@ -281,14 +281,14 @@ def test_from_viable_distances_the_margin_is_never_passed(period, horizon, accel
     d, rate = MARGIN + room, -fastest * rng.random(2000)
     for i in range(int(1.5 / period)):
         bound = limit.bound(d, rate, T)
-        assert (bound <= 1.5 * acceleration).all()  # about what was counted on is enough
-        a = np.maximum(bound, -30.0 if i % 50 < 40 else 5.0)  # closes as hard as it may, and now and then parts
+        assert (bound <= 1.5 * acceleration).all()  # little more than A is required
+        a = np.maximum(bound, -30.0 if i % 50 < 40 else 5.0)  # closes with full demand, and separates at times
         d, rate = d + period * rate + 0.5 * period**2 * a, rate + period * a
         assert d.min() >= MARGIN - 1.0e-6
-    assert np.median(d) < MARGIN + 0.01  # it mattered
+    assert np.median(d) < MARGIN + 0.01  # the barrier was active
 
 
-def test_links_that_start_too_near_part_gently():
+def test_links_nearer_than_the_margin_separate_slowly():
     limit = barrier()
     d, rate, fastest, hardest = np.array([-0.05, 0.0, 0.015]), np.zeros(3), 0.0, 0.0
     for _ in range(1500):
@@ -300,15 +300,15 @@ def test_links_that_start_too_near_part_gently():
     assert hardest <= RETURN_SPEED / 0.02 * (1.0 + 1e-9)
 
 
-def test_what_is_not_a_number_stays_so():
+def test_nan_stays_nan():
     assert np.isnan(barrier().bound(np.array([np.nan, 0.1]), np.array([0.0, np.nan]), 0.02)).all()
 
 
-# Arms commanded through the torso and through each other. ------------------------------------------------------------
+# Arms commanded through the torso and through each other -------------------------------------------------------------
 
 
 class Original:
-    """Distances between the links of a robot with all its joints, by the hulls of the original meshes."""
+    """Distances between all links of a robot by the hulls of the original meshes."""
 
     def __init__(self, model, names):
         self.model, self.reduced = pin.buildModelFromXML(model.urdf, pin.JointModelFreeFlyer()), model
@@ -353,7 +353,7 @@ def of_arms(robot, names):
 
 
 def adversarial(kind, base, rng):
-    """Goals of the hands: (position, position)."""
+    """Return goals of the hands: (position, position)."""
     (left, right) = base
     if kind == "torso":
         return np.array([0.0, -0.05, left[2] + 0.1]), np.array([0.0, 0.05, right[2] + 0.1])
@@ -365,7 +365,7 @@ def adversarial(kind, base, rng):
 
 
 def run(bench, kind, cycles, back=0):
-    """Command the hands, for some cycles to where they must not go, then back to where they were; the motion."""
+    """Command the hands to colliding positions for some cycles, then back; return the motion."""
     model, controller = bench.model, bench.controller
     rest = bench.references(left_hand=5.0, right_hand=5.0)
     base = [rest.tasks[hand].position[:3] for hand in ("left_hand", "right_hand")]
@@ -388,7 +388,7 @@ def run(bench, kind, cycles, back=0):
 
 
 @pytest.mark.parametrize(("robot", "kind"), [*product(SRDF, ["torso", "cross"]), ("g1", "random")])
-def test_arms_keep_their_distance_whatever_they_are_commanded(bench, robot, kind):
+def test_arms_keep_their_distance(bench, robot, kind):
     held, free = bench(robot, limits=settings(robot)), bench(robot)
     names = of_arms(robot, held.controller.formulation.row_limits[0]._pair_names)
     original = Original(held.model, names)
@@ -397,11 +397,11 @@ def test_arms_keep_their_distance_whatever_they_are_commanded(bench, robot, kind
     least = min(original.least(q) for q, _, _ in visited[::6])
     assert least[0] > MARGIN - TOLERANCE, least
     without, _ = run(free, kind, 100)
-    assert min(original.least(q) for q, _, _ in without[50::10])[0] < 0.0  # it mattered
+    assert min(original.least(q) for q, _, _ in without[50::10])[0] < 0.0  # collides without the limit
 
 
 @pytest.mark.parametrize("robot", SRDF)
-def test_the_hands_are_where_they_are_wanted_when_the_way_is_free(bench, robot):
+def test_hands_reach_free_goals(bench, robot):
     visited, errors = run(bench(robot, limits=settings(robot)), "torso", 100, back=300)
     assert max(errors) < 0.01
     _, _, last = visited[-1]
@@ -413,11 +413,11 @@ def test_the_hands_are_where_they_are_wanted_when_the_way_is_free(bench, robot):
 @pytest.mark.parametrize("rows", [0, 1, 3, 200])
 @pytest.mark.parametrize("spoilt", [False, True])
 def test_pairs_with_the_largest_required_acceleration_have_a_row(limits, rows, spoilt):
-    """In the order of the pairs; what is not a number comes last."""
+    """In the order of the pairs; NaN comes last."""
     model, all_pairs = limits["g1"]
     limit, dynamics, rng, period = another(model, all_pairs), Dynamics(model), np.random.default_rng(2), 0.002
     dynamics.update(model.configuration(model.posture), 2.0 * rng.normal(size=model.nv))
-    find = limit._find
+    find = limit._compute_near_distances
 
     def found(*args):
         near = find(*args)
@@ -425,7 +425,7 @@ def test_pairs_with_the_largest_required_acceleration_have_a_row(limits, rows, s
             limit._distances[near[0]] = np.nan
         return near
 
-    limit._find = found
+    limit._compute_near_distances = found
     block, lower, upper = rng.normal(size=(rows, model.nv + 3)), rng.normal(size=rows), rng.normal(size=rows)
     C, rest = block[:, : model.nv], block[:, model.nv :].copy()
     limit.fill(dynamics, period, C, lower, upper)
@@ -434,7 +434,7 @@ def test_pairs_with_the_largest_required_acceleration_have_a_row(limits, rows, s
     J, rate, drift = limit._rows(dynamics, near)
     ahead = max(period, limit.horizon)
     bound = limit.bound(limit._distances[near], rate, ahead)
-    needed = ~(bound < -_FASTER / ahead)
+    needed = ~(bound < -_SPEED_INCREASE / ahead)
     asks = dict(zip(near[needed].tolist(), (bound - drift)[needed].tolist(), strict=True))
     ranked = sorted(asks, key=lambda pair: (np.isnan(asks[pair]), -asks[pair]))[:rows]
     expected = sorted(ranked)
@@ -452,7 +452,7 @@ def test_pairs_with_the_largest_required_acceleration_have_a_row(limits, rows, s
 
 
 @pytest.mark.parametrize("where", ["position", "velocity"])
-def test_a_state_that_is_not_finite_is_refused_and_leaves_nothing_behind(bench, where):
+def test_nan_states_are_refused_without_side_effects(bench, where):
     g1 = bench("g1", limits=settings("g1"))
     good = g1.controller.solve(g1.state(), g1.references())
     names = g1.controller.formulation.row_limits[0].names
@@ -465,7 +465,7 @@ def test_a_state_that_is_not_finite_is_refused_and_leaves_nothing_behind(bench, 
     np.testing.assert_allclose(again.tau, good.tau, atol=1e-6)
 
 
-def test_pairs_are_all_that_can_move_relative_to_each_other(balls):
+def test_pairs_can_move_relative_to_each_other(balls):
     _, limit = balls
     links = [f"{side}{i}" for side in "lr" for i in range(3)]
     assert {name.partition(":")[2] for name in limit._pair_names} == {
@@ -473,13 +473,13 @@ def test_pairs_are_all_that_can_move_relative_to_each_other(balls):
     }
 
 
-# Conflicts: the guilty constraints, and no innocent one. ----------------------------------------------------------
+# Conflicts: the conflicting constraints without others ---------------------------------------------------------------
 
 PAIR = "self_collision:l0/r0"
 
 
 class TwoArms:
-    """Two arms of one joint each on a fixed base, whose balls close at each other and must brake by 16 m/s²."""
+    """Two arms of one joint each on a fixed base, with closing spheres that must brake with 16 m/s²."""
 
     def __init__(self):
         links = "".join(
@@ -517,7 +517,7 @@ class TwoArms:
         return self.controller.explain(self.state, self.references, before)
 
 
-def test_two_arms_that_can_brake_do():
+def test_two_arms_brake():
     arms = TwoArms()
     assert arms.explain() is None
     solution = arms.controller.solve(arms.state, arms.references)
@@ -549,7 +549,7 @@ def slow_torques(arms):
 
 
 @pytest.mark.parametrize("case", [weak_and_braked, both_braked, both_weak, slow_torques])
-def test_the_guilty_are_named_and_no_innocent_one(case):
+def test_conflict_names_only_conflicting_constraints(case):
     why, guilty = case(TwoArms())
     assert set(why.conflict) == guilty
     assert "distance of l0 and r0 (has to change by at least" in why.sentence
@@ -560,7 +560,7 @@ FEET = {"g1": ("left_ankle_roll_link", "right_ankle_roll_link"), "talos": ("leg_
 
 
 @pytest.mark.parametrize("robot", FEET)
-def test_feet_that_should_part_but_stand_are_named(bench, robot):
+def test_standing_feet_nearer_than_the_margin_are_named(bench, robot):
     pair = "/".join(FEET[robot])
     stands = bench(robot, limits={"self_collision": SelfCollisionSettings(enabled=True, pairs=[pair], margin=0.01)})
     (limit,) = stands.controller.formulation.row_limits
@@ -572,8 +572,8 @@ def test_feet_that_should_part_but_stand_are_named(bench, robot):
     }
 
 
-def test_a_conflict_is_relaxed_to_what_can_be_had():
-    """Arms too weak to stop in time: the limit gives, and they still brake as hard as they can."""
+def test_relaxed_conflict_brakes_with_full_torque():
+    """Arms too weak to stop in time: the limit is relaxed, and they brake with full torque."""
     arms = TwoArms()
     arms.weaken(0, 0.5)
     arms.weaken(1, 0.5)

@@ -56,7 +56,7 @@ def trajectory(task, *times, start=None, size=3, offset=0.0):
 
 
 def assert_no_jump(board, task, time, before):
-    """The reference just after a change is the one just before it, in all three of its parts."""
+    """Compare the references just before and after a change, in all three parts."""
     after = board.sample(time).tasks[task]
     np.testing.assert_allclose(after.position, before.position, atol=1e-9)
     np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-7)
@@ -65,7 +65,7 @@ def assert_no_jump(board, task, time, before):
     np.testing.assert_allclose(later.acceleration, before.acceleration, atol=1e-3)
 
 
-def test_after_a_reset_everything_stays_where_the_robot_is(board, dynamics):
+def test_reset_holds_the_present_state(board, dynamics):
     for time in (START, START + 100.0):
         references = board.sample(time)
         for name, plan in board.plans.items():
@@ -76,7 +76,7 @@ def test_after_a_reset_everything_stays_where_the_robot_is(board, dynamics):
         assert not references.external_wrenches
 
 
-def test_a_setpoint_is_reached_in_its_duration_and_kept(board, dynamics):
+def test_setpoint_is_reached_in_its_duration(board, dynamics):
     before = board.sample(START).tasks["com"]
     board.apply([SetSetpoint("com", GOAL)], dynamics, START)
     assert_no_jump(board, "com", START, before)
@@ -90,7 +90,7 @@ def test_a_setpoint_is_reached_in_its_duration_and_kept(board, dynamics):
 
 
 @pytest.mark.parametrize("replaced_at", [0.2, 0.5, 0.99])
-def test_a_setpoint_replaced_in_mid_flight_makes_no_jump(board, dynamics, replaced_at):
+def test_replaced_setpoint_is_continuous(board, dynamics, replaced_at):
     board.apply([SetSetpoint("com", GOAL)], dynamics, START)
     now = START + replaced_at
     before = board.sample(now).tasks["com"]
@@ -100,7 +100,7 @@ def test_a_setpoint_replaced_in_mid_flight_makes_no_jump(board, dynamics, replac
     np.testing.assert_array_equal(board.sample(now + DURATION).tasks["com"].position, -GOAL)
 
 
-def test_a_pose_replaced_in_mid_flight_makes_no_jump_in_its_turn(board, dynamics):
+def test_replaced_pose_is_continuous(board, dynamics):
     board.apply([EnableTask("foot", True)], dynamics, START)
     goals = [
         np.concatenate([GOAL, pin.Quaternion(pin.exp3(np.array(turn))).coeffs()])
@@ -115,7 +115,7 @@ def test_a_pose_replaced_in_mid_flight_makes_no_jump_in_its_turn(board, dynamics
     np.testing.assert_array_equal(last.position, goals[-1])
 
 
-def test_a_trajectory_joins_the_present_reference_without_a_jump(board, dynamics):
+def test_trajectory_joins_the_present_reference(board, dynamics):
     board.apply([SetSetpoint("com", GOAL)], dynamics, START)
     now = START + 0.3
     before = board.sample(now).tasks["com"]
@@ -128,20 +128,20 @@ def test_a_trajectory_joins_the_present_reference_without_a_jump(board, dynamics
 @pytest.mark.parametrize(
     ("times", "start", "at", "reached"),
     [
-        ((0.5, 1.0), START + 5.0, START + 5.5, 0.5),  # it starts later
-        ((0.0, 1.0, 2.0), START - 1.5, START + 0.5, 2.0),  # under way, it is joined at its next point
-        ((0.0, 1.0), None, START + 1.0, 1.0),  # its first point, at once, is not jumped to
+        ((0.5, 1.0), START + 5.0, START + 5.5, 0.5),  # starts later
+        ((0.0, 1.0, 2.0), START - 1.5, START + 0.5, 2.0),  # in progress: joined at its next point
+        ((0.0, 1.0), None, START + 1.0, 1.0),  # the first point, at the present time, is skipped
         ((0.0,), None, START + DURATION, 0.0),
     ],
 )
-def test_a_trajectory_of_any_start_is_joined_without_a_jump(board, dynamics, times, start, at, reached):
+def test_trajectory_with_any_start_is_joined(board, dynamics, times, start, at, reached):
     before = board.sample(START).tasks["com"]
     board.apply([trajectory("com", *times, start=start)], dynamics, START)
     assert_no_jump(board, "com", START, before)
     np.testing.assert_allclose(board.sample(at).tasks["com"].position, reached, atol=1e-12)
 
 
-def test_a_trajectory_that_is_followed_already_goes_on_when_it_is_sent_again(board, dynamics):
+def test_repeated_trajectory_has_no_effect(board, dynamics):
     again = trajectory("com", 0.5, 1.0, 2.0, start=START)
     board.apply([again], dynamics, START)
     times = [START + 1.3, START + 1.35, START + 1.6, START + 1.9]
@@ -152,7 +152,7 @@ def test_a_trajectory_that_is_followed_already_goes_on_when_it_is_sent_again(boa
         np.testing.assert_allclose(board.sample(time).tasks["com"].velocity, reference.velocity, atol=1e-8)
 
 
-def test_a_trajectory_in_the_past_is_refused_and_nothing_else_is_applied(board, dynamics):
+def test_past_trajectory_is_refused_with_all_changes(board, dynamics):
     before = board.sample(START)
     changes = [SetWeight("com", 1.0), SetSetpoint("com", GOAL), EnableContact("left", False), EnableTask("foot", True)]
     late = trajectory("com", 1.0, 2.0, start=START - 2.5)
@@ -162,16 +162,16 @@ def test_a_trajectory_in_the_past_is_refused_and_nothing_else_is_applied(board, 
     assert after.weights == before.weights
     assert after.contacts == before.contacts
     np.testing.assert_array_equal(after.tasks["com"].position, before.tasks["com"].position)
-    board.apply(changes, dynamics, START)  # without it they are applied
+    board.apply(changes, dynamics, START)  # applied without the refused change
     assert board.sample(START + 10.0).weights["com"] == 1.0
 
 
-# Tasks that are off --------------------------------------------------------------------------------------------------
+# Disabled tasks ------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def elsewhere(load, random_state):
-    """The robot has moved since the controller started."""
+    """Return a snapshot after a motion of the robot."""
     model, _ = load("go2")
     snapshot = Dynamics(model)
     snapshot.update(*random_state(model, np.random.default_rng(1)))
@@ -195,21 +195,21 @@ def assert_starts_here_and_reaches(board, elsewhere, now, reached):
 
 @pytest.mark.parametrize("changes", [(SETPOINT, ENABLE), (ENABLE, SETPOINT)])
 @pytest.mark.parametrize("together", [True, False])
-def test_a_task_enabled_with_a_setpoint_starts_where_the_robot_is(board, elsewhere, changes, together):
+def test_enabled_task_starts_at_the_present_state(board, elsewhere, changes, together):
     now = START + 3.0
     for group in [changes] if together else [[change] for change in changes]:
         board.apply(group, elsewhere, now)
     assert_starts_here_and_reaches(board, elsewhere, now, now + DURATION)
 
 
-def test_a_setpoint_waits_for_its_task(board, dynamics, elsewhere):
+def test_setpoint_of_a_disabled_task_is_stored(board, dynamics, elsewhere):
     board.apply([SETPOINT], dynamics, START + 1.0)
     assert board.sample(START + 2.9).weights["foot"] == 0.0
     board.apply([ENABLE], elsewhere, START + 3.0)
     assert_starts_here_and_reaches(board, elsewhere, START + 3.0, START + 3.0 + DURATION)
 
 
-def test_a_setpoint_that_comes_while_its_task_fades_out_is_not_forgotten(board, dynamics, elsewhere):
+def test_setpoint_during_the_ramp_to_zero_is_stored(board, dynamics, elsewhere):
     board.apply([ENABLE], dynamics, START)
     board.apply([EnableTask("foot", False)], dynamics, START + 2.0)
     board.apply([SETPOINT], dynamics, START + 2.0 + 0.5 * WEIGHT_RAMP)
@@ -217,7 +217,7 @@ def test_a_setpoint_that_comes_while_its_task_fades_out_is_not_forgotten(board, 
     assert_starts_here_and_reaches(board, elsewhere, START + 5.0, START + 5.0 + DURATION)
 
 
-def test_a_task_enabled_again_while_it_fades_out_goes_on(board, dynamics):
+def test_task_enabled_during_its_ramp_to_zero_continues(board, dynamics):
     board.apply([ENABLE, SETPOINT], dynamics, START)
     board.apply([EnableTask("foot", False)], dynamics, START + 0.6)
     now = START + 0.8
@@ -229,7 +229,7 @@ def test_a_task_enabled_again_while_it_fades_out_goes_on(board, dynamics):
     np.testing.assert_array_equal(board.sample(START + DURATION).tasks["foot"].position, POSE)
 
 
-def test_a_goal_that_was_used_is_not_used_again(board, dynamics, elsewhere):
+def test_stored_goal_is_used_once(board, dynamics, elsewhere):
     board.apply([SETPOINT], dynamics, START)
     board.apply([ENABLE], dynamics, START)
     board.apply([EnableTask("foot", False)], dynamics, START + 2.0)
@@ -239,7 +239,7 @@ def test_a_goal_that_was_used_is_not_used_again(board, dynamics, elsewhere):
 
 
 @pytest.mark.parametrize("enabled_after", [0.0, 1.2, 5.0])
-def test_a_trajectory_for_a_task_that_is_off_is_joined_when_it_is_enabled(board, dynamics, elsewhere, enabled_after):
+def test_trajectory_of_a_disabled_task_is_joined_later(board, dynamics, elsewhere, enabled_after):
     points = tuple(still(6, time, POSE) for time in (1.0, 2.0))
     board.apply([SetTrajectory("foot", None, points)], dynamics, START)
     now = START + enabled_after
@@ -247,7 +247,7 @@ def test_a_trajectory_for_a_task_that_is_off_is_joined_when_it_is_enabled(board,
     assert_starts_here_and_reaches(board, elsewhere, now, max(START + 2.0, now + DURATION))
 
 
-def test_a_reset_forgets_goals_wrenches_and_weights(board, dynamics, elsewhere):
+def test_reset_discards_goals_wrenches_and_weights(board, dynamics, elsewhere):
     board.apply([SETPOINT, SetExternalWrench("base", np.ones(6)), SetWeight("com", 1.0)], dynamics, START)
     board.reset(elsewhere, START + 1.0)
     references = board.sample(START + 1.0)
@@ -258,10 +258,10 @@ def test_a_reset_forgets_goals_wrenches_and_weights(board, dynamics, elsewhere):
     np.testing.assert_array_equal(board.sample(START + 9.0).tasks["foot"].position, here)
 
 
-# Durations of zero, weights and contacts -----------------------------------------------------------------------------
+# Zero durations, weights and contacts --------------------------------------------------------------------------------
 
 
-def test_a_setpoint_without_duration_holds_at_once(board, dynamics):
+def test_setpoint_without_duration_is_immediate(board, dynamics):
     goal = np.linspace(-1.0, 1.0, 12)
     board.apply([SetSetpoint("posture", goal)], dynamics, START + 1.0)
     reference = board.sample(START + 1.0).tasks["posture"]
@@ -270,20 +270,20 @@ def test_a_setpoint_without_duration_holds_at_once(board, dynamics):
     assert not reference.acceleration.any()
 
 
-def test_a_weight_is_ramped_and_survives_being_switched_off(board, dynamics):
+def test_weight_ramps(board, dynamics):
     board.apply([SetWeight("com", 150.0)], dynamics, START)
     weights = [board.sample(START + share * WEIGHT_RAMP).weights["com"] for share in (0.0, 0.25, 1.0, 5.0)]
     quarter = (0.75 * 50.0 ** (1 / 3) + 0.25 * 150.0 ** (1 / 3)) ** 3
     assert weights == pytest.approx([50.0, quarter, 150.0, 150.0])
     board.apply([EnableTask("com", False)], dynamics, START + 1.0)
-    board.apply([SetWeight("com", 20.0)], dynamics, START + 1.0 + 0.5 * WEIGHT_RAMP)  # off: it stays on its way to 0
+    board.apply([SetWeight("com", 20.0)], dynamics, START + 1.0 + 0.5 * WEIGHT_RAMP)  # disabled: still on its ramp to 0
     assert board.sample(START + 1.0 + 0.5 * WEIGHT_RAMP).weights["com"] == pytest.approx(150.0 / 8)
     assert board.sample(START + 3.0).weights["com"] == 0.0
     board.apply([EnableTask("com", True)], dynamics, START + 3.0)
     assert board.sample(START + 4.0).weights["com"] == 20.0
 
 
-def test_a_contact_is_loaded_and_unloaded_by_a_ramp(board, dynamics):
+def test_contact_activation_ramps(board, dynamics):
     board.apply([EnableContact("left", False), EnableContact("right", True)], dynamics, START)
     half = board.sample(START + 0.5 * CONTACT_RAMP).contacts
     assert half["left"] == pytest.approx(0.125)
@@ -294,12 +294,12 @@ def test_a_contact_is_loaded_and_unloaded_by_a_ramp(board, dynamics):
     assert board.sample(START + 1.0).contacts == {"left": 1.0, "right": 1.0, "stiff": 1.0}
 
 
-def test_a_contact_without_ramp_breaks_at_once(board, dynamics):
+def test_contact_without_ramp_ends_immediately(board, dynamics):
     board.apply([EnableContact("stiff", False)], dynamics, START)
     assert board.sample(START).contacts["stiff"] == 0.0
 
 
-def test_external_wrenches_last_until_they_are_replaced(board, dynamics):
+def test_external_wrenches_are_held(board, dynamics):
     wrench = np.arange(6.0)
     board.apply([SetExternalWrench("base", np.ones(6))], dynamics, START)
     board.apply([SetExternalWrench("base", wrench), SetExternalWrench("FL_foot", -wrench)], dynamics, START)
@@ -309,19 +309,19 @@ def test_external_wrenches_last_until_they_are_replaced(board, dynamics):
 
 
 def relative(board, dynamics, task, position, frame, time=START):
-    """Where a setpoint in another frame leads to."""
+    """Return the target of a setpoint in another frame."""
     board.apply([SetSetpoint(task, np.asarray(position, dtype=float), frame=frame)], dynamics, time)
     return board.sample(time + 100.0).tasks[task].position
 
 
-def test_two_steps_add_up_however_soon_the_second_one_comes(board, dynamics):
+def test_relative_setpoints_add_up(board, dynamics):
     start = board.sample(START).tasks["com"].position
     relative(board, dynamics, "com", [0.02, 0.0, 0.0], "com/reference")
     reached = relative(board, dynamics, "com", [0.02, 0.0, -0.01], "com/reference", START + 0.1 * DURATION)
     np.testing.assert_allclose(reached - start, [0.04, 0.0, -0.01], atol=1e-12)
 
 
-def test_a_step_by_the_heading_is_level_and_goes_where_the_base_looks(board, dynamics):
+def test_setpoint_in_the_heading_frame(board, dynamics):
     start = board.sample(START).tasks["com"].position
     step = relative(board, dynamics, "com", [0.03, 0.0, 0.01], "com/heading") - start
     ahead = pin.XYZQUATToSE3(dynamics.q[:7]).rotation[:, 0]
@@ -329,7 +329,7 @@ def test_a_step_by_the_heading_is_level_and_goes_where_the_base_looks(board, dyn
     np.testing.assert_allclose(step[:2], 0.03 * ahead[:2] / np.linalg.norm(ahead[:2]), atol=1e-12)
 
 
-def test_a_pose_in_a_frame_of_the_robot_and_a_turn_from_the_own_reference(board, dynamics):
+def test_setpoints_in_robot_and_reference_frames(board, dynamics):
     board.apply([EnableTask("foot", True)], dynamics, START)
     base = dynamics.placement(dynamics.model.frame_id("base", "frame"))
     at = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([0.2, 0.0, -0.3]))
@@ -342,7 +342,7 @@ def test_a_pose_in_a_frame_of_the_robot_and_a_turn_from_the_own_reference(board,
     np.testing.assert_allclose(pin.XYZQUATToSE3(turned).rotation, turn @ reached.rotation, atol=1e-9)
 
 
-def test_a_task_that_is_off_counts_from_its_own_place_and_from_what_waits_for_it(board, dynamics):
+def test_relative_setpoints_of_a_disabled_task(board, dynamics):
     start = board.plans["foot"].task.position(dynamics)
     for _ in range(2):
         relative(board, dynamics, "foot", [0, 0, 0.1, 0, 0, 0, 1], "foot/reference")
@@ -350,20 +350,20 @@ def test_a_task_that_is_off_counts_from_its_own_place_and_from_what_waits_for_it
     np.testing.assert_allclose(board.sample(START + 100.0).tasks["foot"].position[:3], start[:3] + [0, 0, 0.2])
 
 
-def test_joints_are_displaced(board, dynamics):
+def test_relative_joint_setpoints(board, dynamics):
     start = board.sample(START).tasks["posture"].position
     step = np.linspace(-0.1, 0.1, len(start))
     np.testing.assert_allclose(relative(board, dynamics, "posture", step, "posture/reference"), start + step)
 
 
-def test_what_rests_is_given_again_as_the_same_objects(board, dynamics):
+def test_constant_references_are_the_same_objects(board, dynamics):
     board.apply([SetWeight("com", 20.0)], dynamics, START)
     ramping = board.sample(START + 0.1)
     assert board.sample(START + 0.1).weights is not ramping.weights
     end = START + WEIGHT_RAMP
     rested = board.sample(end)
     assert board.sample(end + 1.0) is rested
-    assert board.sample(START + 0.1).weights == ramping.weights  # a clock that goes back
+    assert board.sample(START + 0.1).weights == ramping.weights  # the clock goes back
     board.apply([SetSetpoint("com", GOAL)], dynamics, end + 1.0)
     moving = board.sample(end + 1.5)
     assert moving.tasks["com"].velocity.any()

@@ -28,7 +28,7 @@ def knot(kind, rng, time, speed=1.0):
 
 
 def displacement(kind, start, end):
-    """From one position to another, rotations as vectors in world axes."""
+    """Return the displacement between positions, with rotations as vectors in world axes."""
     if kind in ("vector", "joints"):
         return end - start
     turn = [pin.Quaternion(q[-4:]).toRotationMatrix() for q in (start, end)]
@@ -36,7 +36,7 @@ def displacement(kind, start, end):
 
 
 def journey(kind, seed):
-    """Three knots that move: their turns are not along one axis."""
+    """Return three moving knots with rotations about different axes."""
     rng = np.random.default_rng(seed)
     return [knot(kind, rng, time) for time in (2.0, 2.7, 3.9)]
 
@@ -44,7 +44,7 @@ def journey(kind, seed):
 @pytest.mark.parametrize("kind", KINDS)
 @some
 @given(seed=seeds)
-def test_a_trajectory_passes_its_knots_with_their_velocity_and_acceleration(kind, seed):
+def test_trajectory_interpolates_its_knots(kind, seed):
     knots = journey(kind, seed)
     trajectory = Trajectory(knots)
     for point, time in ((0, 2.0), (1, 2.7 - JUST), (1, 2.7), (1, 2.7 + JUST), (2, 3.9 - JUST)):
@@ -72,7 +72,7 @@ def test_velocity_and_acceleration_are_derivatives(kind, seed):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_before_and_after_it_rests_at_its_ends(kind):
+def test_trajectory_rests_before_and_after(kind):
     knots = journey(kind, 0)
     trajectory = Trajectory(knots)
     for time, end in ((0.0, knots[0]), (1.999, knots[0]), (3.9, knots[2]), (100.0, knots[2]), (np.nan, knots[0])):
@@ -83,7 +83,7 @@ def test_before_and_after_it_rests_at_its_ends(kind):
         assert reference.velocity.shape == (SIZES[kind],)
 
 
-def test_a_turn_between_knots_at_rest_is_a_geodesic():
+def test_rotation_between_resting_knots_is_a_geodesic():
     rng = np.random.default_rng(1)
     a, b = (knot("orientation", rng, time, speed=0.0) for time in (0.0, 1.0))
     trajectory = Trajectory([a, b])
@@ -94,7 +94,7 @@ def test_a_turn_between_knots_at_rest_is_a_geodesic():
         np.testing.assert_allclose(turned, share * whole, atol=1e-9)
 
 
-def test_the_sign_of_a_quaternion_does_not_matter():
+def test_sign_of_a_quaternion_has_no_effect():
     a, b, c = journey("orientation", 4)
     flipped = Trajectory([a, Knot(b.time, -b.position, b.velocity, b.acceleration), c])
     for time in (2.3, 3.1):
@@ -103,7 +103,7 @@ def test_the_sign_of_a_quaternion_does_not_matter():
         np.testing.assert_allclose(here.acceleration, there.acceleration, atol=1e-6)
 
 
-def test_one_knot_is_a_place_to_stay():
+def test_single_knot():
     only = knot("pose", np.random.default_rng(5), 1.0)
     for time in (0.0, 1.0, 2.0):
         reference = Trajectory([only]).sample(time)
@@ -111,14 +111,14 @@ def test_one_knot_is_a_place_to_stay():
         assert not reference.velocity.any()
 
 
-def test_a_ramp_goes_straight_from_one_value_to_the_other():
+def test_linear_ramp():
     ramp = Ramp(start=1.0, duration=2.0, before=4.0, after=8.0)
     assert [ramp.sample(t) for t in (0.0, 1.0, 1.5, 2.0, 3.0, 9.0)] == [4.0, 4.0, 5.0, 6.0, 8.0, 8.0]
     assert Ramp(start=1.0, duration=0.0, before=4.0, after=8.0).sample(1.0) == 8.0
 
 
-def test_a_soft_ramp_comes_to_zero_without_a_last_step():
-    """However small what it is compared with: from 5 down to 0, the last step of 250 is below 1e-6."""
+def test_soft_ramp_ends_without_a_step():
+    """From 5 to 0, the last step of 250 is below 1e-6."""
     ramp = SoftRamp(0.0, 0.5, 5.0, 0.0)
     steps = -np.diff([ramp.sample(0.002 * i) for i in range(252)])
     assert steps.min() >= 0.0
@@ -130,7 +130,7 @@ def test_a_soft_ramp_comes_to_zero_without_a_last_step():
     assert SoftRamp(0.0, 0.0, 5.0, 2.0).sample(0.0) == 2.0
 
 
-def test_a_ramp_turned_back_in_mid_flight_does_not_jump():
+def test_reversed_ramp_is_continuous():
     ramp = Ramp(0.0, 2.0, 0.0, 1.0)
     back = ramp.towards(0.0, 0.5, 1.0)
     assert back.sample(0.5) == pytest.approx(ramp.sample(0.5)) == pytest.approx(0.25)

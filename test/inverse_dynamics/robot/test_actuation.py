@@ -1,4 +1,4 @@
-"""What drives the joints: transmissions, passive joints, joints that follow others or are locked."""
+"""Actuation: transmissions, passive joints, mimic joints and locked joints."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from wbc_controller.settings import Settings
 
 
 def random_state(model: RobotModel, rng: np.random.Generator) -> RobotState:
-    """Any state that the robot can be in: followers where they belong."""
+    """Return a random state with consistent mimic joints."""
     base = (pin.SE3ToXYZQUAT(pin.SE3.Random()), rng.normal(size=6)) if model.floating_base else ()
     q, v = model.state(rng.uniform(-0.4, 0.4, model.nj), rng.normal(size=model.nj), *base)
     return RobotState(0, frozen(q), frozen(v))
@@ -42,7 +42,7 @@ def solve(settings: Settings, model: RobotModel, state: RobotState):
 
 
 @pytest.mark.parametrize("name", ["g1", "talos", "go2"])
-def test_the_shipped_robots_have_one_motor_at_each_joint(load, name):
+def test_shipped_robots_have_one_motor_per_joint(load, name):
     model, _ = load(name)
     rng = np.random.default_rng(0)
     force, torques = rng.normal(size=(model.nv, 3)), rng.normal(size=model.nj)
@@ -56,20 +56,20 @@ def test_the_shipped_robots_have_one_motor_at_each_joint(load, name):
 
 @pytest.mark.parametrize("base", ["fixed", "floating"])
 @pytest.mark.parametrize(("changes", "left"), [({}, 1), (TENDON, 2)], ids=["motors", "tendon"])
-def test_torques_come_back_from_the_generalized_force_and_coupling_forces_do_not(base, changes, left):
+def test_split_of_generalized_forces(base, changes, left):
     model = make_model(menagerie(base=base, **changes), MENAGERIE)
     actuation, rng = model.actuation, np.random.default_rng(1)
     tau, coupling = rng.normal(size=model.na), rng.normal(size=1) @ actuation.C
     force = actuation.generalized_force(tau) + coupling
     np.testing.assert_allclose(actuation.torques(force), tau, atol=1e-13)
     np.testing.assert_allclose(actuation.split(force)[: actuation.free], 0.0, atol=1e-13)
-    # Left are as many rows as the base and what no motor decides have coordinates, and they are independent.
+    # The remaining rows are independent, as many as unactuated coordinates.
     rows = left + (6 if base == "floating" else 0)
     assert np.linalg.matrix_rank(actuation.split(np.eye(model.nv))[: actuation.free]) == actuation.free == rows
     np.testing.assert_allclose(actuation.from_joints(actuation.at_joints(tau)), tau, atol=1e-13)
     v = random_state(model, rng).v
     assert actuation.C @ v == pytest.approx(0.0, abs=1e-14)
-    # Equation (20): the power is the same in all coordinates.
+    # Equation (20): the power is invariant.
     assert tau @ actuation.speeds(v) == pytest.approx(force @ v)
     assert tau @ actuation.speeds(v) == pytest.approx(actuation.at_joints(tau) @ v[model.v_index])
     np.testing.assert_allclose(actuation.speeds(v), actuation.rates(v[model.v_index]), atol=1e-13)
@@ -77,10 +77,10 @@ def test_torques_come_back_from_the_generalized_force_and_coupling_forces_do_not
 
 
 @pytest.mark.parametrize("name", ["g1", "go2"])
-def test_a_transmission_changes_torques_and_nothing_else(load, name):
-    """Square R: the accelerations, contact forces and joint torques are those of motors at the joints."""
+def test_transmission_changes_only_torques(load, name):
+    """With square R, accelerations, contact forces and joint torques are those of joint motors."""
     _, settings = load(name)
-    # Without rotors: those of transmissions would couple joints.
+    # Without rotors, as those of transmissions couple joints.
     settings = settings.model_copy(update={"robot": settings.robot.model_copy(update={"armature": 0.0})})
     model = make_model(settings)
     rng = np.random.default_rng(2)
@@ -120,11 +120,11 @@ def test_a_transmission_changes_torques_and_nothing_else(load, name):
     assert worst < 1e-8
 
 
-def test_a_torque_task_is_on_the_torques_at_the_joints(small):
+def test_torque_task_uses_joint_torques(small):
     settings, model = small
     tasks = {"effort": {"type": "torque", "joints": ["knee", "hip"], "target": [3.0, -2.0], "weight": 1e4}}
     tasks["posture"] = {"type": "posture", "weight": 1e-4}
-    limits = {"acceleration": 1e4}  # or they would have their way before the torques
+    limits = {"acceleration": 1e4}  # so that they do not bind before the torques
     settings = Settings.model_validate(settings.model_dump() | {"tasks": tasks, "limits": limits})
     state = random_state(model, np.random.default_rng(6))
     _, solution = solve(settings, model, state)
@@ -146,12 +146,12 @@ def test_rotors_add_the_energy_of_their_own_speeds(small):
     both = model.actuation.speeds(state.v)[model.actuators.index("both")]
     energy = 0.5 * state.v @ (dynamics.M - links) @ state.v
     assert energy == pytest.approx(0.5 * 0.1 * both**2)
-    # The armature is the rotors' of joints with a motor of their own: not of hip and knee, nor of the ankle.
+    # Armature applies to joints with their own motor, not to hip, knee and ankle.
     armature = make_model(menagerie(armature=0.5), MENAGERIE).pinocchio.armature[model.v_index]
     np.testing.assert_array_equal(armature, [0.0, 0.5, 0.5, 0.0, 0.0, 0.5])
 
 
-def test_the_limit_of_an_actuator_binds_on_its_own_torque(small):
+def test_actuator_limit_binds(small):
     settings, _ = small
     state = random_state(make_model(settings, MENAGERIE), np.random.default_rng(3))
     _, free = solve(settings, make_model(settings, MENAGERIE), state)
@@ -165,7 +165,7 @@ def test_the_limit_of_an_actuator_binds_on_its_own_torque(small):
     assert any(name.startswith("torque:knee_motor:") for name in bound.binding)
 
 
-def test_a_passive_joint_has_the_torque_of_its_spring_and_nothing_else(small):
+def test_passive_joint_torque(small):
     settings, model = small
     rng = np.random.default_rng(4)
     data = model.pinocchio.createData()
@@ -180,8 +180,8 @@ def test_a_passive_joint_has_the_torque_of_its_spring_and_nothing_else(small):
         assert len(solution.tau) == model.na == model.nj - 1
 
 
-def test_a_joint_that_mimics_moves_as_a_robot_without_it_would(small):
-    """The reduced coordinates of the note's 4.2.1: v = G y, and the equations of motion premultiplied by Gᵀ."""
+def test_mimic_joint_equals_reduced_coordinates(small):
+    """Reduced coordinates of the note's 4.2.1: v = G y, and equations of motion premultiplied by Gᵀ."""
     settings, model = small
     state = random_state(model, np.random.default_rng(5))
     controller, solution = solve(settings, model, state)
@@ -200,8 +200,8 @@ def test_a_joint_that_mimics_moves_as_a_robot_without_it_would(small):
 
 
 @pytest.mark.parametrize(("solver", "robot_changes"), [("daqp", {}), ("daqp", TENDON), ("proxqp", {}), ("osqp", {})])
-def test_the_equations_of_motion_close_with_everything_at_once(solver, robot_changes):
-    """A floating base on two points, a transmission, a spring, a follower; what is left over is C's."""
+def test_equations_of_motion_with_all_actuation(solver, robot_changes):
+    """Floating base on two points, with a transmission, a spring and a mimic joint; the remainder is Cᵀλ."""
     ball = {"type": "point", "max_normal_force": 500.0}
     changes = {
         "contacts": {"foot": ball | {"frame": "foot"}, "stump": ball | {"frame": "carriage"}},
@@ -225,7 +225,7 @@ def test_the_equations_of_motion_close_with_everything_at_once(solver, robot_cha
     assert solution.residuals["equations_of_motion"] <= exact
 
 
-def test_limits_of_a_follower_hold_its_leader():
+def test_limits_of_a_mimic_joint_apply_to_its_leader():
     followed = [link("a"), link("b"), link("c"), joint("first", "a", "b", lower=-2.0, upper=2.0, velocity=10.0)]
     second = joint("second", "b", "c", lower=-0.5, upper=1.0, velocity=4.0, more=mimic("first", -2.0, 0.2))
     settings = menagerie(
@@ -237,7 +237,7 @@ def test_limits_of_a_follower_hold_its_leader():
     assert make_model(settings, robot(*followed, second.replace("-2.0", "0"))).position_upper == [2.0]
 
 
-def test_a_follower_of_a_follower_follows_the_first():
+def test_chained_mimic_joints():
     parts = [link(name) for name in "abcd"] + [joint("one", "a", "b")]
     parts += [
         joint("two", "b", "c", more=mimic("one", 2.0, 0.1)),
@@ -247,7 +247,7 @@ def test_a_follower_of_a_follower_follows_the_first():
     assert (three.leader, three.ratio, three.offset) == ("one", 6.0, pytest.approx(0.8))
 
 
-def test_a_joint_is_locked_where_it_is_told_and_its_follower_with_it():
+def test_locked_joint_with_mimic_joint():
     full = pin.buildModelFromXML(MENAGERIE)
     settings = menagerie(
         joints=["hip", "knee"], posture=[0.3, -0.2], actuators=[], transmission={}, passive_joints={},
@@ -269,21 +269,21 @@ def test_a_joint_is_locked_where_it_is_told_and_its_follower_with_it():
 
 CASES = {
     "unknown passive joint": ({"passive_joints": {"ankel": {}}}, ["robot.passive_joints: 'ankel'", "'ankle'"]),
-    "actuator that is passive": (
+    "passive actuator": (
         {"actuators": ["rail", "both", "shoulder", "knee_motor", "elbow", "ankle"]},
         ["robot.actuators: 'ankle' is neither in robot.transmission nor a joint", "Valid: "],
     ),
-    "actuator that is unknown": (
+    "unknown actuator": (
         {"actuators": ["rail", "both", "shoulder", "knee_moter", "knee_motor", "elbow"]},
         ["robot.actuators: 'knee_moter'", "did you mean 'knee_motor'"],
     ),
-    "order missing": ({"actuators": []}, ["robot.actuators: needed with robot.transmission", "both, knee_motor"]),
+    "order missing": ({"actuators": []}, ["robot.actuators: required with robot.transmission", "both, knee_motor"]),
     "transmission not in the order": (
         {"actuators": ["rail", "both", "shoulder", "elbow"]}, ["robot.actuators: 'knee_motor'", "missing"],
     ),
     "joint without a motor": (
         {"actuators": ["both", "shoulder", "knee_motor", "elbow"]},
-        ["joint 'rail' is driven by none of them", "robot.passive_joints"],
+        ["no actuator drives joint 'rail'", "robot.passive_joints"],
     ),
     "unknown joint of a transmission": (
         {"transmission": {"both": {"ratios": {"hipp": 1.0}, "effort_limit": 1.0}}, "actuators": ["both"]},
@@ -291,7 +291,7 @@ CASES = {
     ),
     "too many actuators": (
         {"actuators": ["hip", "rail", "both", "shoulder", "knee_motor", "elbow"]},
-        ["the actuator 'knee_motor' moves only with hip, both", "full row rank"],
+        ["actuator 'knee_motor' is a linear combination of hip, both", "full row rank"],
     ),
     "ratios of zero": (
         {"transmission": {"none": {"ratios": {"hip": 0.0}, "effort_limit": 1.0}},
@@ -300,13 +300,13 @@ CASES = {
     ),
     "nothing drives": (
         {"joints": ["ankle"], "posture": [0.0], "transmission": {}, "actuators": []},
-        ["robot.actuators: there is none"],
+        ["robot.actuators: the list is empty"],
     ),
     "follower among the joints": (
         {"joints": [*MENAGERIE_JOINTS, "wrist"], "posture": [0.0] * 7}, ["robot.joints: 'wrist' mimics 'elbow'"],
     ),
     "follower locked": ({"locked_joints": {"wrist": 0.1}}, ["robot.locked_joints: 'wrist' mimics 'elbow'"]),
-    "locked joint that moves": ({"locked_joints": {"hip": 0.1}}, ["robot.locked_joints: 'hip' is one of robot.joints"]),
+    "locked joint that moves": ({"locked_joints": {"hip": 0.1}}, ["robot.locked_joints: 'hip' is also in robot."]),
     "unknown locked joint": ({"locked_joints": {"tale": 0.1}}, ["robot.locked_joints: 'tale'", "'tail'"]),
     "locked out of reach": (
         {"locked_joints": {"slide": 2.0}}, ["robot.locked_joints: 2 rad for 'slide'", "[-0.5, 0.5]"],
@@ -315,7 +315,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_cannot_be_driven_is_refused_by_name(case):
+def test_invalid_actuation_is_refused(case):
     changes, parts = CASES[case]
     with pytest.raises(ConfigurationError) as refusal:
         make_model(menagerie(**changes), MENAGERIE)
@@ -326,12 +326,12 @@ def test_what_cannot_be_driven_is_refused_by_name(case):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (mimic("nobody", 1.0), "joint 'two' mimics 'nobody', which is no joint; Valid: one, two"),
-        (mimic("two", 1.0), "the joints two mimic each other in a circle"),
+        (mimic("nobody", 1.0), "joint 'two' mimics the unknown joint 'nobody'; Valid: one, two"),
+        (mimic("two", 1.0), "the joints two mimic each other in a cycle"),
         (mimic("one", 1.0).replace("1.0", "much"), "joint 'two': <mimic multiplier='much'> is not a number"),
     ],
 )
-def test_a_mimic_that_makes_no_sense_is_refused(more, said):
+def test_invalid_mimics_are_refused(more, said):
     with pytest.raises(ConfigurationError, match=said):
         read_mimics(
             parse_urdf(
@@ -340,7 +340,7 @@ def test_a_mimic_that_makes_no_sense_is_refused(more, said):
         )
 
 
-def test_an_actuator_that_is_too_weak_is_named():
+def test_weak_actuator_is_named():
     settings = menagerie(
         passive_joints={}, actuators=["rail", "both", "shoulder", "knee_motor", "elbow", "ankle"],
         transmission={
@@ -352,7 +352,7 @@ def test_an_actuator_that_is_too_weak_is_named():
         check(settings, MENAGERIE)
 
 
-def test_a_passive_joint_that_does_not_rest_in_the_posture_is_named():
+def test_passive_joint_without_equilibrium_is_named():
     found = {finding.subject: finding.text for finding in check(menagerie(), MENAGERIE)}
     assert found["joints"].startswith("6, 5 actuators, 1 passive, 1 that follow others, base fixed")
     assert found["passive joints"].startswith("not in balance in the posture: ankle by ")

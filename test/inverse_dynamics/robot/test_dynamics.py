@@ -24,14 +24,14 @@ def close(a, b, tolerance=1e-9):
 
 @pytest.fixture(scope="module")
 def snapshots(load):
-    """One snapshot per robot, used again for every state: nothing of the state before may be left."""
+    """Return one snapshot per robot, reused for every state."""
     return {robot: Dynamics(load(robot)[0]) for robot in ROBOTS}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @some
 @given(seed=seeds)
-def test_the_snapshot_is_what_pinocchio_computes_term_by_term(snapshots, random_state, robot, seed):
+def test_snapshot_equals_pinocchio(snapshots, random_state, robot, seed):
     dynamics = snapshots[robot]
     model = dynamics.model.pinocchio
     q, v = random_state(dynamics.model, np.random.default_rng(seed))
@@ -57,7 +57,7 @@ def test_the_snapshot_is_what_pinocchio_computes_term_by_term(snapshots, random_
 @pytest.mark.parametrize("robot", ROBOTS)
 @some
 @given(seed=seeds)
-def test_frames_are_where_pinocchio_puts_them(snapshots, random_state, robot, seed):
+def test_frames_equal_pinocchio(snapshots, random_state, robot, seed):
     dynamics = snapshots[robot]
     model = dynamics.model.pinocchio
     q, v = random_state(dynamics.model, np.random.default_rng(seed))
@@ -72,7 +72,7 @@ def test_frames_are_where_pinocchio_puts_them(snapshots, random_state, robot, se
         J = pin.computeFrameJacobian(model, model.createData(), q, frame, axes)
         close(dynamics.jacobian(frame, axes), J)
         close(dynamics.velocity(frame, axes), J @ v)
-    # Spatial, in the frame's own axes: its drift is J̇ v with the Jacobian's own rate.
+    # Spatial acceleration in the frame's own axes: J̇ v with the rate of the local Jacobian.
     rate = pin.getFrameJacobianTimeVariation(model, data, frame, pin.LOCAL)
     close(dynamics.drift_local(frame), rate @ v, 1e-8)
     twist = dynamics.velocity(frame, pin.LOCAL_WORLD_ALIGNED)
@@ -82,7 +82,7 @@ def test_frames_are_where_pinocchio_puts_them(snapshots, random_state, robot, se
     close(dynamics.drift_world(frame), classical, 1e-8)
 
 
-def test_the_reflected_inertia_of_the_rotors_is_in_the_inertia_matrix(load):
+def test_inertia_matrix_contains_rotor_inertia(load):
     model, settings = load("g1")
     armature = settings.robot.armature
     assert armature > 0.0
@@ -94,7 +94,7 @@ def test_the_reflected_inertia_of_the_rotors_is_in_the_inertia_matrix(load):
     np.testing.assert_allclose(np.triu(dynamics.M - without)[:6, :6], 0.0, atol=1e-9)
 
 
-def test_an_external_wrench_acts_with_its_power(snapshots, random_state):
+def test_external_force_has_the_power_of_the_wrench(snapshots, random_state):
     dynamics = snapshots["g1"]
     rng = np.random.default_rng(3)
     dynamics.update(*random_state(dynamics.model, rng))
@@ -104,15 +104,15 @@ def test_an_external_wrench_acts_with_its_power(snapshots, random_state):
     assert dynamics.external_force("torso_link", wrench) @ dynamics.v == pytest.approx(wrench @ twist)
 
 
-def test_a_new_snapshot_stands_in_the_nominal_posture(load):
+def test_new_snapshot_has_the_nominal_posture(load):
     model, _ = load("talos")
     dynamics = Dynamics(model)
     np.testing.assert_array_equal(dynamics.q[model.q_index], model.posture)
     assert not dynamics.v.any()
 
 
-def test_a_robot_of_one_joint_has_matrices_of_one_column():
-    """Pinocchio gives those of (6, nv) as (6,) where nv is 1."""
+def test_matrices_of_a_robot_with_one_joint():
+    """Pinocchio returns (6,) instead of (6, nv) for nv = 1."""
     urdf = robot(link("base"), link("arm"), joint("shoulder", "base", "arm"))
     own = {"base": "fixed", "joints": ["shoulder"], "posture": [0.3]}
     pose = {"type": "frame_pose", "frame": "arm", "weight": 1.0}
@@ -131,4 +131,4 @@ def test_a_robot_of_one_joint_has_matrices_of_one_column():
     controller.reset([0.3], [0.0])
     for i in range(1, 700):
         result = controller.step([0.3], [0.0], i * controller.period)
-    close(result.tau, controller.dynamics.h, 1e-3)  # it carries the arm
+    close(result.tau, controller.dynamics.h, 1e-3)  # carries the arm

@@ -1,4 +1,4 @@
-"""Held against Pinocchio's own functions, and against the same equations in NumPy."""
+"""Row kernels against Pinocchio's functions and NumPy."""
 
 import numpy as np
 import pinocchio as pin
@@ -33,7 +33,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def moved(robot, seed):
-    """A robot's terms at a state far from rest."""
+    """Return a robot's dynamics far from rest."""
     dynamics, rng = ROBOTS[robot], np.random.default_rng(seed)
     model = dynamics.model.pinocchio
     q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
@@ -50,7 +50,7 @@ def fill(block, dynamics, wanted, tasks=()):
 
 
 def filled(dynamics, contacts=(), tasks=()):
-    """J and right-hand sides of some contacts or tasks, as compiled code fills them, and the errors."""
+    """Return J, right-hand sides and errors of compiled rows."""
     steps = [*contacts, *(task.instruction() for task, _ in tasks)]
     out = np.full((sum(len(step.rows) for step in steps), dynamics.model.nv + 1), np.nan)
     entries = [RowEntry(step) for step in contacts] + [RowEntry(task.instruction(), task=task) for task, _ in tasks]
@@ -66,7 +66,7 @@ def near(found, expected):
 @pytest.mark.parametrize("robot", ROBOTS)
 @settings(deadline=None)
 @given(seed=seeds)
-def test_tasks_on_frames_have_the_rows_that_pinocchio_gives(robot, seed):
+def test_frame_task_rows_equal_pinocchio(robot, seed):
     dynamics, rng = moved(robot, seed)
     mask = rng.random(6) < 0.7
     for frame in FRAMES[robot]:
@@ -86,7 +86,7 @@ def test_tasks_on_frames_have_the_rows_that_pinocchio_gives(robot, seed):
             asked = gains[0] * displaced + gains[1] * (wanted.velocity - task.velocity(dynamics))
             asked += wanted.acceleration - task.drift(dynamics)
             near(rows, task.jacobian(dynamics)[chosen])
-            if np.pi - np.linalg.norm(displaced[-3:]) > 1e-6:  # else the axis may point either way
+            if np.pi - np.linalg.norm(displaced[-3:]) > 1e-6:  # otherwise the axis may have either sign
                 near(error, displaced[chosen])
                 near(right, asked[chosen])
                 near(rows, plain[0])
@@ -96,7 +96,7 @@ def test_tasks_on_frames_have_the_rows_that_pinocchio_gives(robot, seed):
 @pytest.mark.parametrize("robot", ROBOTS)
 @settings(deadline=None)
 @given(seed=seeds)
-def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(robot, seed):
+def test_com_and_joint_rows_equal_their_classes(robot, seed):
     dynamics, rng = moved(robot, seed)
     model, mask = dynamics.model, [True, seed % 2 == 0, True]
     com = ComTask("com", mask, stiffness=rng.uniform(1.0, 100.0, 3), damping=rng.uniform(1.0, 20.0, 3))
@@ -125,7 +125,7 @@ def test_tasks_on_the_centre_of_mass_and_on_joints_are_those_of_their_classes(ro
 @pytest.mark.parametrize("robot", ROBOTS)
 @settings(deadline=None, max_examples=20)
 @given(seed=seeds)
-def test_the_rate_of_the_momentum_has_the_rows_of_the_snapshot(robot, seed):
+def test_momentum_rows_equal_the_snapshot(robot, seed):
     dynamics, _ = moved(robot, seed)
     out = np.full((8, dynamics.model.nv + 3), 7.0)
     momentum = RowEntry(Instruction(kernel.MOMENTUM, np.arange(6)), 1)
@@ -136,7 +136,7 @@ def test_the_rate_of_the_momentum_has_the_rows_of_the_snapshot(robot, seed):
     assert (out[:, -3:-1] == 7.0).all()
 
 
-def test_a_reference_that_can_be_written_is_read_anew_in_every_cycle():
+def test_writable_references_are_read_in_every_cycle():
     dynamics, _ = moved("g1", 5)
     task, position = ComTask("com", [True] * 3), np.zeros(3)
     for fixed in (False, True):
@@ -148,7 +148,7 @@ def test_a_reference_that_can_be_written_is_read_anew_in_every_cycle():
         position += 1.0
         fill(block, dynamics, {"com": wanted}, [task])
         near(out[:, -1] - before, np.zeros(3) if fixed else task.stiffness * np.ones(3))
-        task.stiffness = 2.0 * task.stiffness  # gains are those of the task in every cycle
+        task.stiffness = 2.0 * task.stiffness  # gains are read in every cycle
         fill(block, dynamics, {"com": wanted}, [task])
         near(out[:, -1], task.equation(dynamics, wanted)[1])
 
@@ -156,7 +156,7 @@ def test_a_reference_that_can_be_written_is_read_anew_in_every_cycle():
 @pytest.mark.parametrize("robot", ROBOTS)
 @settings(deadline=None)
 @given(seed=seeds, between_links=st.booleans())
-def test_contacts_have_the_rows_that_pinocchio_gives(robot, seed, between_links):
+def test_contact_rows_equal_pinocchio(robot, seed, between_links):
     dynamics, _ = moved(robot, seed)
     model, mount = dynamics.model, pin.SE3.Random()
     frame, other = FRAMES[robot][0], FRAMES[robot][2]
@@ -181,7 +181,7 @@ def test_contacts_have_the_rows_that_pinocchio_gives(robot, seed, between_links)
 @pytest.mark.parametrize("robot", ROBOTS)
 @settings(deadline=None)
 @given(seed=seeds, radius=st.floats(0.0, 0.2))
-def test_balls_have_the_rows_that_pinocchio_gives(robot, seed, radius):
+def test_ball_rows_equal_pinocchio(robot, seed, radius):
     dynamics, rng = moved(robot, seed)
     normal, centre = rng.normal(size=3), rng.normal(size=3)
     for frame in FRAMES[robot]:
@@ -193,7 +193,7 @@ def test_balls_have_the_rows_that_pinocchio_gives(robot, seed, radius):
 
 @settings(deadline=None)
 @given(seed=seeds, angle=st.one_of(st.floats(0.0, 3.141592), st.floats(0.0, 1e-6), st.floats(3.1415, 3.14159265)))
-def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
+def test_rotation_error_equals_axis_and_angle(seed, angle):
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
@@ -219,7 +219,7 @@ def test_the_rotation_vector_to_a_reference_is_that_of_the_angle(seed, angle):
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_link_motion_holds_pinocchio_s_vectors(robot):
+def test_link_motion_views_pinocchio_vectors(robot):
     dynamics, _ = moved(robot, 1)
     data, motion = dynamics._data, dynamics.motion
     for number, placement in enumerate(data.oMi):
@@ -230,6 +230,6 @@ def test_link_motion_holds_pinocchio_s_vectors(robot):
     assert not dynamics.joints.flags.writeable
 
 
-def test_vectors_that_are_not_in_one_piece_are_refused():
-    with pytest.raises(RuntimeError, match="does not store vectors of 3 numbers in one piece"):
+def test_non_contiguous_vectors_are_refused():
+    with pytest.raises(RuntimeError, match="does not store vectors of 3 numbers contiguously"):
         view_of(list(np.zeros((3, 4))[:, :3]), 3)

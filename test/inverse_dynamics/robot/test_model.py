@@ -28,7 +28,7 @@ def urdf(load):
         ({"urdf": ""}, ["robot.urdf: not a usable URDF"]),
     ],
 )
-def test_what_cannot_be_built_is_refused_by_name(urdf, changes, parts):
+def test_invalid_arguments_are_refused(urdf, changes, parts):
     arguments = {"urdf": urdf, "joints": LEG, "posture": POSTURE} | changes
     with pytest.raises(ConfigurationError) as refusal:
         build_model(arguments["urdf"], arguments["joints"], arguments["posture"])
@@ -37,7 +37,7 @@ def test_what_cannot_be_built_is_refused_by_name(urdf, changes, parts):
 
 
 @pytest.mark.parametrize(("kind", "limit"), [("effort", "0"), ("velocity", "0")])
-def test_a_joint_needs_a_positive_limit(urdf, kind, limit):
+def test_joint_limits_must_be_positive(urdf, kind, limit):
     joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
     broken = urdf.replace(joint, re.sub(rf'{kind}="[^"]*"', f'{kind}="{limit}"', joint))
     assert broken != urdf
@@ -45,8 +45,8 @@ def test_a_joint_needs_a_positive_limit(urdf, kind, limit):
         build_model(broken, LEG, POSTURE)
 
 
-def test_a_joint_may_have_the_name_of_a_link_and_that_of_pinocchios_own_root(urdf):
-    """Then a frame is that of the link."""
+def test_joint_with_the_name_of_a_link(urdf):
+    """The frame is then that of the link."""
     renamed = urdf.replace('"FL_foot_joint"', '"FL_foot"').replace('"FR_foot_joint"', '"root_joint"')
     assert renamed.count('"root_joint"') == 1
     model = build_model(renamed, LEG, POSTURE)
@@ -58,7 +58,7 @@ def test_a_joint_may_have_the_name_of_a_link_and_that_of_pinocchios_own_root(urd
         model.frame_id("FX_foot", "here")
 
 
-def test_a_joint_that_turns_without_end_has_one_coordinate_that_counts_its_turns(urdf):
+def test_continuous_joint_has_one_coordinate(urdf):
     joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
     broken = urdf.replace(joint, joint.replace('type="revolute"', 'type="continuous"'))
     assert broken != urdf
@@ -73,7 +73,7 @@ def test_a_joint_that_turns_without_end_has_one_coordinate_that_counts_its_turns
     assert 'type="continuous"' not in model.urdf
 
 
-def test_single_limits_take_the_place_of_those_of_the_urdf(urdf):
+def test_joint_limits_replace_the_urdf(urdf):
     given = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5),
              "FL_calf_joint": JointLimits(effort=12.0)}  # fmt: skip
     model, plain = build_model(urdf, LEG, POSTURE, joint_limits=given), build_model(urdf, LEG, POSTURE)
@@ -83,7 +83,7 @@ def test_single_limits_take_the_place_of_those_of_the_urdf(urdf):
     assert model.effort_limits[j] == 12.0
     assert model.velocity_limits[j] == plain.velocity_limits[j]
     assert model.position_upper[j] == plain.position_upper[j]
-    # What reads the text of the model, as the mock robot does, sees the same limits.
+    # Readers of the model's URDF, such as the mock robot, have the same limits.
     again = build_model(model.urdf, LEG, POSTURE)
     assert again.effort_limits.tolist() == model.effort_limits.tolist()
     assert plain.urdf == urdf
@@ -94,7 +94,7 @@ def test_single_limits_take_the_place_of_those_of_the_urdf(urdf):
 def test_a_joint_without_limits_is_named(urdf):
     joint = re.search(r'<joint\s+name="FL_thigh_joint".*?</joint>', urdf, re.DOTALL).group()
     bare = urdf.replace(joint, re.sub(r"<limit.*?/>", "", joint, flags=re.DOTALL))
-    with pytest.raises(ConfigurationError, match=r"'FL_thigh_joint': it has no <limit effort=…>; add it, or robot"):
+    with pytest.raises(ConfigurationError, match=r"'FL_thigh_joint': it has no <limit effort=…>; add it, or set robot"):
         build_model(bare, LEG, POSTURE)
     whole = {"FL_thigh_joint": JointLimits(effort=11.0, velocity=5.0, lower=-0.5, upper=1.5)}
     assert build_model(bare, LEG, POSTURE, joint_limits=whole).effort_limits[LEG.index("FL_thigh_joint")] == 11.0
@@ -103,7 +103,7 @@ def test_a_joint_without_limits_is_named(urdf):
         build_model(urdf, LEG, POSTURE, joint_limits=crossed)
 
 
-def test_the_order_of_the_joints_is_the_one_that_was_asked_for(load, urdf):
+def test_order_of_the_joints(load, urdf):
     full, _ = load("go2")
     order = np.random.default_rng(0).permutation(full.na)
     shuffled = build_model(urdf, [full.joints[i] for i in order], full.posture[order], armature=0.01)
@@ -117,7 +117,7 @@ def test_the_order_of_the_joints_is_the_one_that_was_asked_for(load, urdf):
         assert (joint.idx_q, joint.idx_v) == (shuffled.q_index[i], shuffled.v_index[i])
 
 
-def test_joints_that_are_not_named_are_locked_at_zero_and_keep_their_mass(load, urdf):
+def test_unlisted_joints_are_locked_at_zero(load, urdf):
     full, _ = load("go2")
     leg = build_model(urdf, LEG, POSTURE)
     assert (leg.na, leg.nv, leg.nq) == (3, 9, 10)
@@ -135,7 +135,7 @@ def test_a_fixed_base_has_no_free_joint(urdf):
     np.testing.assert_array_equal(model.configuration(POSTURE, pin.SE3.Random()), POSTURE)
 
 
-def test_limits_and_armature_are_those_that_were_asked_for(urdf):
+def test_limits_and_armature(urdf):
     whole, half = (build_model(urdf, LEG, POSTURE, effort_limit_scale=s, armature=0.03) for s in (1.0, 0.5))
     np.testing.assert_allclose(whole.effort_limits, [23.7, 23.7, 45.43])
     np.testing.assert_allclose(half.effort_limits, 0.5 * whole.effort_limits)
@@ -145,7 +145,7 @@ def test_limits_and_armature_are_those_that_were_asked_for(urdf):
         assert not getattr(whole, name).flags.writeable
 
 
-def test_a_base_placement_goes_into_the_configuration(load):
+def test_base_placement_is_in_the_configuration(load):
     model, _ = load("g1")
     base = pin.SE3.Random()
     q = model.configuration(model.posture, base)
@@ -192,7 +192,7 @@ def test_files_are_located_by_path_and_by_package(tmp_path, monkeypatch):
         ("package://numpy/robot.urdf", ["'numpy' has no folder share/numpy"]),
     ],
 )
-def test_a_file_that_is_not_there_is_named(uri, parts):
+def test_missing_file_is_named(uri, parts):
     with pytest.raises(ConfigurationError) as refusal:
         locate(uri)
     for part in parts:

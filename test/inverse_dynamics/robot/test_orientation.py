@@ -1,4 +1,4 @@
-"""Quaternions and rotation matrices."""
+"""Conversion of quaternions and rotation matrices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ turns = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 
 
 @given(turns)
-def test_a_turn_there_and_back_is_the_same(turn):
+def test_round_trip(turn):
     R = pin.exp3(turn)
     q = quaternion_of(R)
     np.testing.assert_allclose(np.linalg.norm(q), 1.0, atol=1e-12)
@@ -30,17 +30,17 @@ def test_the_scalar_comes_last():
     np.testing.assert_allclose(quaternion_of(np.eye(3)), [0.0, 0.0, 0.0, 1.0])
 
 
-def test_nothing_is_kept_of_a_call():
+def test_no_memory_leak():
     R = pin.exp3(np.array([0.1, -0.2, 0.3]))
     for _ in range(1000):
         rotation_of(quaternion_of(R))
     before, count = memory(), 50_000
     for _ in range(count):
         rotation_of(quaternion_of(R))
-    assert 1024 * (memory() - before) / count < 10.0  # bytes; pin.Quaternion(R) keeps 80
+    assert 1024 * (memory() - before) / count < 10.0  # bytes; pin.Quaternion(R) leaks 80
 
 
-def test_no_other_module_makes_quaternions_of_matrices():
+def test_only_orientation_converts_matrices_to_quaternions():
     package = Path(wbc_controller.__file__).parent
     users = [path.name for path in package.rglob("*.py") if "pin.Quaternion(" in path.read_text(encoding="utf-8")]
     assert users == ["orientation.py"]

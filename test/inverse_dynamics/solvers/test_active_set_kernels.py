@@ -1,4 +1,4 @@
-"""Compare the condensed system with the same equations in NumPy."""
+"""Active-set kernel against NumPy."""
 
 import math
 
@@ -10,18 +10,18 @@ from quadratic_programs import squares_problem, under
 
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticCost
 from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
-from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelMemory
+from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet, LevelWorkspace
 
 
 def solve_condensed(problem, sides):
-    """Return whether the active set is right, the answer's cost, its residuals and its multipliers."""
-    memory = LevelMemory(problem, problem.cost.squares.base)
+    """Return True for the right active set, cost, residuals and multipliers."""
+    memory = LevelWorkspace(problem, problem.cost.squares.base)
     outcome, cost, _ = solve_level(problem, problem.cost.squares, sides, memory)
     return outcome == kernel.SOLVED, cost + problem.cost.squares_constant, memory.residuals, memory.multipliers
 
 
 def solve_level(problem, squares, sides, memory, kept=0):
-    """Return the outcome, the sum of squares, and the active set that is proposed next."""
+    """Return the outcome, the sum of squares, and the next active set."""
     active_set = ActiveSet(problem.n, len(problem.b), len(problem.upper))
     active_set.recall({"side": sides})
     outcome, _, cost = active_set.solve_level(problem, squares, memory, kept)
@@ -29,7 +29,7 @@ def solve_level(problem, squares, sides, memory, kept=0):
 
 
 def condensed_in_numpy(problem, sides):
-    """x, the multipliers and the cost."""
+    """Return x, multipliers and cost."""
     squares, n, active = problem.cost.squares, problem.n, sides.nonzero()[0]
     base, count = squares.base, len(squares.weights)
     W = np.hstack([problem.rows(active), problem.bounds[(sides[active] > 0).astype(int), active][:, None]])
@@ -60,7 +60,7 @@ def condensed_in_numpy(problem, sides):
     equalities=st.integers(0, 4),
     bound=st.integers(0, 4),
 )
-def test_it_is_what_numpy_makes_of_the_same_equations(seed, base, rows, equalities, bound):
+def test_kernel_equals_numpy(seed, base, rows, equalities, bound):
     rng = np.random.default_rng(seed)
     problem = squares_problem(rng, equalities=base + equalities, rows=rows, base=base)
     sides = np.zeros(problem.bounds.shape[1], dtype=np.int8)
@@ -81,7 +81,7 @@ def test_it_is_what_numpy_makes_of_the_same_equations(seed, base, rows, equaliti
         np.testing.assert_allclose(found_multipliers, multipliers, atol=1e-9 * max(1.0, np.abs(multipliers).max()))
 
 
-def test_a_nearly_singular_system_has_no_answer():
+def test_nearly_singular_system_is_refused():
     problem = squares_problem(np.random.default_rng(3))
     problem.bounds[:] = [[-np.inf], [np.inf]]
     sides = np.zeros(problem.bounds.shape[1], dtype=np.int8)
@@ -92,7 +92,7 @@ def test_a_nearly_singular_system_has_no_answer():
     assert not solve_condensed(problem, sides)[0]
 
 
-def test_refinement_restores_the_digits_that_weights_cost():
+def test_refinement_with_different_weights():
     problem = squares_problem(np.random.default_rng(3))
     sides = np.zeros(problem.bounds.shape[1], dtype=np.int8)
     problem.bounds[0], problem.bounds[1] = -np.inf, np.inf
@@ -103,14 +103,14 @@ def test_refinement_restores_the_digits_that_weights_cost():
     assert refined.violation <= kernel.PRECISE
     x = refined.value[: problem.n]
     assert cost == pytest.approx(problem.cost.value(x), rel=1e-6)
-    # stationary along all that the equality constraints leave free
+    # stationary along directions free of equality constraints
     free = np.linalg.svd(problem.A)[2][len(problem.b) :]
     gradient = problem.H @ x + problem.g
     assert np.abs(free @ gradient).max() <= 1e-9 * np.abs(gradient).max()
 
 
 def plain_level(problem, squares, sides, kept, x_above):
-    """x, the multipliers and the cost of one level, from the whole system in the least-squares sense."""
+    """Return x, multipliers and cost of one level from the full system by least squares."""
     cost, active, n = (
         QuadraticCost(np.zeros((problem.n, problem.n)), np.zeros(problem.n)),
         sides.nonzero()[0],
@@ -134,7 +134,7 @@ def plain_level(problem, squares, sides, kept, x_above):
     bound=st.integers(0, 2),
     dependent=st.booleans(),
 )
-def test_every_level_is_what_numpy_makes_of_it_below_those_above(seed, count, base, bound, dependent):
+def test_levels_equal_numpy(seed, count, base, bound, dependent):
     rng = np.random.default_rng(seed)
     problem = squares_problem(rng, equalities=base + 2, rows=3, base=base)
     n, sides = problem.n, np.zeros(problem.bounds.shape[1], dtype=np.int8)
@@ -147,7 +147,7 @@ def test_every_level_is_what_numpy_makes_of_it_below_those_above(seed, count, ba
     free, _, _ = plain_level(problem, costs[0], sides, np.zeros((0, n)), np.zeros(n))
     problem.upper[:bound] = (problem.C @ free)[:bound] - 0.1
     expected = np.zeros(len(sides))
-    memory = LevelMemory(problem, base, sum(len(squares.weights) for squares in costs))
+    memory = LevelWorkspace(problem, base, sum(len(squares.weights) for squares in costs))
     x, kept = free, np.zeros((0, n))
     for squares in costs:
         sides[n : n + bound] = rng.random(bound) < (0.5 if memory.above else 1.0)
@@ -168,38 +168,38 @@ def test_every_level_is_what_numpy_makes_of_it_below_those_above(seed, count, ba
         kept = np.vstack([kept, squares.rows[: len(squares.weights), :-1]])
 
 
-def test_below_rows_that_decide_everything_nothing_is_free():
+def test_nothing_free_below_determining_rows():
     rng = np.random.default_rng(3)
     problem = squares_problem(rng, rows=30)
     problem.bounds[:] = [[-np.inf], [np.inf]]
     squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
     left = problem.n - len(problem.b)
     for kept, expected in ((left - 1, kernel.SOLVED), (left, kernel.NOTHING_FREE), (left + 5, kernel.NOTHING_FREE)):
-        memory = LevelMemory(problem, squares.base, kept)
+        memory = LevelWorkspace(problem, squares.base, kept)
         assert solve_level(problem, squares, sides, memory, kept)[0] == kernel.SOLVED
         assert solve_level(problem, squares, sides, memory)[0] == expected
 
 
-def test_a_level_that_loses_what_one_above_keeps_is_no_solution():
+def test_level_must_keep_rows_of_the_levels_above():
     problem = squares_problem(np.random.default_rng(3))
     problem.bounds[:] = [[-np.inf], [np.inf]]
     squares, sides = problem.cost.squares, np.zeros(problem.bounds.shape[1], dtype=np.int8)
     squares.rows[1] = squares.rows[0]
-    memory = LevelMemory(problem, squares.base, 2)
+    memory = LevelWorkspace(problem, squares.base, 2)
     assert solve_level(problem, squares, sides, memory, 2)[0] == kernel.SOLVED
     assert solve_level(problem, squares, sides, memory)[0] == kernel.SOLVED
-    memory.rows[-1, -1] += 1.0e-6  # the same row at two values
+    memory.rows[-1, -1] += 1.0e-6  # the same row with two values
     assert solve_level(problem, squares, sides, memory)[0] == kernel.NOT_FOUND
 
 
 @pytest.mark.parametrize("place", ["rows", "target", "weights", "diagonal"])
-def test_what_is_not_finite_is_never_taken_for_a_solution(place):
+def test_nan_is_never_a_solution(place):
     problem = squares_problem(np.random.default_rng(3))
     getattr(problem.cost.squares, place).reshape(-1)[-3] = math.nan
     assert not solve_condensed(problem, np.zeros(problem.bounds.shape[1], dtype=np.int8))[0]
 
 
-def test_residuals_are_those_of_the_definition_and_keep_a_nan():
+def test_residuals():
     problem = squares_problem(np.random.default_rng(5))
     x = np.random.default_rng(6).normal(size=problem.n)
     found = problem.residuals(x)

@@ -15,7 +15,7 @@ from wbc_controller.inverse_dynamics.solvers import make_solver
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 from wbc_controller.inverse_dynamics.solvers.hierarchy import Hierarchy
 
-EPSILON = 1.0e-5  # of the size of the controller's own
+EPSILON = 1.0e-5  # similar to the controller's
 PROBLEMS = 1000
 
 
@@ -24,7 +24,7 @@ def hierarchy(solver="daqp"):
 
 
 def level(name, rows, right, n, band=None):
-    """min ½ ‖rows x - right‖² + ½ ε ‖x‖², or ‖s‖² within a band."""
+    """Return the level min ½ ‖rows x - right‖² + ½ ε ‖x‖², or ‖s‖² within a band."""
     exact, banded = (rows, right) if band is None else (rows[:0], right[:0]), (rows, right)
     G, middle = banded if band is not None else (rows[:0], right[:0])
     half = np.zeros(0) if band is None else band
@@ -34,7 +34,7 @@ def level(name, rows, right, n, band=None):
 
 
 def constraints(rng, n):
-    """Equalities, some of them dependent, and inequalities, around a feasible point."""
+    """Return equalities, some dependent, and inequalities, around a feasible point."""
     inside = rng.normal(size=n)
     problem = QuadraticProgram.empty(n, 4, 6)
     problem.A[:3] = rng.normal(size=(3, n))
@@ -49,39 +49,39 @@ def constraints(rng, n):
 
 
 def independent(problem):
-    """The same without the last equality, which depends on others."""
+    """Return the problem without the last equality, which is dependent."""
     return QuadraticProgram(problem.cost, problem.bounds, np.delete(problem.memory, 3, axis=0), 0)
 
 
 def random_levels(rng, n):
-    """Two to four levels that conflict; some of deficient rank, some with a tolerance."""
+    """Return two to four conflicting levels; some are rank-deficient, some have a tolerance."""
     levels = []
     for i in range(rng.integers(2, 5)):
         k = int(rng.integers(1, 5))
         rows = rng.normal(size=(k, n))
         if rng.random() < 0.3 and levels and len(levels[-1].kept):
-            rows[0] = levels[-1].kept[0]  # what the level above has decided already
+            rows[0] = levels[-1].kept[0]  # determined by the level above
         band = rng.uniform(0.0, 1.0, k) if rng.random() < 0.3 else None
         levels.append(level(str(i), rows, 3.0 * rng.normal(size=k), n, band))
     return levels
 
 
 def off(of, x):
-    """What a level has not reached: the residual of its rows, and how far x is outside its band."""
+    """Return the residual of a level's rows, and the distance of x from its band."""
     value = of.G @ x
     outside = np.maximum(value - of.upper, 0.0) - np.maximum(of.lower - value, 0.0)
     return np.concatenate([of.kept @ x, outside])
 
 
 def worsening(of, before, after):
-    """By how much a level's residual changes: of a band, only to the worse counts."""
+    """Return the change of a level's residual; for a band, only its increase."""
     k = len(of.kept)
     change = np.abs(off(of, after)) - np.abs(off(of, before))
     change[:k] = np.abs(off(of, after) - off(of, before))[:k]
     return change.max()
 
 
-def test_lower_levels_change_no_higher_one_in_1000_random_problems():
+def test_lower_levels_do_not_change_higher_ones():
     rng = np.random.default_rng(11)
     worst, moved, limited, unsolved = 0.0, 0, 0, 0
     for _ in range(PROBLEMS):
@@ -96,7 +96,7 @@ def test_lower_levels_change_no_higher_one_in_1000_random_problems():
             if answer.relaxed:
                 unsolved += 1
                 break
-            # Against the answer in which the level was the last.
+            # Compared with the solution in which the level was the last.
             worst = max([worst, *(worsening(*parts, answer.x) for parts in zip(levels, answers, strict=False))])
             moved += bool(answers) and np.abs(answer.x - answers[-1]).max() > 1e-3
             answers.append(answer.x)
@@ -105,12 +105,12 @@ def test_lower_levels_change_no_higher_one_in_1000_random_problems():
         f"largest change of a higher level's residual: {worst:.1e}; no answer for a lower level in {unsolved} problems"
     )
     assert worst < 1e-6
-    assert moved > PROBLEMS / 2  # the lower levels did something
-    assert limited > PROBLEMS / 2  # and inequalities mattered
+    assert moved > PROBLEMS / 2  # the lower levels had an effect
+    assert limited > PROBLEMS / 2  # inequalities were active
     assert unsolved == 0
 
 
-def test_a_lower_level_that_no_solver_solves_keeps_the_solution_above_and_the_next_level_counts(monkeypatch):
+def test_failed_lower_level_keeps_the_solution_above(monkeypatch):
     n = 4
     problem = QuadraticProgram.empty(n, 0, 1)
     rows, three = np.eye(n), np.array([3.0])
@@ -140,7 +140,7 @@ def test_a_lower_level_that_no_solver_solves_keeps_the_solution_above_and_the_ne
     assert answer.relaxed == ("level with band: taken for infeasible; infeasible",)
     np.testing.assert_allclose(answer.x, [1.0, 0.0, 3.0, 0.0], atol=1e-3)
     assert [report.tasks for report in answer.levels] == [("first",), ("band",), ("last",)]
-    assert answer.levels[1].cost == pytest.approx(0.5 * 1.5**2, rel=1e-3)  # the band begins 1.5 away
+    assert answer.levels[1].cost == pytest.approx(0.5 * 1.5**2, rel=1e-3)  # the band begins at a distance of 1.5
 
 
 def test_one_level_is_one_quadratic_program():
@@ -154,7 +154,7 @@ def test_one_level_is_one_quadratic_program():
         np.testing.assert_allclose(x, make_solver("daqp", problem).solve(problem).x, atol=1e-5)
 
 
-def test_weights_far_apart_come_to_the_strict_answer():
+def test_different_weights_approach_the_strict_solution():
     rng = np.random.default_rng(14)
     for _ in range(50):
         n = 12
@@ -184,13 +184,13 @@ def test_back_ends_agree_on_every_level():
 
 
 @pytest.mark.parametrize("solver", ["osqp", "proxqp"])
-def test_back_ends_that_fail_on_levels_are_refused(bench, solver):
+def test_inaccurate_back_ends_are_refused(bench, solver):
     robot = bench("g1", solver={"name": solver})
     with pytest.raises(ConfigurationError, match=rf"solver.name = '{solver}'.*level.*tolerance.*daqp"):
         robot.on_levels(posture=1)
 
 
-def test_a_tolerance_is_kept_and_used():
+def test_tolerance_is_kept_and_used():
     n = 4
     problem = QuadraticProgram.empty(n, 0, 1)
     band = level("band", np.eye(n)[:1], np.array([1.0]), n, np.array([0.25]))
@@ -198,11 +198,11 @@ def test_a_tolerance_is_kept_and_used():
     assert hierarchy().solve(problem, [band, wish]).x[0] == pytest.approx(1.25)
     near = level("wish", np.eye(n)[:1], np.array([1.1]), n)
     assert hierarchy().solve(problem, [band, near]).x[0] == pytest.approx(1.1, abs=1e-4)
-    problem.x_upper[0] = 0.5  # the band cannot be reached: as near as can be
+    problem.x_upper[0] = 0.5  # unreachable band: smallest distance
     assert hierarchy().solve(problem, [band, wish]).x[0] == pytest.approx(0.5)
 
 
-def test_equalities_that_contradict_each_other_have_no_solution():
+def test_contradictory_equalities_have_no_solution():
     problem = QuadraticProgram.empty(3, 2, 1)
     problem.A[:, 0], problem.b[:] = 1.0, [0.0, 1.0]
     answer = hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)])
@@ -210,14 +210,14 @@ def test_equalities_that_contradict_each_other_have_no_solution():
     assert "contradict" in answer.status
 
 
-def test_the_first_level_without_a_solution_is_one_of_the_problem():
+def test_failure_of_the_first_level_has_no_solution():
     problem = QuadraticProgram.empty(3, 0, 1)
     problem.C[0, 0], problem.lower[0], problem.x_upper[0] = 1.0, 1.0, 0.0
     assert hierarchy().solve(problem, [level("0", np.eye(3), np.zeros(3), 3)]).x is None
 
 
-def test_a_strict_task_gives_nothing_for_one_below(bench):
-    """The com wants to stay, a hand wants to be two metres away; strictly, the com does not notice."""
+def test_strict_task_is_unaffected_by_lower_levels(bench):
+    """The centre of mass stays exactly, while a hand is commanded to a point 2 m away."""
     results = {}
     for name, levels in {"weighted": {}, "strict": {"left_hand": 1, "posture": 2}}.items():
         robot = bench("g1").on_levels(**levels)
@@ -243,13 +243,13 @@ def test_a_strict_task_gives_nothing_for_one_below(bench):
 
 
 def without_squares(level):
-    """The same level, whose cost is known by H and g alone: it is solved in the null space of those above."""
+    """Return the level with its cost as H and g, for the solution in the null space."""
     cost = level.cost
     return replace(level, cost=QuadraticCost(cost.H.copy(), cost.g.copy(), cost.constant))
 
 
 def on_levels(robot, rng):
-    """The robot with its tasks on two to four levels by chance, mostly with the posture on the last one."""
+    """Return the robot with tasks on two to four random levels, mostly with the posture on the last one."""
     count = int(rng.integers(2, 5))
     level = {name: int(rng.integers(0, count)) for name in robot.settings.tasks}
     if rng.random() < 0.7:
@@ -258,7 +258,7 @@ def on_levels(robot, rng):
 
 
 def both_ways(robot, rng, *, limited):
-    """Answers for a random state, with the active sets of the same problem and in null spaces."""
+    """Return solutions for a random state, with the active sets of the same problem and in null spaces."""
     robot = on_levels(robot, rng)
     hands = {name: 1.0 for name in ("left_hand", "right_hand") if rng.random() < 0.5}
     given = robot.near_stance(rng), robot.references(**hands)
@@ -269,7 +269,7 @@ def both_ways(robot, rng, *, limited):
         layout.problem.bounds[:] = [[-np.inf], [np.inf]]
     plain, fast = hierarchy(), hierarchy()
     expected = plain.solve(layout.problem, [without_squares(each) for each in layout.levels])
-    for _ in range(2):  # the first time the active sets may have to be learnt
+    for _ in range(2):  # the first solution adopts the active sets
         found = fast.solve(layout.problem, layout.levels)
     return expected, found
 
@@ -281,7 +281,7 @@ def assert_same_levels(found, expected, tolerance):
 
 
 @pytest.mark.parametrize("robot", ["g1", "talos"])
-def test_without_limits_the_active_sets_give_the_answer_of_the_null_spaces_at_once(bench, robot):
+def test_active_sets_equal_null_spaces_without_limits(bench, robot):
     rng, missed = np.random.default_rng(16), 0
     for _ in range(40):
         expected, found = both_ways(bench(robot), rng, limited=False)
@@ -291,12 +291,12 @@ def test_without_limits_the_active_sets_give_the_answer_of_the_null_spaces_at_on
         np.testing.assert_allclose(found.x, expected.x, atol=1e-7 * np.abs(expected.x).max())
         assert not found.multipliers.any()
         assert_same_levels(found, expected, 1e-6)
-    assert missed <= 1  # where a posture that is kept leaves only forces free
+    assert missed <= 1  # if a kept posture leaves only forces free
 
 
 @pytest.mark.parametrize("robot", ["g1", "talos"])
-def test_with_limits_the_active_sets_give_the_answer_of_the_null_spaces(bench, robot, monkeypatch):
-    monkeypatch.setattr(module, "_ROOM", 1.0e-11)  # by which the other way misses a limit, and its answer with it
+def test_active_sets_equal_null_spaces_with_limits(bench, robot, monkeypatch):
+    monkeypatch.setattr(module, "_CLEARANCE", 1.0e-11)  # clearance of the solution in null spaces
     rng, same = np.random.default_rng(17), 0
     for _ in range(60):
         expected, found = both_ways(bench(robot), rng, limited=True)
@@ -312,7 +312,7 @@ def test_with_limits_the_active_sets_give_the_answer_of_the_null_spaces(bench, r
 
 
 def moving(robot, count):
-    """A robot that is asked for more and more, on three levels, until limits bind and do not any more."""
+    """Return a robot with growing demands on three levels, until limits bind and are free again."""
     references = robot.references(left_hand=10.0)
     hand = references.tasks["left_hand"]
     for i in range(count):
@@ -320,8 +320,8 @@ def moving(robot, count):
         yield replace(references, tasks={**references.tasks, "left_hand": replace(hand, position=asked)})
 
 
-def test_what_a_hierarchy_remembers_gives_the_same_bits(bench):
-    """From every cycle on: of active sets that are right, that are followed, that are wrong, and that are not tried."""
+def test_restored_hierarchy_is_identical(bench):
+    """After every cycle: with right, followed, wrong and skipped active sets."""
     robot, other = (bench("g1").on_levels(left_hand=1, posture=2) for _ in range(2))
     met = set()
     for references in moving(robot, 60):
@@ -339,7 +339,7 @@ def test_what_a_hierarchy_remembers_gives_the_same_bits(bench):
     assert met == {"at once", "followed", "wrong", "not tried"}
 
 
-def test_active_sets_that_are_wrong_time_after_time_are_tried_less_often(monkeypatch):
+def test_wrong_active_sets_are_tried_less_often(monkeypatch):
     rng = np.random.default_rng(18)
     problem = squares_problem(rng)
     only = Level(("0",), problem.cost, np.zeros((0, problem.n)), np.zeros((0, problem.n)), np.zeros(0), np.zeros(0))
@@ -356,7 +356,7 @@ def test_active_sets_that_are_wrong_time_after_time_are_tried_less_often(monkeyp
 
 
 @pytest.mark.parametrize("spoilt", ["A", "bounds"])
-def test_values_that_are_not_finite_are_named(bench, spoilt):
+def test_non_finite_values_are_named(bench, spoilt):
     robot = bench("g1").on_levels(posture=1)
     layout = robot.controller.formulation.build(robot.state(), robot.references())
     solving = hierarchy()
@@ -366,7 +366,7 @@ def test_values_that_are_not_finite_are_named(bench, spoilt):
     assert (answer.x, answer.status, answer.levels) == (None, NOT_FINITE, ())
 
 
-def test_what_has_only_one_level_is_solved_once(bench):
+def test_one_level_is_solved_once(bench):
     robot = bench("g1")
     solution = robot.controller.solve(robot.state(), robot.references())
     (only,) = solution.levels
@@ -375,7 +375,7 @@ def test_what_has_only_one_level_is_solved_once(bench):
     assert only.iterations == solution.iterations
 
 
-def test_a_tolerance_of_another_length_is_refused(bench):
+def test_tolerance_of_wrong_length_is_refused(bench):
     robot = bench("g1")
     tasks = dict(robot.settings.tasks)
     tasks["posture"] = tasks["posture"].model_copy(update={"tolerance": [0.1, 0.2]})

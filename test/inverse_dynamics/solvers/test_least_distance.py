@@ -1,4 +1,4 @@
-"""Quadratic programs by non-negative least squares, against an exact solver."""
+"""Non-negative least squares against an exact solver."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def random_problem(rng, n=8, m=20):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_solution_and_multipliers_are_those_of_an_exact_solver(seed):
+def test_solution_and_multipliers_equal_quadprog(seed):
     problem = random_problem(np.random.default_rng(seed))
     expected, found = make_solver("quadprog", problem).solve(problem), solve_by_least_distance(problem)
     np.testing.assert_allclose(found.x, expected.x, atol=1e-7)
@@ -29,7 +29,7 @@ def test_the_solution_and_multipliers_are_those_of_an_exact_solver(seed):
     assert np.abs(found.multipliers).max() > 0.1
 
 
-def test_feet_without_force_at_the_apex_of_their_pyramids_are_solved():
+def test_apex_of_friction_pyramids():
     problem = QuadraticProgram.empty(9, 0, 24)
     problem.H[:], problem.g[:] = np.eye(9), np.tile([1.0, 2.0, 0.1], 3)
     for foot in range(3):

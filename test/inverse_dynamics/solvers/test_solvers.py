@@ -6,7 +6,7 @@ import qpsolvers
 from quadratic_programs import squares_problem, under
 
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram, Soft
+from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram, SoftConstraints
 from wbc_controller.inverse_dynamics.solvers import available_solvers, make_solver
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 from wbc_controller.inverse_dynamics.solvers.daqp import solve_carefully
@@ -23,7 +23,7 @@ FIELDS = ("H", "g", "A", "b", "C", "bounds", "lower", "upper", "x_lower", "x_upp
 
 
 def random_problem(rng, n=20, equalities=5, inequalities=15):
-    """A strictly convex problem around a feasible point, some of whose bounds are infinite, and some of which bind."""
+    """Return a strictly convex problem around a feasible point with infinite and with binding bounds."""
     root = rng.normal(size=(n, n))
     A, C, inside = rng.normal(size=(equalities, n)), rng.normal(size=(inequalities, n)), rng.normal(size=n)
     problem = QuadraticProgram.empty(n, equalities, inequalities)
@@ -40,7 +40,7 @@ def random_problem(rng, n=20, equalities=5, inequalities=15):
 
 
 def drift(problem, rng, size=0.01):
-    """The next cycle's problem: every finite number is a little different; equalities stay feasible."""
+    """Return the next problem: finite numbers vary slightly, equalities remain feasible."""
     moved = problem.copy()
     n = len(problem.g)
     change = size * rng.normal(size=(n, n))
@@ -52,7 +52,7 @@ def drift(problem, rng, size=0.01):
 
 
 def reference_answer(problem, tolerance=1.0e-7):
-    """The minimizer by quadprog, checked against the optimality conditions, so that it needs no trust."""
+    """Return quadprog's minimizer, checked by the optimality conditions."""
     upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
     G = np.vstack([problem.C[upper], -problem.C[lower]])
     h = np.concatenate([problem.upper[upper], -problem.lower[lower]])
@@ -65,7 +65,7 @@ def reference_answer(problem, tolerance=1.0e-7):
 
 @pytest.mark.parametrize("name", SOLVERS)
 def test_multipliers_make_the_answer_stationary(name):
-    """Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0 for some y, with the sign that each bound allows."""
+    """Hx + g + Aᵀy + [I; C]ᵀ multipliers = 0 for some y, with signs according to the bounds."""
     rng = np.random.default_rng(3)
     for _ in range(5):
         problem = random_problem(rng)
@@ -84,7 +84,7 @@ def test_multipliers_make_the_answer_stationary(name):
 
 
 def assert_agrees(solver, problem, answer, expected):
-    """Feasible within the stated tolerance, and no worse than the best within what that tolerance is worth."""
+    """Check feasibility and cost within the stated tolerance."""
     assert answer.x is not None, answer.status
     tolerance = solver.tolerance
     assert problem.violation(answer.x) <= tolerance
@@ -92,7 +92,7 @@ def assert_agrees(solver, problem, answer, expected):
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_a_cold_solver_finds_the_minimizer(name):
+def test_minimizer_without_warm_start(name):
     for seed in range(10):
         problem = random_problem(np.random.default_rng(seed))
         solver = make_solver(name, problem)
@@ -100,7 +100,7 @@ def test_a_cold_solver_finds_the_minimizer(name):
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_a_warm_solver_follows_drifting_problems(name):
+def test_warm_start_on_drifting_problems(name):
     rng = np.random.default_rng(7)
     problem = random_problem(rng)
     solver = make_solver(name, problem)
@@ -110,7 +110,7 @@ def test_a_warm_solver_follows_drifting_problems(name):
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_a_solver_keeps_its_hands_off_the_problem(name):
+def test_solver_does_not_modify_the_problem(name):
     problem = random_problem(np.random.default_rng(1))
     before = {field: np.array(getattr(problem, field)) for field in FIELDS}
     solver = make_solver(name, problem)
@@ -118,7 +118,7 @@ def test_a_solver_keeps_its_hands_off_the_problem(name):
     for field, values in before.items():
         np.testing.assert_array_equal(getattr(problem, field), values)
     answer = solver.solve(problem)
-    problem.g[:] = 1.0e3  # the arrays are filled anew: an answer must not live in them, nor in the solver's workspace
+    problem.g[:] = 1.0e3  # the arrays are refilled, also in the solver's workspace
     kept = np.array(answer.x)
     solver.solve(problem)
     np.testing.assert_array_equal(answer.x, kept)
@@ -127,7 +127,7 @@ def test_a_solver_keeps_its_hands_off_the_problem(name):
 
 @pytest.mark.parametrize("name", SOLVERS)
 @pytest.mark.parametrize("what", ["bounds", "rows", "equalities"])
-def test_an_infeasible_problem_has_no_answer_and_leaves_no_trace(name, what):
+def test_infeasible_problem_has_no_side_effect(name, what):
     rng = np.random.default_rng(2)
     good = random_problem(rng)
     bad = drift(good, rng)
@@ -152,9 +152,9 @@ def test_an_infeasible_problem_has_no_answer_and_leaves_no_trace(name, what):
         assert_agrees(solver, problem, solver.solve(problem), reference_answer(problem))
 
 
-@pytest.mark.parametrize("name", [name for name in SOLVERS if name != "proxqp"])  # which spins on it for seconds:
-@pytest.mark.parametrize("field", ["H", "g", "A", "b", "C", "upper", "x_lower"])  # the controller keeps it from it
-def test_nan_never_comes_out_as_an_answer(name, field):
+@pytest.mark.parametrize("name", [name for name in SOLVERS if name != "proxqp"])  # proxqp iterates for seconds
+@pytest.mark.parametrize("field", ["H", "g", "A", "b", "C", "upper", "x_lower"])  # the controller refuses such problems
+def test_nan_is_never_an_answer(name, field):
     good = random_problem(np.random.default_rng(3))
     bad = drift(good, np.random.default_rng(3))
     getattr(bad, field).flat[1] = np.nan
@@ -162,20 +162,20 @@ def test_nan_never_comes_out_as_an_answer(name, field):
     assert not bad.is_finite
     solver = make_solver(name, good)
     solver.solve(good)
-    for _ in range(2):  # warm, and from what the failure left
+    for _ in range(2):  # warm, and after the failure
         answer = solver.solve(bad)
         assert answer.x is None or not bad.violation(answer.x) <= 0.01
     assert_agrees(solver, good, solver.solve(good), reference_answer(good))
 
 
-def test_an_unknown_solver_is_refused_with_the_nearest_one():
+def test_unknown_solver_is_refused():
     problem = random_problem(np.random.default_rng(6))
     for call in (lambda: make_solver("dapq", problem), lambda: require_solver("dapq")):
         with pytest.raises(ConfigurationError, match=r"solver\.name = 'dapq'.*did you mean 'daqp'.*osqp, .*proxqp"):
             call()
 
 
-def test_the_persistent_solvers_are_among_those_available():
+def test_persistent_solvers_are_available():
     assert set(PERSISTENT) <= set(SOLVERS)
     for name in SOLVERS:
         require_solver(name)
@@ -195,21 +195,21 @@ def test_all_solvers_agree_on_the_standing_robot(bench, robot, name):
         solver = make_solver(name, other.controller.formulation.build(state, references).problem)
         assert max(answer.residuals.values()) <= max(1.0e-2, solver.tolerance)
         scale = max(1.0, np.abs(expected.v_dot).max())
-        # Of OSQP, with its tolerance of 1e-3, the worst of 30 such states are 11 to 13 times as far off.
+        # OSQP, with its tolerance of 1e-3, is 11 to 13 times as inaccurate in the worst of 30 such states.
         assert np.abs(answer.v_dot - expected.v_dot).max() <= 15.0 * max(solver.tolerance, 1.0e-5) * scale
-        # Forces that press the feet against each other hardly cost anything: only exact solvers agree on them.
+        # Internal forces between the feet have little cost: only exact solvers agree on them.
         if name in ("daqp", "proxqp", "quadprog"):
             assert np.abs(answer.tau - expected.tau).max() <= 1.0e-2
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_the_last_active_set_leads_to_the_answer_or_is_given_up(seed):
-    """The right one does; none, all of them, or the wrong sides do only if they are the right one."""
+def test_active_set_is_accepted_only_if_right(seed):
+    """The right set is accepted; none, all, or wrong sides only if they are the right set."""
     problem = random_problem(np.random.default_rng(seed))
     expected = reference_answer(problem)
     answer = make_solver("daqp", problem).solve(problem)
     active_set = active_set_of(problem)
-    active_set.learn(answer.multipliers)
+    active_set.adopt_multipliers(answer.multipliers)
     guessed = active_set.solve(problem)
     assert guessed.iterations == 1
     np.testing.assert_allclose(guessed.x, expected, atol=1e-7)
@@ -217,7 +217,7 @@ def test_the_last_active_set_leads_to_the_answer_or_is_given_up(seed):
     assert guessed.multipliers.any()
     for wrong in (0.0 * guessed.multipliers, -guessed.multipliers, np.where(guessed.multipliers == 0.0, 0.0, 1.0)):
         if (np.sign(wrong) != np.sign(guessed.multipliers)).any():
-            active_set.learn(wrong)
+            active_set.adopt_multipliers(wrong)
             assert active_set.solve(problem) is None
 
 
@@ -227,8 +227,8 @@ def active_set_of(problem):
 
 @pytest.mark.parametrize("rows", [7, 24, 30])
 @pytest.mark.parametrize("seed", range(10))
-def test_the_smaller_system_has_the_answer_of_the_whole_one(seed, rows):
-    """Without active inequalities and with them, bounds and rows; with few rows of the cost, and more than unknowns."""
+def test_condensed_system_equals_the_full_system(seed, rows):
+    """Without and with active inequalities, bounds and rows; with few and with many rows of the cost."""
     problem = squares_problem(np.random.default_rng(seed), rows=rows)
     squares = problem.cost.squares
     x = np.random.default_rng(seed).normal(size=problem.n)
@@ -236,13 +236,13 @@ def test_the_smaller_system_has_the_answer_of_the_whole_one(seed, rows):
     cost += 0.5 * squares.diagonal @ (x - squares.target) ** 2
     assert problem.cost.value(x) == pytest.approx(cost, rel=1e-12)
     multipliers = make_solver("daqp", problem).solve(problem).multipliers
-    unbounded = problem.copy()  # which knows H and g alone
+    unbounded = problem.copy()  # with H and g only
     unbounded.bounds[0], unbounded.bounds[1] = -np.inf, np.inf
     assert multipliers[: problem.n].any()
     assert multipliers[problem.n :].any()
     for copied, learnt in ((problem.copy(), multipliers), (unbounded, 0.0 * multipliers)):
         active_set = active_set_of(copied)
-        active_set.learn(learnt)
+        active_set.adopt_multipliers(learnt)
         whole = active_set.solve(copied)
         copied.cost.update(under(copied, squares), 3.0)
         smaller = active_set.solve(copied)
@@ -255,7 +255,7 @@ def test_the_smaller_system_has_the_answer_of_the_whole_one(seed, rows):
 
 
 @pytest.mark.parametrize("apart", [1e4, 1e8])
-def test_weights_that_are_far_apart_cost_no_digits(bench, apart):
+def test_accuracy_with_different_weights(bench, apart):
     talos = bench("talos")
     references = talos.references()
     weights = {
@@ -265,35 +265,35 @@ def test_weights_that_are_far_apart_cost_no_digits(bench, apart):
     problem = talos.controller.formulation.build(state, replace(references, weights=weights)).problem
     problem.bounds[0], problem.bounds[1] = -np.inf, np.inf
     assert active_set_of(problem).solve(problem).residuals.violation <= 1e-10
-    assert not problem.cost.computed  # the condensed system was enough
+    assert not problem.cost.computed  # the condensed system was sufficient
 
 
-def test_the_active_set_is_followed_without_a_search():
+def test_active_set_is_followed_without_a_search():
     rng = np.random.default_rng(7)
     problem = random_problem(rng)
     active_set = active_set_of(problem)
-    active_set.learn(make_solver("daqp", problem).solve(problem).multipliers)
+    active_set.adopt_multipliers(make_solver("daqp", problem).solve(problem).multipliers)
     found = [active_set.solve(problem := drift(problem, rng, size=0.001)) for _ in range(25)]
     assert sum(answer is not None for answer in found) >= 23
 
 
-def test_an_active_set_beyond_what_determines_x_is_given_up():
+def test_overdetermined_active_set_is_refused():
     problem = random_problem(np.random.default_rng(0))
     active_set = active_set_of(problem)
-    active_set.learn(np.ones(len(problem.g) + len(problem.upper)))
+    active_set.adopt_multipliers(np.ones(len(problem.g) + len(problem.upper)))
     assert active_set.solve(problem) is None
-    problem.A[1] = problem.A[0]  # a singular system
-    active_set.learn(np.zeros(len(problem.g) + len(problem.upper)))
+    problem.A[1] = problem.A[0]  # singular system
+    active_set.adopt_multipliers(np.zeros(len(problem.g) + len(problem.upper)))
     assert active_set.solve(problem) is None
 
 
-#: Seeds of feasible problems that DAQP, as it is set up for every cycle, calls infeasible or cycles on.
+#: Seeds of feasible problems that DAQP with default settings reports as infeasible, or cycles on.
 CORNERS = {"g1": (607, 1210, 1855, 3011, 3335, 3791, 5018, 6347), "talos": (9195,), "go2": (6507, 7419, 7559, 11695)}
 
 
 @pytest.mark.parametrize(("robot", "seed"), [(robot, seed) for robot, seeds in CORNERS.items() for seed in seeds])
-def test_a_feasible_problem_is_not_called_infeasible(bench, robot, seed):
-    """Joints near their limits, and weights that differ: the solution lies in a corner. quadprog finds one as good."""
+def test_feasible_problem_is_not_reported_as_infeasible(bench, robot, seed):
+    """Joints near their limits with different weights: the solution is in a corner. quadprog is the reference."""
     robot = bench(robot)
     problem = robot.controller.formulation.build(*robot.random_problem(seed)).problem
     assert room(problem) > 1.0e-5
@@ -303,16 +303,16 @@ def test_a_feasible_problem_is_not_called_infeasible(bench, robot, seed):
     assert problem.violation(answer.x) <= solver.tolerance
     least = problem.cost.value(reference_answer(problem, tolerance=1.0e-7 * np.abs(problem.g).max()))
     assert problem.cost.value(answer.x) - least <= 1.0e-4 * least
-    np.testing.assert_array_equal(make_solver("daqp", problem).solve(problem).x, answer.x)  # to the last digit
+    np.testing.assert_array_equal(make_solver("daqp", problem).solve(problem).x, answer.x)  # identical
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_soft_constraints_are_missed_at_their_weights(seed):
-    """Against the program with slacks as variables."""
+def test_soft_constraints_equal_slack_variables(seed):
+    """Compared with a program with slack variables."""
     rng = np.random.default_rng(seed)
     problem, k = random_problem(rng), 6
     n, places = problem.n, np.sort(rng.choice(problem.n + len(problem.upper), k, replace=False))
-    soft = Soft(places, np.array([[2.0], [3.0]]) + rng.normal(size=k), 10.0 ** rng.uniform(-1, 3, k))
+    soft = SoftConstraints(places, np.array([[2.0], [3.0]]) + rng.normal(size=k), 10.0 ** rng.uniform(-1, 3, k))
     problem.bounds[:, places] = [[-np.inf], [np.inf]]
     answer = solve_carefully(problem, soft)
     whole = QuadraticProgram.empty(n + k, len(problem.b), len(problem.upper) + k)
@@ -330,5 +330,5 @@ def test_soft_constraints_are_missed_at_their_weights(seed):
 def test_soft_constraints_do_not_make_an_infeasible_problem_feasible():
     problem = random_problem(np.random.default_rng(0))
     problem.x_lower[0], problem.x_upper[0] = 1.0, -1.0
-    answer = solve_carefully(problem, Soft(np.array([1]), np.zeros((2, 1)), np.ones(1)))
+    answer = solve_carefully(problem, SoftConstraints(np.array([1]), np.zeros((2, 1)), np.ones(1)))
     assert (answer.x, answer.status) == (None, "infeasible")

@@ -1,4 +1,4 @@
-"""Tasks on contact forces and on torques."""
+"""Tasks on contact forces and torques."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def solve(robot, references=None):
 
 
 @pytest.mark.parametrize(("robot", "contact", "share"), [("g1", "left_foot", 0.3), ("go2", "front_left_foot", 0.1)])
-def test_a_contact_carries_what_it_is_asked_to(bench, robot, contact, share):
+def test_contact_wrench_follows_its_reference(bench, robot, contact, share):
     weight = bench(robot).model.mass * 9.81
     target = [0, 0, share * weight, 0, 0, 0]
     made = with_task(bench, robot, type="contact_wrench", contact=contact, mask=VERTICAL, target=target, weight=1.0)
@@ -31,11 +31,11 @@ def test_a_contact_carries_what_it_is_asked_to(bench, robot, contact, share):
     assert abs(unasked.forces[contact][2] - target[2]) > 0.1 * target[2]
     assert asked.task_errors["effort"] == pytest.approx(abs(asked.forces[contact][2] - target[2]), abs=1e-6)
     assert "effort" not in unasked.task_errors
-    # The robot still stands: the other contacts carry the rest.
+    # The other contacts carry the rest.
     assert sum(force[2] for force in asked.forces.values()) == pytest.approx(weight, rel=0.02)
 
 
-def test_the_wrench_of_a_broken_contact_asks_for_nothing(bench):
+def test_wrench_task_of_an_inactive_contact(bench):
     made = with_task(
         bench,
         "go2",
@@ -67,8 +67,8 @@ def test_some_torques_follow_their_reference(bench):
     np.testing.assert_allclose(reached, [1.0, -2.0], atol=1e-2)
 
 
-def test_a_wrench_within_a_tolerance_below_a_strict_level(bench):
-    """The left foot's load may be anything from 100 to 140 N; what balance needs comes first."""
+def test_wrench_task_with_tolerance(bench):
+    """The left foot's load may be 100 to 140 N; balance has priority."""
     made = bench("g1")
     keys = {"type": "contact_wrench", "contact": "left_foot", "mask": VERTICAL, "target": [0, 0, 120, 0, 0, 0]}
     task = ContactWrenchTask.model_validate(keys | {"weight": 1.0, "tolerance": 20.0, "level": 1})
@@ -77,21 +77,21 @@ def test_a_wrench_within_a_tolerance_below_a_strict_level(bench):
     plain = solve(made, made.references(effort=0.0))
     load = solution.forces["left_foot"][2]
     assert abs(plain.forces["left_foot"][2] - 120.0) > 25.0
-    assert load == pytest.approx(140.0, abs=1e-2)  # the near end, and no further
+    assert load == pytest.approx(140.0, abs=1e-2)  # the near bound
     np.testing.assert_allclose(
         made.controller.dynamics.com_jacobian @ (solution.v_dot - plain.v_dot), np.zeros(3), atol=1e-7
     )
 
 
-def test_what_cannot_be_built_is_refused(bench):
+def test_invalid_tasks_are_refused(bench):
     with pytest.raises(ConfigurationError, match=r"tasks.effort.contact = 'left_hand': no such contact; .*left_foot"):
         with_task(bench, type="contact_wrench", contact="left_hand")
     moments = [False, False, False, True, True, True]
     with pytest.raises(
-        ConfigurationError, match=r"tasks.effort.mask leaves no axis: contact 'front_left_foot' has .* along x, y, z"
+        ConfigurationError, match=r"tasks.effort.mask selects no force .* of contact 'front_left_foot'; valid: x, y, z"
     ):
         with_task(bench, "go2", type="contact_wrench", contact="front_left_foot", mask=moments)
-    with pytest.raises(ConfigurationError, match=r"tasks.effort.target has 1 values; .* its 29 joints"):
+    with pytest.raises(ConfigurationError, match=r"tasks.effort.target has 1 values; expected 29, one per joint"):
         with_task(bench, type="torque", target=[1.0])
     with pytest.raises(ConfigurationError, match=r"tasks.effort.joints: 'knee' is not one of robot.joints"):
         with_task(bench, type="torque", joints=["knee"])

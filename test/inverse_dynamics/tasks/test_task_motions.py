@@ -1,7 +1,6 @@
-"""What a robot does under each kind of task: the controller's accelerations integrated, from configuration to motion.
+"""Motion under each kind of task, by integration of the controller's accelerations.
 
-The state follows v̇ without a simulator between, so that what is seen is the task's own law. The references come from
-the board, as in the service.
+There is no simulator, so the motion shows the law of the task. The references come from the board, as in the service.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ PERIOD = 0.002
 
 
 class Motion:
-    """A robot that stands, with further tasks, and moves by what its controller answers."""
+    """Standing robot with further tasks that moves by its controller's accelerations."""
 
     def __init__(self, settings, model, q, v=None):
         self.model = model
@@ -58,7 +57,7 @@ class Motion:
 
 @pytest.fixture
 def motion(robot_of, stance_of, changed):
-    """Builds a `Motion` of a robot, with some settings changed."""
+    """Return a function that makes a `Motion` of a robot with changed settings."""
 
     def build(robot, changes, v=None):
         settings, model = robot_of(robot)
@@ -67,7 +66,7 @@ def motion(robot_of, stance_of, changed):
     return build
 
 
-def test_relative_pose_two_hands_keep_their_distance_while_one_is_led(motion):
+def test_relative_pose_of_two_hands(motion):
     grip = {"type": "relative_pose", "frame": "left_rubber_hand", "reference_frame": "right_rubber_hand"}
     g1 = motion("g1", {"tasks": {"grip": grip | {"weight": 20.0}, "right_hand": {"enabled": True}}})
     start = g1.task("grip").position(g1.now)
@@ -75,7 +74,7 @@ def test_relative_pose_two_hands_keep_their_distance_while_one_is_led(motion):
     g1.go(grip=goal)
     g1.run(1.5)
     np.testing.assert_allclose(g1.task("grip").position(g1.now)[:3], goal[:3], atol=1.0e-3)
-    # Now the right hand goes elsewhere, and turns: the left one comes along, unasked.
+    # The right hand moves and turns; the left one follows.
     here, left = g1.placement("right_rubber_hand"), np.array(g1.placement("left_rubber_hand").translation)
     turned = (
         pin.SE3(np.eye(3), np.array([0.05, 0.0, 0.05]))
@@ -91,7 +90,7 @@ def test_relative_pose_two_hands_keep_their_distance_while_one_is_led(motion):
     assert np.abs(errors).max() < 5.0e-3
 
 
-def test_axis_alignment_a_hand_points_down_then_up_and_aside(motion):
+def test_axis_alignment_of_a_hand(motion):
     task = {"type": "axis_alignment", "frame": "left_rubber_hand", "axis": [1.0, 0.0, 0.0], "weight": 10.0}
     g1 = motion("g1", {"tasks": {"aim": task}})
     turned = []
@@ -104,7 +103,7 @@ def test_axis_alignment_a_hand_points_down_then_up_and_aside(motion):
     assert max(turned) < 2.0e-3
 
 
-def test_gaze_an_axis_stays_on_a_point_while_the_robot_sways(motion):
+def test_gaze_while_swaying(motion):
     task = {"type": "gaze", "frame": "torso_link", "axis": [1.0, 0.0, 0.0], "weight": 10.0}
     g1 = motion("g1", {"tasks": {"aim": task, "torso": {"enabled": False}}})
     point = np.array([0.8, 0.25, 1.0])
@@ -122,7 +121,7 @@ def test_gaze_an_axis_stays_on_a_point_while_the_robot_sways(motion):
 
 
 def shove(g1, momentum):
-    """Give a robot a momentum about its centre of mass, (6,), with feet that stand still; the slowest such motion."""
+    """Give a robot a centroidal momentum (6,) with resting feet: the slowest such motion."""
     J = np.concatenate([contact.jacobian(g1.now) for contact in g1.controller.contacts.values()])
     _, values, rows = np.linalg.svd(J)
     free = rows[np.sum(values > 1.0e-9) :].T
@@ -131,7 +130,7 @@ def shove(g1, momentum):
     return g1
 
 
-#: The other tasks that would hold the centre of mass or the trunk are off.
+#: Other tasks on the centre of mass or the trunk are disabled.
 ALONE = {"com": {"enabled": False}, "pelvis": {"weight": 0.1}, "torso": {"weight": 0.1}}
 
 
@@ -139,7 +138,7 @@ ALONE = {"com": {"enabled": False}, "pelvis": {"weight": 0.1}, "torso": {"weight
     ("kind", "damping", "weight", "start"),
     [("linear_momentum", [4.0, 8.0, 4.0], 1.0, [3.0, 3.0, 2.0]), ("angular_momentum", 6.0, 10.0, [0.4, 0.4, 0.2])],
 )
-def test_momentum_decays_as_fast_as_its_damping_says(motion, kind, damping, weight, start):
+def test_momentum_decays_with_its_damping(motion, kind, damping, weight, start):
     g1 = motion("g1", {"tasks": ALONE | {"rate": {"type": kind, "damping": damping, "weight": weight}}})
     shove(g1, [*start, 0.0, 0.0, 0.0] if kind == "linear_momentum" else [0.0, 0.0, 0.0, *start])
     np.testing.assert_allclose(g1.task("rate").position(g1.now), start, atol=1e-6)
@@ -160,7 +159,7 @@ def test_linear_momentum_follows_its_reference(motion):
     np.testing.assert_allclose(reached, goal, atol=0.02)
 
 
-def test_capture_point_its_error_decays_and_the_centre_of_mass_follows(motion):
+def test_capture_point_error_decays(motion):
     task = {"type": "capture_point", "gain": [3.0, 5.0], "weight": 500.0, "setpoint_duration": 0.0}
     height = {"com": {"mask": [False, False, True]}}
     g1 = shove(motion("g1", {"tasks": height | {"steady": task}}), [1.5, 2.0, 0.0, 0.0, 0.0, 0.0])
@@ -177,8 +176,8 @@ def test_capture_point_its_error_decays_and_the_centre_of_mass_follows(motion):
     np.testing.assert_allclose(g1.now.com[:2], goal, atol=1.0e-3)
 
 
-def test_capture_point_brings_a_robot_in_the_simulator_back_after_a_push(robot_of, changed):
-    """12 N·s at the pelvis, sideways, in 0.1 s: the capture point goes out, stays over the feet, and comes back."""
+def test_capture_point_after_a_push_in_the_simulator(robot_of, changed):
+    """12 N·s sideways at the pelvis in 0.1 s: the capture point stays over the feet and returns."""
     settings, model = robot_of("g1")
     steady = {"type": "capture_point", "gain": 15.0, "weight": 5000.0, "setpoint_duration": 0.0}
     tasks = {"com": {"mask": [False, False, True]}, "steady": steady}

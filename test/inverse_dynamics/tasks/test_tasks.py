@@ -55,7 +55,7 @@ def rotation(quaternion):
 
 
 def displacement(kind, start, end):
-    """From one position to another, rotations in the outer axes; computed apart from the task's own error."""
+    """Return the displacement between positions, with rotations in outer axes, by a separate formula."""
     if kind == "frame_orientation":
         return pin.log3(rotation(end) @ rotation(start).T)
     if kind in POSES:
@@ -89,7 +89,7 @@ def test_jacobian_is_the_derivative_of_the_position(load, random_state, robot, k
 @pytest.mark.parametrize("robot", ROBOTS)
 @some_states
 @given(seed=seeds)
-def test_drift_is_the_acceleration_of_the_position_at_rest_of_v(load, random_state, robot, kind, seed):
+def test_drift_is_the_acceleration_at_constant_v(load, random_state, robot, kind, seed):
     model, _ = load(robot)
     q, v = random_state(model, np.random.default_rng(seed))
     task, dynamics, step = make(kind, model, robot), Dynamics(model), 1.0e-5
@@ -122,7 +122,7 @@ def test_error_leads_from_the_position_to_the_reference(load, random_state, robo
         np.testing.assert_allclose(reached, rotation(goal[-4:]), atol=1.0e-9)
 
 
-def test_position_of_a_frame_is_where_pinocchio_puts_it(load, random_state):
+def test_frame_position_equals_pinocchio(load, random_state):
     model, _ = load("g1")
     q, v = random_state(model, np.random.default_rng(1))
     dynamics, data = snapshot(model, q, v), model.pinocchio.createData()
@@ -135,7 +135,7 @@ def test_position_of_a_frame_is_where_pinocchio_puts_it(load, random_state):
     )
 
 
-def test_a_relative_pose_is_that_of_one_frame_in_the_other(load, random_state):
+def test_relative_pose_equals_frame_transforms(load, random_state):
     model, _ = load("g1")
     dynamics = snapshot(model, *random_state(model, np.random.default_rng(1)))
     ids = [model.pinocchio.getFrameId(frames["g1"]) for frames in (REFERENCE_FRAMES, FRAMES)]
@@ -144,7 +144,7 @@ def test_a_relative_pose_is_that_of_one_frame_in_the_other(load, random_state):
     np.testing.assert_allclose(make("relative_pose", model, "g1").position(dynamics), expected, atol=1e-12)
 
 
-def test_the_motion_of_the_whole_robot_changes_no_relative_pose(load, random_state):
+def test_rigid_motion_does_not_change_relative_poses(load, random_state):
     model, _ = load("g1")
     q, v = random_state(model, np.random.default_rng(1))
     dynamics = snapshot(model, q, v)
@@ -154,14 +154,14 @@ def test_the_motion_of_the_whole_robot_changes_no_relative_pose(load, random_sta
 
 
 @pytest.mark.parametrize("length", [0.5, 2.0])
-def test_a_reference_orientation_need_not_be_normalized(load, random_state, length):
+def test_reference_orientation_of_any_length(load, random_state, length):
     model, _ = load("go2")
     dynamics = snapshot(model, *random_state(model, np.random.default_rng(2)))
     task = make("frame_orientation", model, "go2")
     reference = pin.Quaternion(pin.exp3(np.array([0.1, 0.2, -0.3]))).coeffs()
     expected = task.error(dynamics, reference)
     np.testing.assert_allclose(task.error(dynamics, length * reference), expected, atol=1e-12)
-    np.testing.assert_allclose(task.error(dynamics, -reference), expected, atol=1e-12)  # q and -q are one orientation
+    np.testing.assert_allclose(task.error(dynamics, -reference), expected, atol=1e-12)  # the same orientation
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ def test_a_reference_orientation_need_not_be_normalized(load, random_state, leng
         ("relative_pose", [True, False, True, False, False, True]),
     ],
 )
-def test_equation_gives_the_masked_rows_of_the_task_law(load, random_state, kind, mask):
+def test_equation_has_the_masked_rows(load, random_state, kind, mask):
     model, _ = load("talos")
     rng = np.random.default_rng(3)
     dynamics = snapshot(model, *random_state(model, rng))
@@ -185,7 +185,7 @@ def test_equation_gives_the_masked_rows_of_the_task_law(load, random_state, kind
     reference = Reference(goal, rng.normal(size=task.size), rng.normal(size=task.size))
     J, right, error = task.equation(dynamics, reference)
     assert task.dimension == sum(mask)
-    # The acceleration that the task gets, were it alone, is its law's.
+    # The acceleration of this task alone follows its law.
     full_error = displacement(kind, task.position(dynamics), goal)
     acceleration = reference.acceleration + stiffness * full_error
     acceleration += damping * (reference.velocity - task.jacobian(dynamics) @ dynamics.v)
@@ -194,7 +194,7 @@ def test_equation_gives_the_masked_rows_of_the_task_law(load, random_state, kind
     np.testing.assert_allclose(error, full_error[mask], atol=1e-9)
 
 
-def test_the_posture_task_takes_its_own_joints_in_its_own_order(load, random_state):
+def test_posture_task_keeps_the_order_of_its_joints(load, random_state):
     model, _ = load("go2")
     q, v = random_state(model, np.random.default_rng(4))
     dynamics = snapshot(model, q, v)
@@ -211,7 +211,7 @@ def test_the_posture_task_takes_its_own_joints_in_its_own_order(load, random_sta
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_damping_is_critical_where_it_is_not_given(load, kind):
+def test_default_damping_is_critical(load, kind):
     model, _ = load("g1")
     assert make(kind, model, "g1", stiffness=64.0).damping == pytest.approx(2.0 * math.sqrt(64.0))
     assert make(kind, model, "g1", stiffness=64.0, damping=0.0).damping == 0.0
@@ -219,7 +219,7 @@ def test_damping_is_critical_where_it_is_not_given(load, kind):
     np.testing.assert_allclose(make(kind, model, "g1", stiffness=np.arange(size) ** 2).damping, 2.0 * np.arange(size))
 
 
-def test_rest_is_a_reference_that_asks_for_no_acceleration(load, random_state):
+def test_default_reference_requires_no_acceleration(load, random_state):
     model, _ = load("g1")
     q, _ = random_state(model, np.random.default_rng(5))
     dynamics = snapshot(model, q, np.zeros(model.nv))
@@ -230,7 +230,7 @@ def test_rest_is_a_reference_that_asks_for_no_acceleration(load, random_state):
         assert np.abs(error).max() < 1.0e-8
 
 
-def test_a_resting_reference_outlives_the_snapshot(load, random_state):
+def test_reference_at_rest_is_independent_of_the_snapshot(load, random_state):
     model, _ = load("g1")
     rng = np.random.default_rng(6)
     dynamics = snapshot(model, *random_state(model, rng))
@@ -241,14 +241,14 @@ def test_a_resting_reference_outlives_the_snapshot(load, random_state):
         np.testing.assert_array_equal(reference.position, before[kind])
 
 
-def test_an_unknown_reference_frame_is_refused_with_the_nearest_one(load):
+def test_unknown_reference_frame_is_refused(load):
     model, _ = load("go2")
     with pytest.raises(ConfigurationError, match=r"tasks\.paw\.reference_frame = 'bse'.*did you mean 'base'"):
         RelativePoseTask("paw", model, "FL_foot", "bse")
 
 
 @pytest.mark.parametrize("kind", ["frame_position", "frame_orientation", "frame_pose"])
-def test_an_unknown_frame_is_refused_with_the_nearest_one(load, kind):
+def test_unknown_frame_is_refused(load, kind):
     model, _ = load("go2")
     kinds = {"frame_position": FramePositionTask, "frame_orientation": FrameOrientationTask}
     with pytest.raises(ConfigurationError, match=r"tasks\.paw\.frame = 'FL_fot'.*did you mean 'FL_foot'"):
@@ -260,20 +260,20 @@ def test_an_unknown_frame_is_refused_with_the_nearest_one(load, kind):
 
 @pytest.mark.parametrize("key", ["stiffness", "damping"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_list_of_gains_of_another_length_is_refused_with_the_right_one(load, kind, key):
+def test_gains_of_wrong_length_are_refused(load, kind, key):
     model, _ = load("g1")
     size = make(kind, model, "g1").size
-    said = rf"tasks\.{kind}\.{key} has {size + 1} values; it takes one number, or a list with one for .* {size} "
+    said = rf"tasks\.{kind}\.{key} has {size + 1} values; expected one number, or a list with one for .* {size} "
     with pytest.raises(ConfigurationError, match=said):
         make(kind, model, "g1", **{key: [1.0] * (size + 1)})
 
 
-# Axes that point somewhere -------------------------------------------------------------------------------------------
+# Axis tasks ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_jacobian_and_drift_of_an_axis_are_the_turning_of_the_axis(load, random_state, robot, kind):
+def test_jacobian_and_drift_of_an_axis(load, random_state, robot, kind):
     model, _ = load(robot)
     q, v = random_state(model, np.random.default_rng(9))
     task, dynamics, step = kind("aim", model, FRAMES[robot], [2.0, 0.0, 0.0]), Dynamics(model), 1.0e-6
@@ -292,7 +292,7 @@ def test_jacobian_and_drift_of_an_axis_are_the_turning_of_the_axis(load, random_
     dynamics.update(q, v)
     n, (_, b1, b2) = task.direction(dynamics), dynamics.placement(frame).rotation.T
     np.testing.assert_allclose(n, dynamics.placement(frame).rotation[:, 0], atol=1e-12)
-    turning = np.cross(n, np.array(columns))  # ω = n × ṅ, less the spin about n
+    turning = np.cross(n, np.array(columns))  # ω = n × ṅ, without the spin about n
     np.testing.assert_allclose(task.jacobian(dynamics), [turning @ b1, turning @ b2], atol=1e-7)
     np.testing.assert_allclose(task.velocity(dynamics), task.jacobian(dynamics) @ v, atol=1e-10)
     np.testing.assert_allclose(task.drift(dynamics), (ends[1] - ends[0]) / (2.0 * step), rtol=1e-6, atol=1e-6)
@@ -303,7 +303,7 @@ def test_jacobian_and_drift_of_an_axis_are_the_turning_of_the_axis(load, random_
 @pytest.mark.parametrize("robot", ROBOTS)
 @some_states
 @given(seed=seeds)
-def test_under_its_law_the_angle_to_a_moving_target_is_a_damped_spring(load, random_state, robot, kind, seed):
+def test_angle_to_a_moving_target_is_a_damped_spring(load, random_state, robot, kind, seed):
     model, _ = load(robot)
     rng = np.random.default_rng(seed)
     q, v = random_state(model, rng)
@@ -313,7 +313,7 @@ def test_under_its_law_the_angle_to_a_moving_target_is_a_damped_spring(load, ran
     r = ahead if kind is AxisAlignmentTask else task.position(dynamics) - task.direction(dynamics) + ahead
     r_dot, r_ddot = rng.normal(size=3), rng.normal(size=3)
     J, right, error = task.equation(dynamics, Reference(r, r_dot, r_ddot))
-    assert np.abs(error).max() < 1.0e-9  # on target, and moving away from it
+    assert np.abs(error).max() < 1.0e-9  # on the target, with relative motion
     v_dot = np.linalg.lstsq(J, right, rcond=None)[0]
     frame = model.pinocchio.getFrameId(FRAMES[robot])
     to_sides = task._sides @ dynamics.placement(frame).rotation.T
@@ -323,7 +323,7 @@ def test_under_its_law_the_angle_to_a_moving_target_is_a_damped_spring(load, ran
         target = r + t * r_dot + 0.5 * t**2 * r_ddot
         if kind is GazeTask:
             target = target - dynamics.placement(frame).translation
-        # In axes that do not spin, and by another formula: for small angles the sine will do.
+        # In axes without spin, and by another formula; sin θ ≈ θ for small angles.
         errors.append(to_sides @ np.cross(task.direction(dynamics), target / np.linalg.norm(target)))
     rate, acceleration = (errors[2] - errors[0]) / (2.0 * h), (errors[2] - 2.0 * errors[1] + errors[0]) / h**2
     assert np.linalg.norm(rate) > 0.01
@@ -332,7 +332,7 @@ def test_under_its_law_the_angle_to_a_moving_target_is_a_damped_spring(load, ran
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-10, 1e-5, 0.3, 1.5, 3.0, np.pi - 1e-10, np.pi])
-def test_the_error_of_an_axis_is_the_angle_and_leads_there(load, random_state, angle):
+def test_axis_error_is_the_angle(load, random_state, angle):
     model, _ = load("g1")
     dynamics = snapshot(model, *random_state(model, np.random.default_rng(10)))
     task = AxisAlignmentTask("aim", model, FRAMES["g1"], [1.0, 0.0, 0.0])
@@ -343,7 +343,7 @@ def test_the_error_of_an_axis_is_the_angle_and_leads_there(load, random_state, a
     np.testing.assert_allclose(R @ pin.exp3(np.array([0.0, *error])) @ [3.0, 0.0, 0.0], goal, atol=1e-8)
 
 
-def test_a_target_without_direction_asks_for_nothing(load, random_state):
+def test_target_without_direction(load, random_state):
     model, _ = load("g1")
     dynamics = snapshot(model, random_state(model, np.random.default_rng(11))[0], np.zeros(model.nv))
     here = dynamics.placement(model.pinocchio.getFrameId(FRAMES["g1"])).translation
@@ -356,7 +356,7 @@ def test_a_target_without_direction_asks_for_nothing(load, random_state):
 
 
 @pytest.mark.parametrize("kind", [AxisAlignmentTask, GazeTask])
-def test_an_axis_at_rest_stays_and_the_reference_fits_the_trajectories(load, random_state, kind):
+def test_default_reference_of_an_axis(load, random_state, kind):
     model, _ = load("g1")
     dynamics = snapshot(model, random_state(model, np.random.default_rng(12))[0], np.zeros(model.nv))
     task = kind("aim", model, FRAMES["g1"], [0.0, 1.0, 1.0])
@@ -365,7 +365,7 @@ def test_an_axis_at_rest_stays_and_the_reference_fits_the_trajectories(load, ran
     _, right, error = task.equation(dynamics, reference)
     assert np.abs(error).max() < 1e-9
     np.testing.assert_allclose(right, 0.0, atol=1e-6)
-    with pytest.raises(ConfigurationError, match=r"tasks\.aim\.axis = \[0, 0, 0\]: has no direction"):
+    with pytest.raises(ConfigurationError, match=r"tasks\.aim\.axis = \[0, 0, 0\]: the length must not be 0"):
         kind("aim", model, FRAMES["g1"], [0, 0, 0])
     with pytest.raises(ConfigurationError, match=r"tasks\.aim\.stiffness has 3 values; .* 2 axes"):
         kind("aim", model, FRAMES["g1"], [0, 0, 1], stiffness=[1, 2, 3])
@@ -381,7 +381,7 @@ RATES = {
 
 
 def above_the_support(model, q):
-    """The same state with the base higher, so that there is a pendulum."""
+    """Return the state with a higher base, for a pendulum of positive length."""
     return np.concatenate([q[:2], [np.abs(q[2])], q[3:]])
 
 
@@ -389,7 +389,7 @@ def above_the_support(model, q):
 @pytest.mark.parametrize("robot", ROBOTS)
 @some_states
 @given(seed=seeds)
-def test_jacobian_and_drift_give_the_rate_of_a_quantity_of_q_and_v(load, random_state, robot, kind, seed):
+def test_jacobian_and_drift_of_rate_tasks(load, random_state, robot, kind, seed):
     model, _ = load(robot)
     rng = np.random.default_rng(seed)
     q, v = random_state(model, rng)
@@ -405,7 +405,7 @@ def test_jacobian_and_drift_give_the_rate_of_a_quantity_of_q_and_v(load, random_
 
 
 @pytest.mark.parametrize("kind", RATES)
-def test_the_equation_of_a_rate_is_feed_forward_and_decay(load, random_state, kind):
+def test_equation_of_rate_tasks(load, random_state, kind):
     model, _ = load("g1")
     rng = np.random.default_rng(13)
     q, v = random_state(model, rng)
@@ -415,7 +415,7 @@ def test_the_equation_of_a_rate_is_feed_forward_and_decay(load, random_state, ki
     mask = [False] + [True] * (size - 1)
     task = RATES[kind](model, mask=mask, **{key: list(range(1, size + 1))})
     here = np.array(task.position(dynamics))
-    reference = Reference(here + 0.5, np.full(size, 7.0), np.full(size, np.nan))  # an acceleration is not looked at
+    reference = Reference(here + 0.5, np.full(size, 7.0), np.full(size, np.nan))  # the acceleration is ignored
     J, right, error = task.equation(dynamics, reference)
     assert task.dimension == len(J) == size - 1
     np.testing.assert_allclose(right + task.drift(dynamics)[1:], 7.0 + 0.5 * np.arange(2, size + 1))
@@ -425,7 +425,7 @@ def test_the_equation_of_a_rate_is_feed_forward_and_decay(load, random_state, ki
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_momenta_are_pinocchios_and_their_rest_is_zero(load, random_state, robot):
+def test_momenta_equal_pinocchio(load, random_state, robot):
     model, _ = load(robot)
     q, v = random_state(model, np.random.default_rng(14))
     dynamics = snapshot(model, q, v)
@@ -438,11 +438,11 @@ def test_momenta_are_pinocchios_and_their_rest_is_zero(load, random_state, robot
         np.testing.assert_array_equal(task.rest(dynamics).position, np.zeros(3))
 
 
-def test_the_capture_point_is_where_the_pendulum_comes_to_rest(load):
+def test_pendulum_comes_to_rest_over_the_capture_point(load):
     """The pendulum c̈ = ω² (c - p) with its foot p at the capture point, integrated for five time constants."""
     model, _ = load("g1")
     v = np.zeros(model.nv)
-    v[:2] = [0.4, -0.2]  # the whole robot moves, without turning
+    v[:2] = [0.4, -0.2]  # translation of the whole robot
     dynamics = snapshot(model, model.configuration(model.posture), v)
     task = CapturePointTask("cp", model.gravity, support_height=-0.7)
     omega, point = task.omega(dynamics), task.position(dynamics)
@@ -454,7 +454,7 @@ def test_the_capture_point_is_where_the_pendulum_comes_to_rest(load):
     np.testing.assert_allclose(c, point, atol=2e-3)
 
 
-def test_a_robot_below_its_support_still_has_a_capture_point(load):
+def test_capture_point_below_the_support_is_finite(load):
     model, _ = load("g1")
     dynamics = snapshot(model, model.configuration(model.posture), np.ones(model.nv))
     task = CapturePointTask("cp", model.gravity, support_height=5.0)

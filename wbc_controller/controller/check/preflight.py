@@ -30,7 +30,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import LoopClosure, SurfaceContact, UnilateralContact
 from wbc_controller.inverse_dynamics.formulation.infeasibility import explain
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
-from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST, mobilities
+from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST_MOBILITY, mobilities
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveJoint
@@ -240,7 +240,7 @@ def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
         return []
     J = np.vstack([contact.jacobian(qp.dynamics) for contact in contacts])
     values, directions = mobilities(J, np.concatenate([contact.metric for contact in contacts]), qp.dynamics)
-    part = np.abs(directions[:, values < LEAST]).max(axis=1, initial=0.0)
+    part = np.abs(directions[:, values < LEAST_MOBILITY]).max(axis=1, initial=0.0)
     parts = np.split(part, np.cumsum([contact.size for contact in contacts])[:-1])
     names = [contact.name for contact, own in zip(contacts, parts, strict=True) if own.max() > _PART]
     if not names:
@@ -248,8 +248,9 @@ def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
     return [
         Finding(
             "redundant contacts",
-            f"{np.count_nonzero(values < LEAST)} of the {len(J)} directions that are held, at {', '.join(names)}: no "
-            "joint moves the contacts along them, so that a motion that needs it is limited (sway) or makes them slip",
+            f"{np.count_nonzero(values < LEAST_MOBILITY)} of the {len(J)} directions that are held, at "
+            f"{', '.join(names)}: no joint moves the contacts along them, so that a motion that needs it is limited "
+            "(sway) or makes them slip",
         )
     ]
 

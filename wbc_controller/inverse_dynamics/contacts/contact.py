@@ -1,4 +1,4 @@
-"""The base classes of contacts: each has a motion constraint, and bounds and a cone for its force."""
+"""Base classes of contacts: motion constraint, force bounds and force cone."""
 
 from __future__ import annotations
 
@@ -16,31 +16,29 @@ from wbc_controller.records import Array, frozen
 
 
 class Contact(Tunable, ABC):
-    """A contact of a link with the environment, or with another link of the robot.
+    """Contact of a link with the environment or with another link of the robot.
 
-    While active it constrains motion by J v̇ + J̇v = -D J v (equation (30) of the note; D damps out the velocity at the
-    contact), and exerts the generalized force Jᵀf (section 4.2.2), where f lies in the cone C f ≤ 0 and between bounds.
-    For a contact between two links J v is their relative velocity, so that Jᵀf contains the forces on both links.
+    An active contact constrains motion by J v̇ + J̇v = -D J v (equation (30) of the note; D damps the contact
+    velocity), and exerts the generalized force Jᵀf with bounds and the cone C f ≤ 0. Between two links, J v is their
+    relative velocity, and Jᵀf acts on both.
 
-    `enabled` and `ramp` apply to contacts that a user passes as objects; for contacts of a configuration file the
-    settings decide.
+    Settings override `enabled` and `ramp` for contacts of a configuration file. Constructors raise `ConfigurationError`
+    for unknown frames, masks without held axis, and vectors of zero length.
 
     Attributes:
-        name: the contact's name.
-        basis: (6, k) with orthonormal columns: the published wrench [force, moment] is basis f, and f is basisᵀ times
-            that wrench.
-        wrench_frame: the link in whose contact frame the wrench is given, or ``world``.
-        cone: friction cone or wrench cone C, (rows, k).
+        basis: orthonormal columns, (6, k): the published wrench [force, moment] is basis f.
+        wrench_frame: link with the contact frame of the wrench, or ``world``.
+        cone: friction or wrench cone C, (rows, k).
         damping: D, 1/s.
-        internal: whether it acts between two links of the robot: it then exerts no net force on the robot.
-        metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for a force; for a moment 1/ℓ², in m⁻²,
-            where ℓ is the RMS lever of forces at the corners of the sole, and 1 m where the contact has no size.
-        permanent: whether it is always active: no command activates or deactivates it.
-        bound_groups: the bounded parts of f: a name, the first component, and the one after the last.
-        friction: Coulomb friction coefficient; 0 where the force has no cone.
-        min_normal_force: smallest normal force, N; -inf where the contact can also pull.
-        enabled: whether the contact is active when the controller is activated.
-        ramp: time in which the contact is loaded or unloaded, s.
+        internal: True between two links of the robot.
+        metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for forces, 1/ℓ² for moments, with ℓ the RMS
+            lever of the sole's corners (1 m for a point).
+        permanent: True for a contact that is always active.
+        bound_groups: bounded parts of f: name, first component, end.
+        friction: Coulomb friction coefficient; 0 without a cone.
+        min_normal_force: N; -inf if the contact can pull.
+        enabled: True if the contact is active at activation.
+        ramp: duration of loading or unloading, s.
     """
 
     permanent = False
@@ -59,62 +57,53 @@ class Contact(Tunable, ABC):
         self.cone = cone
         self.damping = damping
         self.internal = internal
-        #: Which components of f are moments, (k,).
-        self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))
-        #: Number of force components, k.
-        self.size = basis.shape[1]
+        self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))  # components of f that are moments, (k,)
+        self.size = basis.shape[1]  # of f, k
         self.metric: Array = np.ones(self.size)
 
     @property
     def full_name(self) -> str:
-        """Kind and name, for error messages."""
+        """Kind and name, for errors."""
         return f"contact {self.name!r}"
 
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """J, (k, nv): J v is the velocity of the contact, in the axes in which f is expressed."""
+        """Return J, (k, nv): J v is the contact velocity in the axes of f."""
 
     @abstractmethod
     def drift(self, dynamics: Dynamics) -> Array:
-        """J̇v, (k,)."""
+        """Return J̇v, (k,)."""
 
     @abstractmethod
     def points(self, dynamics: Dynamics) -> Array:
-        """Corners of the support polygon in the world, (n, 3) in m."""
+        """Return the corners of the support polygon in the world, (n, 3) in m."""
 
     @abstractmethod
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The force as a wrench about the world's origin, in world axes, (6,) in N and N·m."""
+        """Return the force as a wrench about the world origin in world axes, (6,)."""
 
     @abstractmethod
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of f, both (k,); not to be modified.
-
-        The activation scales the largest forces, from 0 (about to be deactivated) to 1 (fully active).
-        """
+        """Return bounds of f, (k,), not to be modified; the activation from 0 to 1 scales the largest forces."""
 
     def instruction(self) -> Instruction | None:
-        """How compiled code fills J and the required J v̇ at J v = 0; None where it does not know them, and `fill` does.
-
-        Only a class itself gives one, not those derived from it: they may override what the rows follow from.
-        """
+        """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""
         return None
 
     def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
-        """The required J v̇ at J v = 0, (k,): the acceleration that keeps the contact at rest."""
+        """Return the required J v̇ at J v = 0, (k,)."""
         return -checked(self, "drift", self.drift(dynamics), (self.size,))
 
 
 class AnchoredContact(Contact):
-    """A contact with an anchor, the pose at which it was activated, and position feedback towards it.
+    """Contact with position feedback to an anchor, its pose at activation.
 
-    The feedback adds K e to the acceleration of the contact, where e is the displacement from the present pose to the
-    anchor (see `formulation.anchors`):
+    With the displacement e to the anchor (see `formulation.anchors`),
 
         J v̇ + J̇v = -D J v + K e
 
     Attributes:
-        stiffness: K, 1/s²; 0 for a contact without an anchor.
+        stiffness: K, 1/s²; 0 for no anchor.
     """
 
     def __init__(
@@ -133,27 +122,22 @@ class AnchoredContact(Contact):
 
     @abstractmethod
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Position of the contact and orientation of its link, relative to the world or to the link that it touches."""
+        """Return contact position and link orientation, in the world or relative to the touched link."""
 
     def anchor(self, dynamics: Dynamics) -> Array:
-        """The anchor of a contact activated at this state, (7,): position in m and quaternion of its pose."""
+        """Return the anchor at this state, (7,): position and quaternion of the pose."""
         return frozen(pin.SE3ToXYZQUAT(self.pose(dynamics)))
 
     @abstractmethod
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """e, the displacement to the anchor along the axes in which f is expressed, (k,) in m and rad.
+        """Return the displacement e to the anchor along the axes of f, (k,) in m and rad.
 
-        To first order, J v = e held for one second returns to the anchor. e is 0 along axes of f in which the contact
-        has no position to return to.
+        To first order, J v = e for one second returns to the anchor. e is 0 along axes without a position.
         """
 
 
 def evaluate(contact: Contact, dynamics: Dynamics) -> None:
-    """Evaluate the methods of a contact's motion and check what they return, as `tasks.task.evaluate` does.
-
-    Raises:
-        MethodError: if a method raises an exception, or returns another shape or type, NaN or infinity.
-    """
+    """Check the motion methods of a contact (`method_calls`)."""
     k, nv = (contact.size,), dynamics.model.nv
     array_from(contact, "jacobian", (*k, nv), dynamics)
     array_from(contact, "drift", k, dynamics)
@@ -161,11 +145,7 @@ def evaluate(contact: Contact, dynamics: Dynamics) -> None:
 
 
 def motion_of(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
-    """Evaluate J, (k, nv), and the required J v̇ at J v = 0, (k,), and check them.
-
-    Raises:
-        MethodError: as `evaluate`, with the name of the method that failed.
-    """
+    """Return J, (k, nv), and the required J v̇ at J v = 0, (k,), checked (`method_calls`)."""
     k = (contact.size,)
     try:
         J = checked(contact, "jacobian", contact.jacobian(dynamics), (*k, dynamics.model.nv))
@@ -180,33 +160,23 @@ def motion_of(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
 
 
 def points_of(contact: Contact, dynamics: Dynamics) -> Array:
-    """Corners of the support polygon in the world, (n, 3) in m, checked.
-
-    Raises:
-        MethodError: if `Contact.points` raises an exception, or returns another shape, or NaN.
-    """
+    """Return the corners of the support polygon in the world, (n, 3) in m, checked (`method_calls`)."""
     points = call(contact, "points", dynamics)
     return checked(contact, "points", points, (np.shape(points)[0] if np.ndim(points) else 0, 3))
 
 
 def anchor_of(contact: AnchoredContact, dynamics: Dynamics) -> Array:
-    """The anchor of a contact activated at this state, (7,), checked and read-only.
-
-    Raises:
-        MethodError: if `AnchoredContact.anchor` raises an exception, or returns another shape, or NaN.
-    """
+    """Return the anchor at this state, (7,), checked (`method_calls`) and read-only."""
     return frozen(array_from(contact, "anchor", (7,), dynamics))
 
 
 class UnilateralContact(AnchoredContact):
-    """A contact that can only push, with Coulomb friction.
+    """Contact that can only push, with Coulomb friction.
 
     Attributes:
         normal: index in f of the normal force.
-        friction: Coulomb friction coefficient.
-        min_normal_force: smallest normal force, N.
-        max_normal_force: largest normal force, N.
-        max_yaw_moment: largest moment about the normal, N·m; inf where the cone alone bounds it.
+        max_normal_force: N.
+        max_yaw_moment: largest moment about the normal, N·m; inf for none.
     """
 
     normal = 2
@@ -238,10 +208,7 @@ class UnilateralContact(AnchoredContact):
             self.bound_groups += (("yaw_moment", 5, 6),)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of f, both (k,): the activation scales the largest normal force and yaw moment.
-
-        The same arrays are returned while the activation and the limits do not change.
-        """
+        """Return bounds of f, (k,), scaled by the activation; the same arrays until activation or limits change."""
         largest = (activation * self.max_normal_force, activation * self.max_yaw_moment, self.min_normal_force)
         if largest == self._largest:
             return self._bounds

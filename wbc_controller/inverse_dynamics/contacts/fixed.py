@@ -1,4 +1,4 @@
-"""Contact that holds a link: bilateral forces, without a cone."""
+"""Contact with bilateral forces and without a cone."""
 
 from __future__ import annotations
 
@@ -9,25 +9,19 @@ import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.contact import AnchoredContact
-from wbc_controller.inverse_dynamics.contacts.mount import Mount, hinge_of, opening
+from wbc_controller.inverse_dynamics.contacts.mount import Mount, hinge_of, pose_displacement
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: The axes of a mask, in words.
 _AXES = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
 class FixedContact(AnchoredContact):
-    """A bolted foot or a gripping hand: it cannot move along some axes of its frame, and can push and pull.
+    """Bolted foot or gripping hand: some axes of its frame are held, with forces in both directions.
 
-    f has one component for each held axis of the contact frame, forces first: along the free axes the link slides or
-    rotates, and no force is transmitted.
-
-    Attributes:
-        max_force: largest force along each axis, N.
-        max_moment: largest moment about each axis, N·m.
+    f has one component per held axis of the contact frame, forces first.
     """
 
     def __init__(
@@ -47,28 +41,24 @@ class FixedContact(AnchoredContact):
         """Make a fixed contact.
 
         Args:
-            frame: a frame of the URDF, fixed to the link that is held.
+            frame: URDF frame of the held link.
             placement: of the contact in that frame.
-            mask: axes of the contact frame that are held: along x, y, z, about x, y, z.
-            against: a frame of the URDF, fixed to the link that holds; None for the world.
-            max_force: largest force along each axis, N.
-            max_moment: largest moment about each axis, N·m.
+            mask: held axes of the contact frame: along x, y, z, about x, y, z.
+            against: URDF frame of the holding link; None for the world.
+            max_force: along each axis, N.
+            max_moment: about each axis, N·m.
             damping: D, 1/s.
-            stiffness: K, 1/s².
-
-        Raises:
-            ConfigurationError: if the model has no such frame, no axis is held, or a stiffness is given although
-                motions along the free axes can change the position along held ones (see `_reached`).
+            stiffness: K, 1/s², for holonomic masks only (see `_nonholonomic_axes`).
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):
-            raise ConfigurationError(f"contacts.{name}.mask = {list(mask)}: it holds no axis")
-        reached = _reached(self._rows)
+            raise ConfigurationError(f"contacts.{name}.mask = {list(mask)}: at least one axis must be held")
+        reached = _nonholonomic_axes(self._rows)
         if stiffness > 0.0 and reached:
             raise ConfigurationError(
-                f"contacts.{name}.stiffness = {stiffness:g}: with mask = {[bool(held) for held in mask]} the link gets "
-                f"to other places {' and '.join(reached)} by its motions along the axes that are free, so that there "
-                "is none to go back to; take 0, or another mask"
+                f"contacts.{name}.stiffness = {stiffness:g}: with mask = {[bool(held) for held in mask]}, motions "
+                f"along the free axes can displace the link {' and '.join(reached)}, so the anchor position is "
+                "undefined; set stiffness to 0, or change the mask"
             )
         k = len(self._rows)
         super().__init__(
@@ -90,53 +80,52 @@ class FixedContact(AnchoredContact):
         self.bound_groups = tuple(group for group in groups if group[1] < group[2])
 
     def placement(self, dynamics: Dynamics) -> pin.SE3:
-        """Placement of the contact frame in the world."""
+        """Return the placement of the contact frame in the world."""
         return self._mount.placement(dynamics)
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Placement of the contact frame in the world, or relative to the link that holds."""
+        """Return the placement of the contact frame in the world, or relative to the holding link."""
         return self._mount.pose(dynamics)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """e, along the held axes of the contact frame, (k,) in m and rad."""
-        there = self._mount.seen(dynamics, anchor)
-        # Remove the sliding along the free axes. These are the axes at activation, such as the direction of a rail.
+        """Return e along the held axes of the contact frame, (k,)."""
+        there = self._mount.anchor_in_contact_frame(dynamics, anchor)
+        # Remove sliding along the axes that were free at activation, e.g. a rail.
         Q = there.rotation
         there.translation = Q @ (self._held * (Q.T @ there.translation))
-        return opening(there, self._hinge)[self._rows]
+        return pose_displacement(there, self._hinge)[self._rows]
 
     def instruction(self) -> Instruction | None:
-        """How compiled code fills the rows."""
+        """Return the instruction for compiled code."""
         return self._mount.instruction(self._rows) if type(self) is FixedContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of the contact frame along the held axes, (k, nv)."""
+        """Return the Jacobian of the contact frame along the held axes, (k, nv)."""
         return self._mount.jacobian(dynamics)[self._rows]
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Spatial acceleration of the contact frame at v̇ = 0, along the held axes, (k,)."""
+        """Return the spatial acceleration of the contact frame at v̇ = 0 along the held axes, (k,)."""
         return self._mount.drift(dynamics)[self._rows]
 
     def points(self, dynamics: Dynamics) -> Array:
-        """The contact frame's origin in the world, (1, 3) in m."""
+        """Return the contact frame's origin in the world, (1, 3) in m."""
         return np.array(self.placement(dynamics).translation)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The wrench, transformed from the contact frame to the world's origin and axes, (6,) in N and N·m."""
+        """Return the wrench about the world origin in world axes, (6,)."""
         return np.asarray(self.placement(dynamics).act(pin.Force(self.basis @ force)).vector)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Lower and upper bounds of f, both (k,): the activation scales all of them."""
+        """Return bounds of f, (k,), scaled by the activation."""
         most = activation * np.where(self.moments, self.max_moment, self.max_force)
         return -most, most
 
 
-def _reached(held: np.ndarray) -> list[str]:
-    """Name the held axes along which a sequence of motions along free axes can still displace the link.
+def _nonholonomic_axes(held: np.ndarray) -> list[str]:
+    """Name the held axes along which sequences of motions along free axes can displace the link.
 
-    A car parks sideways in this way. Where the twists along the free axes do not form a Lie algebra, the constraint is
-    not holonomic and does not restrict the position (Frobenius; Murray, Li and Sastry, A Mathematical Introduction to
-    Robotic Manipulation, 1994, section 7.2).
+    There are none if the twists along the free axes form a Lie algebra. Otherwise the constraint is nonholonomic: it
+    does not restrict the position, as for a parking car (Murray, Li and Sastry, 1994, section 7.2).
     """
     free = [pin.Motion(axis) for i, axis in enumerate(np.eye(6)) if i not in held]
     brackets = np.array([a.cross(b).vector for a in free for b in free]).reshape(-1, 6)

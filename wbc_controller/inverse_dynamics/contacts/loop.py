@@ -1,4 +1,4 @@
-"""Closure of a kinematic loop: a joint between two links that is not part of the kinematic tree."""
+"""Closure of a kinematic loop by a joint outside the kinematic tree."""
 
 from __future__ import annotations
 
@@ -10,31 +10,27 @@ import pinocchio as pin
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.contact import Contact
-from wbc_controller.inverse_dynamics.contacts.mount import hinge_of, opening
+from wbc_controller.inverse_dynamics.contacts.mount import hinge_of, pose_displacement
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 
 class LoopClosure(Contact):
-    """Holds a frame B of one link at a frame A of another, along some axes of A; always active.
+    """Loop closure that holds a frame B of one link at a frame A of another along some axes of A; always active.
 
-    The pose of B in A is r = R_Aᵀ (p_B - p_A) and Q = R_Aᵀ R_B, and has the velocity
+    The pose of B in A is r = R_Aᵀ (p_B - p_A) and Q = R_Aᵀ R_B. With the twist ν of B relative to A in the axes of B,
+    and its angular part ω (Q and ω × act on each half of ν),
 
-        γ = [ṙ, R_Aᵀ (ω_B - ω_A)] = Q ν                    ν: twist of B as seen from A, in the axes of B
-        γ̇ = Q (ν̇ + ω × ν)                                  ω: angular part of ν; Q and ω × act on each half of ν
+        γ = [ṙ, R_Aᵀ (ω_B - ω_A)] = Q ν
+        γ̇ = Q (ν̇ + ω × ν)
 
-    where a closed loop has r = 0 and Q = 1 along the held axes. An opening is closed by a spring and damper (Baumgarte,
-    "Stabilization of constraints and integrals of motion in dynamical systems", 1972):
+    A spring and damper return to r = 0 and Q = 1 along the held axes (Baumgarte stabilization, 1972):
 
         γ̇ = -D γ - K e,    e = [r, log Q],    D = 2 √K
 
-    Where one rotation is free, as in a hinge, the angular part of e is the rotation between the two axes of the hinge.
-
-    f is the force that A exerts on B at the origin of B, in the axes of A; the opposite force acts on A.
-
-    Attributes:
-        stiffness: K, 1/s².
+    With one free rotation (hinge), the angular part of e is the rotation between the hinge axes. f is the force of A on
+    B at the origin of B, in the axes of A.
     """
 
     permanent = True
@@ -52,17 +48,17 @@ class LoopClosure(Contact):
         """Make a loop closure.
 
         Args:
-            frames: frames of the URDF, fixed to the two links.
+            frames: URDF frames of the two links.
             placements: of A and B in these frames.
-            mask: axes of A that are held: along x, y, z, about x, y, z.
+            mask: held axes of A: along x, y, z, about x, y, z.
             stiffness: K, 1/s².
 
         Raises:
-            ConfigurationError: if the model has no such frame, no joint is between them, or no axis is held.
+            ConfigurationError: also if no joint is between the frames.
         """
         self._rows = np.flatnonzero(mask)
         if not len(self._rows):
-            raise ConfigurationError(f"loops.{name}.mask = {list(mask)}: it holds no axis")
+            raise ConfigurationError(f"loops.{name}.mask = {list(mask)}: at least one axis must be held")
         super().__init__(
             name,
             np.eye(6)[:, self._rows],
@@ -71,7 +67,7 @@ class LoopClosure(Contact):
             damping=2.0 * math.sqrt(stiffness),
             internal=True,
         )
-        self.stiffness = stiffness
+        self.stiffness = stiffness  # 1/s²
         self._a = model.frame_id(frames[0], f"loops.{name}.frame_a")
         self._b = model.frame_id(frames[1], f"loops.{name}.frame_b")
         joints = [model.pinocchio.frames[frame].parentJoint for frame in (self._a, self._b)]
@@ -84,56 +80,54 @@ class LoopClosure(Contact):
         self._hinge = hinge_of(mask)
 
     def _pose(self, dynamics: Dynamics) -> pin.SE3:
-        """The pose of B in A: r and Q."""
         a = dynamics.placement(self._a) * self._placements[0]
         return a.actInv(dynamics.placement(self._b) * self._placements[1])
 
-    def _from_a(self, dynamics: Dynamics) -> Array:
-        """X, (6, 6): transforms a twist of the link of A to the frame B."""
+    def _a_to_b(self, dynamics: Dynamics) -> Array:
+        """Return X, (6, 6), from a twist of the link of A to frame B."""
         b = dynamics.placement(self._b) * self._placements[1]
         change: Array = b.actInv(dynamics.placement(self._a)).toActionMatrix()
         return change
 
-    def _turned(self, dynamics: Dynamics, values: Array) -> Array:
-        """Components along the held axes of A, (k,) or (k, nv), of values in the axes of B."""
+    def _along_held_axes(self, dynamics: Dynamics, values: Array) -> Array:
+        """Return the held components in the axes of A of values in the axes of B, (k,) or (k, nv)."""
         Q = self._pose(dynamics).rotation
         return np.concatenate([Q @ values[:3], Q @ values[3:]])[self._rows]
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of γ along the held axes, (k, nv)."""
+        """Return the Jacobian of γ along the held axes, (k, nv)."""
         J = self._to_b @ dynamics.jacobian(self._b, pin.LOCAL)
-        J -= self._from_a(dynamics) @ dynamics.jacobian(self._a, pin.LOCAL)
-        return self._turned(dynamics, J)
+        J -= self._a_to_b(dynamics) @ dynamics.jacobian(self._a, pin.LOCAL)
+        return self._along_held_axes(dynamics, J)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """γ̇ at v̇ = 0 along the held axes, (k,)."""
-        X = self._from_a(dynamics)
+        """Return γ̇ at v̇ = 0 along the held axes, (k,)."""
+        X = self._a_to_b(dynamics)
         carried = X @ dynamics.velocity(self._a, pin.LOCAL)
         nu = self._to_b @ dynamics.velocity(self._b, pin.LOCAL) - carried
-        # ν̇ of a frame seen from another link, as in `mount.Mount`.
         nu_dot = self._to_b @ dynamics.drift_local(self._b) - X @ dynamics.drift_local(self._a)
         nu_dot += pin.Motion(nu).cross(pin.Motion(carried)).vector
         nu_dot[:3] += pin.skew(nu[3:]) @ nu[:3]  # ω × ω = 0
-        return self._turned(dynamics, nu_dot)
+        return self._along_held_axes(dynamics, nu_dot)
 
     def error(self, dynamics: Dynamics) -> Array:
-        """e, the opening of the loop along the held axes, (k,) in m and rad."""
-        return opening(self._pose(dynamics), self._hinge)[self._rows]
+        """Return e along the held axes, (k,) in m and rad."""
+        return pose_displacement(self._pose(dynamics), self._hinge)[self._rows]
 
     def acceleration_at_rest(self, dynamics: Dynamics) -> Array:
-        """The required J v̇ at J v = 0, (k,): -drift - K e, which closes the loop."""
+        """Return the required J v̇ at J v = 0, (k,): -drift - K e."""
         return np.asarray(super().acceleration_at_rest(dynamics) - self.stiffness * self.error(dynamics))
 
     def points(self, dynamics: Dynamics) -> Array:
-        """Origin of A in the world, (1, 3) in m."""
+        """Return the origin of A in the world, (1, 3) in m."""
         return np.array((dynamics.placement(self._a) * self._placements[0]).translation)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The wrench on B, transformed to the world's origin and axes, (6,) in N and N·m."""
+        """Return the wrench on B about the world origin in world axes, (6,)."""
         b = dynamics.placement(self._b) * self._placements[1]
         axes = (dynamics.placement(self._a) * self._placements[0]).rotation
         return np.asarray(pin.SE3(axes, b.translation).act(pin.Force(self.basis @ force)).vector)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Infinite lower and upper bounds, both (k,): the force in a joint is not limited."""
+        """Return infinite bounds, (k,)."""
         return np.full(self.size, -np.inf), np.full(self.size, np.inf)

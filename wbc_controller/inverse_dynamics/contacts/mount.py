@@ -11,38 +11,31 @@ import pinocchio as pin
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import SURFACE
-from wbc_controller.inverse_dynamics.robot.instruction import Instruction, numbers_of, on_link
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction, placement_numbers, placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 
 def placement_of(translation: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> pin.SE3:
-    """Make a placement from a translation in m and roll, pitch and yaw in rad."""
+    """Make a placement from a translation in m and roll, pitch, yaw in rad."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(rpy, dtype=np.float64)), np.array(translation, dtype=np.float64))
 
 
 def support_link(model: RobotModel, name: str, frame: str, against: str | None) -> int | None:
-    """Frame id of the link that a contact touches; None for the world.
-
-    Raises:
-        ConfigurationError: where the model has no such frame, or both frames move together.
-    """
+    """Return the frame id of the touched link, None for the world; requires a joint between both frames."""
     if against is None:
         return None
     other = model.frame_id(against, f"contacts.{name}.against")
     frames = model.pinocchio.frames
     if frames[other].parentJoint == frames[model.frame_id(frame, f"contacts.{name}.frame")].parentJoint:
-        raise ConfigurationError(
-            f"contacts.{name}.against = {against!r}: it moves together with {frame!r}, no joint is between them"
-        )
+        raise ConfigurationError(f"contacts.{name}.against = {against!r}: no joint is between it and {frame!r}")
     return other
 
 
-def opening(pose: pin.SE3, hinge: Array | None = None) -> Array:
-    """Displacement of one frame from another, [r, log Q], (6,) in m and rad, for its pose r and Q in the other.
+def pose_displacement(pose: pin.SE3, hinge: Array | None = None) -> Array:
+    """Return the displacement [r, log Q] of a pose (r, Q) from the identity, (6,) in m and rad.
 
-    The hinge is the single axis about which rotation is free, a unit vector, (3,): the angular part is then the
-    rotation between the two positions of this axis.
+    With a `hinge`, the single free rotation axis (3,), the angular part is the rotation between its two positions.
     """
     if hinge is None:
         turn = pin.log3(pose.rotation)
@@ -55,70 +48,61 @@ def opening(pose: pin.SE3, hinge: Array | None = None) -> Array:
 
 
 def hinge_of(mask: Sequence[bool]) -> Array | None:
-    """The single free rotation axis that a mask of held axes leaves, (3,); None if none or several are free."""
+    """Return the single free rotation axis of a mask of held axes, (3,), or None."""
     free = np.flatnonzero(~np.asarray(mask[3:], dtype=bool))
     return np.eye(3)[free[0]] if len(free) == 1 else None
 
 
 class Mount:
-    """A contact frame C fixed to a link, and its motion relative to the world or another link B.
+    """Contact frame C fixed to a link, and its motion relative to the world or another link B.
 
-    The twist of C as seen from B, in the axes of C, is ν = ν_C - X ν_B, where X transforms a twist of B to C. As the
-    axes rotate with C, Ẋ = -(ν ×) X, and
+    With X the transform of a twist from B to C, the twist of C relative to B in the axes of C is ν = ν_C - X ν_B. With
+    Ẋ = -(ν ×) X,
 
         ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B)
 
     with the cross product of spatial motion vectors (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 2.9).
-
-    Attributes:
-        frame: name of the link's frame.
-        against: name of the frame of B; None for the world.
     """
 
     def __init__(
         self, model: RobotModel, name: str, frame: str, placement: pin.SE3, against: str | None = None
     ) -> None:
-        """Make a mount of a contact frame C, given by its placement in a frame of the URDF on the link that touches.
-
-        Raises:
-            ConfigurationError: if the model has no such frame, or both frames move together.
-        """
-        self.frame = frame
-        self.against = against
+        self.frame = frame  # URDF frame of the link
+        self.against = against  # URDF frame of B; None for the world
         self._id = model.frame_id(frame, f"contacts.{name}.frame")
         self._other = support_link(model, name, frame, against)
         self._placement = placement
-        self._on_link = on_link(model, self._id, placement)
+        self._on_link = placement_on_link(model, self._id, placement)
         frames = model.pinocchio.frames
         self._other_link = 0 if self._other is None else int(frames[self._other].parentJoint)
 
     def placement(self, dynamics: Dynamics) -> pin.SE3:
-        """Placement of C in the world."""
+        """Return the placement of C in the world."""
         return dynamics.placement(self._id) * self._placement
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Placement of C in the world, or in the frame of B."""
+        """Return the placement of C in the world, or in the frame of B."""
         placement = self.placement(dynamics)
         return placement if self._other is None else dynamics.placement(self._other).actInv(placement)
 
-    def seen(self, dynamics: Dynamics, anchor: Array) -> pin.SE3:
-        """The pose in C of an anchor, (7,): position in m and quaternion of an earlier `pose` of C."""
+    def anchor_in_contact_frame(self, dynamics: Dynamics, anchor: Array) -> pin.SE3:
+        """Return the pose in C of an anchor, (7,): position and quaternion of an earlier `pose`."""
         return self.pose(dynamics).actInv(pin.XYZQUATToSE3(anchor))
 
     def instruction(self, rows: np.ndarray) -> Instruction:
-        """How compiled code fills some rows, (r,) indices in ν, of the Jacobian of ν, and of -ν̇ at v̇ = 0."""
+        """Return the instruction for the components `rows` (r,) of ν."""
         link, placement = self._on_link
-        return Instruction(SURFACE, rows, link, self._other_link, constants=numbers_of(placement))
+        return Instruction(SURFACE, rows, link, self._other_link, constants=placement_numbers(placement))
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of ν, (6, nv)."""
+        """Return the Jacobian of ν, (6, nv)."""
         J = self._placement.toActionMatrixInverse() @ dynamics.jacobian(self._id, pin.LOCAL)
         if self._other is not None:
             J -= self._from_other(dynamics, self._other) @ dynamics.jacobian(self._other, pin.LOCAL)
         return np.asarray(J)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """ν̇ at v̇ = 0, (6,)."""
+        """Return ν̇ at v̇ = 0, (6,)."""
         own = self._placement.toActionMatrixInverse()
         drift = own @ dynamics.drift_local(self._id)
         if self._other is not None:
@@ -129,6 +113,5 @@ class Mount:
         return np.asarray(drift)
 
     def _from_other(self, dynamics: Dynamics, other: int) -> Array:
-        """X, (6, 6)."""
         X: Array = self.placement(dynamics).actInv(dynamics.placement(other)).toActionMatrix()
         return X

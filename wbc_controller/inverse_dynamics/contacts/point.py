@@ -1,4 +1,4 @@
-"""Contact of a ball or point: a three-dimensional force."""
+"""Contact of a ball or point with a three-dimensional force."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.contacts.mount import support_link
 from wbc_controller.inverse_dynamics.contacts.support import friction_pyramid
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import BALL
-from wbc_controller.inverse_dynamics.robot.instruction import Instruction, on_link
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction, placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -20,19 +20,15 @@ UP = (0.0, 0.0, 1.0)
 
 
 def unit(key: str, vector: Array) -> Array:
-    """The unit vector along a vector, (3,).
-
-    Raises:
-        ConfigurationError: where the vector has no length.
-    """
+    """Return the unit vector along a vector, (3,), of non-zero length."""
     length = float(np.linalg.norm(vector))
     if not length > 1.0e-9:
-        raise ConfigurationError(f"{key} = {np.asarray(vector).tolist()}: it must have a length")
+        raise ConfigurationError(f"{key} = {np.asarray(vector).tolist()}: the length must not be 0")
     return np.asarray(vector, dtype=np.float64) / length
 
 
 def axes_with_normal(normal: Array) -> Array:
-    """Rotate the world axes by the smallest rotation that aligns z with a unit normal, (3, 3): axes as columns."""
+    """Return axes (3, 3) as columns: the world axes after the smallest rotation of z to a unit normal."""
     x, y, z = normal
     if z < -1.0 + 1.0e-9:
         return np.diag([1.0, -1.0, -1.0])
@@ -42,18 +38,16 @@ def axes_with_normal(normal: Array) -> Array:
 
 
 class PointContact(UnilateralContact):
-    """A ball that rolls on a plane without slipping.
+    """Ball that rolls on a plane without slipping.
 
-    The ball's lowest point has no velocity: with its centre at p, the plane's unit normal n and r = -radius n,
+    The lowest point has zero velocity. With the centre p, the plane's unit normal n and r = -radius n,
 
-        E ᵀ(ṗ + ω × r) = 0,    and where the plane is on a link B    Eᵀ(ṗ + ω × r - ṗ_B - ω_B × (p + r - p_B)) = 0.
+        Eᵀ(ṗ + ω × r) = 0,    on a link B    Eᵀ(ṗ + ω × r - ṗ_B - ω_B × (p + r - p_B)) = 0.
 
-    The columns of E are the axes in which the force is expressed: the last is n, the first two span the plane; for n
-    along the world's z they are the world axes. For a plane on a link they rotate with the link.
+    The columns of E are the axes of the force: two in the plane, then n; world axes for n along z.
     """
 
-    #: Whether the lowest point is independent of the link's orientation.
-    ball = True
+    ball = True  # the lowest point is independent of the link's orientation
 
     def __init__(
         self,
@@ -71,16 +65,12 @@ class PointContact(UnilateralContact):
         """Make a point contact.
 
         Args:
-            frame: a frame of the URDF, fixed to the link that touches.
+            frame: URDF frame of the touching link.
             translation: centre of the ball in that frame, (3,) in m.
             radius: of the ball, m.
-            normal: of the plane, pointing away from it, of any non-zero length, (3,); in the world, or in `against`.
-            against: a frame of the URDF, fixed to the link that is touched; None for the world.
-            friction: Coulomb friction coefficient.
-            **limits: the other keywords of `UnilateralContact`.
-
-        Raises:
-            ConfigurationError: if the model has no such frame, or the normal has no length.
+            normal: outward normal of the plane, (3,); in the world, or in `against`.
+            against: URDF frame of the touched link; None for the world.
+            **limits: other keywords of `UnilateralContact`.
         """
         self._axes = axes_with_normal(unit(f"contacts.{name}.normal", np.asarray(normal)))
         super().__init__(
@@ -94,69 +84,70 @@ class PointContact(UnilateralContact):
         )
         self._frame_id = model.frame_id(frame, f"contacts.{name}.frame")
         self._other = support_link(model, name, frame, against)
-        self._level = self._other is None and bool(self._axes[2, 2] == 1.0)
+        self._in_world_axes = self._other is None and bool(self._axes[2, 2] == 1.0)
         self._translation = np.array(translation, dtype=np.float64)
         self.radius = radius
-        #: r of a ball on the world, which is constant; None otherwise.
-        self._down = -radius * self._axes[:, 2] if self._other is None and self.ball else None
-        self._on_link = on_link(model, self._frame_id)
+        #: r of a ball on the world.
+        self._constant_arm = -radius * self._axes[:, 2] if self._other is None and self.ball else None
+        self._on_link = placement_on_link(model, self._frame_id)
 
     def axes(self, dynamics: Dynamics) -> Array:
-        """E, (3, 3): the axes of the force in the world, as columns."""
+        """Return E, (3, 3)."""
         if self._other is None:
             return self._axes
         return np.asarray(dynamics.placement(self._other).rotation @ self._axes)
 
     def arm(self, dynamics: Dynamics, normal: Array) -> Array:
-        """r, from the centre to the contact point, in world axes, (3,) in m."""
+        """Return r in world axes, (3,) in m."""
         return -self.radius * normal
 
     def arm_rate(self, dynamics: Dynamics, normal: Array, normal_rate: Array) -> Array:
-        """ṙ, (3,) in m/s."""
+        """Return ṙ, (3,) in m/s."""
         return -self.radius * normal_rate
 
     def _arms(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """From the frame's origin to the centre, and from the centre to the contact point, in world axes, m."""
+        """Return the vectors from frame origin to centre and from centre to contact point, in world axes, m."""
         centre = dynamics.placement(self._frame_id).rotation @ self._translation
-        return centre, self._down if self._down is not None else self.arm(dynamics, self.axes(dynamics)[:, 2])
+        return centre, self._constant_arm if self._constant_arm is not None else self.arm(
+            dynamics, self.axes(dynamics)[:, 2]
+        )
 
     def instruction(self) -> Instruction | None:
-        """How compiled code fills the rows of a ball on the world."""
-        if type(self) is not PointContact or self._down is None:
+        """Return the instruction for compiled code, for a ball on the world."""
+        if type(self) is not PointContact or self._constant_arm is None:
             return None
         link, placement = self._on_link
-        constants = np.concatenate([placement.act(self._translation), self._down, self._axes.T.ravel()])
+        constants = np.concatenate([placement.act(self._translation), self._constant_arm, self._axes.T.ravel()])
         return Instruction(BALL, np.arange(3), link, constants=constants)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of the contact point's relative velocity, along E, (3, nv)."""
+        """Return the Jacobian of the contact point's relative velocity along E, (3, nv)."""
         centre, arm = self._arms(dynamics)
         J = dynamics.jacobian(self._frame_id, _WORLD_AXES)
         J_point = J[:3] - pin.skew(centre + arm) @ J[3:]
         if self._other is not None:
             other = dynamics.jacobian(self._other, _WORLD_AXES)
             J_point -= other[:3] - pin.skew(self._from_other(dynamics, self._other, centre + arm)) @ other[3:]
-        return np.asarray(J_point) if self._level else np.asarray(self.axes(dynamics).T @ J_point)
+        return np.asarray(J_point) if self._in_world_axes else np.asarray(self.axes(dynamics).T @ J_point)
 
     def _from_other(self, dynamics: Dynamics, other: int, arm: Array) -> Array:
-        """From the origin of B to the contact point, in world axes, m."""
         here, there = dynamics.placement(self._frame_id), dynamics.placement(other)
         return np.asarray(here.translation + arm - there.translation)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """d/dt of the velocity of the contact point at v̇ = 0, along E, (3,) in m/s²."""
+        """Return d/dt of the contact point's velocity at v̇ = 0 along E, (3,) in m/s²."""
         centre, arm = self._arms(dynamics)
         drift = dynamics.drift_world(self._frame_id)
         velocity = dynamics.velocity(self._frame_id, _WORLD_AXES)
-        # The vector to the centre rotates with the link; the vector from the centre to the plane does not.
+        # The vector to the centre rotates with the link, the vector to the plane does not.
         turning = pin.skew(velocity[3:]) @ centre
         result = drift[:3] + pin.skew(drift[3:]) @ (centre + arm) + pin.skew(velocity[3:]) @ turning
-        if self._down is None:
+        if self._constant_arm is None:
             result += self._drift_of_support(dynamics, velocity, centre, arm)
-        return np.asarray(result) if self._level else np.asarray(self.axes(dynamics).T @ result)
+        return np.asarray(result) if self._in_world_axes else np.asarray(self.axes(dynamics).T @ result)
 
     def _drift_of_support(self, dynamics: Dynamics, velocity: Array, centre: Array, arm: Array) -> Array:
-        """Contribution of a moving arm r and a moving plane to the drift, in world axes, (3,) in m/s²."""
+        """Return the drift of a moving arm r and a moving plane in world axes, (3,)."""
         spin, normal = pin.skew(velocity[3:]), self.axes(dynamics)[:, 2]
         if self._other is None:
             return np.asarray(spin @ self.arm_rate(dynamics, normal, np.zeros(3)))
@@ -164,26 +155,25 @@ class PointContact(UnilateralContact):
         turn = pin.skew(other[3:])
         rate = self.arm_rate(dynamics, normal, turn @ normal)
         from_other = self._from_other(dynamics, self._other, centre + arm)
-        moving = velocity[:3] + spin @ centre + rate - other[:3]  # of the contact point, relative to B's origin
+        moving = velocity[:3] + spin @ centre + rate - other[:3]  # of the contact point relative to the origin of B
         slip = velocity[:3] + spin @ (centre + arm) - other[:3] - turn @ from_other  # the axes rotate with B
         return np.asarray(spin @ rate - drift[:3] - pin.skew(drift[3:]) @ from_other - turn @ (moving + slip))
 
     def points(self, dynamics: Dynamics) -> Array:
-        """The contact point in the world, (1, 3) in m."""
+        """Return the contact point in the world, (1, 3) in m."""
         centre, arm = self._arms(dynamics)
         return np.asarray(dynamics.placement(self._frame_id).translation + centre + arm)[None, :]
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Contact point and orientation of the link, in the world or relative to the link that is touched."""
+        """Return contact point and link orientation, in the world or relative to the touched link."""
         here = pin.SE3(dynamics.placement(self._frame_id).rotation, self.points(dynamics)[0])
         return here if self._other is None else dynamics.placement(self._other).actInv(here)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """Along E, e = Eᵀ(p_a + radius θ × n - p), (3,) in m: the displacement that rolling does not account for.
+        """Return e = Eᵀ(p_a + radius θ × n - p), (3,) in m: the displacement beyond rolling.
 
-        p is the contact point, p_a its anchor, and θ the link's rotation vector since the contact was activated.
-        p_a + radius θ × n is where the ball has rolled to: exactly if it rotated about one axis, otherwise with an
-        error of second order in θ.
+        p is the contact point, p_a its anchor, θ the link's rotation vector since activation; errors are of second
+        order in θ, and 0 for rotation about one axis.
         """
         present, made = self.pose(dynamics), pin.XYZQUATToSE3(anchor)
         turn = pin.log3(present.rotation @ made.rotation.T)
@@ -191,6 +181,6 @@ class PointContact(UnilateralContact):
         return np.asarray(self._axes.T @ (rolled - present.translation))
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The force at the contact point as a wrench about the world's origin, (6,) in N and N·m."""
+        """Return the force as a wrench about the world origin, (6,)."""
         along = self.axes(dynamics) @ force
         return np.concatenate([along, pin.skew(self.points(dynamics)[0]) @ along])

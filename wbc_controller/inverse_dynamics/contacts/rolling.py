@@ -1,4 +1,4 @@
-"""Contact of a wheel that rolls without slipping: a three-dimensional force."""
+"""Contact of a wheel that rolls without slipping, with a three-dimensional force."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Least length of the normal's projection onto the wheel's plane: below it the wheel lies flat, without a lowest point.
-_UPRIGHT = 1.0e-6
+_UPRIGHT = 1.0e-6  # smallest projection of the normal onto the wheel's plane
 
 
 class RollingContact(PointContact):
-    """A thin wheel that rolls on a plane without slipping forwards or sideways.
+    """Thin wheel that rolls on a plane without slipping forwards or sideways.
 
-    A `PointContact` at the lowest point of a disc. With the axle a, a unit vector that rotates with the link,
+    With the axle a, a unit vector fixed to the link,
 
         r = -radius u / ‖u‖,    u = n - (n · a) a
         ṙ = -radius (u̇ - u (u · u̇) / ‖u‖²) / ‖u‖,    u̇ = ṅ - (ṅ · a + n · ȧ) a - (n · a) ȧ,    ȧ = ω × a
 
-    The constraint is that of `wbc_controller.mechanics.Rolling`, in other axes.
+    The constraint equals `wbc_controller.mechanics.Rolling`, in other axes.
     """
 
     ball = False
@@ -41,30 +40,29 @@ class RollingContact(PointContact):
         friction: float = 0.7,
         **limits: float,
     ) -> None:
-        """Make a contact as `PointContact`, with the axle in the frame, `axis` (3,), of any non-zero length."""
+        """Make a `PointContact` with the axle `axis` in the frame, (3,)."""
         super().__init__(
             name, model, frame, translation, radius, normal=normal, against=against, friction=friction, **limits
         )
         self._axle = unit(f"contacts.{name}.axis", axis)
 
     def _upward(self, dynamics: Dynamics, normal: Array) -> tuple[Array, Array, float]:
-        """The axle, u and its length."""
         axle = np.asarray(dynamics.placement(self._frame_id).rotation @ self._axle)
         up = normal - (normal @ axle) * axle
         return axle, up, max(_UPRIGHT, float(np.linalg.norm(up)))
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """e, (3,) in m: the displacement along n; 0 along the plane, in which the wheel rolls freely."""
+        """Return e, (3,) in m: displacement along n, 0 along the plane."""
         height = self._axes[:, 2] @ (anchor[:3] - self.pose(dynamics).translation)
         return np.array([0.0, 0.0, height])
 
     def arm(self, dynamics: Dynamics, normal: Array) -> Array:
-        """r, from the centre to the contact point, in world axes, (3,) in m."""
+        """Return r in world axes, (3,) in m."""
         _, up, length = self._upward(dynamics, normal)
         return -self.radius / length * up
 
     def arm_rate(self, dynamics: Dynamics, normal: Array, normal_rate: Array) -> Array:
-        """ṙ, (3,) in m/s."""
+        """Return ṙ, (3,) in m/s."""
         axle, up, length = self._upward(dynamics, normal)
         turning = pin.skew(dynamics.velocity(self._frame_id, pin.LOCAL_WORLD_ALIGNED)[3:]) @ axle
         rate = normal_rate - (normal_rate @ axle + normal @ turning) * axle - (normal @ axle) * turning

@@ -12,18 +12,14 @@ from scipy.spatial import ConvexHull, QhullError
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 
-#: Facets of the cone that differ by less than their numerical accuracy are merged; for a polygon of size 1.
-_SAME_FACET = 1.0e-7
-#: Least distance of a vertex from the hull of the other vertices, as a share of the polygon's size.
-_CORNER = 1.0e-6
+_SAME_FACET = 1.0e-7  # difference of cone facets, for a polygon of size 1
+_CORNER = 1.0e-6  # distance of a vertex from the hull of the others, relative to the polygon's size
 
 
 def friction_pyramid(friction: float) -> Array:
-    """Eight-sided pyramid inside the friction cone: C, (8, 3), so that C f ≤ 0 implies √(fx² + fy²) ≤ friction fz.
+    """Return a pyramid C, (8, 3), inside the friction cone: C f ≤ 0 implies √(fx² + fy²) ≤ friction fz.
 
-    Its edges touch the cone along x, y and the diagonals; elsewhere at least cos(π / 8) = 92 % of the friction is used.
-    The axes of a point contact do not turn with the robot: with four sides the available friction would depend on the
-    robot's heading by 30 %.
+    At least cos(π / 8) = 92 % of the friction is available. With four sides it would depend on the heading by 30 %.
     """
     sides = 8
     normal = 2.0 * math.pi * (np.arange(sides) + 0.5) / sides
@@ -32,14 +28,12 @@ def friction_pyramid(friction: float) -> Array:
 
 
 def wrench_cone(friction: float, half_length: float, half_width: float) -> Array:
-    """Exact wrench cone of a rectangle with friction pyramids, |fx| and |fy| ≤ friction fz, at its corners.
+    """Return the exact wrench cone of a rectangle with pyramids |fx|, |fy| ≤ friction fz at its corners.
 
-    From Caron, Pham, Nakamura, "Stability of surface contacts for humanoid robots: closed-form formulae of the contact
-    wrench cone for rectangular support areas" (ICRA 2015).
+    Source: Caron, Pham, Nakamura, "Stability of surface contacts for humanoid robots" (ICRA 2015).
 
     Returns:
-        C, (16, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the rectangle's centre is feasible if C w ≤ 0 (which
-        implies fz ≥ 0).
+        C, (16, 6): a wrench w = [fx, fy, fz, τx, τy, τz] about the centre is feasible if C w ≤ 0.
     """
     mu, x, y = friction, half_length, half_width
     rows = []
@@ -56,28 +50,23 @@ def wrench_cone(friction: float, half_length: float, half_width: float) -> Array
 
 
 def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
-    """Exact wrench cone of a convex polygon with friction pyramids at its vertices, (n, 2) in m, as in `wrench_cone`.
+    """Return the exact wrench cone C, (rows, 6), of a convex polygon with vertices (n, 2), as in `wrench_cone`.
 
-    Forces along the edges of the pyramids, four at each vertex, span the cone. Scaled to fz = 1 they are the corners of
-    a polytope in (fx, fy, τx, τy, τz), and each facet of the polytope is a row of C (Caron, Pham, Nakamura, "Leveraging
-    cone double description for multi-contact stability of humanoids", RSS 2015).
-
-    Returns:
-        C, (rows, 6), about the origin of the vertices. Each row is scaled so that the coefficient of the moment about z
-        has size 1; if that is zero, those of the moments about x and y; if these are zero too, those of the tangential
-        force. For a rectangle the rows are those of `wrench_cone`.
+    Forces along the four pyramid edges at each vertex span the cone. Scaled to fz = 1, they are the corners of a
+    polytope in (fx, fy, τx, τy, τz); its facets are the rows of C (Caron, Pham, Nakamura, RSS 2015). Rows are scaled to
+    a yaw coefficient of size 1; if it is 0, to those of τx and τy, then of fx and fy.
     """
     middle = vertices.mean(axis=0)
     size = float(np.abs(vertices - middle).max())
-    corners = (vertices - middle) / size  # for conditioning: a polygon of size 1 about the origin, friction 1
+    corners = (vertices - middle) / size
     rays = np.array([[fx, fy, y, -x, x * fy - y * fx] for x, y in corners for fx in (1, -1) for fy in (1, -1)])
     simplices = ConvexHull(rays).equations  # (k, 6): a p + b ≤ 0, several simplices per facet
     _, first = np.unique(np.round(simplices / _SAME_FACET), axis=0, return_index=True)
     facets = simplices[np.sort(first)]
     facets[np.abs(facets) < 1.0e-12] = 0.0
-    # Back to the given friction and size ...
+    # Undo the normalization.
     C = facets[:, [0, 1, 5, 2, 3, 4]] / np.array([friction, friction, 1.0, size, size, friction * size])
-    # ... and to moments about the origin: τ about the middle m is τ - m × f.
+    # Moments about the origin: τ about the middle m is τ - m × f.
     mx, my = middle
     C[:, :3] += C[:, 3:] @ np.array([[0.0, 0.0, -my], [0.0, 0.0, mx], [my, -mx, 0.0]])
     yaw, tilt, slide = np.abs(C[:, 5]), np.hypot(C[:, 3], C[:, 4]), np.abs(C[:, :2]).max(axis=1)
@@ -86,43 +75,30 @@ def polygon_wrench_cone(friction: float, vertices: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """A rectangle about the origin of the contact frame.
+    """Rectangle about the origin of the contact frame."""
 
-    Attributes:
-        half_length: half of the side along x, m.
-        half_width: half of the side along y, m.
-    """
-
-    half_length: float
-    half_width: float
+    half_length: float  # half of the side along x, m
+    half_width: float  # half of the side along y, m
 
     @property
     def vertices(self) -> Array:
-        """The corners in order, (4, 2) in m."""
+        """Corners in order, (4, 2) in m."""
         x, y = self.half_length, self.half_width
         return np.array([[x, y], [x, -y], [-x, -y], [-x, y]])
 
     def cone(self, friction: float) -> Array:
-        """The rows of `wrench_cone`."""
+        """Return the rows of `wrench_cone`."""
         return wrench_cone(friction, self.half_length, self.half_width)
 
 
 class Polygon:
-    """A convex polygon in the plane z = 0 of the contact frame.
-
-    Attributes:
-        vertices: in order around the polygon, (n, 2) in m.
-    """
+    """Convex polygon in the plane z = 0 of the contact frame."""
 
     def __init__(self, vertices: Array, key: str) -> None:
-        """Make a polygon from vertices, (n, 2) in m, in any order.
-
-        Raises:
-            ConfigurationError: if there are fewer than three vertices, or one is not a corner of a convex polygon.
-        """
+        """Make a polygon from the corners of a convex polygon, (n, 2) in m, in any order."""
         points = np.array(vertices, dtype=np.float64)
         if len(points) < 3:
-            raise ConfigurationError(f"{key} has {len(points)} vertices; a polygon takes three or more")
+            raise ConfigurationError(f"{key} has {len(points)} vertices; a polygon needs at least three")
         try:
             hull = ConvexHull(points)
         except QhullError as error:
@@ -130,35 +106,35 @@ class Polygon:
         for index, (point, is_corner) in enumerate(zip(points, are_corners(points), strict=True)):
             if not is_corner:
                 raise ConfigurationError(
-                    f"{key}[{index}] = {point.tolist()}: no corner; it is on an edge of the polygon of the other "
-                    "vertices, or inside it, and the polygon has to be convex"
+                    f"{key}[{index}] = {point.tolist()}: not a corner, but a point on or inside the polygon of the "
+                    "other vertices; the polygon must be convex: remove the point"
                 )
-        self.vertices: Array = points[hull.vertices]
+        self.vertices: Array = points[hull.vertices]  # in order, (n, 2) in m
 
     def cone(self, friction: float) -> Array:
-        """The rows of `polygon_wrench_cone`."""
+        """Return the rows of `polygon_wrench_cone`."""
         return polygon_wrench_cone(friction, self.vertices)
 
 
 def are_corners(points: Array) -> list[bool]:
-    """Return which points, (n, 2) in m, are outside the convex hull of the others by a share of the polygon's size."""
+    """Return which points, (n, 2) in m, are outside the convex hull of the others."""
     least = _CORNER * float(np.abs(points - points.mean(axis=0)).max())
-    return [_stands_out(np.delete(points, index, axis=0), point, least) for index, point in enumerate(points)]
+    return [_is_outside_hull(np.delete(points, index, axis=0), point, least) for index, point in enumerate(points)]
 
 
 def support_polygon(points: Array) -> Array:
-    """The corners of the convex hull of points on the ground, (n, 2), in order; none where they span no area."""
+    """Return the corners of the convex hull of points (n, 2) in order; none without area."""
     try:
         return np.asarray(points[ConvexHull(points).vertices])
-    except (QhullError, ValueError):  # less than three, or on a line
+    except (QhullError, ValueError):
         return points[:0]
 
 
-def _stands_out(others: Array, point: Array, least: float) -> bool:
-    """Whether a point is outside the convex hull of the other points by more than a distance."""
+def _is_outside_hull(others: Array, point: Array, least: float) -> bool:
+    """Return True if a point is outside the convex hull of the others by more than `least`."""
     try:
         hull = ConvexHull(others)
-    except QhullError:  # two points, or points on a line: their hull has no inside
+    except QhullError:
         return len(others) < 3 or bool(np.linalg.norm(others - point, axis=1).min() > least)
     return bool((hull.equations[:, :2] @ point + hull.equations[:, 2]).max() > least)
 

@@ -1,4 +1,4 @@
-"""Contact of a flat rectangle or polygon: a six-dimensional wrench."""
+"""Contact of a flat rectangle or polygon with a six-dimensional wrench."""
 
 from __future__ import annotations
 
@@ -8,22 +8,18 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.contacts.contact import UnilateralContact
-from wbc_controller.inverse_dynamics.contacts.mount import Mount, opening
+from wbc_controller.inverse_dynamics.contacts.mount import Mount, pose_displacement
 from wbc_controller.inverse_dynamics.contacts.support import Support
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: All components of a twist.
 _ALL = np.arange(6)
 
 
 class SurfaceContact(UnilateralContact):
-    """A flat sole that neither translates nor rotates; the wrench [f, τ] is in the contact frame, with z the normal.
-
-    The surface is the xy plane of the contact frame, so on a slope its normal is the normal of the slope.
-    """
+    """Flat sole without translation and rotation; the wrench [f, τ] is in the contact frame, with z the normal."""
 
     def __init__(
         self,
@@ -37,7 +33,7 @@ class SurfaceContact(UnilateralContact):
         friction: float = 0.7,
         **limits: float,
     ) -> None:
-        """Make a surface contact with the arguments of `PointContact`, except these.
+        """Make a surface contact; other arguments as `PointContact`.
 
         Args:
             placement: of the contact in the frame; z points away from the touched surface.
@@ -54,40 +50,40 @@ class SurfaceContact(UnilateralContact):
         )
         self._mount = Mount(model, name, frame, placement, against)
         self._corners = np.column_stack([support.vertices, np.zeros(len(support.vertices))])
-        # Forces at the n corners of a rectangle that make up this wrench have fᵀ W f / n as the least sum of squares.
-        # So a narrow sole leaves the load to the other foot before its centre of pressure is at its edge.
+        # For n corners of a rectangle, fᵀ W f / n is the least sum of squares of equivalent corner forces. A narrow
+        # sole transfers load to the other foot before its centre of pressure reaches the edge.
         x, y = np.mean(support.vertices**2, axis=0)
         self.metric = 1.0 / np.array([1.0, 1.0, 1.0, y, x, x + y])
 
     def placement(self, dynamics: Dynamics) -> pin.SE3:
-        """Placement of the contact frame in the world."""
+        """Return the placement of the contact frame in the world."""
         return self._mount.placement(dynamics)
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Placement of the contact frame in the world, or relative to the link that is touched."""
+        """Return the placement of the contact frame in the world, or relative to the touched link."""
         return self._mount.pose(dynamics)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
-        """e, in the axes of the contact frame, (6,)."""
-        return opening(self._mount.seen(dynamics, anchor))
+        """Return e, (6,)."""
+        return pose_displacement(self._mount.anchor_in_contact_frame(dynamics, anchor))
 
     def instruction(self) -> Instruction | None:
-        """How compiled code fills the rows."""
+        """Return the instruction for compiled code."""
         return self._mount.instruction(_ALL) if type(self) is SurfaceContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of the contact frame's relative twist, in its own axes, (6, nv)."""
+        """Return the Jacobian of the relative twist in contact axes, (6, nv)."""
         return self._mount.jacobian(dynamics)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Relative spatial acceleration of the contact frame at v̇ = 0, in its own axes, (6,)."""
+        """Return the relative spatial acceleration at v̇ = 0 in contact axes, (6,)."""
         return self._mount.drift(dynamics)
 
     def points(self, dynamics: Dynamics) -> Array:
-        """The corners of the support polygon in the world, (n, 3) in m."""
+        """Return the corners of the support polygon in the world, (n, 3) in m."""
         placement = self.placement(dynamics)
         return np.asarray(self._corners @ placement.rotation.T + placement.translation)
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """The wrench, transformed from the contact frame to the world's origin and axes, (6,) in N and N·m."""
+        """Return the wrench about the world origin in world axes, (6,)."""
         return np.asarray(self.placement(dynamics).act(pin.Force(force)).vector)

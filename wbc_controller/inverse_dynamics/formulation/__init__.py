@@ -1,1 +1,1 @@
-"""The quadratic program of one cycle: layout, cost, constraints, unpacking, and the reasons for infeasibility."""
+"""The quadratic program of one cycle: layout, cost, constraints, unpacking and infeasibility."""

@@ -1,4 +1,4 @@
-"""Position feedback of contacts towards their anchors (`contacts.AnchoredContact`)."""
+"""Position feedback of contacts to their anchors (`contacts.AnchoredContact`)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,36 +11,31 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array
 
 
-def pull(
+def anchor_feedback(
     rows: int, anchored: Sequence[tuple[AnchoredContact, slice]], dynamics: Dynamics, anchors: Mapping[str, Array]
 ) -> Array:
-    """Return K e of contacts with an anchor, 0 for the others, (nf,) in m/s², rad/s².
+    """Return K e, (nf,) in m/s² and rad/s²; 0 for contacts without an anchor.
 
-    Contacts that are not independent, such as four points under one sole that were activated one after the other, may
-    not be able to reach all anchors; `formulation.redundancy` finds the nearest acceleration.
+    If dependent contacts cannot reach all anchors, `formulation.redundancy` gives the nearest acceleration.
 
-    Args:
-        rows: number of rows of all active contacts, nf.
-        anchored: the contacts with a stiffness, and their rows of J.
-        anchors: anchor of each active contact with a stiffness, (7,).
+    `rows` is nf, `anchored` contains the contacts with a stiffness and their rows of J.
 
     Raises:
-        ConfigurationError: if a contact with a stiffness has no anchor.
+        ConfigurationError: for a contact with a stiffness and without an anchor.
     """
     wanted = np.zeros(rows)
     for contact, own in anchored:
         anchor = anchors.get(contact.name)
         if anchor is None:
             raise ConfigurationError(
-                f"contact {contact.name!r} has stiffness = {contact.stiffness:g} 1/s² and no anchor in the references "
-                f"(they have: {', '.join(anchors) or 'none'}); `AnchoredContact.anchor` makes one"
+                f"contact {contact.name!r} has stiffness = {contact.stiffness:g} 1/s², but no anchor in the references "
+                f"(anchors: {', '.join(anchors) or 'none'}); make one with `AnchoredContact.anchor`"
             )
         wanted[own] = contact.stiffness * _displacement(contact, dynamics, anchor)
     return wanted
 
 
 def _displacement(contact: AnchoredContact, dynamics: Dynamics, anchor: Array) -> Array:
-    """Call `AnchoredContact.displacement` and check its result."""
     try:
         displacement = checked(contact, "displacement", contact.displacement(dynamics, anchor), (contact.size,))
     except Exception as error:

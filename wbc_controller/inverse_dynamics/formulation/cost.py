@@ -1,4 +1,4 @@
-"""The cost of one priority level as a sum of squares: weighted rows of its tasks, and the regularization."""
+"""Cost of one priority level: weighted task rows and regularization, as a sum of squares."""
 
 from collections.abc import Mapping, Sequence
 
@@ -16,37 +16,31 @@ from wbc_controller.inverse_dynamics.tasks import EffortTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array, References
 
-#: Task errors of one level, which later cycles do not change: name of each task and its part of the array; the array.
-Errors = tuple[Sequence[tuple[str, slice]], Array]
+Errors = tuple[Sequence[tuple[str, slice]], Array]  # name and part of each task of a level; the array
 
 
 class LevelCost:
-    """The cost of one priority level, for one set of active contacts and tasks.
+    """Cost of one priority level, for one set of active contacts and tasks.
 
         ½ Σ wᵢ ‖Rᵢ x - rᵢ‖² + ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f
 
-    A posture task only adds to the diagonal of H: with its weight w and the regularization ε of the same acceleration,
-    ½ w (x - b)² + ½ ε x² = ½ (w + ε) (x - t)² + ½ b² ε w / (w + ε), where t = b w / (w + ε). It has rows only if a
-    lower level must keep them, or another posture task acts on the same joints.
+    A posture task with weight w only adds to the diagonal of H, together with the regularization ε:
+
+        ½ w (x - b)² + ½ ε x² = ½ (w + ε) (x - t)² + ½ b² ε w / (w + ε),    t = b w / (w + ε).
+
+    It has rows only if a lower level must keep them, or for a second posture task on the same joints.
 
     Attributes:
-        squares: the cost, whose weights are w and ε.
-        rows: the rows that a kernel fills: of tasks, and for the first level of contacts.
-        effort_rows: [R, r] of each task on torques or contact forces, and the place of its error.
-        redundant_rows: [R, r] of the redundant directions of the contacts, with weight 1, (nf, n + 1); for the first
-            level only.
+        squares: cost with weights w and ε.
+        rows: compiled rows of tasks, and of contacts for the first level.
+        effort_rows: [R, r] and error slice of each effort task.
+        redundant_rows: [R, r] of redundant contact directions, (nf, n + 1); first level only.
     """
 
     def __init__(
         self, tasks: Sequence[Task], layout: Layout, dynamics: Dynamics, regularization: Regularization, *,
         first: bool, last: bool,
     ) -> None:  # fmt: skip
-        """Lay out the rows.
-
-        Args:
-            first: whether this is the highest level, whose kernel also fills the rows of contacts.
-            last: whether this is the lowest level, so that no rows have to be kept for levels below.
-        """
         problem, base = layout.problem, 6 if dynamics.model.floating_base else 0
         n = problem.n
         self._tasks, self._layout, self._dynamics, self._regularization = tasks, layout, dynamics, regularization
@@ -59,8 +53,7 @@ class LevelCost:
         self._rows_of = [(task.name, places[task.name]) for task in with_rows]
         end = sum(task.dimension for task in with_rows)
         count = end + base
-        # The rows of the first level are directly above the equality constraints: one kernel fills both. Above them is
-        # room for the redundant directions of the contacts.
+        # The first level precedes the equality constraints, for one kernel; redundant directions are above.
         soft = len(layout.J) if first else 0
         top, bottom = problem.room - count, problem.room + len(problem.b)
         whole = problem.memory[top - soft : bottom] if first else np.zeros((count, n + 1))
@@ -114,7 +107,7 @@ class LevelCost:
         )
 
     def set_parameters(self, weights: Mapping[str, float]) -> None:
-        """Write the weights of the tasks and of the regularization into `squares`, and the gains."""
+        """Write weights of tasks and regularization, and gains."""
         squares, model = self.squares, self._dynamics.model
         epsilon_a, epsilon_f = self._regularization.acceleration, self._regularization.force
         for name, rows in self._rows_of:
@@ -134,16 +127,12 @@ class LevelCost:
         self.rows.set_gains()
 
     def set_references(self, references: References) -> Array:
-        """Copy the references of the tasks with compiled rows; return an array for the errors of all tasks."""
+        """Copy references of compiled rows; return an array for the errors of all tasks."""
         self.rows.set_references(references.tasks)
         return np.empty(self._errors)
 
     def complete(self, references: References, constant: float, errors: Array) -> Errors:
-        """Fill the rows of the tasks that are evaluated in Python, and update the level.
-
-        Args:
-            errors: task errors, with those of the tasks with compiled rows; the others are added.
-        """
+        """Fill the rows and errors that are evaluated in Python, and update the level."""
         level, places = self.level, self._errors_of
         level.cost.update(self.squares, constant)
         level.kept = self._kept[0]
@@ -165,14 +154,14 @@ class LevelCost:
         return [(name, place) for name, place in places if name not in missing], errors
 
     def add_redundant_rows(self) -> None:
-        """Make `redundant_rows` part of the cost of this cycle."""
+        """Add `redundant_rows` to the cost of this cycle."""
         cost = self.level.cost
         cost.update(self._with_redundant, cost.squares_constant)
         self.level.kept = self._kept[1]
 
 
 def _on_diagonal(tasks: Sequence[Task], nv: int) -> list[tuple[PostureTask, Instruction]]:
-    """Return the posture tasks with compiled targets, no two of which act on the same accelerations."""
+    """Return the posture tasks with compiled targets on separate joints."""
     found, free = [], np.ones(nv, dtype=np.bool_)
     for task in tasks:
         instruction = task.instruction() if isinstance(task, PostureTask) and task.tolerance is None else None
@@ -183,7 +172,6 @@ def _on_diagonal(tasks: Sequence[Task], nv: int) -> list[tuple[PostureTask, Inst
 
 
 def _places(tasks: Sequence[Task]) -> tuple[dict[str, slice], int]:
-    """Return the rows of each task, one after the other, and their number."""
     places, end = {}, 0
     for task in tasks:
         places[task.name] = slice(end, end + task.dimension)

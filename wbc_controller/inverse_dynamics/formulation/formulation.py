@@ -1,4 +1,4 @@
-"""Fills the quadratic program of `plain_qp` in every cycle with kernels, in arrays that stay from cycle to cycle."""
+"""Fast formulation: fills the quadratic program of `plain_qp` with kernels, in persistent arrays."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,13 +9,18 @@ import numpy as np
 
 from wbc_controller.errors import MethodError
 from wbc_controller.inverse_dynamics.contacts.contact import Contact, motion_of
-from wbc_controller.inverse_dynamics.formulation.anchors import pull
+from wbc_controller.inverse_dynamics.formulation.anchors import anchor_feedback
 from wbc_controller.inverse_dynamics.formulation.cost import Errors, LevelCost
 from wbc_controller.inverse_dynamics.formulation.formulation_kernels import Program, fill_program
 from wbc_controller.inverse_dynamics.formulation.layout import ContactPlace, Layout
 from wbc_controller.inverse_dynamics.formulation.plain_qp import Limits, Regularization, bias_forces
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
-from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST, NEARLY, mobilities, separate
+from wbc_controller.inverse_dynamics.formulation.redundancy import (
+    EXAMINED_MOBILITY,
+    LEAST_MOBILITY,
+    mobilities,
+    separate_redundant_rows,
+)
 from wbc_controller.inverse_dynamics.formulation.structure import Parameters, Structure
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import acceleration_bounds
@@ -30,20 +35,14 @@ from wbc_controller.records import Array, References, RobotState, Tuning
 
 
 class Formulation:
-    """Turns a state and references into a quadratic program; `inverse_dynamics.whole_body_qp` solves it.
+    """Quadratic program of a state and references; `inverse_dynamics.whole_body_qp` solves it.
 
-    Two caches make it fast. The structure, for one set of active contacts and tasks, contains all arrays. The
-    parameters (weights, activations, gains and limits) are written into them when one changes: the weight of a task by
-    `LevelCost.set_parameters` into `LeastSquares.weights`, from which `QuadraticCost.H` and the solver compute. State
-    and references are filled in every cycle.
+    Two caches: the structure has all arrays for one set of active contacts and tasks. The parameters (weights,
+    activations, gains, limits) are written to them after changes. State and references are filled in every cycle.
 
     Attributes:
-        dynamics: the snapshot of the last cycle.
-        structure: of the last cycle; None before the first.
-        parameters: of the last cycle; None before the first.
-        task_errors: task errors of each level in the last cycle.
-        redundancy: names of the active contacts, and whether they are separated in every cycle, as they may be
-            redundant (`formulation.redundancy`). They are examined when they change; None before the first cycle.
+        task_errors: of each level in the last cycle.
+        redundancy: active contacts, and True to separate them in every cycle (`formulation.redundancy`).
     """
 
     def __init__(
@@ -59,7 +58,6 @@ class Formulation:
         regularization_acceleration: float = 1.0e-5,
         regularization_force: float = 1.0e-6,
     ) -> None:
-        """Make a formulation."""
         self.model = model
         self.dynamics = Dynamics(model)
         self.tasks: Mapping[str, Task] = {task.name: task for task in tasks}
@@ -78,21 +76,21 @@ class Formulation:
         self._layouts: dict[tuple[str, ...], Layout] = {}
         self._costs: dict[tuple[tuple[str, ...], tuple[str, ...]], list[LevelCost]] = {}
         self._tuning: Tuning | None = None
-        self._prepared: RobotState | None = None  # the state that the dynamics are at already
+        self._prepared: RobotState | None = None  # of the present dynamics
         self._q_index, self._v_index = (index.astype(np.int64) for index in (model.q_index, model.v_index))
 
     @cached_property
     def has_priorities(self) -> bool:
-        """Whether a hierarchy of quadratic programs is needed: there are several levels, or tolerances."""
+        """True for several levels or tolerances."""
         return len(self._levels) > 1 or any(task.tolerance is not None for task in self.tasks.values())
 
     @property
     def limits(self) -> Limits:
-        """The limits."""
+        """Limits of the robot."""
         return Limits(self.torque_limit, self.motion_limit, self.row_limits, self.period)
 
     def layout(self, names: tuple[str, ...]) -> Layout:
-        """Return columns, rows and arrays of the problem for one set of active contacts."""
+        """Return the layout for one set of active contacts."""
         if names not in self._layouts:
             contacts = [self.contacts[name] for name in names]
             rows = sum(task.dimension for task in self.tasks.values() if task.level == self._levels[0])
@@ -101,21 +99,14 @@ class Formulation:
         return self._layouts[names]
 
     def prepare(self, state: RobotState) -> None:
-        """Compute the dynamics before the references are known; the next `build` for this state uses them."""
+        """Compute the dynamics of a state before its references are known."""
         self.dynamics.update(state.q, state.v)
         self._prepared = state
 
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
-        """Compute the dynamics and fill the problem.
-
-        Args:
-            tau_before: the present torques of the actuators, (na,) in N·m; None for no torque rate limit.
-
-        Returns:
-            The layout, whose `problem` is ready to be solved, inspected or dumped.
-        """
+        """Compute the dynamics and fill the problem of the returned layout; `tau_before` as in `WholeBodyQP.solve`."""
         if references.tuning is not None and references.tuning is not self._tuning:
-            self._tune(references.tuning)
+            self._apply_tuning(references.tuning)
         dynamics, q, v = self.dynamics, state.q, state.v
         if self._prepared is not state:
             dynamics.compute(q, v)
@@ -146,31 +137,26 @@ class Formulation:
             self._fill_row_limits(layout)
         layout.contact_rows = None
         if self.redundancy is None or self.redundancy[0] != layout.key:
-            self.redundancy = layout.key, self._mobility(layout) < NEARLY
+            self.redundancy = layout.key, self._mobility(layout) < EXAMINED_MOBILITY
         if self.redundancy[1]:
             self._separate_contacts(layout)
         return layout
 
     def find_redundancy(self, layout: Layout) -> bool:
-        """Separate the contacts of a built problem if they have become redundant since they were examined.
-
-        Returns:
-            True if the problem has changed.
-        """
-        if layout.contact_rows is not None or self._mobility(layout) >= LEAST:
+        """Separate contacts that have become redundant; return True if the problem changes."""
+        if layout.contact_rows is not None or self._mobility(layout) >= LEAST_MOBILITY:
             return False
         self.redundancy = layout.key, True
         self._separate_contacts(layout)
         return True
 
     def _mobility(self, layout: Layout) -> float:
-        """Return the smallest mobility of the contacts; inf without contacts."""
         return float(mobilities(layout.J, layout.metric, self.dynamics)[0].min(initial=math.inf))
 
     def _separate_contacts(self, layout: Layout) -> None:
-        """Leave rows of the contacts that do not contradict each other in A and b; others become part of the cost."""
+        """Move redundant directions of the contacts from A and b to the cost."""
         nf, nv = layout.J.shape
-        hard, soft = separate(layout.J, layout.contact_motion, layout.metric, self.dynamics)
+        hard, soft = separate_redundant_rows(layout.J, layout.contact_motion, layout.metric, self.dynamics)
         layout.contact_rows = np.column_stack([layout.J, layout.contact_motion])
         layout.problem.A[:nf, :nv], layout.contact_motion[:] = hard[:, :-1], hard[:, -1]
         if self.structure is not None:
@@ -179,14 +165,13 @@ class Formulation:
             first.add_redundant_rows()
 
     def add_effort_errors(self, x: Array) -> None:
-        """Complete `task_errors` by those of the tasks on torques and contact forces at a solution, (n,)."""
+        """Add the errors of effort tasks at a solution (n,) to `task_errors`."""
         costs = () if self.structure is None else self.structure.costs
         for level, cost in enumerate(costs):
             for rows, place in cost.effort_rows:
                 self.task_errors[level][1][place] = rows[:, :-1] @ x - rows[:, -1]
 
     def _current_structure(self, references: References) -> Structure:
-        """Return the structure of this cycle, with its parameters written."""
         known, structure = self.parameters, self.structure
         changes = self.motion_limit.version + self.torque_limit.version
         for owner in self._owners:
@@ -197,13 +182,13 @@ class Formulation:
             and known.changes == changes
             and known.motion_limit is self.motion_limit
             and known.torque_limit is self.torque_limit
-            # Tuples are compared by identity first: the same mappings take no time.
+            # begins with object identity
             and (known.weights, known.activations) == (references.weights, references.contacts)
         ):
             return structure
         parameters = Parameters(
-            weights=_unchanging(references.weights),
-            activations=_unchanging(references.contacts),
+            weights=_read_only(references.weights),
+            activations=_read_only(references.contacts),
             motion_limit=self.motion_limit,
             torque_limit=self.torque_limit,
             changes=changes,
@@ -211,14 +196,14 @@ class Formulation:
         )
         self.parameters = None  # until all are written
         structure = self._structure_for(parameters)
-        self._write(parameters, structure)
+        self._write_parameters(parameters, structure)
         self.parameters, self.structure = parameters, structure
         return structure
 
     def _structure_for(self, parameters: Parameters) -> Structure:
-        """Return the structure of the contacts with a positive activation and the tasks with a positive weight."""
+        """Return the structure for active contacts and tasks."""
         weights, activations, last = parameters.weights, parameters.activations, self.structure
-        # Tasks with a NaN weight are active, so that the check for finite values finds it.
+        # A NaN weight is active, for the check for finite values.
         tasks = tuple(name for name in self.tasks if not weights.get(name, 0.0) <= 0.0)
         contacts = tuple(name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0)
         if (contacts, tasks) not in self._costs:
@@ -241,8 +226,7 @@ class Formulation:
         layout.problem.memory[: layout.problem.room] = 0.0  # rows of other tasks
         return Structure(0 if last is None else last.version + 1, layout, costs)
 
-    def _write(self, parameters: Parameters, structure: Structure) -> None:
-        """Write weights, gains, force bounds, effort limits and limits of joint motion into the arrays."""
+    def _write_parameters(self, parameters: Parameters, structure: Structure) -> None:
         layout, nv = structure.layout, self.model.nv
         for place in layout.places:
             self._bound_force(place, parameters.activations)
@@ -257,8 +241,7 @@ class Formulation:
             motion_limit=self.motion_limit.bind(self._q_index, self._v_index, self.period, lower, upper),
         )
 
-    def _tune(self, tuning: Tuning) -> None:
-        """Apply new gains and limits."""
+    def _apply_tuning(self, tuning: Tuning) -> None:
         self._tuning = tuning
         for name, gains in tuning.gains.items():
             for key, value in gains.items():
@@ -271,7 +254,6 @@ class Formulation:
         self.torque_limit = TorqueLimit(torque.effort_limits, tuning.torque_rate, torque.curve)
 
     def _bound_force(self, place: ContactPlace, activations: Mapping[str, float]) -> None:
-        """Fill the bounds of a contact's force."""
         contact = place.contact
         bounds = call(contact, "bounds", 1.0 if contact.permanent else activations[contact.name])
         lower, upper = bounds_of(contact, "bounds", bounds, contact.size)
@@ -279,12 +261,12 @@ class Formulation:
         np.divide(upper, FORCE_UNIT, out=place.upper)
 
     def _fill_contacts(self, layout: Layout, references: References) -> None:
-        """Fill the contacts that are evaluated in Python, whose bounds may depend on anything, and the anchors."""
+        """Fill the contacts that are evaluated in Python, and the anchor feedback."""
         for place in layout.python_contacts:
             place.J[:], place.acceleration[:] = motion_of(place.contact, self.dynamics)
             self._bound_force(place, references.contacts)
         if layout.anchored:
-            layout.contact_motion += pull(len(layout.J), layout.anchored, self.dynamics, references.anchors)
+            layout.contact_motion += anchor_feedback(len(layout.J), layout.anchored, self.dynamics, references.anchors)
 
     def _fill_row_limits(self, layout: Layout) -> None:
         for limit, rows, parts in zip(self.row_limits, layout.limits, layout.limit_parts, strict=True):
@@ -295,16 +277,12 @@ class Formulation:
             if len(limit.names) != len(parts[1]):
                 raise MethodError(
                     f"{limit.full_name}: {type(limit).__name__}.fill() changed the number of names to "
-                    f"{len(limit.names)}, expected {len(parts[1])}: the number of rows must not change"
+                    f"{len(limit.names)}, expected {len(parts[1])}"
                 )
             layout.relabel(rows, limit.names)
 
     def require_finite_limits(self, layout: Layout) -> None:
-        """Check the rows and bounds that the limits have written for the last problem, if its state is finite.
-
-        Raises:
-            MethodError: if there is NaN, or an infinite entry of G.
-        """
+        """Raise `MethodError` for NaN in rows or bounds of the limits at a finite state."""
         if not (np.isfinite(self.dynamics.q).all() and np.isfinite(self.dynamics.v).all()):
             return
         for limit, (rows, lower, upper) in zip(self.row_limits, layout.limit_parts, strict=True):
@@ -314,13 +292,12 @@ class Formulation:
                     require_finite(limit, "fill", name, bounds)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
-        """Return the bounds of the torque rows from the available torques alone, without the torque rate limit."""
+        """Return the bounds of the torque rows without the torque rate limit."""
         actuation = self.model.actuation
         lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
         h = actuation.torques(bias_forces(self.dynamics, references))
         return lower - h, upper - h
 
 
-def _unchanging(mapping: Mapping[str, float]) -> Mapping[str, float]:
-    """Return a mapping itself if it is read-only, as those of the reference board are; otherwise a copy."""
+def _read_only(mapping: Mapping[str, float]) -> Mapping[str, float]:
     return mapping if isinstance(mapping, MappingProxyType) else dict(mapping)

@@ -1,4 +1,4 @@
-"""All numbers of the quadratic program that depend on the state, in one call."""
+"""Kernel for all state-dependent numbers of the quadratic program."""
 
 from wbc_controller.compilation import OutVector, Struct, Vector, compiled
 from wbc_controller.inverse_dynamics.limits.joint_motion_kernels import JointMotion, acceleration_bounds
@@ -8,16 +8,10 @@ from wbc_controller.inverse_dynamics.robot.link_motion_kernels import link_terms
 
 
 class Program(Struct):
-    """The arrays of a quadratic program.
+    """Arrays of a quadratic program."""
 
-    Attributes:
-        rows: rows of tasks and contacts, with the motion of the links.
-        dynamics: the equations of motion and bounds of the torques.
-        motion_limit: bounds of the joint accelerations.
-    """
-
-    rows: FrameRows
-    dynamics: DynamicsRows
+    rows: FrameRows  # with the link motion
+    dynamics: DynamicsRows  # and torque bounds
     motion_limit: JointMotion
 
 
@@ -25,7 +19,7 @@ class Program(Struct):
 def fill_program(
     program: Program, q: Vector, v: Vector, h: Vector, tau_before: Vector, share: float, errors: OutVector
 ) -> float:
-    """Call `link_terms`, `fill_rows`, `fill_dynamics` and `acceleration_bounds`, which document the arguments."""
+    """Call `link_terms`, `fill_rows`, `fill_dynamics` and `acceleration_bounds`, with their arguments."""
     link_terms(program.rows.motion, v)
     constant = fill_rows(program.rows, q, v, errors)
     fill_dynamics(program.dynamics, h, v, tau_before, share)

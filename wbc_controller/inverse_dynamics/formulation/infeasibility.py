@@ -1,31 +1,25 @@
-"""Explains infeasibility: which named constraints conflict, and the smallest slack that makes the problem feasible.
+"""Diagnosis of infeasibility: conflicting named constraints, and the smallest slack for feasibility.
 
-Linear programs are solved over the constraints of the failed problem (its cost plays no part):
+Linear programs over the constraints of the failed problem:
 
-1. Elastic phase one: every named constraint g gets a slack σ_g ≥ 0, at the cost Σ σ_g (Chinneck, "Feasibility and
-   infeasibility in optimization", Springer 2008). The constraints with non-zero slack are one side of the conflict.
-2. A deletion filter on that side: the constraints with the smallest slack are enforced again, as long as the total
-   slack of the others grows by no more than the share `INNOCENT`. The constraints enforced in the end are not part of
-   the conflict, such as a wrist whose swing helps a knee a little.
-3. Steps 1 and 2 with all constraints of one of that side's kinds enforced: the constraints of other kinds that need
-   slack instead are the next side, unless their slack costs more than `REMOTE` times the smallest, or they are more
-   than twice as many.
-4. Steps 1 and 2 with only the constraints named so far enforced: other constraints whose slack costs nearly the
-   smallest (`EQUAL`) are equally part of the conflict, such as the other foot.
+1. Elastic phase one: minimize Σ σ_g with a slack σ_g ≥ 0 of every named constraint g (Chinneck, "Feasibility and
+  infeasibility in optimization", Springer 2008). The constraints with slack are one side of the conflict.
+2. Deletion filter: enforce the constraints with the smallest slack, while the total slack of the others grows by at
+  most `SLACK_GROWTH`. They do not belong to the conflict.
+3. Repeat with each kind of that side enforced: constraints of other kinds with slack are the next side, up to
+  `REMOTE_COST_RATIO` times the smallest cost, and twice the number.
+4. Repeat with the named constraints enforced: other constraints up to `EQUAL_COST_RATIO` times the smallest cost also
+  belong to the conflict, e.g. the other foot.
 
-The equations of motion cannot be set, and always hold: their rows have full rank in v̇, so that they never conflict by
-themselves.
+The equations of motion always hold: they never conflict alone. Violations for σ_g = 1:
 
-σ_g has no unit. To make newtons, newton metres and accelerations comparable, violations are scaled by
+- forces: weight m g; `CONTACT_SCALE` m g for pulling contacts; moments: m g `MOMENT_LENGTH`,
+- torques and torque rates: effort limit,
+- joint accelerations: g / `MOMENT_LENGTH`,
+- cones: `CONTACT_SCALE` m g; with moments, `CONTACT_SCALE` m g `MOMENT_LENGTH`,
+- contact accelerations: `CONTACT_SCALE` g; angular, `CONTACT_SCALE` g / `MOMENT_LENGTH`.
 
-- forces: the robot's weight m g, `GROUND` m g where a contact would have to pull; moments: m g times `LENGTH`,
-- torques and torque rates: the actuator's effort limit,
-- accelerations of joints: g / `LENGTH`,
-- cones: `GROUND` m g; with moments, `GROUND` m g times `LENGTH`,
-- accelerations of contacts: `GROUND` g; angular ones, `GROUND` g / `LENGTH`.
-
-Violations of contact physics thus weigh ten times as much as those of settings and motors: a slipping foot is named
-only where no other constraint can give.
+Slip is therefore named only if no other constraint can be relaxed.
 """
 
 from collections.abc import Collection, Sequence
@@ -40,64 +34,47 @@ from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, Infeasibility, frozen_mapping
 
-#: Length that makes moments comparable to forces and angular accelerations to linear ones, m.
-LENGTH = 0.1
-#: Scale of violations of contact physics, as a share of that of settings.
-GROUND = 0.1
-#: Smallest scale of torques, N·m: URDFs have effort limits by which nothing can be divided.
-_LEAST_TORQUE = 1.0e-9
-#: Standard gravity, m/s²: the scale of accelerations, also for a model without gravity.
-_GRAVITY = 9.81
-#: Share by which the total slack may grow when a constraint with a small slack is enforced again.
-INNOCENT = 0.5
-#: Largest cost of a relaxation by constraints of other kinds, as a multiple of the smallest cost.
-REMOTE = 10.0
-#: Largest cost of a relaxation by any other constraints, as a multiple of the smallest cost.
-EQUAL = 1.5
-#: Largest number of sides of a conflict.
-_SIDES = 6
-#: Σ σ below which constraints count as consistent.
-_TOLERANCE = 1.0e-6
-#: σ below which a constraint counts as met, as a share of the largest σ.
-_NO_SLACK = 1.0e-4
-#: Largest number of iterations in one linear program: with `MAX_PROGRAMS` it bounds the time.
-_MAX_ITERATIONS = 2000
-#: Largest number of linear programs for one explanation; sides not found by then are left out.
-MAX_PROGRAMS = 40
+MOMENT_LENGTH = 0.1  # lever, m
+CONTACT_SCALE = 0.1  # scale of contact physics relative to settings
+_LEAST_TORQUE = 1.0e-9  # N·m
+_GRAVITY = 9.81  # m/s²
+SLACK_GROWTH = 0.5  # of the total slack in step 2
+REMOTE_COST_RATIO = 10.0  # of a relaxation by other kinds
+EQUAL_COST_RATIO = 1.5  # of an equivalent relaxation
+_SIDES = 6  # of a conflict
+_TOLERANCE = 1.0e-6  # Σ σ of feasible constraints
+_NO_SLACK = 1.0e-4  # relative σ of a satisfied constraint
+_MAX_ITERATIONS = 2000  # per linear program
+MAX_PROGRAMS = 40  # per diagnosis
 
 
 @dataclass(frozen=True, slots=True)
 class Constraint:
-    """A constraint with a name: lower ≤ rows x ≤ upper."""
+    """Named constraint lower ≤ rows x ≤ upper."""
 
-    name: str  # kind and owner, as in `Solution.binding`: `torque:left_knee_joint`
-    rows: Array  # (k, n), in the problem's decision variables
-    lower: Array  # (k,), -inf where there is no bound
-    upper: Array  # (k,), inf where there is no bound
-    scale: Array  # violation of each row that corresponds to σ = 1, (k,), in the rows' own units
-    factor: float  # conversion from the rows' units to `units`
-    units: tuple[str, ...]  # physical unit of each row
-    offset: Array  # constant part of the bounded quantity that the rows do not contain, (k,): h for torques
-    contact: Contact | None = None  # the contact that the constraint belongs to, if any
+    name: str  # kind and owner, e.g. `torque:left_knee_joint`
+    rows: Array  # (k, n)
+    lower: Array  # (k,)
+    upper: Array  # (k,)
+    scale: Array  # violation for σ = 1, (k,)
+    factor: float  # from the rows to `units`
+    units: tuple[str, ...]  # of the rows
+    offset: Array  # constant part, (k,): h for torques
+    contact: Contact | None = None  # owner
 
     @property
     def kind(self) -> str:
-        """The first part of the name."""
+        """First part of the name."""
         return self.name.partition(":")[0]
 
     @property
     def owner(self) -> str:
-        """The second part of the name: the joint, actuator, contact or pair of links."""
+        """Second part of the name: joint, actuator, contact or pair of links."""
         return self.name.partition(":")[2]
 
 
 def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Array]) -> list[Constraint]:
-    """Split a built problem into named constraints, without the equations of motion.
-
-    Args:
-        effort: lower and upper bounds of the problem's torque rows without the torque rate limit, both (na,). Where the
-            problem's own bounds are tighter, they come from the torque rate limit.
-    """
+    """Split a problem into named constraints; `effort` are the torque bounds without the rate limit, both (na,)."""
     problem, nv = layout.problem, model.nv
     force = model.mass * _GRAVITY / FORCE_UNIT
     found: list[Constraint] = []
@@ -131,21 +108,21 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
         angular = contact.moments
         add(
             f"contact_motion:{contact.name}", problem.A[motion], (problem.b[motion], problem.b[motion]),
-            GROUND * np.where(angular, _GRAVITY / LENGTH, _GRAVITY),
+            CONTACT_SCALE * np.where(angular, _GRAVITY / MOMENT_LENGTH, _GRAVITY),
             ["rad/s²" if turns else "m/s²" for turns in angular], contact=contact,
         )  # fmt: skip
         moments = np.abs(contact.cone[:, contact.moments]).sum(axis=1) > 0.0
         add(
             f"cone:{contact.name}", problem.C[cone], (problem.lower[cone], problem.upper[cone]),
-            GROUND * np.where(moments, force * LENGTH, force), ["N·m" if moment else "N" for moment in moments],
+            CONTACT_SCALE * np.where(moments, force * MOMENT_LENGTH, force),
+            ["N·m" if moment else "N" for moment in moments],
             FORCE_UNIT, contact=contact,
         )  # fmt: skip
         for kind, first, last in contact.bound_groups:
             k, part = last - first, slice(columns.start + first, columns.start + last)
             none, moment = np.full(k, np.inf), bool(contact.moments[first])
-            scale = force * LENGTH if moment else force
-            # That the ground does not pull is physics and no setting.
-            pull = GROUND * scale if kind == "normal_force" and contact.min_normal_force <= 0.0 else scale
+            scale = force * MOMENT_LENGTH if moment else force
+            pull = CONTACT_SCALE * scale if kind == "normal_force" and contact.min_normal_force <= 0.0 else scale
             add(
                 f"{kind}:{contact.name}", np.vstack([identity[part]] * 2),
                 (np.append(-none, problem.x_lower[part]), np.append(problem.x_upper[part], none)),
@@ -162,9 +139,9 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
     for column in range(nv):
         owner = names.get(column, "base")
         bounds = problem.x_lower[column], problem.x_upper[column]
-        add(f"motion:{owner}", identity[column], bounds, _GRAVITY / LENGTH, ["rad/s²"])
+        add(f"motion:{owner}", identity[column], bounds, _GRAVITY / MOMENT_LENGTH, ["rad/s²"])
     for limit, limit_rows in zip(layout.row_limits, layout.limits, strict=True):
-        scale = _GRAVITY / LENGTH if limit.unit == "rad/s²" else _GRAVITY
+        scale = _GRAVITY / MOMENT_LENGTH if limit.unit == "rad/s²" else _GRAVITY
         for row in range(limit_rows.start, limit_rows.stop):
             name = layout.labels[problem.n + row][0]
             add(name, problem.C[row], (problem.lower[row], problem.upper[row]), scale, [limit.unit])
@@ -174,13 +151,9 @@ def named_constraints(layout: Layout, model: RobotModel, effort: tuple[Array, Ar
 def explain(
     layout: Layout, model: RobotModel, effort: tuple[Array, Array], held: Collection[str] = ()
 ) -> Infeasibility | None:
-    """Find the constraints of a problem that conflict.
+    """Find the conflicting constraints; None if they are feasible, or the linear programs fail.
 
-    Args:
-        held: kinds of constraints that are enforced like the equations of motion, and never named.
-
-    Returns:
-        The conflict; None where the constraints can be met within tolerance, or where the linear programs fail.
+    Constraints of the kinds `held` are enforced and never named.
     """
     constraints = named_constraints(layout, model, effort)
     question = [constraint for constraint in constraints if constraint.kind not in held]
@@ -191,21 +164,19 @@ def explain(
         np.concatenate([problem.b[layout.mechanism], *(constraint.lower for constraint in given)]),
         np.concatenate([problem.b[layout.mechanism], *(constraint.upper for constraint in given)]),
     )
-    return _Search(fixed, question).run()
+    return _ConflictSearch(fixed, question).run()
 
 
 @dataclass(frozen=True, slots=True)
 class _Side:
-    """One relaxation that makes the problem feasible: x, and the σ of the constraints with slack."""
+    """Relaxation that makes the problem feasible."""
 
     x: Array
     total: float
     slack: dict[str, float]
 
 
-class _Search:
-    """The search for one explanation."""
-
+class _ConflictSearch:
     def __init__(self, fixed: tuple[Array, Array, Array], constraints: Sequence[Constraint]) -> None:
         self._all = {constraint.name: constraint for constraint in constraints}
         A, low, high = fixed
@@ -226,7 +197,6 @@ class _Search:
         self.programs = 0
 
     def run(self) -> Infeasibility | None:
-        """Find the sides of the conflict, and the slack of each."""
         first = self._side(set(self._all), np.inf, len(self._all))
         if first is None:
             return None
@@ -237,7 +207,7 @@ class _Search:
         for side in sides:
             phrases = []
             for name in (name for name in self._all if name in side.slack and name not in slack):
-                slack[name], units[name], phrase = _give(self._all[name], side.x)
+                slack[name], units[name], phrase = _largest_violation(self._all[name], side.x)
                 phrases.append(phrase)
             sentences.append(", ".join(phrases))
         return Infeasibility(
@@ -249,13 +219,12 @@ class _Search:
         )
 
     def _sides(self, first: _Side) -> list[_Side]:
-        """The smallest relaxation, and the alternatives to it."""
         most = max(2, 2 * len(first.slack))
         sides, named = [first], set(first.slack)
         kind = {name: constraint.kind for name, constraint in self._all.items()}
 
         def add(free: set[str], cost: float) -> set[str]:
-            """Names of the constraints that only this relaxation contains."""
+            """Add a relaxation of the free constraints; return its new constraints."""
             side = self._side(free, cost, most) if len(sides) < _SIDES else None
             new = set(side.slack) - named if side is not None else set()
             if side is not None and new:
@@ -265,33 +234,34 @@ class _Search:
 
         for held in sorted({kind[name] for name in first.slack}):
             kinds = {held}
-            while new := add({name for name in self._all if kind[name] not in kinds}, REMOTE * first.total):
-                while add({name for name in self._all if kind[name] not in kinds} - named, EQUAL * sides[-1].total):
+            while new := add({name for name in self._all if kind[name] not in kinds}, REMOTE_COST_RATIO * first.total):
+                while add(
+                    {name for name in self._all if kind[name] not in kinds} - named, EQUAL_COST_RATIO * sides[-1].total
+                ):
                     pass
                 kinds |= {kind[name] for name in new}
-        while add(set(self._all) - named, EQUAL * first.total):
+        while add(set(self._all) - named, EQUAL_COST_RATIO * first.total):
             pass
         return sides
 
     def _side(self, free: set[str], cost: float, count: int) -> _Side | None:
-        """Find a side among the free constraints; None if it needs no slack, too much, or too many constraints."""
-        best = self._reconcile(free)
+        best = self._minimize_slack(free)
         if best is None or not (_TOLERANCE < best.total <= cost):
             return None
-        # The total slack grows with the number of constraints enforced, smallest slack first: bisect this number.
+        # The total slack grows with the number of enforced constraints, smallest first: bisection.
         order = sorted(best.slack, key=best.slack.__getitem__)
         low, high, found = 0, len(order), best
         while high - low > 1:
             middle = (low + high) // 2
-            fewer = self._reconcile(set(order[middle:]))
-            if fewer is not None and fewer.total <= (1.0 + INNOCENT) * best.total:
+            fewer = self._minimize_slack(set(order[middle:]))
+            if fewer is not None and fewer.total <= (1.0 + SLACK_GROWTH) * best.total:
                 low, found = middle, fewer
             else:
                 high = middle
         return found if len(found.slack) <= count else None
 
-    def _reconcile(self, free: set[str]) -> _Side | None:
-        """Minimize Σ σ with slack for the free constraints only; None if infeasible, or out of programs."""
+    def _minimize_slack(self, free: set[str]) -> _Side | None:
+        """Minimize Σ σ over the slack of the free constraints; None without solution."""
         if self.programs >= MAX_PROGRAMS:
             return None
         self.programs += 1
@@ -314,8 +284,8 @@ def _widened(rows: Array, columns: int) -> Array:
     return np.hstack([rows, np.zeros((len(rows), columns))])
 
 
-def _give(constraint: Constraint, x: Array) -> tuple[float, str, str]:
-    """The largest violation of a constraint at x: its amount, its unit, and a phrase that describes it."""
+def _largest_violation(constraint: Constraint, x: Array) -> tuple[float, str, str]:
+    """Return the largest violation at x, its unit, and a phrase for it."""
     value = constraint.rows @ x
     above, below = value - constraint.upper, constraint.lower - value
     beyond = np.maximum(above, below)
@@ -325,7 +295,6 @@ def _give(constraint: Constraint, x: Array) -> tuple[float, str, str]:
 
 
 def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> str:
-    """Describe one constraint: its kind and owner, its bound, and the slack that it needs."""
     unit, owner, contact = constraint.units[row], constraint.owner, constraint.contact
     bound = constraint.factor * float((constraint.upper if upper else constraint.lower)[row] + constraint.offset[row])
     side = f"{'at most' if upper else 'at least'} {bound:.4g} {unit}"
@@ -341,7 +310,7 @@ def _phrase(constraint: Constraint, row: int, slack: float, *, upper: bool) -> s
         return f"joint motion of {owner} ({side}, {gives})"
     if constraint.kind == "self_collision":
         return f"distance of {owner.replace('/', ' and ')} (has to change by {side}, {gives})"
-    if constraint.kind not in ("cone", "contact_motion"):  # a limit on a combination of accelerations
+    if constraint.kind not in ("cone", "contact_motion"):  # a row limit
         return f"{constraint.kind} limit of {owner} ({side}, {gives})"
     if constraint.kind == "cone" and contact is not None:
         what = "friction and centre of pressure" if contact.moments.any() else "friction"

@@ -1,7 +1,7 @@
-"""The rows and columns of each quantity in the quadratic program of one cycle.
+"""Rows and columns of the quadratic program.
 
-The decision variables are x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques are eliminated exactly,
-τ = T (M v̇ + h - Jᵀ f), so that bounds of τ become inequality constraints on x (`actuation.Actuation`).
+Decision variables: x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques τ = T (M v̇ + h - Jᵀ f) are eliminated
+(`actuation.Actuation`).
 """
 
 from __future__ import annotations
@@ -23,59 +23,45 @@ from wbc_controller.records import Array
 
 @dataclass(slots=True)
 class ContactPlace:
-    """Rows and columns of one contact in the problem; the arrays are views of the problem's."""
+    """Rows and columns of one contact; the arrays are views."""
 
     contact: Contact
-    motion: slice  # rows of its motion constraint in A and b; also the indices of its force in f
-    J: Array  # its Jacobian in A, (k, nv)
-    acceleration: Array  # the right-hand side in b: the required J v̇, (k,)
-    cone: slice  # rows of its cone in C
-    columns: slice  # columns of its force in x
-    lower: Array  # lower bounds of its force, in units of `FORCE_UNIT`, (k,)
-    upper: Array  # upper bounds of its force, in units of `FORCE_UNIT`, (k,)
+    motion: slice  # rows of the motion constraint in A and b; indices in f
+    J: Array  # in A, (k, nv)
+    acceleration: Array  # required J v̇ in b, (k,)
+    cone: slice  # rows in C
+    columns: slice  # columns of the force in x
+    lower: Array  # of the force, in `FORCE_UNIT`, (k,)
+    upper: Array  # of the force, in `FORCE_UNIT`, (k,)
 
 
 class Layout:
-    """Rows and columns of each quantity in the problem, for one set of active contacts.
+    """Rows and columns of the problem, for one set of active contacts.
 
     Attributes:
-        places: rows and columns of each active contact, in order.
+        places: of each active contact.
         forces: columns of all contact forces in x.
-        forces_of: name of each active contact, and the indices of its force in f.
-        contact_rows: [J, b] of the active contacts as they were before redundant directions were taken out of A and b
-            (`formulation.redundancy`), (nf, nv + 1); None if A and b have them.
-        contact_motion: the right-hand sides of the contacts in b, (nf,).
-        damping: D of each row of J, 1/s, (nf,).
-        metric: diagonal of W in the regularization ½ ε_f fᵀ W f of the forces, (nf,).
-        dynamics_rows: the equations of motion and torque bounds, for the kernel that fills them.
-        mechanism: rows of A that are never relaxed: joints that follow others, and the unactuated rows of the equations
-            of motion.
+        forces_of: name of each contact, and indices in f.
+        contact_rows: [J, b] of the contacts before `formulation.redundancy`, (nf, nv + 1), or None.
+        contact_motion: right-hand sides of the contacts in b, (nf,).
+        damping: D of each row of J, (nf,) in 1/s.
+        metric: diagonal of W in ½ ε_f fᵀ W f, (nf,).
+        dynamics_rows: equations of motion and torque bounds for the kernel.
+        mechanism: rows of A of mimic joints and equations of motion.
         torque: rows of C of the torque bounds.
-        torque_lower: lower bounds of these rows, (na,).
-        torque_upper: upper bounds of these rows, (na,).
-        available: least and largest torques that are available, and the effort limits, (3, na) in N·m.
+        available: smallest and largest available torques, and effort limits, (3, na) in N·m.
         limits: rows of C of each row limit.
-        limit_parts: for each row limit its columns of v̇ in these rows, and their lower and upper bounds: views of the
-            problem's arrays.
+        limit_parts: rows, lower and upper bounds of each row limit, as views.
         joints: columns of the joint accelerations in x, (nj,).
-        torque_bias: the constant part of the torques, (na,) in N·m: τ = C x + torque_bias for the torque rows of C, the
-            problem's outputs.
-        levels: the cost of each priority level, highest priority first; `H` and `g` of the problem are those of the
-            first level.
+        torque_bias: constant part of τ = C x + torque_bias, (na,) in N·m.
+        levels: cost of each priority level, highest first.
         key: names of the active contacts.
-        labels: for each bound of x and row of C, the names of its lower and its upper bound, and the size of the
-            problem's unit of that bound in SI units.
+        labels: names of both bounds of each entry of [x; C x], and its unit in SI units.
     """
 
     def __init__(
         self, dynamics: Dynamics, contacts: Sequence[Contact], limits: Sequence[RowLimit] = (), cost_rows: int = 0
     ) -> None:
-        """Lay out the problem.
-
-        Args:
-            dynamics: the snapshot, from whose arrays kernels fill the equations of motion.
-            cost_rows: largest number of rows of the cost.
-        """
         model = dynamics.model
         nv, na, free = model.nv, model.na, model.actuation.free
         coupling = model.actuation.C
@@ -113,14 +99,14 @@ class Layout:
             row, cone = motion.stop, rows.stop
         self.forces = slice(nv, nv + nf)
         self.forces_of = [(place.contact.name, place.motion) for place in self.places]
-        #: The compiled rows of contacts, each with its first row; and the contacts that are evaluated in Python.
+        #: Compiled rows of contacts with their first row; contacts evaluated in Python.
         self.instructions = [
             (instruction, place.motion.start)
             for place in self.places
             if (instruction := place.contact.instruction()) is not None
         ]
         self.python_contacts = [place for place in self.places if place.contact.instruction() is None]
-        #: The contacts with an anchor, and their rows of J.
+        #: Anchored contacts and their rows of J.
         self.anchored = tuple(
             (place.contact, place.motion)
             for place in self.places
@@ -170,16 +156,16 @@ class Layout:
 
     @property
     def J(self) -> Array:
-        """The stacked Jacobians of the active contacts, (nf, nv)."""
+        """Stacked Jacobians of the active contacts, (nf, nv)."""
         return self._rows_in_A if self.contact_rows is None else self.contact_rows[:, :-1]
 
     @property
     def torque_map(self) -> tuple[Array, Array]:
-        """R (na, n) and r (na,), so that τ = R x + r in N·m (`tasks.Efforts`)."""
+        """R (na, n) and r (na,) of τ = R x + r, N·m."""
         return self.problem.C[self.torque], self.torque_bias
 
     def force_map(self, contact: str) -> Array | None:
-        """R (k, n), so that the contact force in N and N·m is R x; None while it is not active (`tasks.Efforts`)."""
+        """Return R (k, n) of the contact force R x; None for an inactive contact."""
         if contact not in self.key:
             return None
         columns = self.places[self.key.index(contact)].columns
@@ -188,14 +174,14 @@ class Layout:
         return rows
 
     def snapshot(self) -> Layout:
-        """A copy with a problem that later cycles do not change; its `places` remain views of this layout's problem."""
+        """Return a copy with its own problem; `places` remain views of this one."""
         kept = copy.copy(self)
         kept.problem = self.problem.copy()
         kept.torque_bias = kept.problem.offset
         return kept
 
     def relabel(self, rows: slice, names: Sequence[str]) -> None:
-        """Rename some rows of C, in a new list of labels if there is news; earlier solutions keep the old list."""
+        """Rename rows of C in a new list of labels, as earlier solutions keep the old one."""
         n = self.problem.n
         if self._named.get(rows.start) == names:
             return

@@ -1,10 +1,9 @@
-"""The quadratic program of one cycle in plain NumPy, without caches: the definition of H, g, A, b, C and the bounds.
+"""The quadratic program of one cycle in plain NumPy: the definition of H, g, A, b, C and the bounds.
 
-`Formulation` computes the same numbers faster, and tests compare both. It evaluates tasks and contacts without compiled
-rows, such as a user's own, with `task_rows` and `contacts.contact.motion_of`, like this file.
+Start reading here: `Formulation` computes the same numbers with kernels and caches, and tests compare both.
 
-The decision variables are x = [v̇ (nv), f / FORCE_UNIT (nf)]: accelerations, and the forces of the active contacts. The
-torques τ = T (M v̇ + h - Jᵀf) are eliminated (`robot.actuation`), so bounds of τ become rows of C.
+Decision variables: x = [v̇ (nv), f / FORCE_UNIT (nf)], the accelerations and the forces of active contacts. The torques
+τ = T (M v̇ + h - Jᵀf) are eliminated (`robot.actuation`), so their bounds are rows of C.
 """
 
 from collections.abc import Sequence
@@ -14,9 +13,9 @@ import numpy as np
 
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.contacts.contact import motion_of as contact_motion
-from wbc_controller.inverse_dynamics.formulation.anchors import pull
+from wbc_controller.inverse_dynamics.formulation.anchors import anchor_feedback
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT
-from wbc_controller.inverse_dynamics.formulation.redundancy import separate
+from wbc_controller.inverse_dynamics.formulation.redundancy import separate_redundant_rows
 from wbc_controller.inverse_dynamics.limits import JointMotionLimit, RowLimit, TorqueLimit
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks import AccelerationTask, EffortTask, Task
@@ -24,23 +23,22 @@ from wbc_controller.inverse_dynamics.tasks.task import Efforts, equation_of
 from wbc_controller.inverse_dynamics.tasks.task import motion_of as task_motion
 from wbc_controller.records import Array, Reference, References
 
-#: Length that scales rates of angular momentum to rates of linear momentum in the regularization, m.
-ROTATION_LENGTH = 0.1
+ROTATION_LENGTH = 0.1  # scales rates of angular momentum to rates of linear momentum, m
 
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of a robot."""
+    """Limits of a robot."""
 
     torque: TorqueLimit
     motion: JointMotionLimit
-    rows: Sequence[RowLimit]  # bounds of other combinations of v̇
-    period: float  # time between cycles, s
+    rows: Sequence[RowLimit]  # bounds of combinations G v̇
+    period: float  # s
 
 
 @dataclass(frozen=True)
 class Regularization:
-    """The regularization ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f."""
+    """Weights of the regularization ½ ε_a (‖q̈‖² + ‖ḣ_G / m‖²) + ½ ε_f fᵀ W f."""
 
     acceleration: float = 1.0e-5  # ε_a
     force: float = 1.0e-6  # ε_f
@@ -60,30 +58,20 @@ class PlainQP:
     x_lower: Array  # (n,)
     x_upper: Array  # (n,)
     torque_map: tuple[Array, Array]  # R (na, n) and r (na,) of τ = R x + r
-    columns: dict[str, slice]  # columns of x of each active contact's force
+    columns: dict[str, slice]  # columns of each active contact's force in x
 
     def force_map(self, contact: str) -> Array | None:
-        """Return R (k, n) of f = R x for a contact; None while it is not active."""
+        """Return R (k, n) of the contact force f = R x; None for an inactive contact."""
         return FORCE_UNIT * np.eye(len(self.g))[self.columns[contact]] if contact in self.columns else None
 
 
 def task_rows(
     task: Task, dynamics: Dynamics, efforts: Efforts, reference: Reference, n: int
 ) -> tuple[Array, Array, Array] | None:
-    """Evaluate one task: rows R x = r of its least-squares problem.
+    """Return the rows R x = r of a task, R (k, n) and r (k,), and its error (k,); None for an inactive contact's force.
 
-    A task on accelerations gives J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`), one on torques or forces its
-    own rows in x.
-
-    Args:
-        efforts: torques and contact forces as functions of x.
-
-    Returns:
-        R (k, n), r (k,), and the task error (k,), which is NaN for tasks on torques and forces, whose error depends on
-        the solution. None if the quantity does not exist, such as the force of an inactive contact.
-
-    Raises:
-        MethodError: if a method of the task fails.
+    An acceleration task has rows J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`). An effort task has rows in x;
+    its error depends on the solution and is NaN here.
     """
     if isinstance(task, EffortTask):
         equation = equation_of(task, efforts, reference, n)
@@ -95,7 +83,7 @@ def task_rows(
 
 
 def bias_forces(dynamics: Dynamics, references: References) -> Array:
-    """Return h less the known generalized forces: external wrenches Σ Jₖᵀwₖ (equation (22); S4) and the disturbance."""
+    """Return h minus known forces: external wrenches Σ Jₖᵀwₖ (equation (22) of the note; S4), and the disturbance."""
     disturbance = references.disturbance
     if not references.external_wrenches and disturbance is None:
         return dynamics.h
@@ -119,9 +107,9 @@ def plain_qp(
     """Build the quadratic program at one state.
 
     Args:
-        tasks: the tasks of one priority level, without those with a tolerance.
-        tau_before: the present torques, (na,) in N·m; None for no torque rate limit.
-        first: whether this is the highest level, whose cost has the redundant directions of the contacts.
+        tasks: of one priority level, without tolerances.
+        tau_before: present torques, (na,) in N·m; None for no torque rate limit.
+        first: True for the highest level, which has the redundant directions of the contacts.
     """
     model, actuation, period = dynamics.model, dynamics.model.actuation, limits.period
     activations = {c.name: 1.0 if c.permanent else references.contacts.get(c.name, 0.0) for c in contacts}
@@ -130,16 +118,16 @@ def plain_qp(
     columns = {contact.name: slice(*ends[i : i + 2]) for i, contact in enumerate(active)}
     nv, n = model.nv, ends[-1]
 
-    # Equations of motion: N (M v̇ + h - Jᵀf) = 0 and τ = T (M v̇ + h - Jᵀf); joints that follow others: C v̇ = 0.
+    # Equations of motion: N (M v̇ + h - Jᵀf) = 0, τ = T (M v̇ + h - Jᵀf); mimic joints: C v̇ = 0.
     J, J_acceleration = contact_accelerations(dynamics, active, references)
     h = actuation.split(bias_forces(dynamics, references))  # [N; T] h
     rows = actuation.split(np.hstack([dynamics.M, -FORCE_UNIT * J.T]))  # [N; T] [M, -Jᵀ]
     free = actuation.free
     torque_map = rows[free:], h[free:]
 
-    # Contacts: J v̇ = -J̇v - D J v + K e, forces within bounds, and in the cone C f ≤ 0.
+    # Contacts: J v̇ = -J̇v - D J v + K e; force bounds; cone C f ≤ 0.
     metric = np.concatenate([np.zeros(0), *(contact.metric for contact in active)])
-    motion, redundant = separate(J, J_acceleration, metric, dynamics)
+    motion, redundant = separate_redundant_rows(J, J_acceleration, metric, dynamics)
     A = np.vstack([in_columns(motion[:, :-1], 0, n), in_columns(actuation.C, 0, n), rows[:free]])
     b = np.concatenate([motion[:, -1], np.zeros(len(actuation.C)), -h[:free]])
     x_lower, x_upper = np.full(n, -np.inf), np.full(n, np.inf)
@@ -150,7 +138,7 @@ def plain_qp(
         x_lower[own], x_upper[own] = lower / FORCE_UNIT, upper / FORCE_UNIT
         cone = np.vstack([cone, in_columns(contact.cone, own.start, n)])
 
-    # Limits: of joint motion, of τ, and of other combinations G v̇.
+    # Limits: joint motion, τ, and other combinations G v̇.
     joints = dynamics.q[model.q_index], dynamics.v[model.v_index]
     x_lower[model.v_index], x_upper[model.v_index] = limits.motion.bounds(*joints, period)
     tau_lower, tau_upper = torque_bounds(limits, actuation.speeds(dynamics.v), tau_before)
@@ -166,7 +154,7 @@ def plain_qp(
     bounds = np.concatenate(C_lower), np.concatenate(C_upper), x_lower, x_upper
     qp = PlainQP(np.zeros((n, n)), np.zeros(n), A, b, np.vstack(C), *bounds, torque_map, columns)
 
-    # Regularization: of q̈, of f, and of the rate of the momentum ḣ_G = A_G v̇ + Ȧ_G v.
+    # Regularization: q̈, f, and the momentum rate ḣ_G = A_G v̇ + Ȧ_G v.
     base = 6 if model.floating_base else 0
     qp.H[range(base, nv), range(base, nv)] = regularization.acceleration
     qp.H[range(nv, n), range(nv, n)] = regularization.force * FORCE_UNIT**2 * metric
@@ -175,7 +163,7 @@ def plain_qp(
         momentum = in_columns(scale[:, None] * dynamics.centroidal_matrix, 0, n)
         add_squares(qp, regularization.acceleration, momentum, -scale * dynamics.centroidal_drift)
 
-    # Redundant directions of the contacts, and tasks: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖².
+    # Redundant contact directions and tasks: ½ Σ wᵢ ‖Rᵢ x - rᵢ‖².
     if first:
         add_squares(qp, 1.0, in_columns(redundant[:, :-1], 0, n), redundant[:, -1])
     for task in tasks:
@@ -195,11 +183,11 @@ def contact_accelerations(dynamics: Dynamics, active: Sequence[Contact], referen
             anchored.append((contact, slice(len(J), len(J) + contact.size)))
         J, at_rest = np.vstack([J, own_J]), np.concatenate([at_rest, own_at_rest])
         D = np.concatenate([D, np.full(contact.size, contact.damping)])
-    return J, at_rest - D * (J @ dynamics.v) + pull(len(J), anchored, dynamics, references.anchors)
+    return J, at_rest - D * (J @ dynamics.v) + anchor_feedback(len(J), anchored, dynamics, references.anchors)
 
 
 def torque_bounds(limits: Limits, speeds: Array, tau_before: Array | None) -> tuple[Array, Array]:
-    """Return the bounds of τ: the available torques, and |τ - τ_before| ≤ rate τ_max Δt, both (na,) in N·m."""
+    """Return bounds of τ, (na,) in N·m: available torques, and |τ - τ_before| ≤ rate τ_max Δt."""
     lower, upper = limits.torque.available(speeds)
     if tau_before is None:
         return lower, upper
@@ -209,7 +197,7 @@ def torque_bounds(limits: Limits, speeds: Array, tau_before: Array | None) -> tu
 
 
 def in_columns(block: Array, start: int, n: int) -> Array:
-    """Return rows in x, (k, n), with a block (k, m) in the columns from `start` on and zeros elsewhere."""
+    """Return rows (k, n): a block (k, m) in the columns from `start` on, and zeros."""
     rows = np.zeros((len(block), n))
     rows[:, start : start + block.shape[1]] = block
     return rows

@@ -1,4 +1,4 @@
-"""The rows of contacts and tasks that a kernel fills: constants, gains and references as arrays."""
+"""Compiled rows of contacts and tasks: constants, gains and references as arrays."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, FrameRows, take_reference
+from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, FrameRows, copy_reference
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tasks.task import MotionTask
 from wbc_controller.records import Array, Reference
@@ -14,40 +14,32 @@ from wbc_controller.records import Array, Reference
 
 @dataclass(frozen=True, slots=True)
 class RowEntry:
-    """The rows of one contact or task, or of the momentum."""
+    """Rows of one contact or task, or of the momentum."""
 
-    instruction: Instruction  # the rows in numbers
-    row: int = 0  # first row in the block; 0 for a task on single accelerations, which has none
-    task: MotionTask | None = None  # the task; None for contacts and the momentum
-    error: int = 0  # first index of the task's error
+    instruction: Instruction
+    row: int = 0  # first row in the block; 0 for joint tasks
+    task: MotionTask | None = None  # None for contacts and the momentum
+    error: int = 0  # first index of the error
 
 
 @dataclass(slots=True)
 class _TaskNumbers:
-    """Views of the numbers of a task, which the kernel reads."""
-
     task: MotionTask
     gains: Array  # K and D, (2, size)
-    reference: Array  # position, velocity and acceleration, one after the other
-    copied: Reference | None = None  # the last reference, if it is read-only, so that it need not be copied again
+    reference: Array  # position, velocity, acceleration
+    copied: Reference | None = None  # last read-only reference
 
 
 class CompiledRows:
-    """Rows of some contacts and tasks in one block of rows, [J, b], filled by `robot.frame_kernels.fill_rows`.
+    """Rows [J, b] of contacts and tasks in one block, filled by `robot.frame_kernels.fill_rows`.
 
     Attributes:
         arrays: for the kernel.
-        factors: of each task on single accelerations, by name: the factors from the desired acceleration to the target,
-            and from its square to twice the constant cost, (2, size).
+        factors: of joint tasks, (2, size): from desired acceleration to target, and from its square to twice the
+            constant cost.
     """
 
     def __init__(self, dynamics: Dynamics, out: Array, target: Array, entries: Sequence[RowEntry]) -> None:
-        """Lay out the instructions.
-
-        Args:
-            out: the block, (k, n + 1).
-            target: for the targets of single accelerations, (n,).
-        """
         instructions: list[tuple[int, ...]] = []
         places: list[np.ndarray] = [np.zeros(0, dtype=np.int64)]
         numbers: list[Array] = [np.zeros(0)]
@@ -93,8 +85,7 @@ class CompiledRows:
         """Copy the references of the tasks.
 
         Raises:
-            ValueError: if an array of a reference has another size than the task.
-            TypeError: if one is not an array of float64 with one axis.
+            ValueError: for an array of wrong size.
         """
         for own in self._tasks:
             task = own.task
@@ -102,7 +93,7 @@ class CompiledRows:
             if wanted is own.copied:
                 continue
             position, velocity, acceleration = wanted.position, wanted.velocity, wanted.acceleration
-            if not take_reference(position, velocity, acceleration, task.size, own.reference):
+            if not copy_reference(position, velocity, acceleration, task.size, own.reference):
                 raise ValueError(
                     f"the reference of task {task.name!r} has {len(position)} positions, {len(velocity)} velocities "
                     f"and {len(acceleration)} accelerations; expected {task.form.size}, {task.size} and {task.size}"

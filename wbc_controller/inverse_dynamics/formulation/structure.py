@@ -1,4 +1,4 @@
-"""The two caches of the fast path: the structure of the problem, and the parameters written into it."""
+"""Caches of the fast formulation: structure of the problem, and parameters written to it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,21 +11,21 @@ from wbc_controller.inverse_dynamics.limits import JointMotionLimit, TorqueLimit
 
 @dataclass(slots=True)
 class Structure:
-    """The arrays of the problem for one set of active contacts and tasks; their sizes depend on nothing else."""
+    """Arrays of the problem for one set of active contacts and tasks."""
 
-    version: int  # number of structures that the controller has used before this one
-    layout: Layout  # rows and columns of the problem
-    costs: list[LevelCost]  # the cost of each priority level, highest priority first
-    program: Program = field(init=False)  # the same arrays for the kernel, with the parameters of the limits
+    version: int  # counter
+    layout: Layout
+    costs: list[LevelCost]  # of each priority level, highest first
+    program: Program = field(init=False)  # for the kernel
 
 
 @dataclass(slots=True)
 class Parameters:
-    """The numbers in the problem that may change between two cycles, beside state and references."""
+    """Numbers of the problem that may change between cycles, other than state and references."""
 
-    weights: Mapping[str, float]  # of the tasks, by name
-    activations: Mapping[str, float]  # of the contacts, by name
-    motion_limit: JointMotionLimit  # bounds of the joint accelerations
-    torque_limit: TorqueLimit  # bounds of the torques
-    changes: int  # number of changes of attributes of tasks, contacts and limits, such as gains (`Tunable.version`)
-    version: int  # number of parameters that the controller has used before these
+    weights: Mapping[str, float]  # of tasks
+    activations: Mapping[str, float]  # of contacts
+    motion_limit: JointMotionLimit
+    torque_limit: TorqueLimit
+    changes: int  # number of attribute changes (`Tunable.version`)
+    version: int  # counter

@@ -1,4 +1,4 @@
-"""From the minimizer of the quadratic program to the solution, with residuals and binding constraints."""
+"""Solution from the minimizer of the quadratic program."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,18 +15,13 @@ from wbc_controller.inverse_dynamics.formulation.layout import Layout
 from wbc_controller.inverse_dynamics.formulation.problem import FORCE_UNIT, Residuals
 from wbc_controller.records import Array, LevelReport, References, Solution, frozen_mapping
 
-#: Distance from a bound, relative to its size (at least 1), within which a constraint counts as binding.
-_BINDING = 1.0e-5
-#: Largest magnitude of a bound in this comparison, so that an infinite bound is never binding.
-_LARGEST = 1.0e9
+_BINDING = 1.0e-5  # relative distance from a bound
+_LARGEST = 1.0e9  # infinite bounds are never binding
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class _LazyDetails:
-    """`records.Details` of an answer, computed on first access: most are never read, and would delay the torques.
-
-    It uses only parts of the layout that later cycles do not change.
-    """
+    """`records.Details` from unchanged parts of the layout, computed on first access to save time in the cycle."""
 
     _forces: Mapping[str, Array] | None = None
 
@@ -45,7 +40,7 @@ class _LazyDetails:
     @property
     def forces(self) -> Mapping[str, Array]:
         """Force of each contact, (k,) in N and N·m."""
-        if self._forces is None:  # read in every cycle, in which `cached_property` would double the time
+        if self._forces is None:  # `cached_property` would double the time
             forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
             forces.setflags(write=False)
             self._forces = MappingProxyType({name: forces[own] for name, own in self._layout.forces_of})
@@ -53,7 +48,7 @@ class _LazyDetails:
 
     @cached_property
     def residuals(self) -> Mapping[str, float]:
-        """The largest violation in each group of constraints; for contacts with redundant directions, in all rows."""
+        """Largest violation in each group of constraints, including redundant contact directions."""
         equalities, contact_rows = self._residuals.equalities.tolist(), self._layout.mechanism.start
         rows = self._contact_rows
         if rows is not None:
@@ -77,12 +72,12 @@ class _LazyDetails:
 
     @cached_property
     def binding(self) -> Mapping[str, float]:
-        """The binding constraints, each with its multiplier per SI unit of its bound."""
+        """Binding constraints with multipliers per SI unit of the bound."""
         return MappingProxyType(_binding(self._labels, self._residuals, self._answer.multipliers))
 
     @cached_property
     def levels(self) -> Sequence[LevelReport]:
-        """The quadratic programs that were solved."""
+        """Solved quadratic programs."""
         answer = self._answer
         if answer.levels or answer.cost is None:
             return answer.levels
@@ -96,13 +91,10 @@ def unpack(
     references: References,
     stages: Mapping[str, float] = _NONE,
 ) -> Solution:
-    """Make a solution of an answer.
-
-    Args:
-        stages: time spent in each stage, in s.
+    """Make the solution of an answer; `stages` are durations in s.
 
     Raises:
-        ValueError: if the answer has no residuals.
+        ValueError: for an answer without residuals.
     """
     residuals = answer.residuals
     if residuals is None:
@@ -124,9 +116,7 @@ def unpack(
 
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
-    """The binding constraints, each with its multiplier per SI unit of its bound."""
-    # In most cycles none is binding. A quick test: a bound close to its value has about the magnitude of that value,
-    # which the norm of all values bounds, so the tolerance below covers every bound.
+    # Quick test for the usual case: the norm of all values bounds each value, and a bound close to it.
     value = residuals.value
     if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
         return {}

@@ -1,4 +1,4 @@
-"""The limits of torques, joint motion and distances: one file per kind."""
+"""Limits of torques, joint motion and distances: one file per kind."""
 
 from wbc_controller.inverse_dynamics.limits.joint_motion import JointMotionLimit
 from wbc_controller.inverse_dynamics.limits.limit import RowLimit

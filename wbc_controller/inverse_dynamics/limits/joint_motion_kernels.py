@@ -1,4 +1,4 @@
-"""Bounds of joint accelerations by viability (`limits.joint_motion`, which has the equations)."""
+"""Kernel for the viability bounds of joint accelerations; `limits.joint_motion` has the equations."""
 
 from __future__ import annotations
 
@@ -8,42 +8,26 @@ from wbc_controller.compilation import Indices, Matrix, OutVector, Struct, Vecto
 
 
 class JointMotion(Struct):
-    """Limits of joint positions, velocities and accelerations, and the resulting bounds.
+    """Limits of joint positions, velocities and accelerations, and the resulting bounds."""
 
-    Attributes:
-        q_index: index in q of each joint, (nj,).
-        v_index: index in v, and in the bounds, of each joint, (nj,).
-        limits: upper position limits of q and of -q, (2, nj) in rad; (2, 0) without position limits.
-        fastest: largest speeds, (nj,) in rad/s; (0,) without velocity limits.
-        acceleration: largest acceleration, rad/s².
-        period: time for which an acceleration is held, s.
-        ahead: horizon of the position limits, s; at least the period.
-        slowing: horizon of the velocity limits, s; at least the period.
-        stopping: distance beyond its limit within which a joint has to stop that cannot stop before it, rad.
-        return_time: time constant with which a joint returns from beyond its limit, s.
-        rounding: distance by which rounding may take a joint beyond its limit, rad.
-        lower: out: lower bounds, by index in v, in rad/s².
-        upper: out: upper bounds, likewise.
-    """
-
-    q_index: Indices
-    v_index: Indices
-    limits: Matrix
-    fastest: Vector
-    acceleration: float
-    period: float
-    ahead: float
-    slowing: float
-    stopping: float
-    return_time: float
-    rounding: float
-    lower: OutVector
-    upper: OutVector
+    q_index: Indices  # (nj,)
+    v_index: Indices  # also of the bounds, (nj,)
+    limits: Matrix  # upper limits of q and -q, (2, nj) in rad, or (2, 0)
+    fastest: Vector  # largest speeds, (nj,) in rad/s, or (0,)
+    acceleration: float  # rad/s²
+    period: float  # s
+    ahead: float  # horizon of position limits, s; ≥ `period`
+    slowing: float  # horizon of velocity limits, s; ≥ `period`
+    stopping: float  # rad
+    return_time: float  # s
+    rounding: float  # rad
+    lower: OutVector  # out: by index in v, rad/s²
+    upper: OutVector  # out
 
 
 @part
 def clipped(value: float, lower: float, upper: float) -> float:
-    """Clip a value to bounds: upper if they cross; NaN stays NaN."""
+    """Clip a value to bounds, to the upper one if they cross; NaN stays NaN."""
     if value < lower:
         value = lower
     return upper if value > upper else value
@@ -51,7 +35,7 @@ def clipped(value: float, lower: float, upper: float) -> float:
 
 @part
 def _position_bound(table: JointMotion, room: float, speed: float, fastest: float) -> float:
-    """Return the upper bound of the acceleration towards a position limit at a distance `room`."""
+    """Return the bound from a position limit at the distance `room`."""
     most, ahead = table.acceleration, table.ahead
     left = room - 0.5 * ahead * speed
     reach = most * ahead
@@ -69,7 +53,6 @@ def _position_bound(table: JointMotion, room: float, speed: float, fastest: floa
 
 @part
 def _returning_bound(table: JointMotion, room: float, speed: float, fastest: float) -> float:
-    """Return the bound in a state that is not viable: reverse at the limit, or return from beyond it like a spring."""
     if not room < table.rounding:
         return -(speed**2) / (2.0 * room)
     spring = 4.0 / table.return_time**2
@@ -79,27 +62,26 @@ def _returning_bound(table: JointMotion, room: float, speed: float, fastest: flo
 
 @part
 def _braking(speed: float, room: float) -> float:
-    """Return the constant acceleration that stops a speed within a room; -inf without room."""
     return -(speed**2) / (2.0 * room) if room > 0.0 else -math.inf
 
 
 @part
 def _velocity_bound(table: JointMotion, speed: float, fastest: float) -> float:
-    """Return the upper bound of the acceleration from a largest speed; a joint that moves back may always stop."""
+    """Return the bound from the velocity limit; a joint moving back may always stop."""
     return (fastest - speed) / table.slowing if speed > 0.0 else fastest / table.slowing - speed / table.period
 
 
 @compiled
 def acceleration_bounds(table: JointMotion, q_all: Vector, v_all: Vector) -> None:
-    """Write bounds of the joint accelerations at a configuration, (nq,), and a generalized velocity, (nv,)."""
+    """Write the bounds of joint accelerations at q (nq,) and v (nv,)."""
     if len(v_all) != len(table.lower) or len(v_all) != len(table.upper):
-        raise ValueError("acceleration_bounds: v has another size than the bounds")
+        raise ValueError("acceleration_bounds: sizes of v and the bounds differ")
     most = table.acceleration
     limited, slowed = table.limits.shape[1] > 0, len(table.fastest) > 0
     for i in range(len(table.q_index)):
         row, column = table.q_index[i], table.v_index[i]
         if not (0 <= row < len(q_all) and 0 <= column < len(v_all)):
-            raise IndexError("the index of a joint is not below the size of q or v")
+            raise IndexError("joint index out of range of q or v")
         q, v = q_all[row], v_all[column]
         if not (math.isfinite(q) and math.isfinite(v)):  # reported by the check for finite values
             table.lower[column] = table.upper[column] = math.nan
@@ -108,11 +90,11 @@ def acceleration_bounds(table: JointMotion, q_all: Vector, v_all: Vector) -> Non
         if limited:
             high = _position_bound(table, table.limits[0, i] - q, v, fastest)
             low = -_position_bound(table, table.limits[1, i] + q, -v, fastest)
-        if low > high:  # not viable: keep the limit that the velocity points to
+        if low > high:  # not viable: keep the limit in the direction of motion
             if v > 0.0:
                 low = high
             else:
                 high = low
-        # If velocity and position limits conflict, the position limit takes precedence.
+        # Position limits precede velocity limits.
         table.lower[column] = clipped(clipped(-_velocity_bound(table, -v, fastest), -most, most), low, high)
         table.upper[column] = clipped(clipped(_velocity_bound(table, v, fastest), -most, most), low, high)

@@ -1,4 +1,4 @@
-"""The base class of limits on linear combinations of accelerations."""
+"""Base class of limits on linear combinations of accelerations."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from wbc_controller.records import Array
 
 
 class RowLimit(ABC):
-    """Inequality constraints lower ≤ G v̇ ≤ upper of the quadratic program; the number of rows never changes.
+    """Inequality constraints lower ≤ G v̇ ≤ upper with a constant number of rows.
 
     Attributes:
-        names: a name for each row, ``<kind>:<owner>``, as in `Solution.binding`. `fill` may change them.
-        kind: name of the group in which the rows are relaxed if there is no solution.
-        unit: unit of G v̇.
-        summary: one line of description.
+        names: of the rows, ``<kind>:<owner>``, as in `Solution.binding`; `fill` may change them.
+        kind: group of rows for relaxation.
+        unit: of G v̇.
+        summary: one line.
     """
 
     names: tuple[str, ...]
@@ -25,12 +25,9 @@ class RowLimit(ABC):
 
     @property
     def full_name(self) -> str:
-        """Kind, for error messages."""
+        """Kind, for errors."""
         return f"limit {self.kind!r}"
 
     @abstractmethod
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write the rows G, (k, nv), and the bounds, (k,), infinite if there is none, for one state.
-
-        The acceleration is held for the period, s.
-        """
+        """Write the rows G, (k, nv), and bounds, (k,), possibly infinite, for accelerations over a period in s."""

@@ -1,7 +1,4 @@
-"""Pairs of shapes that may come too near, and the rates of their distances (`limits.self_collision` has the equations).
-
-Twists and accelerations of links are those of `LinkMotion`.
-"""
+"""Kernels for near pairs of shapes and the rates of their distances; `limits.self_collision` has the equations."""
 
 from __future__ import annotations
 
@@ -34,56 +31,33 @@ from wbc_controller.records import Array
 
 
 class ShapePairs(Struct):
-    """Pairs of shapes that are kept apart, and what is known of their distances.
-
-    A lever is the largest speed of any point of a shape per unit speed of a component of v.
-
-    Attributes:
-        motion: motion of the links.
-        shape_links: index of the link of each shape, (s,).
-        mounts: origin of each shape on its link, and the radius of a ball about it that encloses it, (s, 4) in m.
-        pairs: indices of the two shapes of each pair, (k, 2).
-        starts: first lever of each shape, and the end of the last shape's, (s + 1,).
-        components: component of v of each lever, from a shape's own link towards the root, (e,).
-        levers: the levers, (e,).
-        places: index in q of the position of each component of v; -1 if it changes no distance, (nv,).
-        ends: indices in `sums` of the levers that can close each pair, (k, 2).
-        faster: largest increase of a closing speed in a cycle without a row, m/s.
-        normals: unit vectors from the first shape to the second, of the last computed distances, (k, 3).
-        first: nearest points on the first shape, (k, 3) in m.
-        second: nearest points on the second shape, (k, 3) in m.
-        seen: in place: configuration of the last cycle, (nq,); NaN before the first.
-        least: in place: lower bounds of the distances, (k,) in m; NaN if unknown.
-        sums: out: speed, and change since `seen`, allowed by the first levers of a shape, (e + 1, 2); row 0 is zero.
-        near: out: the pairs that may need a row, in order, (k,).
-        reach: out: distances below which these need a row, (k,) in m.
-    """
+    """Pairs of shapes with a minimum distance; a lever is the largest speed of a shape per unit of a component of v."""
 
     motion: LinkMotion
-    shape_links: Indices
-    mounts: Matrix
-    pairs: IndexMatrix
-    starts: Indices
-    components: Indices
-    levers: Vector
-    places: Indices
-    ends: IndexMatrix
-    faster: float
-    normals: Matrix
-    first: Matrix
-    second: Matrix
-    seen: OutVector
-    least: OutVector
-    sums: OutMatrix
-    near: OutIndices
-    reach: OutVector
+    shape_links: Indices  # of each shape, (s,)
+    mounts: Matrix  # origin of each shape on its link, and radius of the enclosing sphere, (s, 4) in m
+    pairs: IndexMatrix  # (k, 2)
+    starts: Indices  # first lever of each shape, and end, (s + 1,)
+    components: Indices  # component of v of each lever, from the link towards the root, (e,)
+    levers: Vector  # (e,)
+    places: Indices  # index in q of each component of v, or -1, (nv,)
+    ends: IndexMatrix  # indices in `sums` of the levers that can close each pair, (k, 2)
+    faster: float  # largest increase without a row, m/s
+    normals: Matrix  # unit vectors from the first to the second shape, (k, 3)
+    first: Matrix  # nearest points on the first shape, (k, 3) in m
+    second: Matrix  # nearest points on the second shape, (k, 3) in m
+    seen: OutVector  # in place: last configuration, (nq,); initially NaN
+    least: OutVector  # in place: lower bounds of distances, (k,) in m, or NaN
+    sums: OutMatrix  # out: largest speed, and change since `seen`, by the first levers of a shape, (e + 1, 2)
+    near: OutIndices  # out: pairs that may need a row, (k,)
+    reach: OutVector  # out: distances below which they need a row, (k,) in m
 
 
 @part
 def _reach(closing: float, A: float, T: float, faster: float, margin: float) -> float:
-    """Return the distance below which a pair that closes with at most this speed, m/s, may need a row.
+    """Return the distance below which a pair with the largest closing speed w may need a row.
 
-    It is w_f² / (2 A) + w_f T + w T + margin, with w_f = w + faster the closing speed after a cycle without a row.
+    w_f² / (2 A) + w_f T + w T + margin, with the speed w_f = w + faster after a cycle without a row.
     """
     w = closing + faster
     return w * w / (2.0 * A) + w * T + closing * T + margin
@@ -91,15 +65,11 @@ def _reach(closing: float, A: float, T: float, faster: float, margin: float) -> 
 
 @part
 def _closing_speed(line: Vector3, length: float, radii: float, velocity: Vector3) -> float:
-    """Return the largest speed along a normal in the cone about the line of centres that contains two balls.
+    """Return the largest speed along any normal in the cone about the line of centres that contains two spheres.
 
-    Args:
-        line: from the first centre to the second, m.
-        length: its length, m.
-        radii: sum of the radii, m.
-        velocity: of the second shape relative to the first, m/s.
+    `line` is from the first centre to the second, `radii` the sum of radii, `velocity` relative to the first sphere.
     """
-    if not length > radii:  # the normal may have any direction
+    if not length > radii:  # any normal is possible
         return math.sqrt(dot(velocity, velocity))
     radial, sine = -dot(velocity, line) / length, radii / length
     across = dot(velocity, velocity) - radial * radial
@@ -110,14 +80,14 @@ def _closing_speed(line: Vector3, length: float, radii: float, velocity: Vector3
 
 @part
 def _ball_distance(table: ShapePairs, first: int, second: int) -> tuple[float, float]:
-    """Return the distance of the balls around two shapes, and the largest speed with which the shapes can close."""
+    """Return the distance of two enclosing spheres, and the largest closing speed of the shapes."""
     links, a, b = table.motion.links, table.shape_links[first], table.shape_links[second]
     center_a = transform(table.motion.joints[a], three(table.mounts[first], 0))
     center_b = transform(table.motion.joints[b], three(table.mounts[second], 0))
     radius_a, radius_b = table.mounts[first, 3], table.mounts[second, 3]
     angular = subtract(three(links[b], 3), three(links[a], 3))
     linear = subtract(three(links[b], 0), three(links[a], 0))
-    # The relative twist has the same velocity along the normal at both nearest points: take the smaller ball's.
+    # The relative twist has the same normal velocity at both nearest points: use the smaller sphere.
     a_is_smaller = radius_a < radius_b
     center, radius = (center_a, radius_a) if a_is_smaller else (center_b, radius_b)
     velocity = add(cross(angular, center), linear)
@@ -129,14 +99,14 @@ def _ball_distance(table: ShapePairs, first: int, second: int) -> tuple[float, f
 
 @part
 def _sum_levers(table: ShapePairs, q: Array, v: Array) -> None:
-    """Add up the speeds, and the changes since the last cycle, that the levers of each shape allow."""
+    """Add up largest speeds, and changes since the last cycle, along the levers of each shape."""
     for shape in range(len(table.shape_links)):
         speed, change = 0.0, 0.0
         for i in range(table.starts[shape], table.starts[shape + 1]):
             j = table.components[i]
             place = table.places[j]
             turned = abs(q[place] - table.seen[place]) if place >= 0 else 0.0
-            if v[j] != 0.0:  # a joint that slides without end has an infinite lever
+            if v[j] != 0.0:  # prismatic joints without limits have infinite levers
                 speed += abs(v[j]) * table.levers[i]
             if turned != 0.0:
                 change += turned * table.levers[i]
@@ -145,25 +115,14 @@ def _sum_levers(table: ShapePairs, q: Array, v: Array) -> None:
 
 @compiled
 def near_pairs(table: ShapePairs, q: Vector, v: Vector, A: float, T: float, margin: float) -> int:
-    """Find the pairs of shapes that may need a row, by lower bounds of their distances.
+    """Find the pairs of shapes that may need a row, by lower bounds of their distances; return their number.
 
-    The first bound is that of the last cycle, minus the change that the joints between the two links allow. If a pair
-    could not brake within it from the speed that these joints allow, the second one is the distance of the balls that
-    enclose the shapes, with a tighter bound of the speed.
-
-    Args:
-        table: the pairs.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        A: deceleration, m/s².
-        T: horizon, s.
-        margin: least distance, m.
-
-    Returns:
-        Number of pairs in `near`; NaN anywhere makes a pair one of them.
+    First bound: the last bound minus possible joint motion. If a pair could not brake within it with the deceleration A
+    over the horizon T, second bound: the distance of enclosing spheres, with a tighter closing speed. Pairs with NaN
+    are included.
     """
     if len(q) != len(table.seen) or len(v) != len(table.places):
-        raise ValueError("near_pairs: q or v has another size than the model's")
+        raise ValueError("near_pairs: sizes of q and v differ from nq and nv")
     _sum_levers(table, q, v)
     for i in range(len(q)):
         table.seen[i] = q[i]
@@ -188,10 +147,7 @@ def near_pairs(table: ShapePairs, q: Vector, v: Vector, A: float, T: float, marg
 
 @part
 def _turning(table: ShapePairs, shape: int, normal: Vector3, p: Vector3) -> float:
-    """Return nᵀ (ω × v(p)): the classical minus the spatial acceleration of a shape at p.
-
-    Its centripetal part about the shape's origin c, nᵀ (ω × (ω × (p - c))), counts only if it brings the links nearer.
-    """
+    """Return nᵀ (ω × v(p)), the classical minus the spatial acceleration, without a separating centripetal part."""
     link = table.shape_links[shape]
     motion, center = table.motion.links[link], transform(table.motion.joints[link], three(table.mounts[shape], 0))
     angular = three(motion, 3)
@@ -202,22 +158,14 @@ def _turning(table: ShapePairs, shape: int, normal: Vector3, p: Vector3) -> floa
 
 @compiled
 def distance_rows(table: ShapePairs, chosen: Indices, rows: OutMatrix, rates: OutVector, drifts: OutVector) -> None:
-    """Write the rows J_d with ḋ = J_d v, the rates ḋ, and δ with d̈ ≥ J_d v̇ + δ, of pairs with computed distances.
-
-    Args:
-        table: the pairs.
-        chosen: indices of some pairs, (m,).
-        rows: J_d, (m, nv).
-        rates: ḋ, (m,) in m/s.
-        drifts: δ, (m,) in m/s².
-    """
+    """Write J_d (m, nv) with ḋ = J_d v, the rates ḋ, and δ with d̈ ≥ J_d v̇ + δ, for `chosen` pairs (m,)."""
     motion, count = table.motion, len(chosen)
     if not (rows.shape == (count, len(motion.joint_twists)) and len(rates) == count and len(drifts) == count):
-        raise ValueError("distance_rows: rows, rates or drifts have another size than the pairs")
+        raise ValueError("distance_rows: sizes of rows, rates, drifts and pairs differ")
     for i in range(count):
         pair = chosen[i]
         if not 0 <= pair < len(table.pairs):
-            raise IndexError("distance_rows: a pair is not below the number of pairs")
+            raise IndexError("distance_rows: pair index out of range")
         one, other = table.pairs[pair, 0], table.pairs[pair, 1]
         a, b = table.shape_links[one], table.shape_links[other]
         normal, p, p_other = three(table.normals[pair], 0), three(table.first[pair], 0), three(table.second[pair], 0)

@@ -1,1 +1,1 @@
-"""The references of tasks and contacts: changes by command, trajectories, ramps, and their values at any time."""
+"""References of tasks and contacts: commanded changes, trajectories, ramps and their samples."""

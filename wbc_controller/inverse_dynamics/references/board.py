@@ -1,4 +1,4 @@
-"""The reference board: stores what commands have set, and samples it at any time."""
+"""Reference board: stores commanded changes, and samples the references."""
 
 from __future__ import annotations
 
@@ -27,76 +27,51 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks.task import Task, rest_of
 from wbc_controller.records import Array, Reference, References, Tuning, frozen_mapping
 
-#: Time in which the reference may go to the first point of a trajectory that it is not on its way to, s, at least.
-_SHORTEST_JOIN = 0.05
-#: Shortest duration of a setpoint that is not a jump, s.
-_SHORTEST_MOVE = 1.0e-3
-#: Distance from the way of the reference, m or rad, up to which a point is on it.
-_ON_THE_WAY = 1.0e-3
+_SHORTEST_JOIN = 0.05  # shortest motion to a first trajectory point off the reference's path, s
+_SHORTEST_MOVE = 1.0e-3  # shortest duration of a setpoint without a jump, s
+_LARGEST_DEVIATION = 1.0e-3  # largest deviation of a point on the reference's path, m or rad
 
 
 @dataclass(frozen=True, slots=True)
 class TaskPlan:
-    """Initial state and timing of one task's references.
-
-    Attributes:
-        task: the task.
-        weight: weight while the task is enabled.
-        enabled: whether the task is on when the controller is activated.
-        setpoint_duration: time in which a new setpoint is reached, s.
-    """
+    """Configured references of a task."""
 
     task: Task
-    weight: float
-    enabled: bool
-    setpoint_duration: float
+    weight: float  # of the enabled task
+    enabled: bool  # at activation
+    setpoint_duration: float  # s
 
 
 @dataclass(frozen=True, slots=True)
 class ContactPlan:
-    """How one contact is activated and deactivated.
+    """Configured state of a contact."""
 
-    Attributes:
-        enabled: whether the contact is active when the controller is activated.
-        ramp: time in which the contact is loaded or unloaded, s.
-        anchored: the contact, if it has an anchor; None otherwise.
-    """
-
-    enabled: bool
-    ramp: float
-    anchored: AnchoredContact | None = None
+    enabled: bool  # at activation
+    ramp: float  # duration of loading or unloading, s
+    anchored: AnchoredContact | None = None  # contact with an anchor
 
 
 @dataclass(frozen=True, slots=True)
 class BoardPlan:
-    """Plans of all tasks and contacts on a board.
+    """Plans of all tasks and contacts."""
 
-    Attributes:
-        tasks: by name.
-        contacts: by name.
-        weight_ramp: time in which new weights, gains and limits are reached, s.
-        tuning: gains and limits.
-    """
-
-    tasks: Mapping[str, TaskPlan]
-    contacts: Mapping[str, ContactPlan]
-    weight_ramp: float
+    tasks: Mapping[str, TaskPlan]  # by name
+    contacts: Mapping[str, ContactPlan]  # by name
+    weight_ramp: float  # for weights, gains and limits, s
     tuning: Tuning
 
 
 class ReferenceBoard:
-    """Holds trajectories and ramps; sets of changes are applied between cycles, each set completely or not at all."""
+    """Trajectories and ramps of all references; sets of changes are applied completely or not at all."""
 
-    #: What outlives a cycle, beside the plan.
+    #: Saved state.
     STATE_FIELDS = (
         "_tuning", "_weights", "_enabled", "_weight_ramps", "_contact_ramps", "_anchors", "_trajectories", "_goals",
         "_wrenches",
     )  # fmt: skip
-    #: What was sampled last, which follows from all the rest.
-    SAMPLED = ("_still", "_settled")
+    SAMPLE_CACHE = ("_constant_references", "_settled_ramps")  # samples, which follow from the saved state
 
     def __init__(self, plan: BoardPlan) -> None:
-        """Make a board with the plans of all tasks and contacts."""
         self.plans = plan.tasks
         self.contact_plans = plan.contacts
         self._weight_ramp = plan.weight_ramp
@@ -107,27 +82,26 @@ class ReferenceBoard:
         self._contact_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
         self._anchors: Mapping[str, Array] = {}
         self._trajectories: dict[str, Trajectory] = {}
-        # Goals of tasks that are off, to be followed when they are switched on.
+        # Goals of disabled tasks.
         self._goals: dict[str, SetSetpoint | SetTrajectory] = {}
         self._wrenches: dict[str, Array] = {}
-        self._ranges: dict[str, PositionRange] = {}  # by task, computed when they are first used
-        self._changed()
+        self._ranges: dict[str, PositionRange] = {}  # computed at first use
+        self._discard_samples()
 
-    def _changed(self) -> None:
-        """Forget what was sampled: something changes."""
-        # What is given from a time on, as it has come to rest: all, and what has ramps.
-        self._still: tuple[float, References] | None = None
-        self._settled: tuple[float, References] | None = None
+    def _discard_samples(self) -> None:
+        # Times from which references are constant: all of them, and those with ramps.
+        self._constant_references: tuple[float, References] | None = None
+        self._settled_ramps: tuple[float, References] | None = None
 
     def reset(self, dynamics: Dynamics, time: float) -> None:
-        """Start at the present state: references hold it, and contacts are as configured, anchored where they are."""
-        self._changed()
+        """Hold the present state, with contacts as configured and anchored at their present pose."""
+        self._discard_samples()
         for name, plan in self.plans.items():
             self._enabled[name] = plan.enabled
             self._weights[name] = plan.weight
             weight = plan.weight if plan.enabled else 0.0
             self._weight_ramps[name] = SoftRamp(time, 0.0, weight, weight)
-            self._trajectories[name] = _stay(rest_of(plan.task, dynamics), time)
+            self._trajectories[name] = _hold(rest_of(plan.task, dynamics), time)
             self._range_of(name, dynamics)
         for name, contact in self.contact_plans.items():
             self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
@@ -137,11 +111,8 @@ class ReferenceBoard:
         self._tuning = TuningRamp.at(self._tuning.after)
 
     def replan(self, plan: BoardPlan, dynamics: Dynamics, time: float | None) -> None:
-        """Change to another plan for the same tasks and contacts, with ramps to its new values.
-
-        Without a time, s, on the clock of the states, the controller does not follow the references: no ramp is needed.
-        """
-        self._changed()
+        """Replace the plan for the same tasks and contacts, with ramps; without `time` new values apply at once."""
+        self._discard_samples()
         before, contacts_before = self.plans, self.contact_plans
         self.plans, self.contact_plans, self._weight_ramp = plan.tasks, plan.contacts, plan.weight_ramp
         if time is None:
@@ -158,15 +129,10 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes.
-
-        Args:
-            dynamics: the snapshot of the last cycle: the starting point of tasks that are switched on, the anchor of
-                contacts that are activated, and the frames of the robot in which setpoints are given.
-            time: s, on the clock of the states.
+        """Apply a set of changes at the last snapshot, and at a time in s on the clock of the states.
 
         Raises:
-            InputRefused: as by `check`; no change of the set has then been applied.
+            InputRefused: as `check`; no change is applied then.
         """
         changes = tuple(changes)
         for change in changes:
@@ -175,13 +141,13 @@ class ReferenceBoard:
             self._apply(change, dynamics, time)
 
     def check(self, change: Change, dynamics: Dynamics, time: float) -> None:
-        """Check a change; arguments as for `apply`.
+        """Check a change; arguments as `apply`.
 
         Raises:
-            InputRefused: if a trajectory is over, or a setpoint or first point is outside its range.
+            InputRefused: for a trajectory in the past, or a setpoint or first point out of range.
         """
         if isinstance(change, SetSetpoint):
-            self._range_of(change.task, dynamics).check(self._placed(change, dynamics, time).position, dynamics)
+            self._range_of(change.task, dynamics).check(self._in_task_frame(change, dynamics, time).position, dynamics)
         elif isinstance(change, SetTrajectory):
             self._check_end(change, time)
             self._range_of(change.task, dynamics).check(change.points[0].position, dynamics)
@@ -201,11 +167,11 @@ class ReferenceBoard:
 
     def _apply(self, change: Change, dynamics: Dynamics, time: float) -> None:
         if isinstance(change, SetSetpoint | SetTrajectory):
-            self._still = None  # what has ramps stays as it is
-            placed = self._placed(change, dynamics, time) if isinstance(change, SetSetpoint) else change
-            self._set_course(placed, time)
+            self._constant_references = None  # ramps do not change
+            placed = self._in_task_frame(change, dynamics, time) if isinstance(change, SetSetpoint) else change
+            self._follow(placed, time)
             return
-        self._changed()
+        self._discard_samples()
         if isinstance(change, SetWeight):
             self._weights[change.task] = change.weight
             self._ramp_weight(change.task, time)
@@ -221,13 +187,12 @@ class ReferenceBoard:
             self._wrenches[change.frame] = change.wrench
 
     def _anchor(self, name: str, dynamics: Dynamics) -> None:
-        """Set the anchor of a contact to its present pose; references sampled before keep their anchors."""
+        """Anchor a contact at its present pose; earlier samples keep their anchors."""
         contact = self.contact_plans[name].anchored
         if contact is not None:
             self._anchors = frozen_mapping({**self._anchors, name: anchor_of(contact, dynamics)})
 
-    def _placed(self, change: SetSetpoint, dynamics: Dynamics, time: float) -> SetSetpoint:
-        """A setpoint in the frame of the task's references, if it was given in another one."""
+    def _in_task_frame(self, change: SetSetpoint, dynamics: Dynamics, time: float) -> SetSetpoint:
         if not change.frame:
             return change
         form, goal = self.plans[change.task].task.form, self._goal(change.task, dynamics, time)
@@ -235,37 +200,35 @@ class ReferenceBoard:
         return replace(change, position=position, frame="")
 
     def _goal(self, task: str, dynamics: Dynamics, time: float) -> Array:
-        """The position that a task's reference is on its way to; of one that is fully off, that it would start from."""
         stored = self._goals.get(task)
         if stored is not None:
             return stored.position if isinstance(stored, SetSetpoint) else stored.points[-1].position
-        if self._asleep(task, time):
+        if self._is_inactive(task, time):
             return rest_of(self.plans[task].task, dynamics).position
         return self._trajectories[task].knots[-1].position
 
-    def _set_course(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
-        """Follow a setpoint or trajectory; a task that is off also stores it until it is switched on."""
+    def _follow(self, change: SetSetpoint | SetTrajectory, time: float) -> None:
         if isinstance(change, SetTrajectory) and change.start is None:
             change = replace(change, start=time)
         if not self._enabled[change.task]:
             self._goals[change.task] = change
-        if self._asleep(change.task, time):
+        if self._is_inactive(change.task, time):
             return
-        self._trajectories[change.task] = self._joining(change, time)
+        self._trajectories[change.task] = self._joined_trajectory(change, time)
 
     def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
-        """Switch a task on or off; one that was fully off starts at the present state and moves to its stored goal."""
+        """Enable or disable a task; an inactive task starts at the present state and moves to its stored goal."""
         if enabled:
             goal = self._goals.pop(task, None)
-            if self._asleep(task, time):
-                self._trajectories[task] = _stay(rest_of(self.plans[task].task, dynamics), time)
+            if self._is_inactive(task, time):
+                self._trajectories[task] = _hold(rest_of(self.plans[task].task, dynamics), time)
                 if goal is not None:
-                    self._trajectories[task] = self._joining(goal, time)
+                    self._trajectories[task] = self._joined_trajectory(goal, time)
         self._enabled[task] = enabled
         self._ramp_weight(task, time)
 
-    def _asleep(self, task: str, time: float) -> bool:
-        """Whether a task is off with weight zero, so that its reference is out of date."""
+    def _is_inactive(self, task: str, time: float) -> bool:
+        """Return True for a disabled task with weight 0; its reference is then out of date."""
         return not self._enabled[task] and self._weight_ramps[task].sample(time) <= 0.0
 
     def _ramp_weight(self, task: str, time: float) -> None:
@@ -279,43 +242,42 @@ class ReferenceBoard:
             return Trajectory([Knot(time, position, still, still)])
         return Trajectory([self.present(task, time), Knot(time + duration, position, still, still)])
 
-    def _joining(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
-        """Join the present reference to a setpoint, or to the future points of a trajectory, at least its last point.
+    def _joined_trajectory(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
+        """Join the present reference to a setpoint or to the future points of a trajectory.
 
-        Points at or before the present time are skipped, and so are points that could only be reached by a jump: less
-        than `_SHORTEST_JOIN` ahead, and off the way of the present reference. Sending a trajectory again while it is
-        followed changes nothing: part of a quintic is the quintic between its ends.
+        Points that require a jump are skipped: past ones, and ones off the reference's path less than `_SHORTEST_JOIN`
+        ahead. A trajectory sent twice has no effect.
         """
         if isinstance(goal, SetSetpoint):
             return self._towards(goal.task, goal.position, time, goal.duration)
         present = self.present(goal.task, time)
         ahead = [knot for knot in _knots(goal, time) if knot.time > time]
-        while ahead and ahead[0].time - time < _SHORTEST_JOIN and _is_off_the_way(present, ahead[0]):
+        while ahead and ahead[0].time - time < _SHORTEST_JOIN and _deviates(present, ahead[0]):
             ahead.pop(0)
         if not ahead:
             return self._towards(goal.task, goal.points[-1].position, time)
         return Trajectory([present, *ahead])
 
     def present(self, task: str, time: float) -> Knot:
-        """Reference of one task at a time, in s."""
+        """Return the reference of a task at a time in s."""
         reference = self._trajectories[task].sample(time)
         return Knot(time, reference.position, reference.velocity, reference.acceleration)
 
     def sample(self, time: float) -> References:
-        """All references at one time, in s; the same object, or the same parts of it, where nothing changes."""
-        if self._still is not None and time >= self._still[0]:
-            return self._still[1]
-        references = self._sampled(time)
-        if self._settled is not None:
-            at_rest = max([self._settled[0], *(each.knots[-1].time for each in self._trajectories.values())])
+        """Return all references at a time in s; unchanged parts are the same objects."""
+        if self._constant_references is not None and time >= self._constant_references[0]:
+            return self._constant_references[1]
+        references = self._sample_all(time)
+        if self._settled_ramps is not None:
+            at_rest = max([self._settled_ramps[0], *(each.knots[-1].time for each in self._trajectories.values())])
             if time >= at_rest:
-                self._still = at_rest, references
+                self._constant_references = at_rest, references
         return references
 
-    def _sampled(self, time: float) -> References:
+    def _sample_all(self, time: float) -> References:
         tasks = {name: trajectory.sample(time) for name, trajectory in self._trajectories.items()}
-        if self._settled is not None and time >= self._settled[0]:
-            return replace(self._settled[1], tasks=tasks)
+        if self._settled_ramps is not None and time >= self._settled_ramps[0]:
+            return replace(self._settled_ramps[1], tasks=tasks)
         references = References(
             tasks=tasks,
             weights=MappingProxyType({name: ramp.sample(time) for name, ramp in self._weight_ramps.items()}),
@@ -326,22 +288,20 @@ class ReferenceBoard:
         )
         ramps = [self._tuning.share, *self._weight_ramps.values(), *self._contact_ramps.values()]
         settled = max(ramp.start + ramp.duration for ramp in ramps)
-        self._settled = (settled, references) if time >= settled else None
+        self._settled_ramps = (settled, references) if time >= settled else None
         return references
 
 
-def _is_off_the_way(present: Knot, knot: Knot) -> bool:
-    """Whether a point is elsewhere than where the present reference goes by its velocity."""
+def _deviates(present: Knot, knot: Knot) -> bool:
     n = min(len(present.position), len(present.velocity))
     there = present.position[:n] + (knot.time - present.time) * present.velocity[:n]
-    return bool(np.abs(knot.position[:n] - there).max() > _ON_THE_WAY)
+    return bool(np.abs(knot.position[:n] - there).max() > _LARGEST_DEVIATION)
 
 
 def _knots(change: SetTrajectory, time: float) -> list[Knot]:
-    """Knots of a trajectory, with times on the clock of the states."""
     start = time if change.start is None else change.start
     return [Knot(start + point.time, point.position, point.velocity, point.acceleration) for point in change.points]
 
 
-def _stay(reference: Reference, time: float) -> Trajectory:
+def _hold(reference: Reference, time: float) -> Trajectory:
     return Trajectory([Knot(time, reference.position, reference.velocity, reference.acceleration)])

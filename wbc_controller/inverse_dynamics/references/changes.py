@@ -1,4 +1,4 @@
-"""The changes that commands can make: one record per kind, applied by the board between two cycles."""
+"""Changes of references by commands, applied between two cycles."""
 
 from __future__ import annotations
 
@@ -10,25 +10,21 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class SetSetpoint:
-    """Move a task's reference to a position and keep it there.
+    """Move a task's reference to a position and hold it.
 
-    Attributes:
-        task: name of the task.
-        position: in the form of the task's references.
-        duration: time in which it is reached, s; None for the task's own ``setpoint_duration``.
-        frame: where the position is given, if not where the task's references are: one of `relative.own_frames`, or a
-            frame of the robot. It counts where it is when the setpoint is applied.
+    `frame` is one of `relative.own_frames`, or a robot frame at its present pose; by default the frame of the
+    references.
     """
 
     task: str
-    position: Array
-    duration: float | None = None
+    position: Array  # in the form of the task's references
+    duration: float | None = None  # s; None for the task's ``setpoint_duration``
     frame: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class SetTrajectory:
-    """Follow points whose times count from `start`, in s on the clock of the states; None means now."""
+    """Follow points at times from `start`, s on the clock of the states; None means now."""
 
     task: str
     start: float | None
@@ -45,7 +41,7 @@ class SetWeight:
 
 @dataclass(frozen=True, slots=True)
 class EnableTask:
-    """Switch a task on or off."""
+    """Enable or disable a task."""
 
     task: str
     enabled: bool
@@ -53,17 +49,11 @@ class EnableTask:
 
 @dataclass(frozen=True, slots=True)
 class EnableContact:
-    """Activate or deactivate a contact.
-
-    Attributes:
-        contact: name of the contact.
-        enabled: whether it is active afterwards.
-        ramp: time in which it is loaded or unloaded, s; None for the contact's own ``ramp``.
-    """
+    """Activate or deactivate a contact."""
 
     contact: str
     enabled: bool
-    ramp: float | None = None
+    ramp: float | None = None  # duration of loading or unloading, s; None for the contact's ``ramp``
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +66,10 @@ class SetExternalWrench:
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """Walk at a velocity, or stop; taken by the walker and not by the board.
+    """Walk at a velocity or stop; for the walker, not for the board."""
 
-    Attributes:
-        velocity: forward and sideways in the robot's heading, m/s, and turning rate, rad/s, (3,); None to stop.
-        streamed: whether the robot stops if no other command follows within ``walking.command_timeout``.
-    """
-
-    velocity: Array | None
-    streamed: bool = False
+    velocity: Array | None  # forward, sideways (m/s) and turning rate (rad/s) in the heading, (3,); None to stop
+    streamed: bool = False  # stop without another command within ``walking.command_timeout``
 
 
 Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench | Walk

@@ -1,7 +1,6 @@
-"""Ranges of references and external wrenches, from the robot's size, weight and limits.
+"""Plausible ranges of references and external wrenches, from the robot's size, weight and limits.
 
-Values outside are mistakes, such as another unit. Values inside may still be out of reach: the quadratic program then
-comes as near as its constraints permit.
+Values out of range are mistakes, e.g. in units. Values in range may still be unreachable.
 """
 
 from __future__ import annotations
@@ -21,37 +20,27 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import GazeTask, PostureTask, RelativePoseTask, Task, TorqueTask
 from wbc_controller.records import Array, Reference
 
-#: Longest duration of a setpoint or trajectory, s, and shortest time between two points.
+#: Longest duration of a setpoint or trajectory, and shortest time between points, s.
 LONGEST, SHORTEST = 86_400.0, 1.0e-4
-#: Largest distance from the centre of mass in robot sizes, also of the target of a gaze. A later point of a trajectory
-#: may be as far from the first one per second.
-_FAR, _FAR_GAZE = 10.0, 1.0e4
+#: Largest distance from the centre of mass, and of a gaze target, in robot sizes; trajectory points may move as far per
+#: second.
+_LARGEST_DISTANCE, _LARGEST_GAZE_DISTANCE = 10.0, 1.0e4
 #: Largest distance beyond a joint limit, and from 0 without limits, rad or m.
-_BEYOND, _TURNS = 2.0 * math.pi, 1.0e3
-#: Largest force, in weights of the robot, and largest torque, in effort limits.
-_STRONG = 10.0
-#: Time in which a velocity covers the range of positions, and an acceleration reaches such a velocity, s.
-_QUICK = 0.1
-#: Largest angular velocity, rad/s; also of joints.
-_SPIN = 100.0
-#: Largest value of a quantity without a known unit.
-_UNKNOWN = 1.0e6
+_LARGEST_OVERSHOOT, _LARGEST_UNLIMITED = 2.0 * math.pi, 1.0e3
+_LARGEST_EFFORT = 10.0  # force in weights of the robot, torque in effort limits
+_SHORTEST_TIME = 0.1  # through the range of positions, and to such a velocity, s
+_LARGEST_ANGULAR_VELOCITY = 100.0  # rad/s
+_LARGEST_UNKNOWN = 1.0e6  # without a known unit
 _STANDARD_GRAVITY = 9.81
 
 
 @dataclass(frozen=True, slots=True)
 class PositionRange:
-    """Range of the position vector of a task's references, with n components.
-
-    Attributes:
-        task: the task.
-        reach: largest distance of each component from the middle, (n,).
-        middle: middle of the range, (n,); None for the robot's centre of mass.
-    """
+    """Range of a task's position vector."""
 
     task: Task
-    reach: Array
-    middle: Array | None
+    reach: Array  # of each component from the middle, (n,)
+    middle: Array | None  # (n,); None for the centre of mass
 
     @classmethod
     def of(cls, task: Task, model: RobotModel) -> PositionRange:
@@ -61,22 +50,14 @@ class PositionRange:
         return cls(task, np.broadcast_to(reach, n), None if middle is None else np.broadcast_to(middle, n))
 
     def check(self, position: Array, dynamics: Dynamics) -> None:
-        """Check a position at the present state of the robot.
-
-        Raises:
-            InputRefused: if a value is outside the range.
-        """
+        """Check a position at the present state; raises `InputRefused`."""
         n = len(self.reach)
         middle = dynamics.com[:n] if self.middle is None else self.middle
         _require_within(position[:n], middle, self.reach, f"{self.task.full_name}: a reference", self.task.unit)
 
 
 def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -> None:
-    """Check external wrenches and the points of trajectories, independently of the robot's state.
-
-    Raises:
-        InputRefused: if a value is outside its range.
-    """
+    """Check external wrenches and trajectory points, independent of the state; raises `InputRefused`."""
     if isinstance(change, SetExternalWrench):
         what = f"the external wrench at {change.frame!r}"
         _require_within(change.wrench, np.zeros(6), _largest_wrench(model), what, "N, N·m")
@@ -85,27 +66,22 @@ def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -
 
 
 def check_rates(task: Task, reference: Reference, model: RobotModel) -> None:
-    """Check velocity and acceleration of a reference.
-
-    Raises:
-        InputRefused: if a value is outside its range.
-    """
+    """Check velocity and acceleration of a reference; raises `InputRefused`."""
     _require_rates(task, model, reference.velocity, reference.acceleration)
 
 
 def _check_points(task: Task, points: Sequence[Knot], model: RobotModel) -> None:
-    """Check the points of a trajectory: times, positions from the first one, rates, and mean velocities between."""
     what, n = f"{task.full_name}: a reference", task.form.vector
     times = np.array([point.time for point in points])
     gaps = np.diff(times)
     if not (times[0] >= 0.0 and times[-1] <= LONGEST and (gaps >= SHORTEST).all()):
         raise InputRefused(
-            f"{task.full_name}: the times of the trajectory are {shortened(times)} s; they rise from 0 by {SHORTEST:g} "
-            f"s or more, to {LONGEST:g} s at most"
+            f"{task.full_name}: the times of the trajectory are {shortened(times)} s; they must increase from 0 by "
+            f"{SHORTEST:g} s or more, to {LONGEST:g} s at most"
         )
     vectors = np.array([point.position[:n] for point in points])
     middle, reach = _middle_and_reach(task, model)
-    if middle is None:  # a robot that walks may go far in time
+    if middle is None:  # a walking robot moves far
         middle, reach = vectors[0], reach * (1.0 + times - times[0])[:, None]
     _require_within(vectors, middle, reach, what, task.unit)
     _require_rates(
@@ -115,51 +91,50 @@ def _check_points(task: Task, points: Sequence[Knot], model: RobotModel) -> None
 
 
 def _require_rates(task: Task, model: RobotModel, *rates: Array) -> None:
-    """Raise `InputRefused` if a velocity or acceleration, (n, k) or (k,) each, is outside its range."""
-    largest = np.full(task.form.rate_size, _SPIN)
+    largest = np.full(task.form.rate_size, _LARGEST_ANGULAR_VELOCITY)
     if not (isinstance(task, PostureTask) or task.form.direction):
-        largest[: task.form.vector] = _middle_and_reach(task, model)[1] / _QUICK
+        largest[: task.form.vector] = _middle_and_reach(task, model)[1] / _SHORTEST_TIME
     for order, (name, values) in enumerate(zip(("velocity", "acceleration"), rates, strict=False)):
-        what, bound = f"{task.full_name}: a reference's {name}", largest[: values.shape[-1]] / _QUICK**order
+        what, bound = f"{task.full_name}: a reference's {name}", largest[: values.shape[-1]] / _SHORTEST_TIME**order
         _require_within(values, np.zeros(len(bound)), bound, what, f"per s{'²' * order}")
 
 
 def _middle_and_reach(task: Task, model: RobotModel) -> tuple[Array | float | None, Array | float]:
-    """Return the middle of the range of a task's position vector, None for the centre of mass, and the reach."""
-    far = _FAR * model.size
+    """Return the middle of the position range, None for the centre of mass, and the reach."""
+    far = _LARGEST_DISTANCE * model.size
     if isinstance(task, PostureTask):
         indices = [model.joints.index(joint) for joint in task.joints]
         lower, upper = model.position_lower[indices], model.position_upper[indices]
         limited = np.isfinite(lower) & np.isfinite(upper)
         middle = np.where(limited, 0.5 * (lower + upper), 0.0)
-        return middle, np.where(limited, 0.5 * (upper - lower) + _BEYOND, _TURNS)
+        return middle, np.where(limited, 0.5 * (upper - lower) + _LARGEST_OVERSHOOT, _LARGEST_UNLIMITED)
     if isinstance(task, TorqueTask):
-        return 0.0, _STRONG * float(np.max(model.effort_limits, initial=1.0))
+        return 0.0, _LARGEST_EFFORT * float(np.max(model.effort_limits, initial=1.0))
     if task.unit == "N, N·m":
         return 0.0, _largest_wrench(model)
     if task.unit == "kg·m/s":
-        return 0.0, model.mass * far / _QUICK
+        return 0.0, model.mass * far / _SHORTEST_TIME
     if task.unit == "N·m·s":
-        return 0.0, model.mass * model.size * far / _QUICK
+        return 0.0, model.mass * model.size * far / _SHORTEST_TIME
     if task.form.direction or task.unit not in ("m", "rad", "m, rad"):
-        return 0.0, _UNKNOWN
+        return 0.0, _LARGEST_UNKNOWN
     if isinstance(task, RelativePoseTask):
         return 0.0, far
-    return None, _FAR_GAZE * model.size if isinstance(task, GazeTask) else far
+    return None, _LARGEST_GAZE_DISTANCE * model.size if isinstance(task, GazeTask) else far
 
 
 def _largest_wrench(model: RobotModel) -> Array:
-    force = _STRONG * model.mass * _STANDARD_GRAVITY
+    force = _LARGEST_EFFORT * model.mass * _STANDARD_GRAVITY
     return np.repeat([force, force * model.size], 3)
 
 
 def _require_within(values: Array, middle: Array | float, reach: Array | float, what: str, unit: str) -> None:
-    """Raise `InputRefused` if a value differs from the middle of its range by more than its reach."""
     good = np.abs(values - middle) <= reach
     if good.all():
         return
     place = tuple(np.argwhere(~good)[0])
     value, centre, distance = (np.broadcast_to(each, good.shape)[place] for each in (values, middle, reach))
     raise InputRefused(
-        f"{what} is {value:.4g} {unit}; for this robot it is from {centre - distance:.4g} to {centre + distance:.4g}"
+        f"{what} is {value:.4g} {unit}; for this robot it must be from {centre - distance:.4g} to "
+        f"{centre + distance:.4g}"
     )

@@ -1,4 +1,4 @@
-"""Setpoints that are given from the task's own reference, by the robot's heading, or in a frame of the robot."""
+"""Setpoints relative to the task's reference, the robot's heading, or a frame of the robot."""
 
 from __future__ import annotations
 
@@ -13,52 +13,47 @@ from wbc_controller.records import Array
 
 
 def own_frames(task: str) -> tuple[str, str]:
-    """The two frames at a task's reference: with the axes of its references, and with x along the robot's heading."""
+    """Return the two frames at a task's reference: with its axes, and with x along the heading."""
     return f"{task}/reference", f"{task}/heading"
 
 
 def in_world(task: str, frame: str, position: Array, goal: Array, form: ReferenceForm, dynamics: Dynamics) -> Array:
-    """Transform a setpoint that was given in another frame to the frame of the task's references, mostly the world.
+    """Transform a setpoint to the frame of the task's references.
 
-    Args:
-        frame: one of `own_frames`, or a frame of the robot at its present place.
-        position: in the form of the task's references: in m for positions, and a unit quaternion for orientations.
-        goal: the reference that the task moves to, in the same form. A vector is added to it; an orientation turns it,
-            about axes through its origin.
+    `frame` is one of `own_frames` or a robot frame. For `own_frames`, a vector is added to the target `goal` of the
+    reference, and an orientation rotates it.
     """
     n = form.vector
     reference, heading = own_frames(task)
     if frame not in (reference, heading):
         pose = dynamics.placement(dynamics.model.frame_id(frame, "frame"))
-        vector = pose.rotation @ _three(position, n) + (0.0 if form.direction else pose.translation)
-        return _joined(vector[:n], pose.rotation @ _rotation(position[n:]), form)
+        vector = pose.rotation @ _padded_vector(position, n) + (0.0 if form.direction else pose.translation)
+        return _assembled(vector[:n], pose.rotation @ _rotation(position[n:]), form)
     axes = _heading(dynamics) if frame == heading else np.eye(3)
-    offset = (axes @ _three(position, n))[:n] if frame == heading else position[:n]
-    if form.direction:  # from one direction to another there is no displacement that could be added
+    offset = (axes @ _padded_vector(position, n))[:n] if frame == heading else position[:n]
+    if form.direction:  # directions have no displacement
         return offset
     if not form.oriented:
         return np.asarray(goal[:n] + offset)
-    return _joined(goal[:n] + offset, axes @ _rotation(position[n:]) @ axes.T @ _rotation(goal[n:]), form)
+    return _assembled(goal[:n] + offset, axes @ _rotation(position[n:]) @ axes.T @ _rotation(goal[n:]), form)
 
 
-def _three(position: Array, n: int) -> Array:
-    """The vector of a position in three coordinates; those that the form lacks are 0."""
+def _padded_vector(position: Array, n: int) -> Array:
     return np.concatenate([position[:n], np.zeros(3 - n)])
 
 
-def _joined(vector: Array, rotation: Array, form: ReferenceForm) -> Array:
+def _assembled(vector: Array, rotation: Array, form: ReferenceForm) -> Array:
     return np.concatenate([vector, quaternion_of(rotation)]) if form.oriented else vector
 
 
 def _rotation(quaternion: Array) -> Array:
-    """Rotation matrix of a quaternion, (3, 3); none where the form has no orientation."""
     if not len(quaternion):
         return np.eye(3)
     return rotation_of(quaternion)
 
 
 def _heading(dynamics: Dynamics) -> Array:
-    """Axes with z up, and x where the base's x-axis points on the level, (3, 3); the world's for a fixed base."""
+    """Return axes with z up and x along the base's heading, (3, 3)."""
     model = dynamics.model
     if not model.floating_base:
         return np.eye(3)

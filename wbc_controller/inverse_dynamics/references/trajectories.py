@@ -1,4 +1,4 @@
-"""Trajectories and ramps of references: quintic interpolation of vectors, orientations and poses."""
+"""Trajectories and ramps of references."""
 
 from __future__ import annotations
 
@@ -16,47 +16,37 @@ from wbc_controller.records import Array, Reference, frozen
 
 @dataclass(frozen=True, slots=True)
 class Knot:
-    """One point of a trajectory.
+    """Point of a trajectory."""
 
-    Attributes:
-        time: seconds on the clock of the states.
-        position: vector (k,), quaternion (4,), or position and quaternion (7,).
-        velocity: (k,), (3,) or (6,), in world axes.
-        acceleration: of the same shape as the velocity.
-    """
-
-    time: float
-    position: Array
-    velocity: Array
-    acceleration: Array
+    time: float  # s, on the clock of the states
+    position: Array  # vector (k,), quaternion (4,), or position and quaternion (7,)
+    velocity: Array  # (k,), (3,) or (6,), in world axes
+    acceleration: Array  # as the velocity
 
 
 def rest(position: Array, size: int) -> Reference:
-    """Read-only reference at rest at a position; its velocity has the given size."""
+    """Return a read-only reference at rest."""
     still = frozen(np.zeros(size))
     return Reference(frozen(position), still, still)
 
 
 class Trajectory:
-    """Knots joined by quintics: continuous in position, velocity and acceleration; at rest before and after.
+    """Quintics between knots, continuous up to the acceleration; at rest before and after.
 
-    Orientations are interpolated by the rotation vector relative to the knot where the segment starts, which gives a
-    geodesic between knots at rest.
+    Orientations are interpolated by the rotation vector relative to the start of the segment.
     """
 
     def __init__(self, knots: Sequence[Knot]) -> None:
         self.knots = tuple(knots)
         size = len(knots[0].velocity)
-        # A position is a vector, followed by a quaternion if it has four more components than the vector.
+        # A quaternion adds four values to the position, three to the velocity.
         self._linear = len(knots[0].position) - (4 if len(knots[0].position) != size else 0)
         self._times = [knot.time for knot in knots]
-        #: Coefficients of a segment by its number, computed when it is first sampled: knots may be thousands.
-        self._segments: dict[int, Array] = {}
-        # Always the same objects, so that tasks can cache what depends on the reference alone.
+        self._segments: dict[int, Array] = {}  # coefficients of segments, computed at first use
+        # for caches of tasks
         self._before, self._after = (rest(knots[i].position, size) for i in (0, -1))
 
     def _chart(self, a: Knot, b: Knot) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """End points of a segment, with orientations as rotation vectors relative to its start."""
         n = self._linear
         if n == len(a.position):
             return a.position, a.velocity, a.acceleration, b.position, b.velocity, b.acceleration
@@ -77,14 +67,14 @@ class Trajectory:
         )
 
     def sample(self, time: float) -> Reference:
-        """Reference at a time, in s."""
+        """Return the reference at a time in s."""
         knots = self.knots
         if not time >= knots[0].time:
             return self._before
         if time >= knots[-1].time:
             return self._after
         i = bisect.bisect_right(self._times, time) - 1
-        coefficients = self._segments.get(i)  # (6, k), by rising power
+        coefficients = self._segments.get(i)  # (6, k), by increasing power
         if coefficients is None:
             a, b = knots[i], knots[i + 1]
             coefficients = self._segments[i] = _quintic(self._chart(a, b), b.time - a.time)
@@ -113,13 +103,12 @@ def _with_orientation(start: Array, n: int, x: Array, x_dot: Array, x_ddot: Arra
 
 
 def _jacobian_dot(turn: Array, rate: Array) -> Array:
-    """d/dt Jexp3, (3, 3), by a central difference along the rate; along a geodesic its product with the rate is 0."""
     step = 1.0e-5
     return np.asarray((pin.Jexp3(turn + step * rate) - pin.Jexp3(turn - step * rate)) / (2.0 * step))
 
 
 def _quintic(ends: tuple[Array, Array, Array, Array, Array, Array], duration: float) -> Array:
-    """Coefficients, (6, k) by rising power, of the quintic with given position, velocity, acceleration at both ends."""
+    """Return the coefficients, (6, k) by increasing power, of the quintic between given ends."""
     x0, v0, a0, x1, v1, a1 = ends
     T = duration
     d = x1 - x0 - v0 * T - 0.5 * a0 * T**2
@@ -136,43 +125,32 @@ _Ramp = TypeVar("_Ramp", bound="Ramp")
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """A number that changes linearly from one value to another.
+    """Number that changes linearly between two values."""
 
-    Attributes:
-        start: start time, s.
-        duration: duration, s.
-        before: value until the start.
-        after: value from the end on.
-    """
-
-    start: float
-    duration: float
-    before: float
-    after: float
+    start: float  # s
+    duration: float  # s
+    before: float  # until the start
+    after: float  # from the end on
 
     def sample(self, time: float) -> float:
-        """Value at a time, in s."""
+        """Return the value at a time in s."""
         if self.duration <= 0.0 or time >= self.start + self.duration:
             return self.after
         share = max(0.0, (time - self.start) / self.duration)
         return self.before + share * (self.after - self.before)
 
     def towards(self: _Ramp, target: float, time: float, duration: float) -> _Ramp:
-        """A ramp from the present value of this one to a new target."""
+        """Return a ramp from the present value to a target."""
         return type(self)(time, duration, self.sample(time), target)
 
 
 class SoftRamp(Ramp):
-    """A ramp of a non-negative number whose cube root changes linearly.
-
-    With a linear ramp the last step to zero would act as a jump: a weight of 5 that falls by 0.02 per cycle still
-    outweighs a weight of 0.002 in the last cycle but one. A force bound of 1000 N that falls by 10 N would jump too.
-    """
+    """Ramp of a non-negative number with a linear cube root, so that it reaches zero without a relative jump."""
 
     __slots__ = ()
 
     def sample(self, time: float) -> float:
-        """Value at a time, in s."""
+        """Return the value at a time in s."""
         if time >= self.start + self.duration:
             return self.after
         roots = Ramp(self.start, self.duration, float(np.cbrt(self.before)), float(np.cbrt(self.after)))

@@ -1,4 +1,4 @@
-"""Ramps from one set of gains and limits to another."""
+"""Ramps between sets of gains and limits."""
 
 from __future__ import annotations
 
@@ -14,33 +14,27 @@ _SCALARS = ("position_margin", "position_horizon", "velocity_scale", "accelerati
 
 @dataclass(frozen=True, slots=True)
 class TuningRamp:
-    """A linear ramp from one tuning to another, with the same share for every number.
+    """Linear ramp between two tunings.
 
-    Between two critically damped tunings the damping is a little below critical, as the mean of square roots is below
-    the root of the mean: by at most 6 % on the way to a stiffness four times as large.
-
-    Attributes:
-        share: ramp of the share of `after`, from 0 to 1.
-        before: tuning until the start.
-        after: tuning from the end on.
+    Between critically damped tunings, damping is at most 6 % below critical for a stiffness ratio of 4.
     """
 
-    share: Ramp
-    before: Tuning
-    after: Tuning
+    share: Ramp  # share of `after`
+    before: Tuning  # until the start
+    after: Tuning  # from the end on
 
     @classmethod
     def at(cls, tuning: Tuning) -> TuningRamp:
-        """A ramp that stays at one tuning."""
+        """Return a constant ramp."""
         return cls(Ramp(0.0, 0.0, 1.0, 1.0), tuning, tuning)
 
     def sample(self, time: float) -> Tuning:
-        """Tuning at a time, in s; the same object while nothing changes."""
+        """Return the tuning at a time in s; the same object without changes."""
         share = self.share.sample(time)
         return self.after if share >= 1.0 else _between(self.before, self.after, share)
 
     def towards(self, target: Tuning, time: float, duration: float) -> TuningRamp:
-        """A ramp from the present tuning of this one to a new target."""
+        """Return a ramp from the present tuning to a target."""
         return TuningRamp(Ramp(time, duration, 0.0, 1.0), self.sample(time), target)
 
 

@@ -1,1 +1,1 @@
-"""The robot: its model from the URDF, the actuation of its joints, and its dynamics at one state."""
+"""The robot: model from the URDF, actuation and dynamics."""

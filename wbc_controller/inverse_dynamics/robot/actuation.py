@@ -1,4 +1,4 @@
-"""The actuators in the equations of motion: their generalized force, and its elimination."""
+"""Actuation: generalized force of the actuators, and its elimination from the equations of motion."""
 
 from __future__ import annotations
 
@@ -11,31 +11,27 @@ from wbc_controller.records import Array, frozen
 
 
 class Actuation(Drive):
-    """The generalized force of the actuators, Sᵀτ, and its elimination from the equations of motion (S1, S10).
+    """Generalized force of the actuators, Sᵀτ, and its elimination from the equations of motion (S1, S10).
 
-    The speeds of the actuators are S v; by virtual work the generalized force of their torques is Sᵀτ (equation (20) of
-    the note). Joints that follow others satisfy C v = 0 through a force Cᵀλ that does no work (equation (19); S3). With
-    B = [S; C] of full row rank,
+    The actuator speeds are S v, so by virtual work torques τ give the generalized force Sᵀτ (equation (20) of the
+    note). Mimic joints satisfy C v = 0 by a constraint force Cᵀλ (equation (19); S3). With B = [S; C] of full row rank,
 
-        M v̇ + h - Jᵀf = Sᵀτ + Cᵀλ    is    τ = T (M v̇ + h - Jᵀf)  and  N (M v̇ + h - Jᵀf) = 0
+        M v̇ + h - Jᵀf = Sᵀτ + Cᵀλ    ⇔    τ = T (M v̇ + h - Jᵀf)  and  N (M v̇ + h - Jᵀf) = 0
 
-    where T consists of the first na rows of (B Bᵀ)⁻¹ B, and the rows of N are a basis of B's null space (the unactuated
-    rows). The elimination of τ and λ from the decision variables is exact. If every actuator is the motor of one joint
-    and no joint follows another, T and N only select rows, and no matrix product is needed.
+    where T contains the first na rows of (B Bᵀ)⁻¹ B, and N a basis of the null space of B. Without transmissions and
+    mimic joints, T and N only select rows.
 
     Attributes:
         S: actuation matrix, (na, nv).
-        rotors: inertia of the rotors of transmissions, SᵀIS, (nv, nv) in kg·m²: as the rotor speeds are S v, it adds to
-            M, and nothing to h; None if no transmission has rotor inertia.
-        C: coupling rows of the joints that follow others, (nm, nv).
+        rotors: rotor inertia of transmissions, SᵀIS, added to M, (nv, nv) in kg·m²; or None.
+        C: coupling rows of mimic joints, (nm, nv).
         free: number of rows of N.
-        projection: [N; T] row by row: the begin of each row and the end of the last, (free + na + 1,), in its columns
-            and values that are not zero.
-        direct: whether every actuator is the motor of one joint, and no joint follows another.
+        projection: [N; T] in compressed rows: starts of rows and end, (free + na + 1,); columns; values.
+        direct: True without transmissions and mimic joints.
     """
 
     def __init__(self, drive: Drive, v_index: np.ndarray, coupling: Array) -> None:
-        """Make the actuation from the index in v of each joint, (nj,), and the coupling rows C, (nm, nv)."""
+        """Make the actuation from the joints' indices in v, (nj,), and the coupling rows C, (nm, nv)."""
         super().__init__(
             drive.names, drive.effort_limits, drive.ratios, rotor_inertia=drive.rotor_inertia, by_joint=drive.by_joint
         )
@@ -47,8 +43,7 @@ class Actuation(Drive):
         self.C = frozen(coupling)
         self.free = nv - na - len(coupling)
         B = np.vstack([self.S, self.C])
-        # Coordinates in which B is zero keep unit rows in N, so that N has the same form as when it only selects rows.
-        # The leading coordinates, those of a floating base, come last.
+        # Coordinates without entries in B keep unit rows in N; a floating base comes last.
         entered = np.flatnonzero(B.any(axis=0))
         untouched = np.setdiff1d(np.arange(nv), entered)
         leading = untouched == np.arange(len(untouched))
@@ -65,20 +60,17 @@ class Actuation(Drive):
         self._all_rows = as_slice(np.concatenate([untouched, v_index[self.motors]])) if self.direct else None
 
     def split(self, force: Array) -> Array:
-        """Project generalized forces, (nv,) or (nv, k), onto the rows N force, and below them the torques, T force.
-
-        The result, (free + na,) or (free + na, k), may be a view of `force`.
-        """
+        """Return [N force; T force] of forces (nv,) or (nv, k), possibly as a view."""
         return np.asarray(force[self._all_rows] if self._all_rows is not None else self._N_T @ force)
 
     def torques(self, force: Array) -> Array:
-        """Actuator torques that correspond to a generalized force, T force: (nv,) to (na,)."""
+        """Return the actuator torques T force, (nv,) to (na,)."""
         return self.split(force)[self.free :]
 
     def generalized_force(self, tau: Array) -> Array:
-        """Sᵀτ, (na,) to (nv,)."""
+        """Return Sᵀτ, (na,) to (nv,)."""
         return np.asarray(tau @ self.S)
 
     def speeds(self, v: Array) -> Array:
-        """Speeds of the actuators, S v: (nv,) to (na,)."""
+        """Return the actuator speeds S v, (nv,) to (na,)."""
         return np.asarray(v[self._rows] if self._rows is not None else self.S @ v)

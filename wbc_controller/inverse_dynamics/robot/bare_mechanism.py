@@ -1,4 +1,4 @@
-"""The mechanism of a URDF alone, as Pinocchio and MuJoCo read it: links with their inertias, and joints."""
+"""Mechanism of a URDF for Pinocchio and MuJoCo: links with inertias, and joints."""
 
 from __future__ import annotations
 
@@ -9,24 +9,20 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-#: Elements of links and joints that are no part of the mechanism: shapes do not change its physics, and the
-#: controller's equations have no friction in joints. Followers are coupled by `Followers`.
-_OTHER = {"link": ("visual", "collision"), "joint": ("dynamics", "mimic", "safety_controller", "calibration")}
+#: Elements outside the mechanism: shapes, joint friction, and <mimic>, which `Followers` handles.
+_DROPPED = {"link": ("visual", "collision"), "joint": ("dynamics", "mimic", "safety_controller", "calibration")}
 
 
 def bare_mechanism(
     tree: ElementTree.Element, moving: Collection[str], locked: Mapping[str, float]
 ) -> ElementTree.Element:
-    """Copy a URDF without shapes and extensions; joints that are not `moving` are fixed at their locked position.
-
-    The locked positions, in rad or m, are 0 by default.
-    """
+    """Copy a URDF without shapes and extensions; fix joints outside `moving` at their locked position, rad or m."""
     bare = ElementTree.Element(tree.tag, tree.attrib)
     for element in tree:
-        if element.tag not in _OTHER:
+        if element.tag not in _DROPPED:
             continue
         part = copy.deepcopy(element)
-        for tag in _OTHER[element.tag]:
+        for tag in _DROPPED[element.tag]:
             for other in part.findall(tag):
                 part.remove(other)
         name = str(part.get("name"))
@@ -37,9 +33,9 @@ def bare_mechanism(
 
 
 def shapes_only(urdf: str, kind: str) -> str:
-    """Return a URDF's text with the shapes of one kind alone, ``collision`` or ``visual``, and all joints fixed.
+    """Return a URDF with fixed joints and the shapes of one kind, ``collision`` or ``visual``.
 
-    ``<collision_checking>`` names cylinders that Pinocchio reads as capsules.
+    ``<collision_checking>`` marks cylinders that Pinocchio reads as capsules.
     """
     tree = ElementTree.fromstring(urdf)  # noqa: S314 - read by `parse_urdf` before
     for link in tree.findall("link"):
@@ -47,13 +43,12 @@ def shapes_only(urdf: str, kind: str) -> str:
             link.remove(element)
     for joint in tree.findall("joint"):
         _lock(joint, 0.0)
-    for element in [element for element in tree if element.tag not in (*_OTHER, "material")]:
+    for element in [element for element in tree if element.tag not in (*_DROPPED, "material")]:
         tree.remove(element)
     return ElementTree.tostring(tree, encoding="unicode")
 
 
 def _lock(joint: ElementTree.Element, position: float) -> None:
-    """Fix a joint at a position, rad or m, in place."""
     if position != 0.0:
         origin = joint.find("origin")
         if origin is None:

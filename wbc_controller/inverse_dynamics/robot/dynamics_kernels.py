@@ -1,4 +1,4 @@
-"""The rows of the equations of motion in the quadratic program, and bounds of the torques."""
+"""Kernel for the equations of motion in the quadratic program, and the torque bounds."""
 
 from __future__ import annotations
 
@@ -7,41 +7,24 @@ from wbc_controller.records import Array
 
 
 class DynamicsRows(Struct):
-    """The rows of the equations of motion, and of the contacts before them.
+    """Rows of the equations of motion, below the rows of the contacts."""
 
-    Attributes:
-        starts: first index of each row of [N; T] in `columns` and `values`, and the end of the last, (free + na + 1,).
-        columns: columns of the non-zero values of [N; T], (k,).
-        values: these values, (k,).
-        damping: D of each row of J, (nf,) in 1/s.
-        rows: (…, nv + nf + 1): [J, 0, required J v̇] of the contacts in the first nf rows; from `first` on
-            coefficients of v̇ and of f and right-hand sides of the rows N, then T.
-        first: the first of the rows to be filled.
-        lower: out: lower bounds of T (M v̇ - Jᵀf), (na,) in N·m.
-        upper: out: upper bounds, likewise.
-        M: joint-space inertia matrix, (nv, nv), symmetric.
-        unit: unit of f, N and N·m.
-        available: least and largest available torques, and τ_max, (3, na) in N·m.
-        bias: out: T h, (na,) in N·m.
-    """
-
-    starts: Indices
-    columns: Indices
-    values: Vector
-    damping: Vector
-    rows: OutMatrix
-    first: int
-    lower: OutVector
-    upper: OutVector
-    M: Matrix
-    unit: float
-    available: Matrix
-    bias: OutVector
+    starts: Indices  # of the rows of [N; T] in `columns` and `values`, with end, (free + na + 1,)
+    columns: Indices  # of non-zero values of [N; T], (k,)
+    values: Vector  # (k,)
+    damping: Vector  # D of each row of J, (nf,) in 1/s
+    rows: OutMatrix  # [J, 0, required J v̇] of the contacts; from `first` on rows N, then T, (…, nv + nf + 1)
+    first: int  # row to fill
+    lower: OutVector  # out: bounds of T (M v̇ - Jᵀf), (na,) in N·m
+    upper: OutVector  # out
+    M: Matrix  # (nv, nv)
+    unit: float  # of f, N and N·m
+    available: Matrix  # smallest and largest available torques, and τ_max, (3, na) in N·m
+    bias: OutVector  # out: T h, (na,) in N·m
 
 
 @part
 def _damp(table: DynamicsRows, v: Array) -> None:
-    """Add -D J v to the right-hand sides of the contacts."""
     for i in range(len(table.damping)):
         row, speed = table.rows[i], 0.0
         for j in range(len(v)):
@@ -51,7 +34,6 @@ def _damp(table: DynamicsRows, v: Array) -> None:
 
 @part
 def _project(table: DynamicsRows, k: int, h: Array) -> float:
-    """Fill row k of [N; T] (M v̇ - Jᵀf); return its product with h."""
     M, rows, row, nv, constant = table.M, table.rows, table.rows[table.first + k], len(h), 0.0
     nf, unit, columns, values = len(table.damping), table.unit, table.columns, table.values
     for j in range(nv + nf):
@@ -68,7 +50,6 @@ def _project(table: DynamicsRows, k: int, h: Array) -> float:
 
 @part
 def _bound(table: DynamicsRows, before: Array, share: float) -> None:
-    """Bound torques by the available torques, and by a share of τ_max around τ_before, clipped to the available."""
     least, most, largest, bias = table.available[0], table.available[1], table.available[2], table.bias
     lower, upper = table.lower, table.upper
     for i in range(len(bias)):
@@ -86,21 +67,16 @@ def _bound(table: DynamicsRows, before: Array, share: float) -> None:
 
 @compiled
 def fill_dynamics(table: DynamicsRows, h: Vector, v: Vector, before: Vector, share: float) -> None:
-    """Fill N (M v̇ - Jᵀf) = -N h, and τ = T (M v̇ - Jᵀf) + T h with its bounds; add -D J v to the contacts' rows.
+    """Fill N (M v̇ - Jᵀf) = -N h and the bounds of τ = T (M v̇ - Jᵀf) + T h; add -D J v to the contact rows.
 
-    Args:
-        table: the rows.
-        h: bias forces, (nv,).
-        v: generalized velocity, (nv,).
-        before: τ_before, (na,) in N·m; NaN leads to bounds that are NaN.
-        share: rate Δt; below 0 the change of the torques is not bounded.
+    `before` is τ_before, (na,); `share` is rate Δt, negative for no torque rate limit.
     """
     nv, na, nf = len(table.M), len(table.bias), len(table.damping)
     free, right = len(table.starts) - 1 - na, nv + nf
     if not (len(h) == nv and len(v) == nv):
-        raise ValueError("fill_dynamics: h or v has another size than M")
+        raise ValueError("fill_dynamics: sizes of h, v and M differ")
     if share >= 0.0 and len(before) != na:
-        raise ValueError("fill_dynamics: the torques before have another size than the actuators")
+        raise ValueError("fill_dynamics: the size of tau_before differs from the number of actuators")
     _damp(table, v)
     for k in range(free + na):
         constant = _project(table, k, h)

@@ -1,7 +1,4 @@
-"""Rows of contacts and tasks in the quadratic program: Jacobians and right-hand sides, J v̇ = b.
-
-Twists and accelerations of links are those of `LinkMotion`, placements those of `placement_kernels`.
-"""
+"""Kernels for the contact and task rows J v̇ = b; motions as in `LinkMotion`."""
 
 from __future__ import annotations
 
@@ -39,50 +36,32 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 )
 from wbc_controller.records import Array
 
-#: Kinds of instructions: tasks on a frame, on the centre of mass and on single joints, contacts of a surface and of a
-#: ball, and the rate of the momentum.
+#: Kinds of rows: tasks on frames, centre of mass and joints; surface and ball contacts; momentum rate.
 FRAME, COM, JOINTS, SURFACE, BALL, MOMENTUM = range(6)
-#: Columns of `FrameRows.instructions`.
+#: Columns of the instructions: kind; first row in `out`, number of rows; link, other link; first twist component,
+#: number of components; first index in `places`, `numbers` and task errors.
 KIND, ROW, COUNT, LINK, OTHER, FIRST, SIZE, PLACE, NUMBER, ERROR = range(10)
 
 
 class FrameRows(Struct):
-    """The rows of some contacts and tasks, and the instructions to fill them.
+    """Rows of contacts and tasks, and instructions to fill them."""
 
-    Attributes:
-        instructions: (k, 10): kind; first row in `out` and number of rows; link and other link; first component of the
-            frame's twist and number of components; first index in `places`, `numbers` and the task errors.
-        places: rows that masks select, and indices of joints.
-        numbers: constants, gains and references, as the functions below take them.
-        motion: motion of the links.
-        out: rows [J, …, b]; columns between J and b are not written.
-        target: targets of single accelerations, by index in v, (≥ nv,).
-    """
-
-    instructions: IndexMatrix
-    places: Indices
-    numbers: Vector
+    instructions: IndexMatrix  # see `KIND` to `ERROR`, (k, 10)
+    places: Indices  # selected components, and indices of joints
+    numbers: Vector  # constants, gains and references in the order of the functions below
     motion: LinkMotion
-    out: OutMatrix
-    target: OutVector
+    out: OutMatrix  # rows [J, …, b]; columns between J and b are not written
+    target: OutVector  # targets of single accelerations by index in v, (≥ nv,)
 
 
 @part
 def _contact_rows(
     motion: LinkMotion, link: int, other: int, mount: Array, rows: Indices, out: Array, memory: Array
 ) -> None:
-    """Fill rows of the twist ν of a contact frame C relative to a link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
+    """Fill rows of the twist ν of a contact frame C relative to link B, in the axes of C: J v̇ = -ν̇ at v̇ = 0.
 
-    With X the transform of a twist of B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B) (`contacts.mount`).
-
-    Args:
-        motion: motion of the links.
-        link: index of the link of C.
-        other: index of the link of B; 0 for the world.
-        mount: placement of C on its link, (12,).
-        rows: selected components of ν, (r,).
-        out: J, and -ν̇ at v̇ = 0 in the last column, (r, …).
-        memory: for intermediate results, (≥ 2, 12).
+    With X the transform of a twist from B to C, ν = ν_C - X ν_B and ν̇ = ν̇_C - X ν̇_B + ν × (X ν_B). `mount` is the
+    placement of C on its link, `rows` (r,) selects components of ν.
     """
     C, column, right = memory[0], memory[1], out.shape[1] - 1
     twists, moves, links = motion.joint_twists, motion.moves, motion.links
@@ -110,15 +89,9 @@ def _contact_rows(
 
 @part
 def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> None:
-    """Fill rows of the velocity of a ball's lowest point, Eᵀ(ṗ + ω × r): J v̇ = -drift (`contacts.point`).
+    """Fill rows of the velocity of a ball's lowest point, Eᵀ(ṗ + ω × r): J v̇ = -Eᵀ(p̈ + ω̇ × r) at v̇ = 0.
 
-    The drift is Eᵀ(p̈ + ω̇ × r) at v̇ = 0: p turns with the link, r does not.
-
-    Args:
-        motion: motion of the links.
-        link: index of the ball's link.
-        numbers: the centre on that link in m; r, to the lowest point in world axes, in m; Eᵀ by rows, (15,).
-        out: J, and the required J v̇ at J v = 0 in the last column, (3, …).
+    `numbers` (15,): centre on the link, m; r from centre to lowest point in world axes, m; Eᵀ by rows.
     """
     at, right, twists, moves = motion.links[link], out.shape[1] - 1, motion.joint_twists, motion.moves
     centre = transform(motion.joints[link], three(numbers, 0))
@@ -140,7 +113,6 @@ def _ball_rows(motion: LinkMotion, link: int, numbers: Array, out: Array) -> Non
 
 @part
 def _momentum_rows(motion: LinkMotion, out: Array) -> None:
-    """Fill rows of the rate of the centroidal momentum: A_G v̇ = -Ȧ_G v."""
     centroidal = motion.centroidal
     for j in range(len(centroidal)):
         for i in range(6):
@@ -154,21 +126,18 @@ def _frame_rows(
     motion: LinkMotion, link: int, first: int, size: int, numbers: Array, rows: Indices, out: Array, error: Array,
     memory: Array,
 ) -> None:  # fmt: skip
-    """Fill rows of a task on a frame's position, orientation or both, in world axes.
-
-    J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
+    """Fill rows of a frame task in world axes: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
 
     Args:
-        motion: motion of the links.
-        link: index of the frame's link.
-        first: first component of the frame's twist in the task: 0, or 3 for an orientation.
-        size: number of these components: 3 or 6.
-        numbers: placement of the frame on its link, (12,); K and D, (size,) each; then the reference: position in m,
-            quaternion, or both, and ẋ_ref and ẍ_ref, (size,) each.
-        rows: components of the task that its mask selects, (r,).
-        out: J, and the right-hand sides in the last column, (r, …).
-        error: the task error, (r,) in m and rad.
-        memory: for intermediate results, (≥ 5, 12).
+        motion: of the links.
+        link: of the frame.
+        first: twist component: 0, or 3 for an orientation.
+        size: number of twist components: 3 or 6.
+        numbers: placement of the frame on its link, (12,); K, D; reference position, quaternion, or both; ẋ_ref, ẍ_ref.
+        rows: selected components, (r,).
+        out: [J, …, b], (r, …).
+        error: out: task error, (r,).
+        memory: intermediate results, (≥ 5, 12).
     """
     at, twist, drift, wanted = memory[0], memory[1], memory[2], memory[3]
     place(motion.joints[link], numbers, at)
@@ -196,10 +165,6 @@ def _frame_rows(
 def _frame_jacobian(
     motion: LinkMotion, link: int, p: Vector3, first: int, rows: Indices, out: Array, column: Array
 ) -> None:
-    """Fill J of a frame's selected components: columns of the joints that move the link, at the point p.
-
-    `column` is memory for one column.
-    """
     twists, moves = motion.joint_twists, motion.moves
     for j in range(len(twists)):
         if not moves[link, j]:
@@ -214,7 +179,6 @@ def _frame_jacobian(
 
 @part
 def _frame_motion(link: Array, p: Vector3, twist: Array, drift: Array) -> None:
-    """Write the twist of a link at the point p, and the classical acceleration there at v̇ = 0, (6,) each."""
     angular = three(link, 3)
     linear = add(three(link, 0), cross(angular, p))
     put_motion(twist, (linear, angular))
@@ -224,10 +188,7 @@ def _frame_motion(link: Array, p: Vector3, twist: Array, drift: Array) -> None:
 
 @part
 def _rotation_error(frame: Array, reference: Array, q: Array) -> Vector3:
-    """Return log(R_ref Rᵀ), from the rotation of a placement to a quaternion (x, y, z, w) of any length.
-
-    `q` is memory for the quaternion of that rotation.
-    """
+    """Return log(R_ref Rᵀ) for a placement and a reference quaternion of any length; `q` is memory, (4,)."""
     quaternion(frame, q)
     a, w = three(reference, 0), reference[3]
     b = three(q, 0)
@@ -237,13 +198,13 @@ def _rotation_error(frame: Array, reference: Array, q: Array) -> Vector3:
     if cosine < 0.0:
         e, cosine = scale(-1.0, e), -cosine
     sine = math.sqrt(dot(e, e))
-    # The angle over the sine of its half; for small angles that is 2 / cosine to rounding.
+    # angle / sin(angle / 2), and 2 / cosine for small angles
     return scale(2.0 * math.atan2(sine, cosine) / sine if sine > 1.0e-9 * cosine else 2.0 / cosine, e)
 
 
 @part
 def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, error: Array) -> None:
-    """Fill rows of a task on the centre of mass; `numbers`: K, D, position, velocity, acceleration, (3,) each."""
+    """Fill rows of a centre of mass task; `numbers`: K, D, position, velocity, acceleration, (3,) each."""
     per_mass = motion.per_mass
     for i in range(len(rows)):
         k = rows[i]
@@ -258,26 +219,16 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, err
 def _joint_targets(
     q: Array, v: Array, numbers: Array, places: Indices, count: int, target: Array, error: Array
 ) -> float:
-    """Write targets of single accelerations of joints, from their positions (`tasks.posture`, `formulation.cost`).
+    """Write targets and errors of joint tasks; return the constant cost.
 
-    Args:
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        numbers: (7, count): K, D, reference position, velocity and acceleration, then the factor from the desired
-            acceleration to the target, and from its square to twice the constant.
-        places: (2, count): index in q of each joint, and in v.
-        count: number of joints.
-        target: out: the targets, by index in v.
-        error: out: the task error, (count,).
-
-    Returns:
-        The cost that no acceleration avoids.
+    `numbers` (7, count): K, D, position, velocity, acceleration, factor from desired acceleration to target, and from
+    its square to twice the constant cost. `places` (2, count): indices in q and in v.
     """
     rest, table, index = 0.0, numbers[: 7 * count].reshape(7, count), places[: 2 * count].reshape(2, count)
     for i in range(count):
         row, column = index[0, i], index[1, i]
         if not (0 <= row < len(q) and 0 <= column < len(v)):
-            raise IndexError("the index of a joint is not below the size of q or v")
+            raise IndexError("joint index out of range of q or v")
         error[i] = table[2, i] - q[row]
         asked = table[0, i] * error[i] + table[1, i] * (table[3, i] - v[column]) + table[4, i]
         target[column] = table[5, i] * asked
@@ -286,21 +237,10 @@ def _joint_targets(
 
 
 @compiled
-def take_reference(
+def copy_reference(
     position: StridedVector, velocity: StridedVector, acceleration: StridedVector, size: int, wanted: OutVector
 ) -> bool:
-    """Copy a reference into the numbers of `fill_rows`.
-
-    Args:
-        position: in the form of its task, (length,).
-        velocity: (size,).
-        acceleration: (size,).
-        size: number of the task's components.
-        wanted: out: the three arrays, one after the other, (length + 2 size,).
-
-    Returns:
-        True if they have these sizes; otherwise nothing is copied.
-    """
+    """Copy a reference to the numbers of `fill_rows`; return False for wrong sizes."""
     length = len(wanted) - 2 * size
     if len(position) != length or len(velocity) != size or len(acceleration) != size:
         return False
@@ -313,19 +253,9 @@ def take_reference(
 
 @compiled
 def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> float:
-    """Fill the rows of all contacts and tasks of a program.
-
-    Args:
-        table: instructions and rows; its link motion is at this state.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        errors: out: the task errors.
-
-    Returns:
-        The constant cost of the tasks on single accelerations.
-    """
+    """Fill all contact and task rows at q and v; write task errors, and return the constant cost of joint tasks."""
     motion, instructions, places, rest = table.motion, table.instructions, table.places, 0.0
-    memory = np.empty((5, 12))  # one allocation for all rows
+    memory = np.empty((5, 12))
     for k in range(len(instructions)):
         step = instructions[k]
         kind, link, first, size = step[KIND], step[LINK], step[FIRST], step[SIZE]

@@ -1,4 +1,4 @@
-"""Builds a robot's model from its URDF: moving, following and locked joints, and their actuation."""
+"""Construction of the robot model from its URDF: moving, mimic and locked joints, and actuation."""
 
 from __future__ import annotations
 
@@ -20,10 +20,8 @@ from wbc_controller.inverse_dynamics.robot.urdf import JointLimits, read_robot
 from wbc_controller.inverse_dynamics.robot.virtual_base import drop_virtual_joints, virtual_joints
 from wbc_controller.records import Array, frozen
 
-#: Smallest mass of a robot, kg: what is divided by a much smaller one is not finite.
-_LEAST_MASS = 1.0e-6
-#: Name of the floating base's joint, which no joint of a URDF has.
-_FREE_FLYER = "<floating base>"
+_LEAST_MASS = 1.0e-6  # of a robot, kg; divisions by smaller masses overflow
+_FREE_FLYER = "<floating base>"  # impossible in a URDF
 
 
 def build_model(
@@ -43,28 +41,25 @@ def build_model(
 ) -> RobotModel:
     """Build the model of a robot from its URDF.
 
-    Joints with a ``<mimic>`` element follow their leader if it is in `joints`. All joints that neither move nor follow
-    are locked. A continuous joint is a revolute one without position limits. Virtual joints in place of a floating
-    base, and the links above them, are left out.
+    Mimic joints follow their leader if it is in `joints`. All other joints outside `joints` are locked. Continuous
+    joints become revolute joints without position limits. Virtual joints of a floating base are removed.
 
     Args:
-        joints: joints with one degree of freedom that move and are measured.
-        posture: nominal position of each joint, rad.
-        floating_base: whether the root link moves freely.
-        armature: reflected rotor inertia of every joint with its own motor, kg·m².
-        effort_limit_scale: share of the effort limits that may be used.
-        actuators: names of the actuators in the order of the command: joints with their own motor, and transmissions.
-            Empty for one motor at each joint that is not passive.
+        joints: moving and measured joints with one degree of freedom.
+        posture: nominal positions, rad.
+        floating_base: True if the root link moves freely.
+        armature: reflected rotor inertia of each joint with its own motor, kg·m².
+        effort_limit_scale: usable share of the effort limits.
+        actuators: in the order of the command: joints with their own motor, and transmissions; empty for one motor per
+            joint that is not passive.
         transmission: actuators with ratios, by name.
-        passive_joints: springs and dampers of the joints without a motor of their own, by name.
-        locked_joints: positions of locked joints, rad; other joints that do not move are locked at zero, or where their
-            locked leader puts them.
-        joint_limits: limits that replace those of the URDF, by joint; the model's URDF has them too.
-        commanded_by_joint: whether the command consists of torques at the driven joints instead of torques of the
-            actuators.
+        passive_joints: springs and dampers of joints without a motor, by name.
+        locked_joints: positions of locked joints, rad; 0 by default, or as determined by a locked leader.
+        joint_limits: replacements of the URDF's limits, by joint.
+        commanded_by_joint: True if the command contains joint torques instead of actuator torques.
 
     Raises:
-        ConfigurationError: where the URDF or a joint cannot be used.
+        ConfigurationError: for an invalid URDF or joint.
     """
     tree, urdf = read_robot(urdf, joint_limits or {})
     _refuse_virtual_motors(tree, joints)
@@ -85,7 +80,7 @@ def build_model(
     mass = pin.computeTotalMass(model)
     if not (mass >= _LEAST_MASS):
         raise ConfigurationError(
-            f"robot.urdf: the links that move weigh {mass:g} kg together; they have {_LEAST_MASS:g} kg at least"
+            f"robot.urdf: the mass of the moving links is {mass:g} kg; the minimum is {_LEAST_MASS:g} kg"
         )
     moving = [model.getJointId(name) for name in (*joints, *following)]
     q_of, v_of = (
@@ -116,8 +111,8 @@ def build_model(
         _tighten(leader, mimic, model, q_of[name], v_of[name], lower, upper, velocity_limits)
         if not (lower[leader] <= upper[leader]):
             raise ConfigurationError(
-                f"robot.urdf: joint {mimic.leader!r} has no position within its limits and those of {name!r}, which "
-                "mimics it; correct the limits or the <mimic>"
+                f"robot.urdf: the limits of joint {mimic.leader!r} and of {name!r}, which mimics it, have no position "
+                "in common; correct the limits or the <mimic>"
             )
     result = RobotModel(
         pinocchio=model,
@@ -154,8 +149,8 @@ def _refuse_virtual_motors(tree: ElementTree.Element, joints: Sequence[str]) -> 
     listed = [name for name in virtual_joints(tree) if name in joints]
     if listed:
         raise ConfigurationError(
-            f"robot.joints: {', '.join(listed)} stand for a floating base in the URDF, and have no motors: leave them "
-            "out, with robot.base: floating"
+            f"robot.joints: {', '.join(listed)} are virtual joints of a floating base and have no motors; remove them "
+            "and set robot.base: floating"
         )
 
 
@@ -166,7 +161,6 @@ def _check_names(
     locked: Mapping[str, float],
     mimics: Mapping[str, Mimic],
 ) -> None:
-    """Refuse joints that the URDF does not have, or that cannot move or be passive or locked as configured."""
     for name in joints:
         _require_own_coordinate(full, name, "robot.joints", mimics)
     for name in passive:
@@ -177,7 +171,7 @@ def _check_names(
     for name, position in locked.items():
         _require_own_coordinate(full, name, "robot.locked_joints", mimics)
         if name in joints:
-            raise ConfigurationError(f"robot.locked_joints: {name!r} is one of robot.joints, and moves")
+            raise ConfigurationError(f"robot.locked_joints: {name!r} is also in robot.joints; remove one entry")
         i = full.joints[full.getJointId(name)].idx_q
         low, high = full.lowerPositionLimit[i], full.upperPositionLimit[i]
         if not (low <= position <= high):
@@ -191,7 +185,7 @@ def _require_own_coordinate(full: pin.Model, name: str, key: str, mimics: Mappin
     if name not in own:
         raise ConfigurationError(f"{key}: {name!r} is not a joint of the URDF; {valid_choices(name, own)}")
     if name in mimics:
-        raise ConfigurationError(f"{key}: {name!r} mimics {mimics[name].leader!r} and follows it; name that one alone")
+        raise ConfigurationError(f"{key}: {name!r} mimics {mimics[name].leader!r}; name the leader only")
     _require_one_coordinate(full, name, f"{key}: {name!r}")
 
 
@@ -200,7 +194,7 @@ def _require_one_coordinate(full: pin.Model, name: str, subject: str) -> None:
     if joint.nv != 1 or joint.nq != 1:
         raise ConfigurationError(
             f"{subject} has {joint.nv} degrees of freedom in {joint.nq} coordinates; "
-            "one revolute or prismatic joint with limits is needed"
+            "expected one revolute or prismatic joint with limits"
         )
 
 
@@ -213,13 +207,7 @@ def read_mechanism(
 ) -> pin.Model:
     """Read the mechanism of a URDF with Pinocchio.
 
-    Args:
-        moving: joints that move; None for all.
-        locked: positions of other joints, rad or m; 0 by default.
-        floating_base: whether the root link moves freely.
-
-    Raises:
-        ConfigurationError: if Pinocchio refuses it.
+    Joints outside `moving` (None for all) are fixed at `locked` positions, 0 by default.
     """
     moving = [str(joint.get("name")) for joint in tree.findall("joint")] if moving is None else moving
     mechanism = ElementTree.tostring(bare_mechanism(tree, moving, locked), encoding="unicode")
@@ -232,7 +220,7 @@ def read_mechanism(
 def _tighten(
     leader: int, mimic: Mimic, model: pin.Model, q: int, v: int, lower: Array, upper: Array, velocity: Array
 ) -> None:
-    """Tighten the limits of a leader so that its follower, at indices (q, v), stays within its own limits."""
+    """Tighten the limits of a leader for its mimic joint at indices (q, v)."""
     if mimic.ratio == 0.0:
         return
     ends = (model.lowerPositionLimit[q] - mimic.offset, model.upperPositionLimit[q] - mimic.offset)

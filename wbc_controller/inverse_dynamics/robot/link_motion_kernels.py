@@ -1,8 +1,7 @@
-"""Motion of all links and of the centre of mass: twists, accelerations at v̇ = 0, and the rate of the momentum.
+"""Kernel for the motion of all links and of the centre of mass: twists, drifts and momentum rate.
 
-A twist is [linear, angular]. At the world's origin and in world axes it is the same for every point of the link; at a
-point p its linear part is v₀ + ω × p. The same holds for the spatial acceleration; the acceleration of the point itself
-is that linear part plus ω × v(p). Columns of a Jacobian are twists, too: those of a joint's unit speed.
+Twists [linear, angular] are at the world origin in world axes; at a point p, the linear part is v₀ + ω × p. The same
+holds for spatial accelerations; the classical acceleration of p adds ω × v(p). Jacobian columns are twists.
 """
 
 from __future__ import annotations
@@ -21,48 +20,29 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 
 
 class LinkMotion(Struct):
-    """Pinocchio's results at one state, and what `link_terms` makes of them.
+    """Results of Pinocchio at one state, and the output of `link_terms`."""
 
-    Attributes:
-        joints: placements of the links in the world, (n, 12); the first link is the world.
-        local_twists: twists of the links in their own axes, (n, 6).
-        local_accelerations: spatial accelerations at v̇ = 0 minus gravity, in the links' own axes, (n, 6).
-        wrenches: F and N that move each link and all links behind it at v̇ = 0, minus gravity, in its own axes, (n, 6).
-        roots: the first links of the trees, (r,).
-        gravity: g, (3,) in m/s².
-        mass: of all links, kg.
-        com: centre of mass c, (3,) in m.
-        centroidal: A_Gᵀ, (nv, 6).
-        joint_twists: columns of the joint Jacobians, (nv, 6).
-        moves: 1 where a component of v moves a link, (n, nv).
-        links: out: twists and spatial accelerations at v̇ = 0, at the world's origin, (n, 12).
-        per_mass: out: A_Gᵀ / m, (nv, 6); its first three columns are the Jacobian of the centre of mass.
-        com_velocity: out: ċ, (3,) in m/s.
-        com_drift: out: c̈ at v̇ = 0, (3,) in m/s².
-        drift: out: rate of the momentum about c at v̇ = 0, (6,) in N and N·m.
-    """
-
-    joints: Matrix
-    local_twists: Matrix
-    local_accelerations: Matrix
-    wrenches: Matrix
-    roots: Indices
-    gravity: Vector
-    mass: float
-    com: Vector
-    centroidal: Matrix
-    joint_twists: Matrix
-    moves: Signs
-    links: OutMatrix
-    per_mass: OutMatrix
-    com_velocity: OutVector
-    com_drift: OutVector
-    drift: OutVector
+    joints: Matrix  # placements in the world, (n, 12); link 0 is the world
+    local_twists: Matrix  # of the links in their own axes, (n, 6)
+    local_accelerations: Matrix  # spatial accelerations at v̇ = 0 minus gravity, in link axes, (n, 6)
+    wrenches: Matrix  # [F, N] on each subtree at v̇ = 0, minus gravity, in link axes, (n, 6)
+    roots: Indices  # of the trees, (r,)
+    gravity: Vector  # g, (3,) in m/s²
+    mass: float  # kg
+    com: Vector  # c, (3,) in m
+    centroidal: Matrix  # A_Gᵀ, (nv, 6)
+    joint_twists: Matrix  # (nv, 6)
+    moves: Signs  # 1 if a component of v moves a link, (n, nv)
+    links: OutMatrix  # out: twists and spatial accelerations at v̇ = 0, at the world origin, (n, 12)
+    per_mass: OutMatrix  # out: A_Gᵀ / m, (nv, 6); first the Jacobian of c
+    com_velocity: OutVector  # out: ċ, (3,) in m/s
+    com_drift: OutVector  # out: c̈ at v̇ = 0, (3,) in m/s²
+    drift: OutVector  # out: rate of the momentum about c at v̇ = 0, (6,) in N and N·m
 
 
 @part
 def _momentum_rate(motion: LinkMotion) -> None:
-    """Write the rate of the momentum about the centre of mass c at v̇ = 0: Σ F + m g, and Σ N + (p - c) × F."""
+    """Write the momentum rate about c at v̇ = 0: [Σ F + m g, Σ N + (p - c) × F]."""
     force, moment = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(len(motion.roots)):
         frame, wrench = motion.joints[motion.roots[i]], motion.wrenches[motion.roots[i]]
@@ -78,7 +58,7 @@ def _momentum_rate(motion: LinkMotion) -> None:
 def link_terms(motion: LinkMotion, velocity: Vector) -> None:
     """Complete a link motion at a generalized velocity, (nv,)."""
     if len(velocity) != len(motion.joint_twists):
-        raise ValueError("link_terms: the velocity has another size than the model")
+        raise ValueError("link_terms: the size of the velocity differs from nv")
     joints, links, gravity = motion.joints, motion.links, three(motion.gravity, 0)
     twists, accelerations = motion.local_twists, motion.local_accelerations
     for i in range(1, len(joints)):

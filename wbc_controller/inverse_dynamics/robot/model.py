@@ -1,4 +1,4 @@
-"""The robot's model: a URDF with a floating or fixed base, its moving joints, and their actuation."""
+"""Robot model: a URDF with floating or fixed base, moving joints and actuation."""
 
 from __future__ import annotations
 
@@ -20,41 +20,23 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A robot's model, ready for the controller.
+    """Model of a robot."""
 
-    Attributes:
-        pinocchio: the rigid-body model; joints that do not move are locked.
-        urdf: the URDF's text, with the limits of the configuration and its continuous joints as revolute ones.
-        joints: names of the joints that move and are measured, (nj,).
-        floating_base: whether the root link moves freely.
-        q_index: index in q of each joint, (nj,).
-        v_index: index in v of each joint, (nj,).
-        velocity_limits: largest speed of each joint, (nj,) in rad/s.
-        position_lower: lower position limits, (nj,) in rad.
-        position_upper: upper position limits, (nj,) in rad.
-        posture: nominal joint positions, (nj,) in rad.
-        actuation: the actuators, in the order of the command.
-        effort_limits: largest torque of each actuator that may be used, (na,) in N·m.
-        passive: the springs and dampers of the joints without a motor of their own; None if there are none.
-        followers: the joints that follow others; None if there are none.
-        locked: position of each joint that is locked elsewhere than at zero, rad.
-    """
-
-    pinocchio: pin.Model
-    urdf: str
-    joints: tuple[str, ...]
+    pinocchio: pin.Model  # without locked joints
+    urdf: str  # with the configured limits, and continuous joints as revolute ones
+    joints: tuple[str, ...]  # moving and measured joints, (nj,)
     floating_base: bool
-    q_index: np.ndarray
-    v_index: np.ndarray
-    velocity_limits: Array
-    position_lower: Array
-    position_upper: Array
-    posture: Array
-    actuation: Actuation
-    effort_limits: Array
-    passive: PassiveForces | None = None
-    followers: Followers | None = None
-    locked: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    q_index: np.ndarray  # (nj,)
+    v_index: np.ndarray  # (nj,)
+    velocity_limits: Array  # (nj,) in rad/s
+    position_lower: Array  # (nj,) in rad
+    position_upper: Array  # (nj,) in rad
+    posture: Array  # nominal positions, (nj,) in rad
+    actuation: Actuation  # in the order of the command
+    effort_limits: Array  # usable torques, (na,) in N·m
+    passive: PassiveForces | None = None  # springs and dampers of joints without a motor
+    followers: Followers | None = None  # mimic joints
+    locked: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))  # positions other than 0, rad
 
     @cached_property
     def nq(self) -> int:
@@ -68,17 +50,17 @@ class RobotModel:
 
     @property
     def nj(self) -> int:
-        """Number of joints that move and are measured."""
+        """Number of moving and measured joints."""
         return len(self.joints)
 
     @cached_property
     def q_places(self) -> np.ndarray | slice:
-        """`q_index`, as a slice if its entries are consecutive."""
+        """`q_index`, as a slice if consecutive."""
         return as_slice(self.q_index)
 
     @cached_property
     def v_places(self) -> np.ndarray | slice:
-        """`v_index`, as a slice if its entries are consecutive."""
+        """`v_index`, as a slice if consecutive."""
         return as_slice(self.v_index)
 
     @cached_property
@@ -88,22 +70,22 @@ class RobotModel:
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Names of the actuators, in the order of the command."""
+        """Names of the actuators in the order of the command."""
         return self.actuation.names
 
     @property
     def driven_joints(self) -> tuple[str, ...]:
-        """Names of the joints that an actuator drives."""
+        """Names of joints with an actuator."""
         return tuple(name for name, driven in zip(self.joints, self.actuation.driven, strict=True) if driven)
 
     @property
     def moving_joints(self) -> tuple[str, ...]:
-        """Names of all joints that move, including those that follow others."""
+        """Names of all moving joints, with mimic joints."""
         return self.joints + (self.followers.names if self.followers is not None else ())
 
     @cached_property
     def units(self) -> tuple[str, ...]:
-        """Unit of each joint's position: rad, or m for a prismatic joint, (nj,)."""
+        """Unit of each joint position, (nj,): rad or m."""
         kinds = (self.pinocchio.joints[self.pinocchio.getJointId(name)].shortname() for name in self.joints)
         return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
 
@@ -124,7 +106,7 @@ class RobotModel:
 
     @cached_property
     def size(self) -> float:
-        """Twice the length of the longest chain of links from the base, at least 0.1 m."""
+        """Twice the length of the longest chain of links, at least 0.1 m."""
         lengths = [0.0]
         for joint in range(1, self.pinocchio.njoints):
             placement = self.pinocchio.jointPlacements[joint]
@@ -141,12 +123,12 @@ class RobotModel:
         return float(np.linalg.norm(self.pinocchio.gravity.linear))
 
     def frame_id(self, name: str, key: str) -> int:
-        """Look up a frame: of a link, or where no link has this name of a joint, as a URDF may use it for both.
+        """Return the id of the frame of a link, else of a joint.
 
         Raises:
-            ConfigurationError: if the model has no such frame; the message begins with the configuration key.
+            ConfigurationError: for an unknown frame; the message begins with the key.
         """
-        known = name.isprintable()  # Pinocchio raises on text that is not valid UTF-8
+        known = name.isprintable()  # Pinocchio raises on invalid UTF-8
         if known and self.pinocchio.existFrame(name, pin.BODY):
             return int(self.pinocchio.getFrameId(name, pin.BODY))
         if not (known and self.pinocchio.existFrame(name)):
@@ -155,10 +137,10 @@ class RobotModel:
         return int(self.pinocchio.getFrameId(name))
 
     def joint_columns(self, names: Sequence[str], key: str) -> np.ndarray:
-        """Indices in `joints` of the named joints, (k,); no names means all joints.
+        """Return the indices (k,) of joints in `joints`, by default all.
 
         Raises:
-            ConfigurationError: where a name is not in `joints`.
+            ConfigurationError: for an unknown joint.
         """
         for name in names:
             if name not in self.joints:
@@ -168,7 +150,7 @@ class RobotModel:
         return np.array([self.joints.index(name) for name in names or self.joints], dtype=np.intp)
 
     def configuration(self, joint_positions: Array, base: pin.SE3 | None = None) -> Array:
-        """Assemble q from the joint positions, (nj,), and the placement of the base."""
+        """Assemble q from joint positions (nj,) and the base's placement."""
         q = np.array(pin.neutral(self.pinocchio))
         if self.floating_base and base is not None:
             q[:7] = pin.SE3ToXYZQUAT(base)
@@ -180,10 +162,7 @@ class RobotModel:
     def state(
         self, joint_positions: Array, joint_velocities: Array, pose: Array | None = None, twist: Array | None = None
     ) -> tuple[Array, Array]:
-        """Assemble q and v from joint positions and velocities, (nj,), and a floating base's pose and twist.
-
-        The pose is position and quaternion, (7,); the twist, (6,), is in the axes of the base.
-        """
+        """Assemble q and v from joint positions and velocities (nj,), base pose (7,) and local base twist (6,)."""
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         if pose is not None and twist is not None:
             q[:7], v[:6] = pose, twist
@@ -195,18 +174,18 @@ class RobotModel:
         return q, v
 
     def difference(self, before: Array, after: Array) -> Array:
-        """The motion from one configuration to another, (nv,): as a velocity that lasts for 1 s."""
+        """Return the motion between two configurations as a velocity over 1 s, (nv,)."""
         return np.asarray(pin.difference(self.pinocchio, before, after))
 
     def passive_force(self, q: Array, v: Array) -> Array:
-        """Generalized force of the springs and dampers of passive joints at a state, (nv,)."""
+        """Return the generalized force of passive springs and dampers, (nv,)."""
         force = np.zeros(self.nv)
         if self.passive is not None:
             force[self.passive.v_index] = self.passive.torques(q, v)
         return force
 
     def joint_forces(self, force: Array) -> Array:
-        """Joint components, (nj,), of a generalized force, (nv,); forces on followers are added to their leaders."""
+        """Return the joint components (nj,) of a generalized force (nv,), with mimic joints acting on their leaders."""
         if self.followers is not None:
             force = np.array(force)
             self.followers.carry(force)
@@ -214,7 +193,7 @@ class RobotModel:
 
 
 def root_link(model: pin.Model) -> str:
-    """Name of the root link: the link of the floating base, or the link fixed to the world."""
+    """Return the name of the floating base's link, or of the link fixed to the world."""
     wanted = 1 if model.njoints > 1 and model.joints[1].nq == 7 else 0
     for frame in model.frames:
         if frame.type == pin.BODY and frame.parentJoint == wanted and frame.name != "universe":

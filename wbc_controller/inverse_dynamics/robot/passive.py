@@ -1,4 +1,4 @@
-"""Joints without a motor of their own: their springs and dampers."""
+"""Springs and dampers of passive joints, which have no motor."""
 
 from __future__ import annotations
 
@@ -12,38 +12,26 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True, slots=True)
 class PassiveJoint:
-    """A spring and a damper between the two links of a joint.
+    """Spring and damper between the two links of a joint."""
 
-    Attributes:
-        stiffness: k, N·m/rad.
-        damping: d, N·m·s/rad.
-        rest: q₀, where the spring is at rest, rad.
-    """
-
-    stiffness: float = 0.0
-    damping: float = 0.0
-    rest: float = 0.0
+    stiffness: float = 0.0  # k, N·m/rad
+    damping: float = 0.0  # d, N·m·s/rad
+    rest: float = 0.0  # rest position q₀, rad
 
 
 class PassiveForces:
-    """The known forces of springs and dampers, -k (q - q₀) - d q̇: part of the bias h, like gravity (S1, S4).
-
-    Attributes:
-        joints: by name, (k,).
-        v_index: index in v of each, (k,).
-    """
+    """Torques of springs and dampers, -k (q - q₀) - d q̇: part of the bias forces h (S1, S4)."""
 
     def __init__(
         self, joints: Mapping[str, PassiveJoint], q_index: Mapping[str, int], v_index: Mapping[str, int]
     ) -> None:
-        """Collect the springs and dampers; the indices in q and v are by name."""
-        self.joints = dict(joints)
-        self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)
+        self.joints = dict(joints)  # by name, (k,)
+        self.v_index = np.array([v_index[name] for name in joints], dtype=np.intp)  # (k,)
         self._q_index = np.array([q_index[name] for name in joints], dtype=np.intp)
         self._stiffness = np.array([joint.stiffness for joint in joints.values()])
         self._damping = np.array([joint.damping for joint in joints.values()])
         self._rest = np.array([joint.rest for joint in joints.values()])
 
     def torques(self, q: Array, v: Array) -> Array:
-        """Torques of the springs and dampers at a state, (k,) in N·m."""
+        """Return the torques at a state, (k,) in N·m."""
         return np.asarray(self._stiffness * (self._rest - q[self._q_index]) - self._damping * v[self.v_index])

@@ -1,7 +1,7 @@
 """Vectors, placements and motions in kernels.
 
-A vector is a tuple of three numbers. A placement is an array (12,): the columns of its rotation R, then its translation
-p. A motion is [linear, angular], a pair of vectors or an array (6,).
+A vector is a tuple of three numbers; a placement an array (12,) of the columns of the rotation R and the translation p;
+a motion [linear, angular] a pair of vectors or an array (6,).
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ def three(array: Array, start: int) -> Vector3:
 
 @part
 def three_of(matrix: Array, row: int, start: int) -> Vector3:
-    """Return three numbers of a row of a matrix."""
+    """Return three numbers of a row."""
     return matrix[row, start], matrix[row, start + 1], matrix[row, start + 2]
 
 
 @part
 def put(out: Array, start: int, a: Vector3) -> None:
-    """Write a vector into an array."""
+    """Write a vector."""
     out[start], out[start + 1], out[start + 2] = a
 
 
 @part
 def put_motion(out: Array, motion: Motion) -> None:
-    """Write a motion into an array, (6,)."""
+    """Write a motion, (6,)."""
     put(out, 0, motion[0])
     put(out, 3, motion[1])
 
@@ -107,20 +107,20 @@ def place(frame: Array, mount: Array, out: Array) -> None:
 
 @part
 def to_world(frame: Array, linear: Vector3, angular: Vector3) -> Motion:
-    """Express a motion in the axes and at the origin of a frame in world axes at the world's origin."""
+    """Transform a motion from a frame's axes and origin to the world's."""
     angular = rotate(frame, angular)
     return add(rotate(frame, linear), cross(three(frame, 9), angular)), angular
 
 
 @part
 def to_frame(frame: Array, linear: Vector3, angular: Vector3) -> Motion:
-    """Express a motion at the world's origin, in world axes, in the axes and at the origin of a frame."""
+    """Transform a motion from the world's axes and origin to a frame's."""
     return rotate_back(frame, add(linear, cross(angular, three(frame, 9)))), rotate_back(frame, angular)
 
 
 @part
 def quaternion(frame: Array, out: Array) -> None:
-    """Write the quaternion (x, y, z, w) of a placement's rotation, by its largest component (Shepperd)."""
+    """Write the quaternion (x, y, z, w) of a placement's rotation (Shepperd)."""
     trace = frame[0] + frame[4] + frame[8]
     if trace > 0.0:
         s = 2.0 * math.sqrt(1.0 + trace)

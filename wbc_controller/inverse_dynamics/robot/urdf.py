@@ -1,4 +1,7 @@
-"""Reads a URDF as XML without Pinocchio, and refuses what other readers of it accept in silence or do not survive."""
+"""URDF reader for untrusted text, without Pinocchio.
+
+Other readers ignore invalid content silently, or crash. All functions raise `ConfigurationError` in one sentence.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +17,14 @@ from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.urdf_structure import check_structure, shape_problem
 from wbc_controller.records import Array
 
-#: Position limits of a continuous joint, rad: far beyond what a joint turns, and exact to 1e-10 rad in between.
-UNLIMITED = 1.0e6
-#: Longest URDF or SRDF, in characters.
-LARGEST_URDF = 4_000_000
-#: Most links in a chain, as Pinocchio goes down it by recursion; and most links, as its time grows with their square.
-LONGEST_CHAIN, MOST_LINKS = 1000, 5000
-#: Largest magnitude of a negative principal moment of inertia that passes as rounding, kg·m².
-_ROUNDING = 1.0e-6
-#: Largest magnitude of a number.
+UNLIMITED = 1.0e6  # rad: out of reach, with a rounding error of 1e-10 rad
+LARGEST_URDF = 4_000_000  # characters
+LONGEST_CHAIN, MOST_LINKS = 1000, 5000  # for Pinocchio's recursion and run time
+_ROUNDING = 1.0e-6  # of moments of inertia, kg·m²
 _LARGEST_NUMBER = 1.0e20
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _COMPONENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-#: By element: its attributes that are numbers, and how many.
+#: Numeric attributes of each element, with their number of values.
 _NUMBERS: dict[str, dict[str, int]] = {
     "mass": {"value": 1},
     "inertia": dict.fromkeys(_COMPONENTS, 1),
@@ -45,35 +43,24 @@ _NUMBERS: dict[str, dict[str, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of a joint that replace those of its URDF; None leaves the URDF's.
+    """Limits of a joint that replace those of its URDF; None keeps them."""
 
-    Attributes:
-        effort: largest torque, N·m; of a prismatic joint largest force, N.
-        velocity: largest speed, rad/s or m/s.
-        lower: lower position limit, rad or m.
-        upper: upper position limit, rad or m.
-    """
-
-    effort: float | None = None
-    velocity: float | None = None
-    lower: float | None = None
-    upper: float | None = None
+    effort: float | None = None  # N·m or N
+    velocity: float | None = None  # rad/s or m/s
+    lower: float | None = None  # rad or m
+    upper: float | None = None  # rad or m
 
 
 class _Builder(ElementTree.TreeBuilder):
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise ValueError("it has a <!DOCTYPE>, and with it entities, which are not read; write out what they stand for")
+        raise ValueError("<!DOCTYPE> is not supported; replace its entities by their content")
 
 
 def parse_xml(text: str, key: str, kind: str) -> ElementTree.Element:
-    """Read a URDF or SRDF as XML; `key` of the configuration and `kind` of text are for the error.
-
-    Raises:
-        ConfigurationError: if it is too long, not well-formed, or has a document type declaration.
-    """
+    """Parse a URDF or SRDF; `key` (configuration) and `kind` are for the error."""
     try:
         if len(text) > LARGEST_URDF:
-            raise ValueError(f"it has {len(text)} characters, and may have {LARGEST_URDF}")
+            raise ValueError(f"it has {len(text)} characters; the maximum is {LARGEST_URDF}")
         parser = ElementTree.XMLParser(target=_Builder())  # noqa: S314 - it refuses entities
         return ElementTree.fromstring(text, parser)  # noqa: S314
     except (ElementTree.ParseError, ValueError) as error:
@@ -81,12 +68,10 @@ def parse_xml(text: str, key: str, kind: str) -> ElementTree.Element:
 
 
 def parse_urdf(urdf: str) -> ElementTree.Element:
-    """Read a URDF, and refuse what other readers of it accept in silence or do not survive.
+    """Read and check a URDF.
 
-    Raises:
-        ConfigurationError: if it is no XML, a number is none or too large, an axis has no direction, an
-            ``<inertial>`` lacks a value, a mass or a principal moment of inertia is negative, links are too many, or
-            the structure is wrong (`check_structure`).
+    Refuses invalid XML, invalid or too large numbers, joint axes of zero length, incomplete inertias, and negative
+    masses or principal moments. Also refuses too many links, and invalid structures (`check_structure`).
     """
     tree = parse_xml(urdf, "robot.urdf", "URDF")
     for body in (*tree.findall("link"), *tree.findall("joint")):
@@ -94,10 +79,10 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
         for element in body.iter():
             for key, count in _NUMBERS.get(element.tag, {}).items():
                 if (text := element.get(key)) is not None:
-                    _numbers(text, count, f"{subject}: <{element.tag} {key}=")
+                    _require_numbers(text, count, f"{subject}: <{element.tag} {key}=")
         axis = body.find("axis")
         if axis is not None and body.get("type") != "fixed" and not any(map(float, axis.get("xyz", "1 0 0").split())):
-            raise ConfigurationError(f"{subject}: <axis xyz={axis.get('xyz')!r}> has no direction, such as '0 0 1'")
+            raise ConfigurationError(f"{subject}: <axis xyz={axis.get('xyz')!r}> has zero length; example: '0 0 1'")
         _check_inertial(body, subject)
     _check_chains(tree)
     check_structure(tree)
@@ -105,18 +90,13 @@ def parse_urdf(urdf: str) -> ElementTree.Element:
 
 
 def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({})) -> tuple[ElementTree.Element, str]:
-    """Read a URDF as `parse_urdf` does, with other limits of some joints, each of which has one coordinate.
+    """Read and check a URDF, replace limits of joints, and split joints with several coordinates.
 
-    Pinocchio gives a continuous joint two coordinates, its cosine and sine, and forgets the turns; here it is a
-    revolute joint without position limits, whose position counts them. A planar joint becomes three, as MoveIt names
-    them: ``NAME/x`` and ``NAME/y`` in its plane, and ``NAME/theta`` about its axis.
+    A continuous joint becomes a revolute joint without position limits: Pinocchio would lose its turns. A planar joint
+    becomes MoveIt's joints ``NAME/x`` and ``NAME/y`` in its plane, and ``NAME/theta``. Missing limits are refused.
 
     Returns:
-        The tree and its text, so that all readers see the same joints; the given text if nothing changes.
-
-    Raises:
-        ConfigurationError: as `parse_urdf`; if the URDF does not have a joint, or a joint has no limits or a lower
-            one above the upper one.
+        The tree, and its text for other readers.
     """
     tree = parse_urdf(urdf)
     changed = _drop_unusable_visuals(tree)
@@ -144,7 +124,7 @@ def read_robot(urdf: str, limits: Mapping[str, JointLimits] = MappingProxyType({
 
 
 def split_planar_joints(tree: ElementTree.Element) -> bool:
-    """Replace planar joints by joints with one coordinate (`read_robot`), in place; True if there are any."""
+    """Replace planar joints by joints with one coordinate, in place; return True if there are any."""
     planar = [joint for joint in tree.findall("joint") if joint.get("type") == "planar"]
     for joint in planar:
         _split(tree, joint)
@@ -152,11 +132,10 @@ def split_planar_joints(tree: ElementTree.Element) -> bool:
 
 
 def _split(tree: ElementTree.Element, planar: ElementTree.Element) -> None:
-    """Replace a planar joint by two prismatic ones and a revolute one, with links without mass in between."""
     name, axis, child = str(planar.get("name")), planar.find("axis"), planar.find("child")
     normal = np.array([float(part) for part in (axis.get("xyz", "1 0 0") if axis is not None else "1 0 0").split()])
     normal /= np.linalg.norm(normal)
-    across = np.cross([0.0, 1.0, 0.0], normal)  # x where the normal is z
+    across = np.cross([0.0, 1.0, 0.0], normal)  # x if the normal is z
     if not (np.linalg.norm(across) > 0.1):
         across = np.array([1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
@@ -173,7 +152,7 @@ def _split(tree: ElementTree.Element, planar: ElementTree.Element) -> None:
         if origin is not None and i == 0:
             joint.append(origin)
         ElementTree.SubElement(joint, "axis", xyz=" ".join(map(repr, direction.tolist())))
-        # A planar joint needs no limits: 0 counts as missing.
+        # A planar joint needs no limits, and 0 counts as missing.
         ElementTree.SubElement(
             joint, "limit", {"effort": "0", "velocity": "0"} | ({} if limit is None else limit.attrib)
         )
@@ -193,25 +172,21 @@ def _write_limits(joint: ElementTree.Element, values: Mapping[str, float]) -> No
 
 
 def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
-    """Refuse a joint without limits, or with exchanged ones: other readers of the URDF do not name it."""
     if limit is None or limit.get("effort") is None or limit.get("velocity") is None:
         key = "effort" if limit is None or limit.get("effort") is None else "velocity"
         raise ConfigurationError(
-            f"robot.urdf: joint {name!r}: it has no <limit {key}=…>; add it, or robot.joint_limits.{name}.{key}"
+            f"robot.urdf: joint {name!r}: it has no <limit {key}=…>; add it, or set robot.joint_limits.{name}.{key}"
         )
     lower, upper = (float(limit.get(key, "0")) for key in ("lower", "upper"))
     if not (lower <= upper):
         raise ConfigurationError(
             f"robot.urdf: joint {name!r}: the lower limit {lower:g} is above the upper limit {upper:g}; correct the "
-            f"URDF, or give robot.joint_limits.{name} a lower and an upper"
+            f"URDF, or set lower and upper of robot.joint_limits.{name}"
         )
 
 
 def _drop_unusable_visuals(tree: ElementTree.Element) -> bool:
-    """Remove visuals and materials that cannot be drawn, in place; True if there are any.
-
-    Readers of a URDF drop the whole link, or the whole robot, for them.
-    """
+    """Remove invalid visuals and materials, for which other readers drop the link or robot; return True if any."""
     changed, known = False, set()
     for material in tree.findall("material"):
         name = material.get("name")
@@ -232,7 +207,7 @@ def _drop_unusable_visuals(tree: ElementTree.Element) -> bool:
 
 
 def inertia_tensor(inertia: ElementTree.Element) -> Array:
-    """The tensor of a URDF's ``<inertia>``, (3, 3) in kg·m²."""
+    """Return the tensor of a URDF's ``<inertia>``, (3, 3) in kg·m²."""
     tensor = np.zeros((3, 3))
     for key in _COMPONENTS:
         i, j = ("xyz".index(axis) for axis in key[1:])
@@ -240,7 +215,7 @@ def inertia_tensor(inertia: ElementTree.Element) -> Array:
     return tensor
 
 
-def _numbers(text: str, count: int, where: str) -> None:
+def _require_numbers(text: str, count: int, where: str) -> None:
     values = text.split()
     if len(values) != count or not all(
         _NUMBER.fullmatch(value) and abs(float(value)) <= _LARGEST_NUMBER for value in values
@@ -255,7 +230,6 @@ def _shortened(text: str) -> str:
 
 
 def _check_inertial(link: ElementTree.Element, subject: str) -> None:
-    """Refuse the ``<inertial>`` of a link that lacks a value or is negative; a link without one has no mass."""
     inertial = link.find("inertial")
     if inertial is None:
         return
@@ -264,24 +238,23 @@ def _check_inertial(link: ElementTree.Element, subject: str) -> None:
         missing = [key for key in keys if element is None or element.get(key) is None]
         if missing:
             raise ConfigurationError(
-                f"{subject}: its <inertial> has no <{name} {missing[0]}=…>; a link without mass has no <inertial>"
+                f"{subject}: <inertial> has no <{name} {missing[0]}=…>; a massless link has no <inertial>"
             )
     mass = float(inertial.find("mass").get("value"))  # type: ignore[union-attr, arg-type]
     if not (mass >= 0.0):
-        raise ConfigurationError(f"{subject}: its mass is {mass:g} kg; it must not be negative")
+        raise ConfigurationError(f"{subject}: the mass is {mass:g} kg; it must not be negative")
     tensor = inertia_tensor(inertial.find("inertia"))  # type: ignore[arg-type]
     smallest = float(np.linalg.eigvalsh(tensor)[0])
     if not (smallest >= -_ROUNDING):
         raise ConfigurationError(
-            f"{subject}: its smallest principal moment of inertia is {smallest:g} kg·m²; none may be negative"
+            f"{subject}: the smallest principal moment of inertia is {smallest:g} kg·m²; it must not be negative"
         )
 
 
 def _check_chains(tree: ElementTree.Element) -> None:
-    """Refuse too many links, and chains that are too long; a link's last parent counts."""
     links = [str(link.get("name")) for link in tree.findall("link")]
     if len(links) > MOST_LINKS:
-        raise ConfigurationError(f"robot.urdf: it has {len(links)} links, and may have {MOST_LINKS}")
+        raise ConfigurationError(f"robot.urdf: the number of links is {len(links)}; the maximum is {MOST_LINKS}")
     parents = {}
     for joint in tree.findall("joint"):
         child, parent = joint.find("child"), joint.find("parent")
@@ -295,6 +268,6 @@ def _check_chains(tree: ElementTree.Element) -> None:
         depth += 1
         if depth > LONGEST_CHAIN:
             raise ConfigurationError(
-                f"robot.urdf: link {level[0]!r} is number {depth} in a chain of links; it may have {LONGEST_CHAIN}"
+                f"robot.urdf: link {level[0]!r} is number {depth} in a chain of links; the maximum is {LONGEST_CHAIN}"
             )
         level = [child for name in level for child in children.get(name, ())]

@@ -1,4 +1,4 @@
-"""Checks the structure of a URDF: unique names, one tree of links, known joints, and shapes with sizes."""
+"""Structure checks of a URDF: unique names, one tree of links, known joints, and shapes with sizes."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from xml.etree import ElementTree
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 
-#: Types of joints in a URDF.
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-#: Pinocchio's name of the world, for joints.
 _PINOCCHIO_WORLD = "universe"
-#: Shapes with the attributes that they require.
+#: Shapes with required attributes.
 SHAPES = {
     "box": ("size",),
     "sphere": ("radius",),
@@ -19,33 +17,29 @@ SHAPES = {
     "capsule": ("radius", "length"),
     "mesh": ("filename",),
 }
-#: Most names in a message.
-_NAMED = 6
+_NAMED = 6  # in a message
 
 
 def check_structure(tree: ElementTree.Element) -> None:
     """Check names, joints, collision shapes and the tree of links.
 
-    Pinocchio's reader drops what is wrong in silence, or refuses the file without the name of a link or joint.
-
-    Raises:
-        ConfigurationError: in one sentence with the link or joint.
+    Pinocchio drops invalid parts silently, or does not name the link or joint.
     """
     _check_expanded(tree)
     if tree.tag != "robot":
-        raise ConfigurationError(f"robot.urdf: its root element is <{tree.tag}>; the one of a URDF is <robot>")
+        raise ConfigurationError(f"robot.urdf: the root element is <{tree.tag}>; expected <robot>")
     links, joints = (_unique_names(tree, kind) for kind in ("link", "joint"))
     if not links:
-        raise ConfigurationError("robot.urdf: it has no <link>")
-    parents: dict[str, str] = {}  # by link, the joint that moves it
-    above: dict[str, str] = {}  # by link, the link above it
+        raise ConfigurationError("robot.urdf: no <link> found")
+    parents: dict[str, str] = {}  # joint above each link
+    above: dict[str, str] = {}  # parent of each link
     for name, joint in joints.items():
         _check_joint(name, joint)
         parent, child = (_end(name, joint, key, links) for key in ("parent", "child"))
         if child in parents:
             raise ConfigurationError(
                 f"robot.urdf: link {child!r} is the child of two joints, {parents[child]!r} and {name!r}; a URDF is a "
-                "tree: leave one of them out, and close the chain by `loops`"
+                "tree: remove one of them, and close the chain with `loops`"
             )
         parents[child], above[child] = name, parent
     _check_tree(links, above)
@@ -55,7 +49,6 @@ def check_structure(tree: ElementTree.Element) -> None:
 
 
 def _check_expanded(tree: ElementTree.Element) -> None:
-    """Refuse a file for xacro, whose macros add the links."""
     for element in tree.iter():
         space, _, tag = str(element.tag).rpartition("}")
         if space.rstrip("/").endswith("xacro"):
@@ -65,14 +58,13 @@ def _check_expanded(tree: ElementTree.Element) -> None:
 
 
 def _unique_names(tree: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
-    """Return the links or joints by name."""
     found: dict[str, ElementTree.Element] = {}
     for number, element in enumerate(tree.findall(kind), start=1):
         name = element.get("name", "")
         if not name.strip():
             raise ConfigurationError(f"robot.urdf: {kind} number {number} has no name")
         if name in found:
-            raise ConfigurationError(f"robot.urdf: two {kind}s are called {name!r}; names of {kind}s are unique")
+            raise ConfigurationError(f"robot.urdf: duplicate {kind} {name!r}; {kind} names must be unique")
         found[name] = element
     return found
 
@@ -84,11 +76,10 @@ def _check_joint(name: str, joint: ElementTree.Element) -> None:
             f"robot.urdf: joint {name!r} has the unknown type {kind!r}; {valid_choices(kind, JOINT_TYPES)}"
         )
     if name == _PINOCCHIO_WORLD:
-        raise ConfigurationError(f"robot.urdf: no joint may be called {name!r}, Pinocchio's name of the world")
+        raise ConfigurationError(f"robot.urdf: invalid joint name {name!r}: Pinocchio reserves it for the world")
 
 
 def _end(name: str, joint: ElementTree.Element, key: str, links: Mapping[str, object]) -> str:
-    """Return the link that a joint names as its parent or child."""
     element = joint.find(key)
     link = None if element is None else element.get("link")
     if link is None:
@@ -101,7 +92,6 @@ def _end(name: str, joint: ElementTree.Element, key: str, links: Mapping[str, ob
 
 
 def _check_tree(links: Iterable[str], above: Mapping[str, str]) -> None:
-    """Require one root, from which all links can be reached."""
     roots = [name for name in links if name not in above]
     if len(roots) > 1:
         raise ConfigurationError(
@@ -117,8 +107,8 @@ def _check_tree(links: Iterable[str], above: Mapping[str, str]) -> None:
     circle = [name for name in links if name not in reached]
     if circle:
         raise ConfigurationError(
-            f"robot.urdf: the links {_listed(circle)} are below each other in a circle; a URDF is a tree: leave one "
-            "joint out, and close the chain by `loops`"
+            f"robot.urdf: the links {_listed(circle)} form a cycle; a URDF is a tree: remove one joint, and close the "
+            "chain with `loops`"
         )
 
 
@@ -133,7 +123,7 @@ def _check_shape(link: str, element: ElementTree.Element) -> None:
 
 
 def shape_problem(element: ElementTree.Element) -> str | None:
-    """Problem of a ``<collision>`` or ``<visual>``, for which Pinocchio's reader drops the link's other shapes too."""
+    """Return the problem of a ``<collision>`` or ``<visual>``; Pinocchio would drop all shapes of the link."""
     geometry = element.find("geometry")
     shape = next(iter(geometry), None) if geometry is not None else None
     if shape is None:
@@ -144,5 +134,5 @@ def shape_problem(element: ElementTree.Element) -> str | None:
         if shape.get(key) is None:
             return f"has a <{shape.tag}> without {key}"
         if key != "filename" and any(float(value) < 0.0 for value in shape.get(key, "").split()):
-            return f"has a <{shape.tag} {key}={shape.get(key)!r}>; sizes are not negative"
+            return f"has a <{shape.tag} {key}={shape.get(key)!r}>; sizes must not be negative"
     return None

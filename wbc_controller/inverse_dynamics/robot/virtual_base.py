@@ -1,4 +1,4 @@
-"""Virtual joints in a URDF: between the root link and the base, in place of a floating base."""
+"""Virtual joints of a URDF, in place of a floating base."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-#: Smallest volume of three unit axes that span the space.
-_LEAST_VOLUME = 0.1
+_LEAST_VOLUME = 0.1  # of three unit axes that span the space
 
 
 def virtual_joints(tree: ElementTree.Element) -> list[str]:
-    """Return the joints that stand for a floating base, from the root on; empty if there are none.
+    """Return the virtual joints of a floating base, from the root on.
 
-    These are a joint of type floating, or three prismatic joints and three that rotate, between links without mass
-    from the root link on; fixed joints may be between them.
+    These are one floating joint, or three prismatic and three rotational joints, between massless links; fixed joints
+    may be between them.
     """
     masses = {str(link.get("name")): _mass(link) for link in tree.findall("link")}
     below: dict[str, list[ElementTree.Element]] = {}
@@ -40,7 +39,7 @@ def virtual_joints(tree: ElementTree.Element) -> list[str]:
 
 
 def drop_virtual_joints(tree: ElementTree.Element) -> bool:
-    """Remove the virtual joints and the links above the base, in place; True if there are any."""
+    """Remove virtual joints and the links above the base, in place; return True if there are any."""
     names = virtual_joints(tree)
     joints = [joint for joint in tree.findall("joint") if joint.get("name") in names]
     above = {_end(joint, "parent") for joint in joints}
@@ -60,6 +59,5 @@ def _mass(link: ElementTree.Element) -> float:
 
 
 def _span(axes: list[list[float]]) -> bool:
-    """Return True if three directions span the space."""
     unit = np.array(axes) / np.linalg.norm(axes, axis=1, keepdims=True)
     return bool(abs(np.linalg.det(unit)) > _LEAST_VOLUME)

@@ -1,7 +1,4 @@
-"""The condensed system of a quadratic program with a known active set: eliminate, assemble, factorize, solve, check.
-
-`solvers.active_set` derives the equations.
-"""
+"""Kernel for the condensed quadratic program of a known active set (`solvers.active_set`)."""
 
 from __future__ import annotations
 
@@ -13,31 +10,16 @@ from wbc_controller.compilation import OutMatrix, OutVector, Signs, compiled, pa
 from wbc_controller.inverse_dynamics.formulation.problem_kernels import Constraints, LeastSquares, dot, residuals
 from wbc_controller.records import Array
 
-#: Outcomes of `solve_condensed`.
 NOT_FOUND, SOLVED, NOTHING_FREE, WRONG_SET = 0, 1, 2, 3
-#: Largest violation of a constraint, in the problem's units; the same as DAQP's tolerance.
-FEASIBLE = 1.0e-8
-#: Largest residual of the condensed system that needs no refinement.
-PRECISE = 1.0e-11
-#: Largest norm of a solution before its linear system counts as nearly singular; 1e3 is usual.
-LARGEST = 1.0e8
-#: A row counts as dependent on those above it below this share of its square, in the metric of the cost.
-DEPENDENT = 1.0e-12
+FEASIBLE = 1.0e-8  # constraint violation, as for DAQP
+PRECISE = 1.0e-11  # residual without refinement
+LARGEST = 1.0e8  # norm of a solution; usually 1e3
+DEPENDENT = 1.0e-12  # relative square below which a row depends on the rows above
 
 
 @part
 def eliminate_base(rows: Array, base_map: Array) -> bool:
-    """Compute [N, s] of x_base = s - N z from equality constraints H x_base + T z = b: [N, s] = H⁻¹ [T, b].
-
-    Gauss-Jordan elimination with row pivoting.
-
-    Args:
-        rows: [H, T, b], (k, n + 1).
-        base_map: for [N, s], (k, n + 1 - k).
-
-    Returns:
-        False if H is singular.
-    """
+    """Compute [N, s] = H⁻¹ [T, b] of x_base = s - N z from [H, T, b] by Gauss-Jordan; return False for singular H."""
     count, matrix = len(rows), rows.copy()
     for column in range(count):
         pivot = column
@@ -47,7 +29,7 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
         if not abs(matrix[pivot, column]) > 0.0:
             return False
         inverse = 1.0 / matrix[pivot, column]
-        for j in range(column, matrix.shape[1]):  # the columns before are those of the identity
+        for j in range(column, matrix.shape[1]):  # earlier columns are those of the identity
             swapped = matrix[column, j]
             matrix[column, j] = inverse * matrix[pivot, j]
             if pivot != column:
@@ -65,9 +47,9 @@ def eliminate_base(rows: Array, base_map: Array) -> bool:
 
 @part
 def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
-    """Write rows [H, T] of x in terms of z: out = T - H N; the right-hand sides are the last column."""
+    """Write rows [H, T] of x in terms of z, T - H N, with right-hand sides in the last column."""
     base = len(base_map)
-    if base == 6:  # that of a floating base, in one pass
+    if base == 6:  # floating base, in one pass
         n0, n1, n2, n3, n4, n5 = base_map[0], base_map[1], base_map[2], base_map[3], base_map[4], base_map[5]
     for i in range(len(rows)):
         row, rest, target = rows[i], rows[i, base:], out[i]
@@ -86,16 +68,7 @@ def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
 
 @part
 def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: int, base_map: Array, out: Array) -> None:
-    """Write an active bound of [x; C x] in terms of z.
-
-    Args:
-        place: its index in [x; C x].
-        sign: 1 for the upper bound, -1 for the lower one.
-        constraints: the constraints.
-        equalities: number of equality constraints.
-        base_map: [N, s].
-        out: for the row and its right-hand side, (n + 1 - base,).
-    """
+    """Write an active bound of entry `place` of [x; C x] in terms of z; `sign` is 1 for the upper bound, else -1."""
     base, n = len(base_map), constraints.rows.shape[1] - 1
     if place >= n:
         row = equalities + place - n
@@ -110,14 +83,7 @@ def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: in
 
 @part
 def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> Array:
-    """Compute K = B D⁻¹ Bᵀ + E, with E = 1 / w in the rows of the cost and 0 elsewhere.
-
-    Args:
-        B: (m, n).
-        inverse: the diagonal of D⁻¹, (n,).
-        first_soft: index of the first row of the cost.
-        weights: w, (k,).
-    """
+    """Compute K = B D⁻¹ Bᵀ + E, with E = 1 / w in the cost rows from `first_soft` on."""
     scaled = np.empty(B.shape)
     for i in range(len(B)):
         for j in range(B.shape[1]):
@@ -130,24 +96,16 @@ def system_matrix(B: Array, inverse: Array, first_soft: int, weights: Array) -> 
 
 @part
 def factorize(K: Array, hard: int, inverse: Array) -> bool:
-    """Replace K by U with K = UᵀU (Cholesky), in its upper triangle.
+    """Replace K by U of K = UᵀU (Cholesky), in the upper triangle; return False if K is not positive definite.
 
-    If one of the first `hard` rows depends on those above it, its unknown takes no part and becomes 0.
-
-    Args:
-        K: symmetric, (m, m).
-        hard: number of rows that may depend on others.
-        inverse: for 1 / Uᵢᵢ, 0 for a row that takes no part, (m,).
-
-    Returns:
-        False if K is not positive definite.
+    If one of the first `hard` rows depends on the rows above, its unknown becomes 0. `inverse` receives 1 / Uᵢᵢ, or 0.
     """
     m = len(K)
     for i in range(m):
         inverse[i] = DEPENDENT * K[i, i] if i < hard else -1.0
     for i in range(m):
         row, fours = K[i, i:], i - i % 4
-        for k in range(0, fours, 4):  # less the parts of the rows above, four at a time
+        for k in range(0, fours, 4):  # subtract the rows above, four at a time
             a, b, c, d = K[k, i:], K[k + 1, i:], K[k + 2, i:], K[k + 3, i:]
             a0, b0, c0, d0 = a[0], b[0], c[0], d[0]
             for j in range(len(row)):
@@ -161,7 +119,7 @@ def factorize(K: Array, hard: int, inverse: Array) -> bool:
             inverse[i] = 0.0
         elif square > 0.0:
             inverse[i] = 1.0 / math.sqrt(square)
-        else:  # NaN, too
+        else:  # also NaN
             return False
         scale = inverse[i]
         for j in range(len(row)):
@@ -171,7 +129,7 @@ def factorize(K: Array, hard: int, inverse: Array) -> bool:
 
 @part
 def solve_factorized(U: Array, inverse: Array, p: Array) -> None:
-    """Solve UᵀU p = β, with p in place of β."""
+    """Solve UᵀU p = β in place of β."""
     m = len(p)
     for i in range(m):
         p[i] *= inverse[i]
@@ -184,15 +142,7 @@ def solve_factorized(U: Array, inverse: Array, p: Array) -> None:
 
 @part
 def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> Array:
-    """Compute the residual of the condensed system, β - B z - E p, (m,).
-
-    Args:
-        B: rows with β in the last column, (m, n + 1).
-        z: with -1 as its last entry, (n + 1,).
-        p: (m,).
-        first_soft: index of the first row of the cost.
-        weights: w, (k,).
-    """
+    """Compute the residual β - B z - E p, (m,), from [B, β] and [z, -1]."""
     out: Array = np.dot(B, z)
     for i in range(len(out)):
         out[i] = -out[i] if i < first_soft else -out[i] - p[i] / weights[i - first_soft]
@@ -201,7 +151,7 @@ def residual(B: Array, z: Array, p: Array, first_soft: int, weights: Array) -> A
 
 @part
 def largest_of(values: Array) -> float:
-    """Return the largest magnitude; NaN if one is NaN, 0 of no values."""
+    """Return the largest magnitude, or NaN; 0 without values."""
     largest = 0.0
     for value in values:
         if abs(value) > largest or value != value:
@@ -211,14 +161,7 @@ def largest_of(values: Array) -> float:
 
 @part
 def next_set(sides: np.ndarray, active: np.ndarray, p: Array, room: Array) -> None:
-    """Write the active set to be tried next: the violated bounds, and those whose multiplier has the right sign.
-
-    Args:
-        sides: the present active set, and memory for the next one, (2, n + m_in).
-        active: indices of the active bounds.
-        p: negative multipliers of the active bounds.
-        room: distances from the bounds, (2, n + m_in).
-    """
+    """Write the next active set to row 1 of `sides`: violated bounds, and active ones with -p of right sign."""
     for i in range(room.shape[1]):
         sides[1, i] = -1 if room[0, i] < -FEASIBLE else 1 if room[1, i] < -FEASIBLE else 0
     for i in range(len(active)):
@@ -245,46 +188,42 @@ def solve_condensed(
 
         z = t + D⁻¹ Bᵀp,    (B D⁻¹ Bᵀ + E) p = β - B t.
 
-    The last column of B has the right-hand sides β, for which z has -1. Dependent rows of B take no part; as their
-    residuals are checked like all others, the solution is the minimizer even so.
-
-    For strict priorities there is one call per level, with the same `memory` and results.
+    The last column of B is β, and the last entry of z is -1. Dependent rows of B are ignored, but their residuals
+    checked. Strict priorities use one call per level with the same `memory` and results.
 
     Args:
-        cost: of the level, with the constraints of the problem.
-        sides: the active set of [x; C x]: 1 at the upper bound, -1 at the lower one, else 0; and below it memory for
-            the set that is to be tried next, (2, n + m_in).
-        memory: [N, s] and the equality constraints in terms of z, which the first level fills, then the rows that the
-            levels above keep, and memory for those of this level, (≥ base + above + kept, n + 1 - base).
+        cost: of the level, with the constraints.
+        sides: active set of [x; C x] as in `ActiveSet.side`; row 1 receives the next set to try, (2, n + m_in).
+        memory: as `LevelWorkspace.rows`.
         above: number of rows in `memory` after [N, s]; 0 for the first level.
-        kept: number of leading rows of the cost that are added to them, with their values at the solution.
-        value: for [x; C x], (n + m_in,).
-        multipliers: for those of the active bounds, unless a higher level has set them, (n + m_in,).
-        room: for the distances of [x; C x] from the lower and upper bounds, (2, n + m_in).
-        equalities: for |A x - b|, (m_eq,).
-        outputs: for C x + r of the first rows, (k,).
+        kept: number of leading cost rows appended to `memory`.
+        value: out: [x; C x], (n + m_in,).
+        multipliers: out: of active bounds not set by a higher level, (n + m_in,).
+        room: out: distances of [x; C x] from lower and upper bounds, (2, n + m_in).
+        equalities: out: |A x - b|, (m_eq,).
+        outputs: out: C x + r of the first rows, (k,).
 
     Returns:
-        `SOLVED`; `WRONG_SET`; `NOTHING_FREE` if the levels above determine x (then nothing is filled); or `NOT_FOUND`.
-        Then the cost, the smallest room, and the largest |A x - b|.
+        `SOLVED`, `WRONG_SET`, `NOTHING_FREE` if the levels above determine x, or `NOT_FOUND`; the cost, the smallest
+        room, and the largest |A x - b|.
     """
     constraints = cost.constraints
     rows, weights, base, end = constraints.rows, cost.weights, cost.base, len(equalities)
     soft, own, width, last = len(weights), end - cost.base, rows.shape[1] - cost.base, rows.shape[1] - 1 - cost.base
     if not (cost.rows.shape[1] == rows.shape[1] and len(cost.diagonal) == len(cost.target) == rows.shape[1] - 1):
-        raise ValueError("solve_condensed: the cost and the constraints have different numbers of variables")
+        raise ValueError("solve_condensed: cost and constraints have different numbers of variables")
     if not (len(cost.rows) >= soft >= kept and len(multipliers) == len(value) == sides.shape[1] and own >= 0):
-        raise ValueError("solve_condensed: the sizes of the cost or of the results do not agree with the constraints")
+        raise ValueError("solve_condensed: sizes of cost or results differ from the constraints")
     base_map, upper_rows = memory[:base], memory[base:]
     if not (memory.shape[1] == width and len(upper_rows) >= (above if above else own) + kept):
-        raise ValueError("solve_condensed: the memory for the levels is too small")
+        raise ValueError("solve_condensed: memory for the levels is too small")
     # Eliminate the base.
     if above == 0:
         if not eliminate_base(rows[own:end], base_map):
             return NOT_FOUND, 0.0, 0.0, 0.0
         reduce_rows(rows[:own], base_map, upper_rows)
         multipliers[:] = 0.0
-    # Assemble B = [equality constraints and rows of the levels above; active bounds; rows of the cost].
+    # Assemble B = [equality constraints and rows of the levels above; active bounds; cost rows].
     active = np.flatnonzero(sides[0])
     top = above if above else own
     hard = top + len(active)
@@ -305,7 +244,7 @@ def solve_condensed(
         return NOT_FOUND, 0.0, 0.0, 0.0
     if above and np.count_nonzero(pivots[:top]) >= last:
         return NOTHING_FREE, 0.0, 0.0, 0.0
-    # Solve, with up to two steps of iterative refinement: D⁻¹ magnifies the rounding of z, so z is moved on.
+    # Solve, with iterative refinement, as D⁻¹ magnifies rounding errors of z.
     p = np.zeros(len(B))
     left = beta = residual(B, z, p, hard, weights)
     for _ in range(3):
@@ -316,13 +255,13 @@ def solve_condensed(
         if not dot(p, p) <= LARGEST * LARGEST:
             return NOT_FOUND, 0.0, 0.0, 0.0
         step = np.dot(correction, B)
-        for j in range(last):  # not the last one, -1
+        for j in range(last):  # without the last entry, -1
             z[j] += inverse[j] * step[j]
         left = residual(B, z, p, hard, weights)
         if largest_of(left) <= PRECISE:
             break
     # Check.
-    lost = largest_of(left[own:top])  # of the rows that higher levels keep
+    lost = largest_of(left[own:top])  # of the kept rows
     for i in range(base):
         value[i] = -dot(base_map[i], z)
     for j in range(last):
@@ -343,5 +282,5 @@ def solve_condensed(
         for j in range(last):
             upper_rows[top + i, j] = B[hard + i, j]
         upper_rows[top + i, last] = dot(B[hard + i, :last], z[:last])
-    # (z - t)ᵀD (z - t) = pᵀB (z - t) and B z = β - E p: all squares together are ½ pᵀ(β - B t).
+    # (z - t)ᵀD (z - t) = pᵀB (z - t) and B z = β - E p: the sum of squares is ½ pᵀ(β - B t).
     return SOLVED, 0.5 * dot(p, beta), least, largest

@@ -20,15 +20,15 @@ _PERSISTENT: dict[str, Callable[[int, int, int], Solver]] = {
 
 
 def available_solvers() -> list[str]:
-    """Names of the solvers that are installed."""
+    """Return the names of installed solvers."""
     return sorted({*_PERSISTENT, *qpsolvers.available_solvers})
 
 
 def make_solver(name: str, problem: QuadraticProgram) -> Solver:
-    """Make a solver for problems of the same size as the one given.
+    """Make a solver for problems of the same size.
 
     Raises:
-        ConfigurationError: where no solver of that name is installed.
+        ConfigurationError: if the solver is not installed.
     """
     if name in _PERSISTENT:
         return _PERSISTENT[name](problem.n, len(problem.b), len(problem.upper))
@@ -37,12 +37,8 @@ def make_solver(name: str, problem: QuadraticProgram) -> Solver:
 
 
 def require_solver(name: str) -> None:
-    """Check that a solver is installed.
-
-    Raises:
-        ConfigurationError: where it is not.
-    """
+    """Raise `ConfigurationError` if a solver is not installed."""
     if name not in available_solvers():
         raise ConfigurationError(
-            f"solver.name = {name!r}: no such solver is installed; {valid_choices(name, available_solvers())}"
+            f"solver.name = {name!r}: the solver is not installed; {valid_choices(name, available_solvers())}"
         )

@@ -1,4 +1,4 @@
-"""Least-distance programming: a quadratic program with inequalities by non-negative least squares."""
+"""Least-distance programming: quadratic programs with inequalities by non-negative least squares."""
 
 import numpy as np
 from scipy.linalg import LinAlgError, solve_triangular
@@ -8,19 +8,16 @@ from wbc_controller.inverse_dynamics.formulation.answer import Answer
 from wbc_controller.inverse_dynamics.formulation.problem import QuadraticProgram
 from wbc_controller.records import Array
 
-#: Norm of a row below which x does not affect it.
-_NO_ROW = 1.0e-12
-#: Smallest -rₙ₊₁ = 1 / (1 + ‖y‖²) of a feasible problem, with y in its unit; 0 if constraints contradict each other.
-_FEASIBLE = 1.0e-9
+_NO_ROW = 1.0e-12  # norm of a row independent of x
+_FEASIBLE = 1.0e-9  # 1 / (1 + ‖y‖²), with normalized y
 
 
 def solve_by_least_distance(problem: QuadraticProgram) -> Answer:
-    """Solve a problem without equalities and bounds of x, whose feasible set may be thin.
+    """Solve a problem without equalities and bounds of x, possibly with a thin feasible set.
 
-    With H = L Lᵀ and y = Lᵀx + L⁻¹g the problem is to minimize ‖y‖² subject to G y ≥ h. Its solution follows from
-    min ‖E u - e‖ over u ≥ 0, with E = [Gᵀ; hᵀ] and e = [0; 1]: with r = E u - e, y = -r₁…ₙ / rₙ₊₁, and the multipliers
-    are -u / rₙ₊₁ (Lawson, Hanson, "Solving least squares problems", 1974, chapter 23). Non-negative least squares does
-    not fail at points in which many constraints meet, such as the apex of a friction pyramid. It is slower than DAQP.
+    With H = L Lᵀ and y = Lᵀx + L⁻¹g, minimize ‖y‖² subject to G y ≥ h. From min ‖E u - e‖ over u ≥ 0, with E = [Gᵀ;
+    hᵀ], e = [0; 1] and r = E u - e, follow y = -r₁…ₙ / rₙ₊₁ and the multipliers -u / rₙ₊₁ (Lawson, Hanson, "Solving
+    least squares problems", 1974, chapter 23). Robust if many constraints meet in a point, but slower than DAQP.
     """
     upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
     try:
@@ -30,11 +27,11 @@ def solve_by_least_distance(problem: QuadraticProgram) -> Answer:
         h = np.concatenate([-problem.upper[upper], problem.lower[lower]]) + G @ origin
         sizes = np.linalg.norm(G, axis=1)
         rows = sizes > _NO_ROW
-        # A unit of y in which ‖y‖ is about 1: its size without constraints, or the distance from 0 to the farthest one.
+        # Unit of y for ‖y‖ ≈ 1: its size without constraints, or the distance of the farthest constraint.
         unit = max(float(np.linalg.norm(origin)), float((h[rows] / sizes[rows]).max(initial=0.0)), _NO_ROW)
         E = np.vstack([G[rows].T, h[rows] / unit]) / sizes[rows]
         u, _ = nnls(E, np.append(np.zeros(problem.n), 1.0))
-    except (LinAlgError, RuntimeError) as error:  # H is not positive definite, or there are too many iterations
+    except (LinAlgError, RuntimeError) as error:  # H is not positive definite, or too many iterations
         return Answer(None, f"{type(error).__name__}: {error}", 0)
     r: Array = E @ u
     r[-1] -= 1.0

@@ -12,31 +12,29 @@ from wbc_controller.inverse_dynamics.solvers.solver import Solver
 
 
 class OsqpSolver(Solver):
-    """OSQP. All entries are treated as nonzero, so that the sparsity never changes.
+    """OSQP with dense matrices, for constant sparsity.
 
-    From Stellato, Banjac, Goulart, Bemporad, Boyd, "OSQP: an operator splitting solver for quadratic programs"
-    (Mathematical Programming Computation, 2020).
+    Source: Stellato et al., Mathematical Programming Computation, 2020.
     """
 
     tolerance = 1.0e-3
-    for_levels = False  # it ran out of iterations in a fifth of random problems, and on robots
+    for_levels = False  # too many iterations for random problems
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         rows = equalities + inequalities
         self._rows = np.zeros((n + rows, n))
-        self._rows[rows:] = np.eye(n)  # the bounds of x
+        self._rows[rows:] = np.eye(n)  # bounds of x
         self._lower = np.zeros(n + rows)
         self._upper = np.zeros(n + rows)
         self._equalities = equalities
         self._upper_triangle = np.triu_indices(n)
         self._solver: osqp.OSQP | None = None
         n_range = np.arange(n)
-        # CSC order of the upper triangle: by column, then row.
+        # CSC order.
         order = np.lexsort((self._upper_triangle[0], self._upper_triangle[1]))
         self._h_rows = self._upper_triangle[0][order]
         self._h_columns = self._upper_triangle[1][order]
         self._h_starts = np.concatenate([[0], np.cumsum(n_range + 1)])
-        # Only the diagonal of the rows of the bounds is stored.
         self._a_rows = np.concatenate([np.append(np.arange(rows), rows + j) for j in n_range])
         self._a_columns = np.repeat(n_range, rows + 1)
         self._a_starts = np.arange(n + 1) * (rows + 1)
@@ -54,7 +52,7 @@ class OsqpSolver(Solver):
             out[rows:] = x_bound
         try:
             result = self._run(problem)
-        except osqp.OSQPException as error:  # raised where the matrices cannot be factorized
+        except osqp.OSQPException as error:  # singular matrices
             self._solver = None
             return Answer(None, f"OSQPException: {error}", 0)
         iterations = int(result.info.iter)
@@ -80,7 +78,7 @@ class OsqpSolver(Solver):
                 eps_abs=1.0e-5,
                 eps_rel=1.0e-5,
                 max_iter=4000,
-                polishing=self._equalities > 0,  # without equalities it prints a line whenever the active set is empty
+                polishing=self._equalities > 0,  # prints a line for an empty active set without equalities
                 check_termination=5,
             )
         else:

@@ -1,4 +1,4 @@
-"""ProxQP, an augmented-Lagrangian solver, dense back end: persistent, warm-started from the last solution."""
+"""ProxQP, an augmented-Lagrangian solver: persistent, warm-started from the last solution."""
 
 from typing import Any
 
@@ -13,14 +13,10 @@ _proxqp = proxsuite.proxqp
 
 
 class ProxqpSolver(Solver):
-    """ProxQP.
-
-    From Bambade, El-Kazdadi, Taylor, Carpentier, "PROX-QP: Yet another quadratic programming solver for robotics and
-    beyond" (RSS 2022).
-    """
+    """ProxQP (Bambade, El-Kazdadi, Taylor, Carpentier, RSS 2022)."""
 
     tolerance = 1.0e-5
-    for_levels = False  # it ran out of iterations in a fifth of random problems, and on robots
+    for_levels = False  # too many iterations for random problems
 
     def __init__(self, n: int, equalities: int, inequalities: int) -> None:
         self._size = (n, equalities, inequalities)
@@ -30,14 +26,13 @@ class ProxqpSolver(Solver):
     def _make(self) -> Any:
         n, equalities, inequalities = self._size
         qp = _proxqp.dense.QP(n, equalities, inequalities, True)
-        # With 1e-7, forces between the feet, which hardly cost anything, were off by newtons after a warm start.
+        # With 1e-7, internal forces between the feet were wrong by newtons after a warm start.
         qp.settings.eps_abs = 1.0e-8
         qp.settings.eps_rel = 0.0
-        # An infeasible problem uses all iterations, inner times outer: 1000 times 1500 took 20 s. Feasible problems
-        # need about ten.
+        # Infeasible problems use all iterations; feasible ones need about ten.
         qp.settings.max_iter = 50
         qp.settings.max_iter_in = 50
-        # With the default of 1e-4, feasible problems with a tight cone were reported as infeasible (1 to 20 in 100).
+        # The default 1e-4 causes false infeasibility with tight cones.
         qp.settings.eps_primal_inf = 1.0e-12
         qp.settings.initial_guess = _proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         return qp
@@ -47,14 +42,14 @@ class ProxqpSolver(Solver):
         data = (problem.H, problem.g, problem.A, problem.b, problem.C, problem.lower, problem.upper,
                 problem.x_lower, problem.x_upper)  # fmt: skip
         if self._started:
-            qp.update(*data, update_preconditioner=False)  # the size of the entries hardly changes
+            qp.update(*data, update_preconditioner=False)  # similar magnitudes
         else:
             qp.init(*data)
             self._started = True
         qp.solve()
         info = qp.results.info
         if info.status == _proxqp.PROXQP_SOLVED:
-            z, rows = np.array(qp.results.z), len(problem.upper)  # z: the rows of C, then the bounds of x
+            z, rows = np.array(qp.results.z), len(problem.upper)  # rows of C, then bounds of x
             return Answer(np.array(qp.results.x), "optimal", int(info.iter), np.concatenate([z[rows:], z[:rows]]))
         status = str(info.status).rsplit(".", 1)[-1].removeprefix("PROXQP_").replace("_", " ").lower()
         self._qp, self._started = self._make(), False

@@ -1,4 +1,4 @@
-"""All other solvers, by name, through qpsolvers."""
+"""Other solvers by name, through qpsolvers."""
 
 import numpy as np
 import qpsolvers
@@ -9,7 +9,7 @@ from wbc_controller.inverse_dynamics.solvers.solver import Solver
 
 
 class ThroughQpsolvers(Solver):
-    """A solver called through qpsolvers: set up anew in every cycle, so slower than the persistent back ends."""
+    """Solver called through qpsolvers, set up in every cycle and therefore slow."""
 
     tolerance = 1.0e-3
 
@@ -25,9 +25,9 @@ class ThroughQpsolvers(Solver):
         try:
             solution = qpsolvers.solve_problem(qp, solver=self._name, initvals=self._last)
         except (qpsolvers.exceptions.QPError, ValueError, ArithmeticError) as error:
-            # Some back ends raise for an infeasible problem instead of returning a status.
+            # for infeasible problems
             return Answer(None, f"{type(error).__name__}: {error}", 0)
-        # A solution can be marked as found and contain NaN.
+        # A solution marked as found may contain NaN.
         if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
             return Answer(None, "no solution found", 0)
         self._last = np.array(solution.x)

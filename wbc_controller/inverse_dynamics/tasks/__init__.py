@@ -1,4 +1,4 @@
-"""The tasks: one file per kind, derived from the base classes in `task`."""
+"""Tasks: one file per kind, derived from the base classes in `task`."""
 
 from wbc_controller.inverse_dynamics.tasks.alignment import AxisAlignmentTask, GazeTask
 from wbc_controller.inverse_dynamics.tasks.capture_point import CapturePointTask

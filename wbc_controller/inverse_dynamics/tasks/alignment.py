@@ -1,4 +1,4 @@
-"""Tasks that point an axis of a frame along a direction, or at a point."""
+"""Tasks that point an axis of a frame in a direction or at a point."""
 
 from __future__ import annotations
 
@@ -15,30 +15,25 @@ from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tasks.task import Gains, MotionTask
 from wbc_controller.records import Array, Reference
 
-#: A target nearer than this has no direction, m; sin θ below which a target counts as straight ahead or behind.
-_TINY = 1.0e-9
-#: Distance along the axis of the point that a gaze task looks at until a command sets another one, m.
-_AHEAD = 1.0
+_TINY = 1.0e-9  # smallest distance of a target with a direction, m; smallest sin θ of a target beside the axis
+_GAZE_DISTANCE = 1.0  # by default, m
 
 
 class _AlignmentTask(MotionTask):
-    """Base of both tasks: turn the axis n towards d = r / ‖r‖, where r is the vector to the target.
+    """Base of both tasks: turn the axis n towards d = r / ‖r‖, with r the vector to the target.
 
-    The spin about n is free: the task has two independent rows and no projector, along two axes b₁, b₂ fixed in the
-    frame and perpendicular to the axis a. b₁ is the frame axis farthest from a, made perpendicular to a, and
-    b₂ = a × b₁. With R the orientation of the frame, n = R a, T = [b₁ b₂]ᵀ Rᵀ, and ω the frame's angular velocity,
+    The spin about n is free. The two rows are along axes b₁, b₂ fixed in the frame and perpendicular to its axis a: b₁
+    is the frame axis farthest from a, made perpendicular to it, and b₂ = a × b₁. With the frame's orientation R and
+    angular velocity ω, n = R a and T = [b₁ b₂]ᵀ Rᵀ,
 
         ẋ = T ω             ẍ = T ω̇                                       rad/s, rad/s²
         e = T θ (n × d) / ‖n × d‖,   θ the angle between n and d           rad
         ẋ_ref = T ω_d,   ω_d = r × ṙ / ‖r‖²                                rad/s
         ẍ_ref = T (ω̇_d + (n·ω) ṅ)                                         rad/s²
 
-    where the last term compensates the effect of the spin on ω̇: seen from axes that do not spin, the angle to the
-    target behaves as a spring with a damper. With d opposite to n the direction of rotation is arbitrary: the frame
-    turns about b₁.
+    The last term compensates the spin. If d is opposite to n, the frame turns about b₁.
 
-    Source: the angle-axis error of two unit vectors, as in Siciliano et al., Robotics: Modelling, Planning and Control,
-    2009, section 3.7.3, less its component along n.
+    Source: angle-axis error as in Siciliano et al., Robotics, 2009, section 3.7.3.
     """
 
     size = 2
@@ -53,17 +48,13 @@ class _AlignmentTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a task for an axis a, (3,) in the frame, of any non-zero length; gains are for b₁ and b₂.
-
-        Raises:
-            ConfigurationError: as `MotionTask`; if the model has no such frame, or the axis has no direction.
-        """
+        """Make a task for an axis a, (3,) in the frame, of non-zero length; gains are for b₁ and b₂."""
         super().__init__(name, [True, True], stiffness=stiffness, damping=damping)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
         length = float(np.linalg.norm(axis))
         if not (length > _TINY):
-            raise ConfigurationError(f"tasks.{name}.axis = {list(axis)}: has no direction")
+            raise ConfigurationError(f"tasks.{name}.axis = {list(axis)}: the length must not be 0")
         self._axis = np.asarray(axis, dtype=np.float64) / length
         side = np.eye(3)[np.argmin(np.abs(self._axis))]
         b1 = side - self._axis * (self._axis @ side)
@@ -71,7 +62,7 @@ class _AlignmentTask(MotionTask):
         self._sides = np.stack([b1, np.cross(self._axis, b1)])  # (2, 3), in the frame
 
     def direction(self, dynamics: Dynamics) -> Array:
-        """Direction of the axis, n, a unit vector in the world, (3,)."""
+        """Return the axis direction n in the world, a unit vector (3,)."""
         return np.asarray(dynamics.placement(self._frame_id).rotation @ self._axis)
 
     def _error_towards(self, dynamics: Dynamics, r: Array) -> Array:
@@ -86,8 +77,7 @@ class _AlignmentTask(MotionTask):
             return turn if cosine > 0.0 else np.array([math.pi, 0.0])
         return np.asarray(turn * (math.atan2(sine, cosine) / sine))
 
-    def _turning(self, dynamics: Dynamics, position: Array, r: Array, r_dot: Array, r_ddot: Array) -> Reference:
-        """The reference with its velocity and acceleration along b₁ and b₂, (2,): ẋ_ref and ẍ_ref."""
+    def _rate_reference(self, dynamics: Dynamics, position: Array, r: Array, r_dot: Array, r_ddot: Array) -> Reference:
         square = float(r @ r)
         if square <= _TINY**2:
             return Reference(position, np.zeros(2), np.zeros(2))
@@ -99,79 +89,77 @@ class _AlignmentTask(MotionTask):
         return Reference(position, to_sides @ rate, to_sides @ rate_dot + spinning)
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """T ω, (2,) in rad/s."""
+        """Return T ω, (2,)."""
         return np.asarray(self._sides @ dynamics.velocity(self._frame_id, pin.LOCAL)[3:])
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of T ω, (2, nv)."""
+        """Return the Jacobian of T ω, (2, nv)."""
         return np.asarray(self._sides @ dynamics.jacobian(self._frame_id, pin.LOCAL)[3:])
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """T ω̇ at v̇ = 0, (2,) in rad/s²."""
+        """Return T ω̇ at v̇ = 0, (2,)."""
         return np.asarray(self._sides @ dynamics.drift_local(self._frame_id)[3:])
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Reference that holds the present value; its velocity has the shape of its position, (3,)."""
+        """Return a reference at the present value, with velocity (3,) as for positions."""
         still = np.zeros(3)
         return Reference(self.position(dynamics), still, still)
 
 
 class AxisAlignmentTask(_AlignmentTask):
-    """Task that points an axis fixed in a frame along a direction in the world: two rows, rad.
+    """Task that points an axis fixed in a frame in a direction of the world: two rows, rad.
 
-    The reference is a direction r, (3,), of any non-zero length, with ṙ and r̈ in 1/s and 1/s² for a unit vector.
-    Between two directions the reference moves along their chord, and never by more than half a turn: give directions
-    that are less than 180° apart. The control law is that of `_AlignmentTask`.
+    The reference is a direction r, (3,), of non-zero length, with ṙ and r̈ for a unit vector. Between directions, at
+    most 180° apart, it moves along their chord. `_AlignmentTask` documents the control law.
     """
 
     unit = "rad"
     form = ReferenceForm(direction=True)
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Direction of the axis, a unit vector in the world, (3,)."""
+        """Return the axis direction in the world, a unit vector (3,)."""
         return self.direction(dynamics)
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Rotation from the axis to a direction, (2,) in rad; its norm is the angle."""
+        """Return the rotation from the axis to a direction, (2,) in rad; its norm is the angle."""
         return self._error_towards(dynamics, position)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """As in `Task`; the reference is a direction."""
+        """Return the rows for a reference direction."""
         r, r_dot, r_ddot = reference.position, reference.velocity, reference.acceleration
-        return super().equation(dynamics, self._turning(dynamics, r, r, r_dot, r_ddot))
+        return super().equation(dynamics, self._rate_reference(dynamics, r, r, r_dot, r_ddot))
 
 
 class GazeTask(_AlignmentTask):
     """Task that points an axis through a frame's origin o at a point p of the world: two rows, rad.
 
-    The reference is p, (3,) in m, in the world. The control law is that of `_AlignmentTask` with r = p - o. The motion
-    of the origin changes the direction, so its acceleration J_o v̇ + J̇_o v enters too, the first term on the side of the
-    Jacobian:
+    The reference is p, (3,) in m. The control law is that of `_AlignmentTask` with r = p - o, and includes the
+    acceleration J_o v̇ + J̇_o v of the origin:
 
         (T J_ω + T [r]× J_o / ‖r‖²) v̇ = ẍ_ref(v̇ = 0) + D (ẋ_ref - ẋ) + K e - T ω̇(v̇ = 0)
 
-    A point nearer than 1 nm has no direction: error and feed-forward are then zero.
+    Error and feed-forward are 0 for a point nearer than 1 nm.
     """
 
     unit = "rad"
     form = ReferenceForm()
 
     def position(self, dynamics: Dynamics) -> Array:
-        """The point on the axis 1 m ahead of the origin, in the world, (3,) in m."""
-        return np.asarray(dynamics.placement(self._frame_id).translation + _AHEAD * self.direction(dynamics))
+        """Return the point on the axis 1 m ahead of the origin, (3,) in m."""
+        return np.asarray(dynamics.placement(self._frame_id).translation + _GAZE_DISTANCE * self.direction(dynamics))
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Rotation from the axis to a point, (2,) in rad; its norm is the angle."""
+        """Return the rotation from the axis to a point, (2,) in rad; its norm is the angle."""
         return self._error_towards(dynamics, position - dynamics.placement(self._frame_id).translation)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """As in `Task`; the reference is a point."""
+        """Return the rows for a reference point."""
         axes = pin.LOCAL_WORLD_ALIGNED
         placement = dynamics.placement(self._frame_id)
         r = reference.position - placement.translation
         r_dot = reference.velocity - dynamics.velocity(self._frame_id, axes)[:3]
         r_ddot = reference.acceleration - dynamics.drift_world(self._frame_id)[:3]
-        turning = self._turning(dynamics, reference.position, r, r_dot, r_ddot)
+        turning = self._rate_reference(dynamics, reference.position, r, r_dot, r_ddot)
         J, right, error = super().equation(dynamics, turning)
         square = float(r @ r)
         if square > _TINY**2:

@@ -1,4 +1,4 @@
-"""Task on the capture point, the divergent component of motion, for balance."""
+"""Task on the capture point, for balance."""
 
 from __future__ import annotations
 
@@ -11,34 +11,29 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.tasks.task import Gains, RateTask
 from wbc_controller.records import Array
 
-#: Lower bound of the pendulum height c_z - z_s, m, which bounds ω: for a robot lying down the model does not apply.
-LOWEST_PENDULUM = 0.1
+LOWEST_PENDULUM = 0.1  # lower bound of the pendulum height c_z - z_s, m, for lying robots
 
 
 class CapturePointTask(RateTask):
-    """Task on the ground point over which the centre of mass would come to rest, x and y in the world, (2,) in m.
+    """Task on the capture point (divergent component of motion), x and y in the world, (2,) in m.
 
-    With c the centre of mass and z_s the height of the support, the capture point of the inverted pendulum,
+    With the centre of mass c and the height z_s of the support, the capture point of the inverted pendulum,
 
         ξ = c + ċ / ω,   ω = √(g / (c_z - z_s))                             m, 1/s
 
-    diverges from the centre of pressure at the rate ω, while c converges to ξ by itself: ċ = ω (ξ - c). Stabilizing ξ
-    is therefore enough for balance. The desired rate is
+    diverges from the centre of pressure at the rate ω, while c converges to ξ: ċ = ω (ξ - c). Control of ξ is
+    sufficient for balance:
 
         ξ̇* = ξ̇_ref + k (ξ_ref - ξ)                                          m/s
 
-    which for a constant height is the acceleration c̈ = ω (ξ̇* - ċ). For a changing height the rate is
+    With changing height, the rate
 
         ξ̇ = c̈ / ω + ċ (1 + ċ_z / (2 ω (c_z - z_s)))
 
-    from which the Jacobian J_c / ω and the drift (with c̈ at v̇ = 0) follow without approximation. The residual in the
-    cost is a velocity: a weight of ω² times w here has the effect of the weight w on a task on c̈.
+    gives the Jacobian J_c / ω and the drift exactly. A weight ω² w here has the effect of the weight w on a task on c̈.
 
-    Sources: Pratt et al., Capture point: a step toward humanoid push recovery, Humanoids 2006; Takenaka et al., Real
-    time motion generation and control for biped robot, IROS 2009; Englsberger, Ott and Albu-Schäffer,
-    Three-dimensional bipedal walking control based on divergent component of motion, T-RO 31, 2015; for the changing
-    height Hopkins, Hong and Leonessa, Humanoid locomotion on uneven terrain using the time-varying divergent component
-    of motion, Humanoids 2014.
+    Sources: Pratt et al., Humanoids 2006; Englsberger, Ott and Albu-Schäffer, T-RO 31, 2015; changing height: Hopkins,
+    Hong and Leonessa, Humanoids 2014.
     """
 
     unit = "m"
@@ -53,7 +48,7 @@ class CapturePointTask(RateTask):
         support_height: float = 0.0,
         gain: Gains = 4.0,
     ) -> None:
-        """Make a capture point task; gravity g in m/s², mask of x and y, support height z_s in m, gain k in 1/s."""
+        """Make a task with gravity g in m/s², support height z_s in m and gain k in 1/s."""
         super().__init__(name, [True, True] if mask is None else mask, gain=gain, key="gain")
         self._gravity = gravity
         self.support_height = support_height
@@ -62,19 +57,19 @@ class CapturePointTask(RateTask):
         return max(float(dynamics.com[2]) - self.support_height, LOWEST_PENDULUM)
 
     def omega(self, dynamics: Dynamics) -> float:
-        """ω, the natural frequency of the pendulum, 1/s."""
+        """Return ω, 1/s."""
         return math.sqrt(self._gravity / self._height(dynamics))
 
     def position(self, dynamics: Dynamics) -> Array:
-        """ξ, (2,) in m."""
+        """Return ξ, (2,) in m."""
         return np.asarray(dynamics.com[:2] + dynamics.com_velocity[:2] / self.omega(dynamics))
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """J_c / ω, (2, nv)."""
+        """Return J_c / ω, (2, nv)."""
         return np.asarray(dynamics.com_jacobian[:2] / self.omega(dynamics))
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """ξ̇ at v̇ = 0, (2,) in m/s."""
+        """Return ξ̇ at v̇ = 0, (2,) in m/s."""
         height, omega, velocity = self._height(dynamics), self.omega(dynamics), dynamics.com_velocity
         rising = velocity[2] / (2.0 * omega * height) if height > LOWEST_PENDULUM else 0.0
         return np.asarray(dynamics.com_drift[:2] / omega + (1.0 + rising) * velocity[:2])

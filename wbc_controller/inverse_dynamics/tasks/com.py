@@ -12,31 +12,31 @@ from wbc_controller.records import Array
 
 
 class ComTask(MotionTask):
-    """Task on the position of the centre of mass in the world, (3,) in m."""
+    """Task on the centre of mass in the world, (3,) in m."""
 
     unit = "m"
     size = 3
 
     def instruction(self) -> Instruction | None:
-        """How compiled code fills the rows."""
+        """Return the instruction for compiled code."""
         return Instruction(COM, self.rows, size=self.size) if type(self) is ComTask else None
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Position of the centre of mass, (3,) in m."""
+        """Return the centre of mass, (3,) in m."""
         return np.array(dynamics.com)
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Velocity of the centre of mass, (3,) in m/s."""
+        """Return its velocity, (3,) in m/s."""
         return dynamics.com_velocity
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Displacement to the reference, (3,) in m."""
+        """Return the displacement to the reference, (3,) in m."""
         return position - dynamics.com
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of the centre of mass, (3, nv)."""
+        """Return its Jacobian, (3, nv)."""
         return dynamics.com_jacobian
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Acceleration of the centre of mass at v̇ = 0, (3,) in m/s²."""
+        """Return its acceleration at v̇ = 0, (3,) in m/s²."""
         return dynamics.com_drift

@@ -1,4 +1,4 @@
-"""Task on the force of a contact."""
+"""Task on a contact wrench."""
 
 from __future__ import annotations
 
@@ -15,32 +15,29 @@ _AXES = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class ContactWrenchTask(EffortTask):
-    """Task on the wrench of a contact, (6,) in N and N·m, in the axes in which it is published (`Contact.basis`).
-
-    While the contact is not active the task has no rows.
-    """
+    """Task on a contact wrench, (6,) in N and N·m, in the axes of `Contact.basis`; no rows for an inactive contact."""
 
     unit = "N, N·m"
     size = 6
 
     def __init__(self, name: str, contact: Contact, mask: Sequence[bool], target: Sequence[float]) -> None:
-        """Make a task with the wrench until a command sets another one, (6,) in N and N·m.
+        """Make a task with a default reference wrench, (6,) in N and N·m.
 
         Raises:
-            ConfigurationError: if the mask selects no axis along which the contact transmits a force or moment.
+            ConfigurationError: if the mask selects no axis of a transmitted force or moment.
         """
         super().__init__(name, mask, np.array(target, dtype=np.float64))
         borne = np.flatnonzero(contact.basis.any(axis=1))
         self.rows = np.intersect1d(self.rows, borne)
         if not len(self.rows):
             raise ConfigurationError(
-                f"tasks.{name}.mask leaves no axis: contact {contact.name!r} has forces and moments along "
+                f"tasks.{name}.mask selects no force or moment of contact {contact.name!r}; valid: "
                 f"{', '.join(_AXES[axis] for axis in borne)}"
             )
         self._basis = contact.basis[self.rows]
         self.contact = contact.name
 
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
-        """R that maps the decision variables to the wrench, (k, n), and the wrench of the reference, (k,)."""
+        """Return R (k, n), from decision variables to the wrench, and the reference wrench (k,)."""
         force = efforts.force_map(self.contact)
         return None if force is None else (self._basis @ force, reference.position[self.rows])

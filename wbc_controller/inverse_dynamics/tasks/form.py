@@ -1,4 +1,4 @@
-"""The form of a task reference: a vector, a direction, an orientation or a pose."""
+"""Form of a task reference: vector, direction, orientation or pose."""
 
 from __future__ import annotations
 
@@ -13,47 +13,38 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.arrays import sum_of_squares
 from wbc_controller.records import Array
 
-#: Quaternions whose norm differs from 1 by more than this are refused.
-_QUATERNION_TOLERANCE = 1.0e-2
-#: Directions shorter than this are refused.
+_QUATERNION_TOLERANCE = 1.0e-2  # of the norm
 _SHORTEST_DIRECTION = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
 class ReferenceForm:
-    """Form of the position of a reference: a vector, and optionally a quaternion after it.
+    """Form of a reference position: a vector, optionally followed by a quaternion."""
 
-    Attributes:
-        vector: number of components of the vector.
-        oriented: whether a quaternion (x, y, z, w) follows the vector.
-        direction: whether the vector is a direction, of any non-zero length.
-    """
-
-    vector: int = 3
-    oriented: bool = False
-    direction: bool = False
+    vector: int = 3  # components
+    oriented: bool = False  # True if a quaternion (x, y, z, w) follows the vector
+    direction: bool = False  # True for a direction of any non-zero length
 
     @property
     def size(self) -> int:
-        """Number of values in a position."""
+        """Size of a position."""
         return self.vector + (4 if self.oriented else 0)
 
     @property
     def rate_size(self) -> int:
-        """Number of values in a velocity or acceleration."""
+        """Size of a velocity or acceleration."""
         return self.vector + (3 if self.oriented else 0)
 
     @property
     def twist(self) -> slice:
-        """Components of a twist (linear, angular) that form the reference's velocity."""
+        """Twist components (linear, angular) in the reference velocity."""
         return slice(0 if self.vector else 3, 6 if self.oriented else self.vector)
 
     def position(self, values: Any, what: str) -> Array:
-        """Read a position, (size,), and normalize its direction or quaternion; `what` names the values in errors.
+        """Read a position (size,), and normalize its direction or quaternion.
 
         Raises:
-            InputRefused: if the number of values is not `size`, a value is not finite, a quaternion is not a unit
-                quaternion, or a direction has no length.
+            InputRefused: for a wrong size, values that are not finite, or a wrong norm; `what` names the values.
         """
         array = np.array(finite(values, what))
         if self.size == 1 and array.shape == ():
@@ -68,11 +59,7 @@ class ReferenceForm:
 
 
 def unit_quaternion(values: Array, what: str) -> Array:
-    """Normalize a quaternion whose norm is 1 within tolerance.
-
-    Raises:
-        InputRefused: where its norm is not 1.
-    """
+    """Normalize a quaternion; raises `InputRefused` for a norm other than 1 within tolerance."""
     norm = math.sqrt(sum_of_squares(values))
     if not (abs(norm - 1.0) <= _QUATERNION_TOLERANCE):
         raise InputRefused(f"{what}{shortened(values)} is not a unit quaternion (norm {norm:.3g})")
@@ -80,11 +67,7 @@ def unit_quaternion(values: Array, what: str) -> Array:
 
 
 def unit_vector(values: Array, what: str) -> Array:
-    """Normalize a direction.
-
-    Raises:
-        InputRefused: where it has no length.
-    """
+    """Normalize a direction; raises `InputRefused` for zero length."""
     norm = float(np.linalg.norm(values))
     if not (_SHORTEST_DIRECTION <= norm < np.inf):
         raise InputRefused(f"{what} {shortened(values)} has no direction (length {norm:.3g})")

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import FRAME
-from wbc_controller.inverse_dynamics.robot.instruction import Instruction, numbers_of, on_link
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction, placement_numbers, placement_on_link
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
@@ -20,17 +20,13 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 def orientation_error(rotation: Array, quaternion: Array) -> Array:
-    """Rotation vector R log(Rᵀ R_ref) = log(R_ref Rᵀ) from an orientation R to its reference, (3,) in rad, world axes.
-
-    The rotation R is (3, 3), the reference a quaternion (x, y, z, w). The norm is at most π.
-    """
+    """Return the rotation vector log(R_ref Rᵀ) from R (3, 3) to a quaternion (x, y, z, w), (3,) in rad, world axes."""
     error: Array = pin.log3(rotation_of(quaternion).dot(rotation.T))
     return error
 
 
 class _FrameTask(MotionTask):
-    #: Rows of the frame's twist that the task uses.
-    part: slice
+    part: slice  # of the frame's twist
 
     def __init__(
         self,
@@ -45,26 +41,26 @@ class _FrameTask(MotionTask):
         super().__init__(name, [True] * self.size if mask is None else mask, stiffness=stiffness, damping=damping)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
-        self._on_link = on_link(model, self._frame_id)
+        self._on_link = placement_on_link(model, self._frame_id)
 
     def instruction(self) -> Instruction | None:
-        """How compiled code fills the rows."""
+        """Return the instruction for compiled code."""
         if type(self) not in (FramePositionTask, FrameOrientationTask, FramePoseTask):
             return None
         link, placement = self._on_link
-        constants = numbers_of(placement)
+        constants = placement_numbers(placement)
         return Instruction(FRAME, self.rows, link, first=self.part.start, size=self.size, constants=constants)
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Velocity of the frame in world axes: linear in m/s, then angular in rad/s, (size,)."""
+        """Return the frame's velocity in world axes, linear part first, (size,)."""
         return dynamics.velocity(self._frame_id, _WORLD_AXES)[self.part]
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of the frame in world axes, (size, nv)."""
+        """Return the frame's Jacobian in world axes, (size, nv)."""
         return dynamics.jacobian(self._frame_id, _WORLD_AXES)[self.part]
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Acceleration of the frame at v̇ = 0, in world axes, (size,) in m/s² and rad/s²."""
+        """Return the frame's acceleration at v̇ = 0 in world axes, (size,)."""
         return dynamics.drift_world(self._frame_id)[self.part]
 
 
@@ -76,16 +72,16 @@ class FramePositionTask(_FrameTask):
     part = slice(0, 3)
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Position, (3,) in m."""
+        """Return the position, (3,) in m."""
         return np.array(dynamics.placement(self._frame_id).translation)
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Displacement to the reference, (3,) in m."""
+        """Return the displacement to the reference, (3,) in m."""
         return np.asarray(position - dynamics.placement(self._frame_id).translation)
 
 
 class FrameOrientationTask(_FrameTask):
-    """Task on the orientation of a frame in the world; the reference is a quaternion (x, y, z, w), (4,)."""
+    """Task on a frame's orientation in the world; the reference is a quaternion (x, y, z, w)."""
 
     unit = "rad"
     size = 3
@@ -93,16 +89,16 @@ class FrameOrientationTask(_FrameTask):
     form = ReferenceForm(vector=0, oriented=True)
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Orientation as a quaternion, (4,)."""
+        """Return the quaternion, (4,)."""
         return quaternion_of(dynamics.placement(self._frame_id).rotation)
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Rotation vector to the reference in world axes, (3,) in rad."""
+        """Return the rotation vector to the reference in world axes, (3,) in rad."""
         return orientation_error(dynamics.placement(self._frame_id).rotation, position)
 
 
 class FramePoseTask(_FrameTask):
-    """Task on the position and orientation of a frame in the world; the reference is position and quaternion, (7,)."""
+    """Task on a frame's pose in the world; the reference is position and quaternion, (7,)."""
 
     unit = "m, rad"
     size = 6
@@ -110,11 +106,11 @@ class FramePoseTask(_FrameTask):
     form = ReferenceForm(oriented=True)
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Position and quaternion, (7,)."""
+        """Return position and quaternion, (7,)."""
         return np.asarray(pin.SE3ToXYZQUAT(dynamics.placement(self._frame_id)))
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Displacement and rotation vector to the reference in world axes, (6,) in m and rad."""
+        """Return displacement and rotation vector to the reference in world axes, (6,)."""
         placement = dynamics.placement(self._frame_id)
         error = np.empty(6)
         error[:3] = position[:3] - placement.translation

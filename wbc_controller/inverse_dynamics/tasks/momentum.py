@@ -1,4 +1,4 @@
-"""Tasks on the linear and angular momentum about the centre of mass."""
+"""Tasks on the linear and angular centroidal momentum."""
 
 from __future__ import annotations
 
@@ -14,51 +14,49 @@ from wbc_controller.records import Array, Reference
 class _MomentumTask(RateTask):
     """Task on a part of the centroidal momentum h_G = A_G(q) v, in world axes.
 
-    Its rate is ḣ_G = A_G v̇ + Ȧ_G v, and the desired rate is
+    With ḣ_G = A_G v̇ + Ȧ_G v and the damping D in 1/s, the desired rate is
 
         ḣ* = ḣ_ref + D (h_ref - h)
 
-    with the damping D in 1/s. There is no stiffness, as it would act on the integral of the momentum: angular momentum
-    is not integrable (it is the rate of no function of the configuration), and for linear momentum the centre of mass
-    task serves that purpose. The reference is a momentum, zero until a command sets another one.
+    The default reference is 0. There is no stiffness: angular momentum is not integrable, and the centre of mass task
+    controls the integral of linear momentum.
 
-    Source: Orin, Goswami and Lee, Centroidal dynamics of a humanoid robot, Autonomous Robots 35, 2013.
+    Source: Orin, Goswami and Lee, Autonomous Robots 35, 2013.
     """
 
     size = 3
-    #: Rows of A_G that the task uses.
-    part: slice
+    part: slice  # rows of A_G
 
     def __init__(self, name: str, mask: Sequence[bool] | None = None, *, damping: Gains = 10.0) -> None:
         super().__init__(name, [True] * 3 if mask is None else mask, gain=damping, key="damping")
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Present momentum, (3,)."""
+        """Return the momentum, (3,)."""
         return np.asarray(dynamics.centroidal_matrix[self.part] @ dynamics.v)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Rows of A_G, (3, nv)."""
+        """Return the rows of A_G, (3, nv)."""
         return np.asarray(dynamics.centroidal_matrix[self.part])
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Rate of the momentum at v̇ = 0, (3,)."""
+        """Return Ȧ_G v, (3,)."""
         return np.asarray(dynamics.centroidal_drift[self.part])
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Zero momentum: holding the present one would let the robot drift away."""
+        """Return zero momentum, as another constant momentum would let the robot drift."""
         still = np.zeros(3)
         return Reference(still, still, still)
 
 
 class LinearMomentumTask(_MomentumTask):
-    """Task on the linear momentum m ċ, (3,) in kg·m/s; its residual in the cost is a force, N."""
+    """Task on the linear momentum m ċ, (3,) in kg·m/s; its residual is a force, N."""
 
     unit = "kg·m/s"
     part = slice(0, 3)
 
 
 class AngularMomentumTask(_MomentumTask):
-    """Task on the angular momentum about the centre of mass, (3,) in N·m·s; its residual is a torque, N·m."""
+    """Task on the centroidal angular momentum, (3,) in N·m·s; its residual is a torque, N·m."""
 
     unit = "N·m·s"
     part = slice(3, 6)

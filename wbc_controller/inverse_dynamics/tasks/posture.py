@@ -16,7 +16,7 @@ from wbc_controller.records import Array
 
 
 class PostureTask(MotionTask):
-    """Task on the positions of some joints, (k,) in rad."""
+    """Task on joint positions, (k,) in rad."""
 
     unit = "rad"
 
@@ -29,12 +29,9 @@ class PostureTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a posture task; no joints means all actuated joints, in their order.
+        """Make a task, by default for all actuated joints.
 
-        A passive joint among them moves only through the accelerations of the others.
-
-        Raises:
-            ConfigurationError: if the robot has no such joint, or a list of gains has another length.
+        A passive joint moves only by the accelerations of the others.
         """
         columns = model.joint_columns(joints or model.driven_joints, f"tasks.{name}.joints")
         super().__init__(name, [True] * len(columns), stiffness=stiffness, damping=damping)
@@ -48,25 +45,25 @@ class PostureTask(MotionTask):
         self._drift = np.zeros(self.size)
 
     def instruction(self) -> Instruction | None:
-        """How compiled code finds the accelerations that are asked for, where no other task is on the same joints."""
+        """Return the instruction for compiled code, used without other tasks on the same joints."""
         return Instruction(JOINTS, self._places, size=self.size) if type(self) is PostureTask else None
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Joint positions, (k,) in rad."""
+        """Return the joint positions, (k,) in rad."""
         return dynamics.q[self._q_index]
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Joint velocities, (k,) in rad/s."""
+        """Return the joint velocities, (k,) in rad/s."""
         return dynamics.v[self.columns]
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Displacement to the reference, (k,) in rad."""
+        """Return the displacement to the reference, (k,) in rad."""
         return position - self.position(dynamics)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Selection of the joints, (k, nv)."""
+        """Return the selection matrix, (k, nv)."""
         return self._jacobian
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Zero, (k,)."""
+        """Return 0, (k,)."""
         return self._drift

@@ -18,21 +18,19 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 class RelativePoseTask(MotionTask):
-    """Task on the pose of a frame B relative to a reference frame A, both on the robot, in the axes of A.
+    """Task on the pose of a frame B relative to a frame A of the robot, in the axes of A.
 
-    With d = p_B - p_A and the rotation R_A of A in the world, the pose is r = R_Aᵀ d in m and R = R_Aᵀ R_B. Its
-    velocity and acceleration are those seen by an observer fixed to A,
+    With d = p_B - p_A and the rotation R_A of A, the pose is r = R_Aᵀ d in m and R = R_Aᵀ R_B. Seen from A,
 
         ṙ = R_Aᵀ (ḋ - ω_A × d)                                           m/s
         ω = R_Aᵀ (ω_B - ω_A)                                             rad/s
         r̈ = R_Aᵀ (d̈ - ω̇_A × d - 2 ω_A × ḋ + ω_A × (ω_A × d))             m/s²
         ω̇ = R_Aᵀ (ω̇_B - ω̇_A - ω_A × ω_B)                                rad/s²
 
-    and the task error is [r_ref - r, R log(Rᵀ R_ref)]. The reference is position and quaternion (x, y, z, w) of B in A,
+    The task error is [r_ref - r, R log(Rᵀ R_ref)]. The reference is position and quaternion (x, y, z, w) of B in A,
     (7,), with velocity and acceleration (6,), linear part first.
 
-    Source: kinematics in a moving frame; for two arms Lewis and Maciejewski, Trajectory generation for cooperating
-    robots, IEEE International Conference on Systems Engineering, 1990.
+    Source: Lewis and Maciejewski, IEEE International Conference on Systems Engineering, 1990.
     """
 
     unit = "m, rad"
@@ -60,16 +58,15 @@ class RelativePoseTask(MotionTask):
         return dynamics.placement(self._a).actInv(dynamics.placement(self._b))
 
     def _axes_and_arm(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """R_Aᵀ, (3, 3), and d in world axes, (3,) in m."""
         a, b = dynamics.placement(self._a), dynamics.placement(self._b)
         return a.rotation.T, b.translation - a.translation
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Position and quaternion of B in A, (7,)."""
+        """Return position and quaternion of B in A, (7,)."""
         return np.asarray(pin.SE3ToXYZQUAT(self._pose(dynamics)))
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Displacement and rotation vector to the reference, (6,) in m and rad."""
+        """Return displacement and rotation vector to the reference, (6,)."""
         pose = self._pose(dynamics)
         error = np.empty(6)
         error[:3] = position[:3] - pose.translation
@@ -77,7 +74,7 @@ class RelativePoseTask(MotionTask):
         return error
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """ṙ and ω, (6,) in m/s and rad/s."""
+        """Return ṙ and ω, (6,)."""
         to_a, d = self._axes_and_arm(dynamics)
         a, b = dynamics.velocity(self._a, _WORLD_AXES), dynamics.velocity(self._b, _WORLD_AXES)
         velocity = np.empty(6)
@@ -86,7 +83,7 @@ class RelativePoseTask(MotionTask):
         return velocity
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Jacobian of ṙ and ω, (6, nv)."""
+        """Return the Jacobian of ṙ and ω, (6, nv)."""
         to_a, d = self._axes_and_arm(dynamics)
         a, b = dynamics.jacobian(self._a, _WORLD_AXES), dynamics.jacobian(self._b, _WORLD_AXES)
         difference = b - a
@@ -97,7 +94,7 @@ class RelativePoseTask(MotionTask):
         return J
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """r̈ and ω̇ at v̇ = 0, (6,) in m/s² and rad/s²."""
+        """Return r̈ and ω̇ at v̇ = 0, (6,)."""
         to_a, d = self._axes_and_arm(dynamics)
         a, b = dynamics.velocity(self._a, _WORLD_AXES), dynamics.velocity(self._b, _WORLD_AXES)
         a_dot, b_dot = dynamics.drift_world(self._a), dynamics.drift_world(self._b)

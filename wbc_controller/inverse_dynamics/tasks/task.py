@@ -1,4 +1,4 @@
-"""The base classes of tasks: each task gives weighted rows of the least-squares cost."""
+"""Base classes of tasks: weighted rows of the least-squares cost."""
 
 from __future__ import annotations
 
@@ -25,69 +25,60 @@ from wbc_controller.inverse_dynamics.tasks.form import ReferenceForm
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, Reference, frozen
 
-#: A gain: one number, or one for each axis.
-Gains = float | Sequence[float]
+Gains = float | Sequence[float]  # one number, or one per axis
 
 
 def gains(values: Gains, size: int, key: str) -> Array:
-    """Read a gain: one number, or one for each of `size` axes, including masked ones; shape () or (size,).
+    """Read a gain, () or (size,), with values for masked axes.
 
     Raises:
-        ConfigurationError: if the number of values is neither one nor `size`; the message begins with the key.
+        ConfigurationError: for another size; the message begins with the key.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((), (size,)):
         raise ConfigurationError(
-            f"{key} has {array.size} values; it takes one number, or a list with one for each of the task's {size} axes"
+            f"{key} has {array.size} values; expected one number, or a list with one for each of the task's {size} axes"
         )
     return array
 
 
 class Task(Tunable, ABC):
-    """A control objective: rows of a least-squares problem in the decision variables, with a weight and a level.
+    """Control objective: rows of a least-squares problem in the decision variables, with weight and priority level.
 
-    There are two kinds: an `AccelerationTask` acts on v̇, an `EffortTask` on contact forces or torques.
-
-    `weight`, `enabled` and `setpoint_duration` apply to tasks that a user passes as objects; for tasks of a
-    configuration file the settings decide.
+    An `AccelerationTask` acts on v̇, an `EffortTask` on forces or torques. Settings override `weight`, `enabled` and
+    `setpoint_duration`. Set `level` and `tolerance` before the controller is made. Constructors raise
+    `ConfigurationError` for unknown names and lists of wrong length.
 
     Attributes:
-        name: the task's name.
-        rows: indices of the components that the mask selects, (k,).
-        level: priority level; 0 is the highest, and no task worsens one of a smaller level. Set it before the
-            controller is made.
-        tolerance: deviation from the reference that costs nothing, in the unit of the error, () or (size,); None means
-            that the task tracks the reference itself. Set it before the controller is made.
-        weight: weight in the cost.
-        enabled: whether the task is on when the controller is activated.
-        setpoint_duration: time in which a new setpoint is reached, s.
+        rows: indices of the components selected by the mask, (k,).
+        level: priority level; 0 is the highest.
+        tolerance: deviation without cost, in the unit of the error, () or (size,), or None.
+        enabled: True if the task is on at activation.
+        setpoint_duration: duration of the motion to a new setpoint, s.
     """
 
-    #: Number of components before the mask.
-    size: int
+    size: int  # before the mask
     level: int = 0
     tolerance: Array | None = None
     weight: float = 1.0
     enabled: bool = True
     setpoint_duration: float = 1.0
-    #: Unit of the task error.
-    unit: str = ""
-    #: Names of the attributes that are gains, each () or (size,).
-    gain_names: tuple[str, ...] = ()
+    unit: str = ""  # of the task error
+    gain_names: tuple[str, ...] = ()  # each () or (size,)
 
     def __init__(self, name: str, mask: Sequence[bool]) -> None:
         self.name = name
         self.rows = np.flatnonzero(np.asarray(mask))
-        self._whole = len(self.rows) == len(mask)
+        self._selects_all = len(self.rows) == len(mask)
 
     @property
     def full_name(self) -> str:
-        """Kind and name, for error messages."""
+        """Kind and name, for errors."""
         return f"task {self.name!r}"
 
     @property
     def gains(self) -> Mapping[str, Array]:
-        """The gains by name."""
+        """Gains by name."""
         return {name: getattr(self, name) for name in self.gain_names}
 
     @property
@@ -97,30 +88,26 @@ class Task(Tunable, ABC):
 
     @property
     def dimension(self) -> int:
-        """Number of rows that the task contributes to the cost."""
+        """Number of rows in the cost."""
         return len(self.rows)
 
     @abstractmethod
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Reference of the task until a command sets another one."""
+        """Return the default reference."""
 
     def band(self) -> Array:
-        """The tolerance as half-width of the rows of the least-squares problem, (k,)."""
+        """Return the tolerance as half-width of the rows, (k,)."""
         if self.tolerance is None:
             return np.zeros(self.dimension)
         return np.broadcast_to(self.tolerance * self._stiffness_of_rows(), (self.size,))[self.rows]
 
     @abstractmethod
     def _stiffness_of_rows(self) -> Array:
-        """Change of the rows' right-hand sides per unit of the task error, () or (size,)."""
+        """Return the change of right-hand sides per unit of the task error, () or (size,)."""
 
 
 def rest_of(task: Task, dynamics: Dynamics) -> Reference:
-    """Reference of a task until a command sets another one, checked.
-
-    Raises:
-        MethodError: if `Task.rest` raises an exception, or an array has another shape than the task's form, or NaN.
-    """
+    """Return the default reference of a task, checked (`method_calls`)."""
     reference, form = call(task, "rest", dynamics), task.form
     if not isinstance(reference, Reference):
         raise MethodError(
@@ -134,63 +121,55 @@ def rest_of(task: Task, dynamics: Dynamics) -> Reference:
 
 
 class AccelerationTask(Task):
-    """A task that makes a quantity x follow its reference through the choice of v̇.
+    """Task that makes a quantity x follow its reference by the choice of v̇.
 
-    Let x⁽ⁿ⁾ = J v̇ + δ be the lowest derivative of x in which v̇ appears; the drift δ is its value at v̇ = 0. The task is
+    With the lowest derivative of x that depends on v̇, x⁽ⁿ⁾ = J v̇ + δ, and the drift δ, the task is
 
         J v̇ = x⁽ⁿ⁾* - δ
 
-    in the least-squares sense. The subclasses define x⁽ⁿ⁾*: `MotionTask` for quantities x(q), and `RateTask` for
-    quantities x(q, v).
+    in the least-squares sense. `MotionTask` defines x⁽ⁿ⁾* for x(q), and `RateTask` for x(q, v).
     """
 
     @abstractmethod
     def position(self, dynamics: Dynamics) -> Array:
-        """Present value x, in the form of the reference's position."""
+        """Return x, in the form of the reference's position."""
 
     @abstractmethod
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Task error: displacement from x to a reference position, (size,)."""
+        """Return the task error, the displacement from x to a reference position, (size,)."""
 
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """J, (size, nv)."""
+        """Return J, (size, nv)."""
 
     @abstractmethod
     def drift(self, dynamics: Dynamics) -> Array:
-        """δ, (size,)."""
+        """Return δ, (size,)."""
 
     @abstractmethod
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """x⁽ⁿ⁾* - δ and the task error, both (size,), without the mask applied."""
+        """Return x⁽ⁿ⁾* - δ and the task error, both (size,), before the mask."""
 
     def instruction(self) -> Instruction | None:
-        """How compiled code fills the rows; None where it does not know them, and `fill` does.
-
-        Only a class itself gives one, not those derived from it: they may override what the rows follow from.
-        """
+        """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""
         return None
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Reference that holds the present value."""
+        """Return a reference at the present value."""
         still = frozen(np.zeros(self.size))
         return Reference(frozen(array_from(self, "position", (self.form.size,), dynamics)), still, still)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Rows of the least-squares problem J v̇ = b, as new arrays, masked: J (k, nv), b (k,), task error (k,)."""
+        """Return the masked rows J v̇ = b and the task error as new arrays: J (k, nv), b (k,), error (k,)."""
         size, rows = self.size, self.rows
         right, error = self.right(dynamics, reference)
         right, error = checked(self, "right", right, (size,)), checked(self, "right", error, (size,))
         J = checked(self, "jacobian", self.jacobian(dynamics), (size, dynamics.model.nv))
-        return (J, right, error) if self._whole else (J[rows], right[rows], error[rows])
+        return (J, right, error) if self._selects_all else (J[rows], right[rows], error[rows])
 
 
 def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
-    """Evaluate each method of a task and check what it returns: before activation, and to name the one that failed.
-
-    Raises:
-        MethodError: if a method raises an exception, or returns another shape or type, NaN or infinity.
-    """
+    """Check each method of a task, before activation or to name a failed method (`method_calls`)."""
     size, k, nv = (task.size,), (task.dimension,), dynamics.model.nv
     array_from(task, "position", (task.form.size,), dynamics)
     array_from(task, "error", size, dynamics, reference.position)
@@ -203,11 +182,7 @@ def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -
 
 
 def motion_of(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-    """Evaluate `AccelerationTask.equation` and check its J (k, nv), b (k,) and task error (k,).
-
-    Raises:
-        MethodError: as `evaluate`, with the name of the method that failed.
-    """
+    """Return J (k, nv), b (k,) and the task error (k,), checked (`method_calls`)."""
     k = (task.dimension,)
     try:
         equation = task.equation(dynamics, reference)
@@ -225,23 +200,21 @@ def _is_finite(reference: Reference) -> bool:
 
 
 class Efforts(Protocol):
-    """The torques and contact forces of a cycle as affine functions of the decision variables x, (n,)."""
+    """Torques and contact forces as affine functions of the decision variables x, (n,)."""
 
     @property
     def torque_map(self) -> tuple[Array, Array]:
-        """R (na, n) and r (na,), so that τ = R x + r in N·m."""
+        """R (na, n) and r (na,) of τ = R x + r, N·m."""
 
     def force_map(self, contact: str) -> Array | None:
-        """R (k, n), so that the contact force f, in the axes of the contact, is R x; None while it is not active."""
+        """Return R (k, n) of the contact force f = R x, in contact axes; None for an inactive contact."""
 
 
 class EffortTask(Task):
-    """A task on contact forces or torques, which have no dynamics and therefore no gains.
-
-    Only the position of the reference is used; its velocity and acceleration are ignored.
+    """Task on contact forces or torques, without gains; velocity and acceleration of the reference are ignored.
 
     Attributes:
-        target: the reference until a command sets another one, (size,).
+        target: default reference, (size,).
     """
 
     def __init__(self, name: str, mask: Sequence[bool], target: Array) -> None:
@@ -249,7 +222,7 @@ class EffortTask(Task):
         self.target = target
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """The target."""
+        """Return the target."""
         still = np.zeros(self.size)
         return Reference(self.target, still, still)
 
@@ -258,19 +231,14 @@ class EffortTask(Task):
 
     @abstractmethod
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
-        """Rows of the least-squares problem R x = r in the decision variables x: R (k, n), r (k,).
+        """Return the rows R x = r in the decision variables x: R (k, n), r (k,).
 
-        `efforts` are torques and contact forces as functions of x. None if the quantity does not exist, such as the
-        force of a contact that is not active.
+        Return None if the quantity does not exist, e.g. the force of an inactive contact.
         """
 
 
 def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int) -> tuple[Array, Array] | None:
-    """Rows of a task on contact forces or torques as `EffortTask.equation` gives them, checked.
-
-    Raises:
-        MethodError: if the method raises an exception, or an array has another shape than R (k, n) and r (k,), or NaN.
-    """
+    """Return the rows of an effort task, checked (`method_calls`)."""
     equation = call(task, "equation", efforts, reference)
     if equation is None:
         return None
@@ -282,13 +250,13 @@ def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int
 
 
 class MotionTask(AccelerationTask):
-    """A task on a quantity x(q): PD feedback on the task error plus feed-forward.
+    """Task on a quantity x(q): PD feedback on the task error plus feed-forward.
 
     With ẋ = J v and ẍ = J v̇ + J̇v, the desired acceleration is
 
         ẍ* = ẍ_ref + D (ẋ_ref - ẋ) + K e
 
-    where e is the error from x to x_ref, K the stiffness and D the damping, each one number or one for each axis.
+    with the error e from x to x_ref.
 
     Attributes:
         stiffness: K, 1/s², () or (size,).
@@ -302,16 +270,7 @@ class MotionTask(AccelerationTask):
     def __init__(
         self, name: str, mask: Sequence[bool], *, stiffness: Gains = 100.0, damping: Gains | None = None
     ) -> None:
-        """Make a task.
-
-        Args:
-            mask: axes that the task controls, (size,); derived classes without a mask control all.
-            stiffness: K, 1/s², one number or one for each axis.
-            damping: D, 1/s, one number or one for each axis; by default critical, 2√K.
-
-        Raises:
-            ConfigurationError: if a list of gains has another length than the mask, or the model has no such frame.
-        """
+        """Make a task with a mask of axes, (size,), and gains; the default damping is critical, 2√K."""
         super().__init__(name, mask)
         self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
         self.damping = (
@@ -325,10 +284,10 @@ class MotionTask(AccelerationTask):
 
     @abstractmethod
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Present velocity ẋ, (size,)."""
+        """Return ẋ, (size,)."""
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """ẍ* - J̇v and the task error, both (size,)."""
+        """Return ẍ* - J̇v and the task error, both (size,)."""
         shape = (self.size,)
         error = checked(self, "error", self.error(dynamics, reference.position), shape)
         velocity = checked(self, "velocity", self.velocity(dynamics), shape)
@@ -337,14 +296,11 @@ class MotionTask(AccelerationTask):
 
 
 class RateTask(AccelerationTask):
-    """A task on a quantity x(q, v), with ẋ = J v̇ + δ: first-order feedback on the task error.
-
-    The desired rate is
+    """Task on a quantity x(q, v) with ẋ = J v̇ + δ: first-order feedback on the task error e = x_ref - x.
 
         ẋ* = ẋ_ref + k e
 
-    where e = x_ref - x is the error and k the gain, one number or one for each axis: undisturbed, e decays as
-    exp(-k t). The position of the reference is x_ref, its velocity is ẋ_ref, and its acceleration is ignored.
+    Undisturbed, e decays as exp(-k t). The reference acceleration is ignored.
 
     Attributes:
         gain: k, 1/s, () or (size,).
@@ -353,11 +309,7 @@ class RateTask(AccelerationTask):
     gain_names = ("gain",)
 
     def __init__(self, name: str, mask: Sequence[bool], *, gain: Gains, key: str) -> None:
-        """Make a task with a mask, (size,), and a gain k, 1/s, one number or one for each axis.
-
-        Raises:
-            ConfigurationError: if a list of gains has another length than the mask; the message begins with the key.
-        """
+        """Make a task with a mask (size,) and a gain k; errors begin with the key."""
         super().__init__(name, mask)
         self.gain = gains(gain, len(mask), f"tasks.{name}.{key}")
 
@@ -365,11 +317,11 @@ class RateTask(AccelerationTask):
         return self.gain
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """x_ref - x, (size,)."""
+        """Return x_ref - x, (size,)."""
         return position - checked(self, "position", self.position(dynamics), (self.form.size,))
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """ẋ* - δ and the task error, both (size,)."""
+        """Return ẋ* - δ and the task error, both (size,)."""
         shape = (self.size,)
         error = checked(self, "error", self.error(dynamics, reference.position), shape)
         return reference.velocity + self.gain * error - checked(self, "drift", self.drift(dynamics), shape), error

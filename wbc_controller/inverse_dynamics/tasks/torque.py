@@ -13,16 +13,12 @@ from wbc_controller.records import Array, Reference
 
 
 class TorqueTask(EffortTask):
-    """Task on the torques of some joints, (k,) in N·m; a target of zero keeps them small."""
+    """Task on joint torques, (k,) in N·m; a target of 0 minimizes them."""
 
     unit = "N·m"
 
     def __init__(self, name: str, model: RobotModel, joints: Sequence[str], target: Sequence[float]) -> None:
-        """Make a task; no joints means all actuated joints, in their order, and no target zero torques, (k,) in N·m.
-
-        Raises:
-            ConfigurationError: if no actuator drives a joint, or the target has another length.
-        """
+        """Make a task; defaults are all actuated joints, and a target of 0."""
         key = f"tasks.{name}.joints"
         columns = model.joint_columns(joints or model.driven_joints, key)
         for joint in joints:
@@ -32,7 +28,7 @@ class TorqueTask(EffortTask):
                 )
         if target and len(target) != len(columns):
             raise ConfigurationError(
-                f"tasks.{name}.target has {len(target)} values; it takes one for each of its {len(columns)} joints"
+                f"tasks.{name}.target has {len(target)} values; expected {len(columns)}, one per joint"
             )
         super().__init__(name, [True] * len(columns), np.array(target or np.zeros(len(columns)), dtype=np.float64))
         self.size = len(columns)
@@ -41,7 +37,7 @@ class TorqueTask(EffortTask):
         self._rows = model.actuation.motors_of(columns)
 
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array]:
-        """Rows of the joint torques, (k, n), and the reference torques less the constant part of the map, (k,)."""
+        """Return the rows of the joint torques, (k, n), and the reference minus constant torques, (k,)."""
         rows, offset = efforts.torque_map
         if self._rows is not None:
             return rows[self._rows], reference.position - offset[self._rows]
