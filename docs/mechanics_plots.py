@@ -159,7 +159,7 @@ def tipping_box() -> None:
     moments = np.linspace(0.0, 25.0, 51)
     answers = [
         wbm.constrained_dynamics(
-            model, pin.neutral(model), np.zeros(6), np.array([0, 0, 0, moment, 0, 0]), pushing=corners
+            model, pin.neutral(model), np.zeros(6), np.array([0, 0, 0, moment, 0, 0]), unilateral=corners
         )
         for moment in moments
     ]

@@ -98,7 +98,7 @@ def test_a_new_configuration_with_which_the_robot_cannot_stand_is_printed_and_ha
 def test_a_urdf_that_is_not_there_is_refused_without_a_configuration():
     result = invoke("new", "no.urdf")
     assert (result.exit_code, result.stdout) == (2, "")
-    assert result.stderr == "error: ROBOT.urdf = 'no.urdf': there is no file no.urdf\n"
+    assert result.stderr == "error: ROBOT.urdf = 'no.urdf': file no.urdf does not exist\n"
 
 
 @pytest.mark.parametrize("command", ["run", "mock", "guard", "check", "demo"])
@@ -107,8 +107,8 @@ def test_a_robot_that_is_not_shipped_suggests_one(command, tmp_path, monkeypatch
     result = invoke(command, "g2")
     assert (result.exit_code, list(tmp_path.iterdir())) == (2, [])
     assert result.stderr == (
-        "error: no configuration is named 'g2'; did you mean 'go2'? Valid: g1, go2, talos; "
-        "or give the path of a .yaml file\n"
+        "error: unknown configuration 'g2'; did you mean 'go2'? Valid: g1, go2, talos, "
+        "or the path of a .yaml file\n"
     )
 
 

@@ -239,7 +239,7 @@ def test_a_box_stands_or_tips_alike(moment):
         sides[int(data.contact[index].pos[1] < 0.0)] += local[0]
 
     force = np.array([0, 0, 0, moment, 0, 0])
-    motion = constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, pushing=floor)
+    motion = constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, unilateral=floor)
     ours = np.array([motion.push[[0, 2]].sum(), motion.push[[1, 3]].sum()])
     weight = mass * 9.81
     assert np.abs(ours - sides).max() < 0.001 * weight, (ours, sides)

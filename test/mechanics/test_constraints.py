@@ -25,7 +25,7 @@ from wbc_controller.mechanics import (
     forward_dynamics,
     generalized_force,
     ground,
-    shaken,
+    oscillating_support,
     simulate,
 )
 
@@ -40,7 +40,7 @@ def placed(rng):
 def every_kind(model, rng):
     first, second = (str(name) for name in rng.choice(links(model), 2, replace=False))
     joints = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq == 1]
-    support = shaken(0.5 * rng.normal(size=6), 0.4, 3.0)
+    support = oscillating_support(0.5 * rng.normal(size=6), 0.4, 3.0)
     a, b, n = rng.normal(size=(3, 3))
     n[2] += 2.0
     return [
@@ -162,7 +162,7 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
 
 
 def test_a_moving_support_carries_what_stands_on_it():
-    """A pendulum whose pivot is shaken, against its equation l θ̈ = -(g cos 0) sin θ - ẍ cos θ."""
+    """A pendulum whose pivot is oscillating_support, against its equation l θ̈ = -(g cos 0) sin θ - ẍ cos θ."""
     length, amplitude, omega = 0.7, 0.1, 5.0
     model = pin.Model()
     base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "cart")
@@ -172,7 +172,7 @@ def test_a_moving_support_carries_what_stands_on_it():
     model.appendBodyToJoint(
         joint, pin.Inertia(1.5, np.array([0.0, 0.0, -length]), np.zeros((3, 3))), pin.SE3.Identity()
     )
-    support = shaken(np.array([1.0, 0.0, 0.0]), amplitude, omega)
+    support = oscillating_support(np.array([1.0, 0.0, 0.0]), amplitude, omega)
     held = SurfaceContact(frame="cart_link", support=support, time_constant=0.1)
     q, v = pin.neutral(model), np.zeros(7)
     q[7], v[0] = 0.4, amplitude * omega

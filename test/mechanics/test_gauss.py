@@ -302,7 +302,7 @@ def test_pushing_contacts_are_least_constraint_too(name, seed):
 def resting(extra):
     model, corners = box()
     q, v = pin.neutral(model), np.zeros(model.nv)
-    return constrained_dynamics(model, q, v, np.array(extra, dtype=float), pushing=corners)
+    return constrained_dynamics(model, q, v, np.array(extra, dtype=float), unilateral=corners)
 
 
 def test_a_box_rests_lifts_and_tips():
@@ -330,7 +330,7 @@ def test_a_two_sided_constraint_and_a_pushing_one_together():
     push = np.zeros(model.nv)
     for sign, held in ((-200.0, True), (200.0, False)):
         push[3] = sign
-        motion = constrained_dynamics(model, q, 0.0 * v, push, [coupling], pushing=[stop])
+        motion = constrained_dynamics(model, q, 0.0 * v, push, [coupling], unilateral=[stop])
         assert motion.v_dot[0] == pytest.approx(-motion.v_dot[1])
         assert (abs(motion.v_dot[3]) < 1e-9) == held
         assert (motion.push[0] > 1.0) == held

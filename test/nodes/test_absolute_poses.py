@@ -85,10 +85,10 @@ def test_a_robot_is_activated_once_poses_have_begun_its_world_and_goes_on_withou
     ("changes", "said"),
     [
         ({"frame": "odom"}, "header.frame_id is 'odom'; an absolute pose is given in world, map"),
-        ({"pose": THERE * np.nan}, "the pose holds a value that is not finite"),
+        ({"pose": THERE * np.nan}, "the pose is not finite"),
         ({"pose": [2e4, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}, "the position is [20000.0, 0.0, 0.0] m; at most 10000 m"),
         ({"pose": [0.0] * 7}, "the orientation"),
-        ({"variance": np.inf}, "the covariance holds a value that is not finite"),
+        ({"variance": np.inf}, "the covariance is not finite"),
         ({"variance": -1e-6}, "the covariance has the variances [-1e-06, "),
         ({"variance": 1e3}, "those of position and heading are at most 100 m² and rad²"),
         ({"covariance": np.ones(36) + np.diag([-0.5] * 6).ravel()}, "has the eigenvalue -0.5; none is negative"),

@@ -97,8 +97,8 @@ def test_imu_data_that_end_are_a_fault_within_the_deadline(robot):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"turning": (np.nan, 0.0, 0.0)}, "angular_velocity holds a value that is not finite"),
-        ({"force": (0.0, 0.0, np.inf)}, "linear_acceleration holds a value that is not finite"),
+        ({"turning": (np.nan, 0.0, 0.0)}, "angular_velocity is not finite"),
+        ({"force": (0.0, 0.0, np.inf)}, "linear_acceleration is not finite"),
         ({"turning": (0.0, 200.0, 0.0)}, "angular_velocity is [0.0, 200.0, 0.0] rad/s; an IMU measures at most 100"),
         ({"force": (0.0, 0.0, -2e3)}, "linear_acceleration is [0.0, 0.0, -2000.0] m/s²; an IMU measures at most 1000"),
         ({"frame": "head"}, "header.frame_id is 'head'; the IMU's frame is 'base'"),
@@ -338,7 +338,7 @@ def test_a_force_decides_before_a_switch_and_a_switch_before_what_is_active(robo
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"newtons": np.nan}, "wrench.force holds a value that is not finite"),
+        ({"newtons": np.nan}, "wrench.force is not finite"),
         ({"newtons": 2e5}, "wrench.force is [0.0, 0.0, 200000.0] N; at a contact it is at most 100000"),
         (
             {"newtons": 50.0, "frame": "head"},
@@ -388,5 +388,5 @@ def test_the_normal_is_known_in_the_frames_in_which_forces_are_measured(robot_of
 
 
 def test_a_force_that_lets_go_above_the_one_that_takes_hold_is_refused():
-    with pytest.raises(ConfigurationError, match=r"contact_force_off = 0.2: it is at most contact_force_on, 0.1"):
+    with pytest.raises(ConfigurationError, match=r"contact_force_off = 0.2: must be at most contact_force_on, 0.1"):
         load("go2").replace({"estimation.contact_force_on": 0.1, "estimation.contact_force_off": 0.2})

@@ -64,7 +64,7 @@ def modified(path: Path, topic: str, change: Callable[[dict[str, Any]], None]) -
         ("start", lambda start: start.pop("format"), "its start has no 'format'"),
         ("start", lambda start: start.pop("node"), "its start has no 'node'"),
         ("start", lambda start: start.update(config=1), "its start: 'config' is 1, not str"),
-        ("start", lambda start: start.update(config="a: 1"), "has no key 'wbc_controller'"),
+        ("start", lambda start: start.update(config="a: 1"), "missing key 'wbc_controller'"),
         ("start", lambda start: start.update(config="[" * 5000), "not valid YAML"),
         ("start", lambda start: start.update(software=[]), r"'software' is \[\], not .*Mapping"),
         ("start", lambda start: start["layout"].pop(0), "its layout does not begin with number, now"),

@@ -50,11 +50,11 @@ def test_a_new_task_and_another_urdf_can_be_put_in():
         ({"tasks.com.wieght": 1.0}, "tasks.com.wieght: unknown key; did you mean 'weight'"),
         ({"tasks.com.weight": -1.0}, r"tasks\.com\.weight = -1\.0"),
         ({"tasks.com.weight": np.float64("nan")}, r"tasks\.com\.weight = nan"),
-        ({"tasks.torso": None}, "tasks.torso = None: there is none to remove; .*Valid: com, posture"),
-        ({"robot.posture.c": 0.0}, "robot.posture.c: 'c' is not one of robot.joints; .*Valid: a, b"),
+        ({"tasks.torso": None}, "tasks.torso = None: unknown entry, cannot be removed; .*Valid: com, posture"),
+        ({"robot.posture.c": 0.0}, "robot.posture.c: 'c' is not in robot.joints; .*Valid: a, b"),
         ({"robot.posture.a": "x"}, r"robot\.posture\.0 = 'x'"),
         ({"tasks": None}, r"tasks"),
-        ({"robot.joints": "a", "robot.joints.b": 1}, "there is a parameter robot.joints.b too"),
+        ({"robot.joints": "a", "robot.joints.b": 1}, "conflict with parameter robot.joints.b"),
     ],
 )
 def test_an_error_names_the_key_and_the_valid_ones(changes, sentence):

@@ -76,7 +76,7 @@ def test_a_dictionary_has_no_folder_and_starts_at_the_working_directory(written,
     values["robot"]["urdf"] = MODEL
     config = wbc.load(values)
     assert config.settings.robot.urdf == MODEL
-    with pytest.raises(ConfigurationError, match=r"robot.urdf = 'models/go2.urdf': there is no file"):
+    with pytest.raises(ConfigurationError, match=r"robot.urdf = 'models/go2.urdf': file .* does not exist"):
         locate(config.settings.robot.urdf)
     monkeypatch.chdir(path.parent)
     assert locate(config.settings.robot.urdf).is_file()

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from wbc_controller.arguments import finite, name_of, number, shortened, sized, str_of
+from wbc_controller.arguments import finite, number, require_choice, shortened, sized, str_of
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.cycle import ControlCycle, seconds
 from wbc_controller.controller.report import CycleInputs
@@ -50,7 +50,7 @@ class Controller(ControlCycle):
 
     The supervisor is part of it: torques ramp in after `reset`, hold their limits and their rate, and where something
     is wrong the mode goes from active to holding, damping and fault, as docs/safety.md says. The ROS 2 service runs
-    this same object; what `set`, `enable` and the like do, it does by topic.
+    this same object; subject `set`, `enable` and the like do, it does by topic.
 
     States are Pinocchio's: for a floating base ``q = [position in the world, quaternion (x, y, z, w), joints]`` and
     ``v = [linear velocity, angular velocity, joint velocities]`` with the base's velocities in its own axes.
@@ -77,8 +77,8 @@ class Controller(ControlCycle):
         self._time = seconds(state)
         self.qp.forget()
         self._commands, self._streamed = [], {}
-        self._failure, self._explained = None, -np.inf
-        self.supervisor = Supervisor(self.model, self._parts.supervisor)
+        self._failure, self._explained_at = None, -np.inf
+        self.supervisor = Supervisor(self.model, self._live.supervisor)
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, self._time)
         self.model_error.restart()
@@ -155,8 +155,8 @@ class Controller(ControlCycle):
             return
         size = len(self.board.present(task, self._now()).velocity)
         rates = [
-            _finite(given, size, f"the {what} of task {task!r}")
-            for what, given in (("velocity", velocity), ("acceleration", acceleration))
+            _finite(given, size, f"the {subject} of task {task!r}")
+            for subject, given in (("velocity", velocity), ("acceleration", acceleration))
         ]
         reference = Reference(frozen(values), *map(frozen, rates))
         check_rates(self.qp.tasks[task], reference, self.model)
@@ -189,8 +189,8 @@ class Controller(ControlCycle):
         size = len(self.board.present(task, self._now()).velocity)
         still = np.zeros((len(seconds), size))
         rates = [
-            [_finite(each, size, f"{what} of task {task!r}") for each in _rows(given, seconds)]
-            for what, given in (
+            [_finite(each, size, f"{subject} of task {task!r}") for each in _rows(given, seconds)]
+            for subject, given in (
                 ("a velocity", still if velocities is None else velocities),
                 ("an acceleration", still if accelerations is None else accelerations),
             )
@@ -274,7 +274,7 @@ class Controller(ControlCycle):
             ConfigurationError: if a value is not valid, or the key is read only at the start.
         """
         self.live.accept(nested(changes), "update")
-        self._take_live(self._time)
+        self._apply_live_settings(self._time)
 
     def request(self, word: str) -> None:
         """Ask the supervisor for a mode: ``deactivate`` ramps the torques out, ``damp`` damps, ``estop`` stops at once.
@@ -326,17 +326,17 @@ class Controller(ControlCycle):
         if isinstance(change, SetSetpoint | SetTrajectory):
             self._streamed.pop(change.task, None)
 
-    def _position(self, task: str, position: Any, what: str) -> Array:
+    def _position(self, task: str, position: Any, subject: str) -> Array:
         """Read a position in the form of its task."""
         form = self._task(task).form
         if isinstance(position, Mapping):
             position = self._joint_positions(task, position)
         elif isinstance(position, pin.SE3):
             position = pin.SE3ToXYZQUAT(position)
-        return form.position(position, what)
+        return form.position(position, subject)
 
     def _task(self, name: str) -> Task:
-        return self.qp.tasks[name_of(name, self.qp.tasks, "task")]
+        return self.qp.tasks[require_choice(name, self.qp.tasks, "task")]
 
     def _joint_positions(self, task: str, given: Mapping[str, float]) -> Array:
         """The present reference of a task on joints, with some of them elsewhere."""
@@ -356,9 +356,9 @@ class Controller(ControlCycle):
         return np.array([number(given.get(name, value), f"the position of {name!r}") for name, value in values])
 
 
-def _finite(values: npt.ArrayLike | None, size: int, what: str) -> Array:
+def _finite(values: npt.ArrayLike | None, size: int, subject: str) -> Array:
     """See that an array has its size, and only finite values; zeros where there is none."""
-    return finite(sized(np.zeros(size) if values is None else values, size, what), what)
+    return finite(sized(np.zeros(size) if values is None else values, size, subject), subject)
 
 
 def _rows(values: Any, times: Array) -> Sequence[Any]:

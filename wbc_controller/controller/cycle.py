@@ -55,7 +55,7 @@ class ControlCycle:
         walker: decides on steps; None if the configuration has no section ``walking``.
         model_error: compensation of friction and disturbances.
         live: the settings with all changes since.
-        tape: records of the cycles, for a recorder that empties the list; None without a recorder.
+        cycle_records: records of the cycles, for a recorder that empties the list; None without a recorder.
         holding: names of the loaded contacts that were active in the last cycle; if none was solved, of those that are
             active when the controller is activated.
     """
@@ -97,25 +97,25 @@ class ControlCycle:
             if preflight:
                 check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
         except ConfigurationError as error:
-            raise ConfigurationError(self.config.named(str(error))) from error
-        self._parts = self.live.newest
-        self.board = ReferenceBoard(self._parts.board)
-        self.supervisor = Supervisor(model, self._parts.supervisor)
+            raise ConfigurationError(self.config.with_source(str(error))) from error
+        self._live = self.live.newest
+        self.board = ReferenceBoard(self._live.board)
+        self.supervisor = Supervisor(model, self._live.supervisor)
         self.walker = make_walker(settings, self.qp)
         self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
-        self.holding = self._at_activation()
+        self.holding = self._enabled_contacts()
         self._timer = timer
         self._commands: list[Change] = []  # by call, for the next cycle
         self._streamed: dict[str, Reference] = {}  # references that count as they are, in the next cycle
         # It takes several periods to explain a failure: another thread does, and the commands go on.
         self._explaining = ThreadPoolExecutor(max_workers=1, thread_name_prefix="explain")
         self._explanation: Future[NoSolution] | None = None
-        self._explained = -np.inf
+        self._explained_at = -np.inf
         self._failure: NoSolution | None = None
         self._defect: Fault | None = None  # of what stands around the cycle
-        self.tape: list[CycleRecord] | None = None
-        self._held: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # what `holding` was made from
-        self._apart = False  # True if something has changed between the last cycle and the next
+        self.cycle_records: list[CycleRecord] | None = None
+        self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # what `holding` was made from
+        self._changed_outside = False  # True if something has changed between the last cycle and the next
 
     @property
     def model(self) -> RobotModel:
@@ -163,7 +163,7 @@ class ControlCycle:
     @property
     def state_timeout(self) -> float:
         """Oldest state that torques may be computed from, s."""
-        return self._parts.state_timeout
+        return self._live.state_timeout
 
     def cycle(self, inputs: CycleInputs) -> CycleResult:
         """Run one cycle: requests, changes, quadratic program, supervisor."""
@@ -171,12 +171,12 @@ class ControlCycle:
         now, state, problem = inputs.now, inputs.state, inputs.problem or self._defect
         self._defect = None
         refused: list[str] = []
-        starts = self._take_requests(inputs.requests, now, problem, refused) if inputs.requests else False
+        starts = self._handle_requests(inputs.requests, now, problem, refused) if inputs.requests else False
         left: list[tuple[Change, ...]] = []
         supervisor = self.supervisor
-        if inputs.changes or self.live.newest is not self._parts:
+        if inputs.changes or self.live.newest is not self._live:
             try:
-                left = self._take_changes(inputs.changes, state, refused)
+                left = self._accept_changes(inputs.changes, state, refused)
             except Exception as error:
                 problem = _defect(error)
         outcome: Solution | NoSolution | Fault | None = None
@@ -192,28 +192,32 @@ class ControlCycle:
             tau = command.tau if command is not None and whole else None
             self.model_error.record_command(state, solution, tau, self.qp.dynamics, self.qp.contact_jacobian)
         if left and outcome is None:
-            words = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
+            requests = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
             refused.append(
-                f"{len(left)} task or contact commands: the controller is {self.mode.value}; send {words} first"
+                f"{len(left)} task or contact commands: the controller is {self.mode.value}; send {requests} first"
             )
         if references is not None and supervisor.solving:
             activations, unloaded = references.contacts, self.model_error.unloaded_contacts
-            if self._held is None or self._held[0] is not activations or self._held[1] is not unloaded:
-                self._held = activations, unloaded
+            if (
+                self._holding_inputs is None
+                or self._holding_inputs[0] is not activations
+                or self._holding_inputs[1] is not unloaded
+            ):
+                self._holding_inputs = activations, unloaded
                 active = [name for name, activation in activations.items() if activation > 0.0]
                 self.holding = tuple(name for name in active if name not in unloaded)
         else:
-            self.holding, self._held = self._at_activation(), None
+            self.holding, self._holding_inputs = self._enabled_contacts(), None
         self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None
         if self._explanation is not None:
-            self._take_explanation()
+            self._report_explanation()
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
-        of_it = None if solution is None else solution.stage_seconds
-        if of_it:
+        solution_stages = None if solution is None else solution.stage_seconds
+        if solution_stages:
             stages |= {
-                "compute/build": of_it["build"],
-                "compute/solve": of_it["solve"],
-                "compute/unpack": of_it["unpack"],
+                "compute/build": solution_stages["build"],
+                "compute/solve": solution_stages["solve"],
+                "compute/unpack": solution_stages["unpack"],
             }
         result = CycleResult(
             qp=self.qp,
@@ -227,10 +231,12 @@ class ControlCycle:
             refused=tuple(refused),
             stage_seconds=stages,
         )
-        if self.tape is not None:
+        if self.cycle_records is not None:
             given = inputs if problem is inputs.problem else replace(inputs, problem=problem)
-            self.tape.append(CycleRecord(inputs=given, live=self._parts, result=result, apart=self._apart))
-            self._apart = False
+            self.cycle_records.append(
+                CycleRecord(inputs=given, live=self._live, result=result, changed_outside=self._changed_outside)
+            )
+            self._changed_outside = False
         return result
 
     def memory(self) -> dict[str, Any]:
@@ -252,31 +258,31 @@ class ControlCycle:
         Raises:
             ConfigurationError: if the settings do not fit the model.
         """
-        self.live.adopt(settings)
-        self._parts = self.live.newest
-        self.board = ReferenceBoard(self._parts.board)
-        self.supervisor = Supervisor(self.model, self._parts.supervisor)
+        self.live.replace_all(settings)
+        self._live = self.live.newest
+        self.board = ReferenceBoard(self._live.board)
+        self.supervisor = Supervisor(self.model, self._live.supervisor)
         restore_state(self.board, memory["board"])
         restore_state(self.supervisor, memory["supervisor"])
-        self.model_error.observer.limits = self._parts.disturbance
+        self.model_error.observer.limits = self._live.disturbance
         restore_state(self.model_error, memory["model_error"])
         if self.walker is not None:
             restore_state(self.walker, memory["walker"])
         if memory["qp"] is not None:
             self.qp.recall(memory["qp"])
 
-    def _at_activation(self) -> tuple[str, ...]:
+    def _enabled_contacts(self) -> tuple[str, ...]:
         """Names of the contacts that are active when the controller is activated."""
-        return tuple(name for name, contact in self._parts.board.contacts.items() if contact.enabled)
+        return tuple(name for name, contact in self._live.board.contacts.items() if contact.enabled)
 
     def fail(self, error: Exception) -> None:
         """Damp from the next cycle on: something around the cycle has failed."""
-        self._apart = True
+        self._changed_outside = True
         self._defect = _defect(error)
 
     def shut_down(self, now: float) -> CycleResult:
         """Leave the joints without torque when the process ends, at `now` in s: the last result."""
-        self._apart = True
+        self._changed_outside = True
         command = self.supervisor.shut_down(now)
         return CycleResult(qp=self.qp, time=now, mode=self.mode, fault=self.fault, command=command)
 
@@ -287,11 +293,11 @@ class ControlCycle:
         its first cycle stays in force.
         """
         failure, self._failure = self._failure, None
-        if failure is not None and self._explanation is None and now - self._explained >= _EXPLAIN_PAUSE:
-            self._explained = now
+        if failure is not None and self._explanation is None and now - self._explained_at >= _EXPLAIN_PAUSE:
+            self._explained_at = now
             self._explanation = self._explaining.submit(failure.explained)
 
-    def _take_explanation(self) -> None:
+    def _report_explanation(self) -> None:
         """Report the constraints that conflict, when they have been found."""
         if self._explanation is None or not self._explanation.done():
             return
@@ -304,11 +310,11 @@ class ControlCycle:
         self.supervisor.explain(failure)
         _log.warning("NO_SOLUTION: %s", failure)
 
-    def _take_requests(self, words: Sequence[str], now: float, problem: Fault | None, refused: list[str]) -> bool:
+    def _handle_requests(self, requests: Sequence[str], now: float, problem: Fault | None, refused: list[str]) -> bool:
         """Hand the requests to the supervisor; return whether the controller starts from the present state."""
         starts = False
-        for i, word in enumerate(words):
-            if "estop" in words[:i]:  # silence may only follow zeros that were sent
+        for i, word in enumerate(requests):
+            if "estop" in requests[:i]:  # silence may only follow zeros that were sent
                 refused.append(f"command {word!r} is refused in the cycle of an emergency stop; send it again")
                 continue
             try:
@@ -326,7 +332,7 @@ class ControlCycle:
             return False
         return self.supervisor.request(word, now, problem)
 
-    def _take_changes(
+    def _accept_changes(
         self, changes: Iterable[Sequence[Change | ChangeSettings]], state: RobotState | None, refused: list[str]
     ) -> list[tuple[Change, ...]]:
         """Take over changed settings; return the changes of references that remain to be applied."""
@@ -343,17 +349,17 @@ class ControlCycle:
                     continue
             if references:
                 left.append(references)
-        self._take_live(seconds(state) if state is not None else None)
+        self._apply_live_settings(seconds(state) if state is not None else None)
         return left
 
-    def _take_live(self, time: float | None) -> None:
+    def _apply_live_settings(self, time: float | None) -> None:
         """Take over the newest settings, along ramps if the references are followed."""
         newest = self.live.newest
-        if newest is not self._parts:
+        if newest is not self._live:
             self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
             self.supervisor.limits = newest.supervisor
             self.model_error.observer.limits = newest.disturbance
-            self._parts = newest
+            self._live = newest
 
     def _compute(
         self,

@@ -70,26 +70,26 @@ class LiveSettings:
         Raises:
             ConfigurationError: if it would not, with its source and the reason.
         """
-        self._result(change, source)
+        self._validated(change, source)
 
     def prepare(self, change: Mapping[str, Any], source: str) -> None:
         """Do the work of `accept` ahead, on another thread than the one that will accept; as `check` otherwise."""
         base = self.settings
-        self._prepared = (change, base, self._result(change, source))
+        self._prepared = (change, base, self._validated(change, source))
 
     def accept(self, change: Mapping[str, Any], source: str) -> None:
         """Take a change, whole or not at all; arguments and errors as for `check`."""
         prepared, base, result = self._prepared
         with self._lock:
             ready = prepared is change and base is self.settings
-            settings, live, differences = result if ready else self._result(change, source)
+            settings, live, differences = result if ready else self._validated(change, source)
             if not differences:
                 return
             self.settings, self.newest = settings, live
         _log.info("%s: %s", source, ", ".join(differences))
         self.changed()
 
-    def adopt(self, settings: Settings) -> None:
+    def replace_all(self, settings: Settings) -> None:
         """Take over settings that another controller of the same configuration had, as its recording says.
 
         Raises:
@@ -99,7 +99,7 @@ class LiveSettings:
         with self._lock:
             self.settings, self.newest = settings, live
 
-    def _result(self, change: Mapping[str, Any], source: str) -> tuple[Settings, LivePart, tuple[str, ...]]:
+    def _validated(self, change: Mapping[str, Any], source: str) -> tuple[Settings, LivePart, tuple[str, ...]]:
         settings = parse_settings(merged(self.settings.model_dump(exclude_unset=True), change), source)
         differences = list(_differences(self.settings, settings))
         fixed = [key for key, live, *_ in differences if not live]
@@ -107,7 +107,7 @@ class LiveSettings:
             raise ConfigurationError(
                 f"{source}: {', '.join(fixed)}: read only when the controller is configured; configure it anew for that"
             )
-        beyond = list(_beyond(self._configured, self.settings, settings))
+        beyond = list(_out_of_live_range(self._configured, self.settings, settings))
         if beyond:
             raise ConfigurationError(f"{source}: {'; '.join(beyond)}")
         return settings, self._derive(settings), tuple(f"{key}: {old} -> {new}" for key, _, old, new in differences)
@@ -131,16 +131,16 @@ def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[t
                 yield key, name in live, a, b
 
 
-def _beyond(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
+def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
     """A sentence for each value that changes to one that is out of its range while the controller runs."""
     for name in type(new).model_fields:
         parts = getattr(configured, name), getattr(old, name), getattr(new, name)
         if all(isinstance(part, BaseModel) for part in parts):
-            yield from _beyond(*parts, f"{prefix}{name}.")
+            yield from _out_of_live_range(*parts, f"{prefix}{name}.")
     for name, (lower, upper) in getattr(new, "live_ranges", {}).items():
-        at_first, value = getattr(configured, name), getattr(new, name)
-        low = at_first if lower is None else min(lower, at_first)
-        high = at_first if upper is None else max(upper, at_first)
+        configured_value, value = getattr(configured, name), getattr(new, name)
+        low = configured_value if lower is None else min(lower, configured_value)
+        high = configured_value if upper is None else max(upper, configured_value)
         if value != getattr(old, name) and not (low <= value <= high):
             yield f"{prefix}{name} = {value:g}: while the controller runs it may be from {low:g} to {high:g}"
 

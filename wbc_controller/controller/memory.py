@@ -28,14 +28,14 @@ class CycleRecord:
         inputs: the inputs of the controller.
         live: the part of the settings that was in force.
         result: the result of the cycle.
-        apart: whether the state of the controller changed outside of its cycles since the last one: a cycle failed, or
+        changed_outside: whether the state of the controller changed outside of its cycles since the last one: a cycle failed, or
             the loop ended, and may have started again.
     """
 
     inputs: CycleInputs
     live: LivePart
     result: CycleResult
-    apart: bool
+    changed_outside: bool
 
 
 def save_state(owner: Any) -> dict[str, Any]:

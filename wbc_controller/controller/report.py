@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.records import Array, AuditReport, ChangeSettings, Fault, JointCommand, Mode, RobotState, Solution
 
 
-class TakenRequests(NamedTuple):
+class UserRequests(NamedTuple):
     """Requests of users that one cycle takes.
 
     Attributes:
@@ -47,7 +47,7 @@ class LatchedInputs:
     ages: Mapping[str, float]
     clock_stall: float = 0.0
     refused_states: tuple[str, ...] = ()
-    requests: TakenRequests = field(default_factory=TakenRequests)
+    requests: UserRequests = field(default_factory=UserRequests)
     estimate: Mapping[str, str] = field(default_factory=dict)
 
     @property

@@ -21,7 +21,7 @@ from wbc_controller.records import Array, Fault, JointCommand, Mode, References,
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 #: Actuators in the table: those with the largest torques, as shares of their limits.
-_MOST = 5
+_LARGEST_SHOWN = 5
 
 
 @dataclass(slots=True, repr=False)  # not frozen, which would take three times as long to make, in every cycle
@@ -143,11 +143,11 @@ class CycleResult:
         return as_html(self._heading(), self._tables())
 
     def _heading(self) -> str:
-        said = f"{self.mode.value} at {self.time:.3f} s"
+        heading = f"{self.mode.value} at {self.time:.3f} s"
         if self.fault is not None:
-            said += f": {self.fault.code}: {self.fault.sentence}"
-        said += "".join(f"; refused {sentence}" for sentence in self.refused)
-        return said + (f"; relaxed {', '.join(self.relaxed)}" if self.relaxed else "")
+            heading += f": {self.fault.code}: {self.fault.sentence}"
+        heading += "".join(f"; refused {sentence}" for sentence in self.refused)
+        return heading + (f"; relaxed {', '.join(self.relaxed)}" if self.relaxed else "")
 
     def _tables(self) -> list[Table]:
         return [
@@ -179,7 +179,7 @@ class CycleResult:
     def _torque_rows(self) -> list[tuple[str, ...]]:
         model, tau = self.qp.model, self.tau
         shares = np.abs(tau) / model.effort_limits
-        order = np.argsort(-shares)[:_MOST].tolist()
+        order = np.argsort(-shares)[:_LARGEST_SHOWN].tolist()
         return [(model.actuators[i], f"{tau[i]:.2f} N·m", f"{100.0 * shares[i]:.0f} %") for i in order if tau[i]]
 
 

@@ -34,9 +34,10 @@ from wbc_controller.mechanics.constraints import (
     WeldedFrames,
     constraint_equation,
     ground,
-    shaken,
+    oscillating_support,
 )
 from wbc_controller.mechanics.contact_dynamics import constrained_dynamics, contact_dynamics_equations
+from wbc_controller.mechanics.coordinate_change import CoordinateChange, change_coordinates
 from wbc_controller.mechanics.energy import (
     EnergyBalance,
     energy_residual,
@@ -84,7 +85,6 @@ from wbc_controller.mechanics.particles import (
     solve_in_one_stage,
     solve_in_two_stages,
 )
-from wbc_controller.mechanics.recoordinate import Recoordinated, recoordinate
 from wbc_controller.mechanics.symmetry import (
     SymmetryReport,
     check_symmetry,
@@ -100,6 +100,7 @@ __all__ = [
     "Constraint",
     "ConstraintEquation",
     "ConstraintTerms",
+    "CoordinateChange",
     "EnergyBalance",
     "ExternalWrench",
     "JointCoupling",
@@ -110,7 +111,6 @@ __all__ = [
     "PinnedFrames",
     "PlaneContact",
     "PointContact",
-    "Recoordinated",
     "ReducedProblem",
     "Rod",
     "Rolling",
@@ -123,6 +123,7 @@ __all__ = [
     "centroidal_momentum",
     "centroidal_momentum_rate",
     "centroidal_wrench",
+    "change_coordinates",
     "check_symmetry",
     "conserved_quantity",
     "constrained_dynamics",
@@ -147,15 +148,14 @@ __all__ = [
     "lagrangian_variation",
     "mass_matrix",
     "momentum_residual",
+    "oscillating_support",
     "particle_mass_matrix",
     "potential_energy",
     "power",
-    "recoordinate",
     "reduce_structure",
     "rod_constraints",
     "rotation",
     "runge_kutta_step",
-    "shaken",
     "simulate",
     "solve_in_one_stage",
     "solve_in_two_stages",

@@ -56,7 +56,7 @@ def ground(t: float) -> Motion:
     return Motion(pin.SE3.Identity())
 
 
-def shaken(direction: Array, amplitude: float, angular_frequency: float) -> Support:
+def oscillating_support(direction: Array, amplitude: float, angular_frequency: float) -> Support:
     """A support that shakes along a direction, x = amplitude · sin(ω t), so that (30) depends on time.
 
     Args:

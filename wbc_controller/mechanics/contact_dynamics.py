@@ -24,7 +24,7 @@ def constrained_dynamics(
     force: Array,
     constraints: Sequence[Constraint] = (),
     *,
-    pushing: Sequence[Constraint] = (),
+    unilateral: Sequence[Constraint] = (),
     t: float = 0.0,
     data: pin.Data | None = None,
 ) -> ConstrainedMotion:
@@ -36,7 +36,7 @@ def constrained_dynamics(
     Args:
         force: applied generalized force, (nv,) in N and N·m.
         constraints: bilateral constraints; they may be redundant.
-        pushing: unilateral constraints, with λ ≥ 0, such as contacts; those whose λ would be negative detach.
+        unilateral: unilateral constraints, with λ ≥ 0, such as contacts; those whose λ would be negative detach.
 
     Raises:
         ConfigurationError: if the model has no such frame or joint.
@@ -49,9 +49,9 @@ def constrained_dynamics(
     v_dot_u = np.asarray(np.linalg.solve(M, f - bias_force(model, q, v, data=data)), dtype=np.float64)
     kinematics = Kinematics(model, q, v, t, data=data)
     both = constraint_equation(constraints, kinematics)
-    if not pushing:
+    if not unilateral:
         return gauss(M, v_dot_u, both.A, both.b)
-    one = constraint_equation(pushing, kinematics)
+    one = constraint_equation(unilateral, kinematics)
     return gauss_unilateral(M, v_dot_u, both.A, both.b, one.A, one.b)
 
 

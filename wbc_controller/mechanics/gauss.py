@@ -50,7 +50,7 @@ class ConstrainedMotion:
 
 
 @dataclass(frozen=True, slots=True)
-class _Split:
+class _Decomposition:
     """A = U diag(s) Vᵀ, and N, whose columns span the null space of A."""
 
     U: Array
@@ -63,13 +63,13 @@ class _Split:
         return float(self.s[0] / self.s[-1]) if len(self.s) else 1.0
 
 
-def _split(A: Array) -> _Split:
+def _decompose(A: Array) -> _Decomposition:
     n = A.shape[1]
     if not A.shape[0]:
-        return _Split(np.zeros((0, 0)), np.zeros(0), np.zeros((n, 0)), np.eye(n))
+        return _Decomposition(np.zeros((0, 0)), np.zeros(0), np.zeros((n, 0)), np.eye(n))
     U, s, Vt = np.linalg.svd(A)
     rank = int(np.sum(s > max(RANK_TOLERANCE * s[0], ZERO)))
-    return _Split(U[:, :rank], s[:rank], Vt[:rank].T, Vt[rank:].T)
+    return _Decomposition(U[:, :rank], s[:rank], Vt[:rank].T, Vt[rank:].T)
 
 
 def _check(M: Array, v_dot_u: Array, A: Array, b: Array) -> tuple[Array, Array, Array, Array]:
@@ -97,7 +97,7 @@ def _consistent(A: Array, b: Array, v_dot: Array) -> None:
         )
 
 
-def _multipliers(split: _Split, force: Array) -> tuple[Array, Array]:
+def _multipliers(split: _Decomposition, force: Array) -> tuple[Array, Array]:
     """Least-norm λ with Aᵀλ = force, and Aᵀλ, computed along V because a product with λ amplifies rounding errors."""
     along = split.V.T @ force
     return split.U @ (along / split.s), split.V @ along
@@ -116,7 +116,7 @@ def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
         NoSolution: if the constraints contradict each other; carries (A, b).
     """
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
-    split = _split(A)
+    split = _decompose(A)
     particular = split.V @ ((split.U.T @ b) / split.s)
     free = split.N.T @ M
     try:
@@ -174,7 +174,7 @@ def admissible_directions(A: Array) -> Array:
         InputRefused: if a value is not finite.
     """
     array = np.asarray(A, dtype=np.float64)
-    return _split(as_array("A", array, array.shape)).N
+    return _decompose(as_array("A", array, array.shape)).N
 
 
 def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: Array) -> ConstrainedMotion:
@@ -207,7 +207,7 @@ def gauss_unilateral(M: Array, v_dot_u: Array, A: Array, b: Array, C: Array, d: 
     mu = _least_distance(G, h, (C, d))
     v_dot = base.v_dot + W @ (G.T @ mu)
     push = mu / sizes
-    split = _split(A)
+    split = _decompose(A)
     multipliers, constraint_force = _multipliers(split, M @ (v_dot - v_dot_u) - C.T @ push)
     return ConstrainedMotion(
         v_dot=v_dot,

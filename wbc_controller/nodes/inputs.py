@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from wbc_controller.controller.report import LatchedInputs, TakenRequests
+from wbc_controller.controller.report import LatchedInputs, UserRequests
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample
@@ -257,7 +257,7 @@ class Inputs:
             ages=self.ages(),
             clock_stall=max([part.stamps.clock_stall for part in self._parts.values()]),
             refused_states=tuple(refused),
-            requests=self.requests.take() if self.requests.wait_to_be_taken() else TakenRequests(),
+            requests=self.requests.take() if self.requests.wait_to_be_taken() else UserRequests(),
             estimate=self._pose_notes(),
         )
 

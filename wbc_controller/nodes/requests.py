@@ -14,7 +14,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from wbc_controller.controller.report import TakenRequests
+from wbc_controller.controller.report import UserRequests
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.middleware import decoding
@@ -116,7 +116,7 @@ class Requests:
                 self._read.append(self._decoded(*self._requests.popleft()))
         return bool(self._read or self._dropped or self._estop.is_set())
 
-    def take(self) -> TakenRequests:
+    def take(self) -> UserRequests:
         """Take the decoded requests, an emergency stop first, at most `_MOST_PER_CYCLE`."""
         commands: list[str] = []
         changes: list[tuple[Change | ChangeSettings, ...]] = []
@@ -134,7 +134,7 @@ class Requests:
             refused += read.refused
         refused += [f"{name}: {count} messages refused: {why}" for (name, why), count in dropped.items()]
         total = stopped + len(taken) + sum(dropped.values())
-        return TakenRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
+        return UserRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
 
     def _read_requests(self) -> None:
         """Decode requests as they come, in a share of the time."""

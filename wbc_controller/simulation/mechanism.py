@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.controller.build.robot_description import inertia_tensor, some_body_has
-from wbc_controller.controller.check.model_plausibility import bare_links
+from wbc_controller.controller.build.robot_description import are_possible_moments, inertia_tensor
+from wbc_controller.controller.check.model_plausibility import massless_links
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import placement_of
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
@@ -166,7 +166,7 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
             rotation = pin.rpy.rpyToMatrix(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
         moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia))
         axes[:, 2] *= np.linalg.det(axes)  # right-handed
-        if not some_body_has(moments):  # common in links that only carry frames; MuJoCo refuses it
+        if not are_possible_moments(moments):  # common in links that only carry frames; MuJoCo refuses it
             balanced.append(str(link.get("name")))
             moments = np.full(3, moments.mean())
         # A flat link's largest moment is the sum of the others; rounding must not push it beyond.
@@ -183,7 +183,7 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
             "together; the mock robot takes the mean of the three",
             ", ".join(balanced),
         )
-    for name in bare_links(model):
+    for name in massless_links(model):
         body = spec.body(_body_name(name))
         body.explicitinertial = True
         body.mass = _BARE_MASS * model.mass

@@ -17,7 +17,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.controller.build.collision_elements import enclosing_points, read_collision_elements
-from wbc_controller.controller.build.footprint import fewer_corners, fitted_ball, outline
+from wbc_controller.controller.build.footprint import fit_sphere, outline, simplify_polygon
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -165,7 +165,7 @@ def _part_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape], 
         outline = ConvexHull(flat @ np.linalg.svd(normal[None, :])[2][1:].T)
     except (QhullError, ValueError):  # less than three corners, or all in a line: an edge or a tip, which is no sole
         return [], hull
-    corners = fewer_corners(flat[outline.vertices], MOST_CORNERS)
+    corners = simplify_polygon(flat[outline.vertices], MOST_CORNERS)
     # The mesh keeps off the floor as long as the sole is on it.
     behind = np.where(low[:, None], hull - np.outer(SOLE_DEPTH - depth, normal), hull)
     balls = [
@@ -179,7 +179,7 @@ def _part_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
     """Split a hull into the ball of its tip, if it is round in the direction `down`, and the vertices outside of it."""
     reach = hull @ down
     tip = hull[reach > reach.max() - TIP_DEPTH]
-    fitted = fitted_ball(tip)
+    fitted = fit_sphere(tip)
     if fitted is None or len(tip) <= 4:  # four points make a ball, more tell whether there is one
         return [], hull
     centre, radius = fitted

@@ -128,7 +128,7 @@ IN_THE_CONFIGURATION = {
     "a margin without room": ({"limits.position_margin": 1.0},
         ["limits.position_margin = 1: it leaves 'hip' no room", "-1 and 1 rad"]),
     "a file that is not there": ({"robot.urdf": "/robots/hopper.urdf"},
-        ["robot.urdf = '/robots/hopper.urdf': there is no file"]),
+        ["robot.urdf = '/robots/hopper.urdf': file /robots/hopper.urdf does not exist"]),
     "a package that is not there": ({"robot.urdf": "package://hopper_description/hopper.urdf"},
         ["robot.urdf = 'package://hopper_description/hopper.urdf'", "AMENT_PREFIX_PATH", "Python distribution"]),
 }  # fmt: skip

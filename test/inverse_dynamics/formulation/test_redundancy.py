@@ -13,7 +13,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.contacts import Rectangle, placement_of
 from wbc_controller.inverse_dynamics.formulation.redundancy import LEAST, NEARLY, mobilities, separate
-from wbc_controller.mechanics import recoordinate
+from wbc_controller.mechanics import change_coordinates
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.config import load
 from wbc_controller.validation.fuzz.problems import rest
@@ -128,7 +128,7 @@ def test_mobilities_do_not_depend_on_the_coordinates():
     q = robot.leaning(0.2)
     robot.qp.dynamics.update(q, np.zeros(robot.model.nv))
     J = np.vstack([contact.jacobian(robot.qp.dynamics) for contact in robot.qp.contacts.values()])
-    other = recoordinate(robot.model.pinocchio, root="HR_HFE", flip=["FL_KFE"], shuffle=2)
+    other = change_coordinates(robot.model.pinocchio, root="HR_HFE", flip=["FL_KFE"], shuffle=2)
     units = np.eye(robot.model.nv)
     T = np.column_stack([other.velocity(q, unit) for unit in units])  # velocities there = T times those here
     M = np.linalg.inv(T).T @ robot.qp.dynamics.M @ np.linalg.inv(T)

@@ -21,10 +21,10 @@ from wbc_controller.records import Array
 
 #: Smallest side of a box that takes the place of a hull, and thickness below which points have none, m.
 _THINNEST = 1.0e-4
-#: Number of directions in which the outermost points are taken: fewer than the neighbours that a corner may have.
+#: Number of directions in which the extremes points are taken: fewer than the neighbours that a corner may have.
 _DIRECTIONS = 250
 #: Largest distance by which a hull may be smaller than its points, m.
-_LOST = 1.0e-3
+_LARGEST_LOSS = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,19 +87,19 @@ def build_collision_model(
             "limits.self_collision.enabled: no link of the URDF has a <collision> element; disable it, or add them"
         )
     if pairs:
-        chosen = {_named(pair, every) for pair in pairs}
+        chosen = {_parse_pair(pair, every) for pair in pairs}
     else:
-        disabled = _disabled(srdf) if srdf else set()
+        disabled = _disabled_pairs(srdf) if srdf else set()
         chosen = {pair for pair in combinations(every, 2) if frozenset(pair) not in disabled}
-        chosen -= {(a, b) for a, b in chosen if _joined(model, joints[a], joints[b])}
-    asked = {link for pair in chosen for link in pair}
+        chosen -= {(a, b) for a, b in chosen if _are_connected(model, joints[a], joints[b])}
+    needed = {link for pair in chosen for link in pair}
     geometry, replaced = _shapes(model, {frame: own for frame, own in elements.items()
-                                         if model.pinocchio.frames[frame].name in asked})  # fmt: skip
+                                         if model.pinocchio.frames[frame].name in needed})  # fmt: skip
     links = [shape.name for shape in geometry.geometryObjects]
     for first, second in combinations(links, 2):
         if (first, second) in chosen or (second, first) in chosen:
             geometry.addCollisionPair(pin.CollisionPair(links.index(first), links.index(second)))
-    near = _drop_near(model, geometry, margin)
+    near = _remove_near_pairs(model, geometry, margin)
     if pairs and near:
         raise ConfigurationError(
             f"limits.self_collision.pairs: in robot.posture {'/'.join(near[0])} are nearer than {margin:g} m"
@@ -156,8 +156,8 @@ def _hull(points: Array) -> coal.ConvexBase | None:
     if not (np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] > _THINNEST):
         return None  # flat: the library does not survive it
     hull = _convex(np.unique(points, axis=0))
-    if hull is None and _lost(points, outermost := _outermost(points)) <= _LOST:
-        hull = _convex(outermost)
+    if hull is None and _distance_outside_hull(points, extremes := _extreme_points(points)) <= _LARGEST_LOSS:
+        hull = _convex(extremes)
     return hull
 
 
@@ -171,7 +171,7 @@ def _convex(corners: Array) -> coal.ConvexBase | None:
         return None
 
 
-def _outermost(points: Array) -> Array:
+def _extreme_points(points: Array) -> Array:
     """The points that are furthest out in directions all around, (k, 3)."""
     number = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * number / _DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * number
@@ -180,7 +180,7 @@ def _outermost(points: Array) -> Array:
     return np.asarray(points[np.unique(np.argmax(directions @ points.T, axis=1))])
 
 
-def _lost(points: Array, corners: Array) -> float:
+def _distance_outside_hull(points: Array, corners: Array) -> float:
     """Largest distance of points beyond the faces of the hull of some of them, m."""
     try:
         faces = ConvexHull(corners).equations
@@ -189,14 +189,14 @@ def _lost(points: Array, corners: Array) -> float:
     return float((faces[:, :3] @ points.T + faces[:, 3:]).max())
 
 
-def _joined(model: RobotModel, a: int, b: int) -> bool:
+def _are_connected(model: RobotModel, a: int, b: int) -> bool:
     """Whether two joints move one body, or are connected by one or two joints in series."""
     parents = model.pinocchio.parents
     carriers = [(link, parents[link], parents[parents[link]]) for link in (a, b)]
     return bool(b in carriers[0] or a in carriers[1])
 
 
-def _named(pair: str, links: Sequence[str]) -> tuple[str, str]:
+def _parse_pair(pair: str, links: Sequence[str]) -> tuple[str, str]:
     first, _, second = pair.partition("/")
     for link in (first, second):
         if link not in links:
@@ -209,7 +209,7 @@ def _named(pair: str, links: Sequence[str]) -> tuple[str, str]:
     return first, second
 
 
-def _disabled(srdf: str) -> set[frozenset[str]]:
+def _disabled_pairs(srdf: str) -> set[frozenset[str]]:
     """Pairs of links whose collisions an SRDF disables."""
     root = parse_xml(srdf, "limits.self_collision.srdf", "SRDF")
     return {
@@ -217,7 +217,7 @@ def _disabled(srdf: str) -> set[frozenset[str]]:
     }
 
 
-def _drop_near(model: RobotModel, geometry: pin.GeometryModel, margin: float) -> tuple[tuple[str, str], ...]:
+def _remove_near_pairs(model: RobotModel, geometry: pin.GeometryModel, margin: float) -> tuple[tuple[str, str], ...]:
     """Remove the pairs that are nearer than the margin in the nominal posture, and return their names."""
     data, placements = model.pinocchio.createData(), geometry.createData()
     pin.updateGeometryPlacements(model.pinocchio, data, geometry, placements, model.configuration(model.posture))

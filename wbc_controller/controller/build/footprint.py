@@ -123,7 +123,7 @@ def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
     return enclosing_points(element)
 
 
-def fewer_corners(polygon: Array, most: int) -> Array:
+def simplify_polygon(polygon: Array, most: int) -> Array:
     """Leave out of a convex polygon, (n, 2) or (n, 3), the corners that cut off the least area, until it has few."""
     corners = np.pad(polygon, ((0, 0), (0, 3 - polygon.shape[1])))
     while len(corners) > most:
@@ -132,7 +132,7 @@ def fewer_corners(polygon: Array, most: int) -> Array:
     return np.asarray(corners[:, : polygon.shape[1]])
 
 
-def fitted_ball(points: Array) -> tuple[Array, float] | None:
+def fit_sphere(points: Array) -> tuple[Array, float] | None:
     """Centre, (3,), and radius of the ball that fits points, (n, 3), best; None if they are in one plane.
 
     |p - c|² = r² is linear in c and in r² - |c|².

@@ -94,7 +94,7 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
     return Description(tree.get("name", ""), drive, frozen(robot.effort_limit_scale * drive.effort_limits))
 
 
-def some_body_has(moments: Array) -> bool:
+def are_possible_moments(moments: Array) -> bool:
     """Whether principal moments of inertia, (3,) in rising order, are possible: none exceeds the sum of the others."""
     return bool(moments[2] <= (moments[0] + moments[1]) * (1.0 + 1.0e-9))
 
@@ -107,6 +107,6 @@ def impossible_inertias(urdf: str) -> list[str]:
         inertia = link.find("inertial/inertia")
         if inertia is not None:
             moments: Array = np.asarray(np.linalg.eigvalsh(inertia_tensor(inertia)), dtype=np.float64)
-            if not some_body_has(moments):
+            if not are_possible_moments(moments):
                 names.append(str(link.get("name")))
     return names

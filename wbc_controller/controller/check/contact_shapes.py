@@ -23,7 +23,7 @@ from wbc_controller.settings.resources import locate
 #: up to a centimetre or two, and a mistaken frame is further off.
 _HEIGHT = 0.02
 #: Distance from which on it is worth a word, m: more than the tread of a sole.
-_NOTICED = 0.005
+_REPORTED_HEIGHT = 0.005
 #: Largest angle between a sole and the flat underside of its shapes, rad: 5°.
 _TILT = 0.0873
 #: Largest reach of a support beyond the true one, m, and as a share of its smaller side: a robot that leans on a part
@@ -31,14 +31,14 @@ _TILT = 0.0873
 _OVERHANG, _OVERHANG_SHARE = 0.01, 0.1
 #: Reach beyond the true support that is worth a word, m: 2.5 mm let G1's foot tip on its corner under a shove, with a
 #: spike of 90 % of a joint's torque limit in place of 54 %.
-_ROCKS = 0.001
+_REPORTED_OVERHANG = 0.001
 #: Thickness of the layer above the lowest point that the floor touches first, m: the mock robot's soles are as thick.
 _TREAD = 0.002
 #: Longest sole, m, over which a tilt that is allowed raises one end.
 _LONGEST = 0.3
 #: Largest distance of a point of contact from the footprint of its body, m: the simplified ball of a foot is up to this
 #: far from where the frame stands.
-_BESIDE = 0.03
+_SIDE_OFFSET = 0.03
 #: Cosine of the angle between a contact's normal and the floor's beyond which it is upside down, 120°.
 _UPSIDE_DOWN = -0.5
 
@@ -56,7 +56,7 @@ def upside_down(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[s
     ]
 
 
-def upside_down_sentence(name: str) -> str:
+def upside_down_message(name: str) -> str:
     """What is wrong with a contact whose normal points down, and its cure."""
     return (
         f"contacts.{name}.rpy: the sole is upside down: its z axis points down in robot.posture, and has to point away "
@@ -89,7 +89,7 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
         return [Finding("not compared", f"the contacts with the URDF: {error}")]
     found, without = [], []
     for name, contact in contacts.items():
-        text = _compared(settings, qp, elements, name, contact, normal)
+        text = _compare_contact(settings, qp, elements, name, contact, normal)
         if text is None:
             without.append(name)
         else:
@@ -129,7 +129,7 @@ def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
     return found
 
 
-def _compared(
+def _compare_contact(
     settings: Settings,
     qp: WholeBodyQP,
     elements: Mapping[int, Sequence[pin.GeometryObject]],
@@ -154,9 +154,9 @@ def _compared(
         if name in upside_down(qp, [name], normal):
             turned = on(plane * pin.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3)))
             if turned is not None and abs(turned.height) <= _HEIGHT:
-                raise ConfigurationError(upside_down_sentence(name))
+                raise ConfigurationError(upside_down_message(name))
         up = pin.rpy.rpyToMatrix(np.array(spec.rpy))[:, 2]
-        _require_height(name, "sole", seen.height, _moved(spec.translation, seen.height * up))
+        _require_height(name, "sole", seen.height, _corrected_translation(spec.translation, seen.height * up))
         tilt = seen.tilt or 0.0
         if not (tilt <= _TILT):
             raise ConfigurationError(
@@ -169,8 +169,10 @@ def _compared(
         flat = on(plane, _TREAD + _LONGEST * tan(tilt)) or seen
         over = float(flat.outside(np.array(spec.corners)).max())
         length, width = 1e3 * np.ptp(np.array(spec.corners), axis=0)
-        beyond = f", {1e3 * over:.1f} mm beyond its edge: on it the foot rocks" if over > _ROCKS else ""
-        return f"{length:.0f} × {width:.0f} mm on a sole of {_size(seen)}" + _off(seen.height, tilt) + beyond
+        beyond = f", {1e3 * over:.1f} mm beyond its edge: on it the foot rocks" if over > _REPORTED_OVERHANG else ""
+        return (
+            f"{length:.0f} × {width:.0f} mm on a sole of {_size(seen)}" + _describe_offset(seen.height, tilt) + beyond
+        )
     if not isinstance(contact, PointContact) or contact.wrench_in_world(qp.dynamics, np.eye(3)[2])[:3] @ normal < 0.5:
         return "on no floor, not compared"
     point = contact.points(qp.dynamics)[0]
@@ -180,17 +182,17 @@ def _compared(
     radius = f"radius = {contact.radius:g}"
     kind = f"lowest point ({radius})"
     shift = qp.dynamics.placement(frame).rotation.T @ (seen.height * contact.axes(qp.dynamics)[:, 2])
-    _require_height(name, kind, seen.height, _moved(spec.translation, shift))
+    _require_height(name, kind, seen.height, _corrected_translation(spec.translation, shift))
     beside = float(seen.outside(np.zeros((1, 2)))[0])
-    if not (beside <= _BESIDE):
+    if not (beside <= _SIDE_OFFSET):
         raise ConfigurationError(
             f"contacts.{name}: its {kind} is {1e3 * beside:.0f} mm beside what of {spec.frame!r} touches the floor in "
-            f"the URDF (allowed {1e3 * _BESIDE:.0f} mm); correct frame or translation"
+            f"the URDF (allowed {1e3 * _SIDE_OFFSET:.0f} mm); correct frame or translation"
         )
-    return f"{radius} m" + (_off(seen.height) or " agrees")
+    return f"{radius} m" + (_describe_offset(seen.height) or " agrees")
 
 
-def _moved(translation: Sequence[float], by: Array) -> str:
+def _corrected_translation(translation: Sequence[float], by: Array) -> str:
     return "[" + ", ".join(f"{value:.3f}" for value in np.array(translation) + by + 0.0) + "]"
 
 
@@ -199,8 +201,8 @@ def _size(seen: Footprint) -> str:
     return f"{length:.0f} × {width:.0f} mm"
 
 
-def _off(height: float, tilt: float = 0.0) -> str:
-    parts = [f"{abs(1e3 * height):.0f} mm {_side(height)} it"] if abs(height) > _NOTICED else []
+def _describe_offset(height: float, tilt: float = 0.0) -> str:
+    parts = [f"{abs(1e3 * height):.0f} mm {_side(height)} it"] if abs(height) > _REPORTED_HEIGHT else []
     parts += [f"tilted against it by {degrees(tilt):.1f}°"] if degrees(tilt) > 1.0 else []
     return ", " + " and ".join(parts) if parts else ""
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.controller.build.robot_description import impossible_inertias, inertia_tensor, some_body_has
+from wbc_controller.controller.build.robot_description import are_possible_moments, impossible_inertias, inertia_tensor
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -18,7 +18,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings import FixedContact, Settings
 
 #: Smallest mass, kg, and principal moment of inertia, kg·m², of a body that moves: what is smaller counts as none.
-_LEAST = 1.0e-15
+_SMALLEST = 1.0e-15
 #: Largest distance between two joints at one place, m.
 _ONE_PLACE = 1.0e-3
 #: Mass from which on a link without inertia is worth a word, kg.
@@ -48,11 +48,11 @@ def _links(urdf: str) -> Iterator[_Link]:
         yield _Link(str(link.get("name")), 0.0 if mass is None else float(mass.get("value", "0")), moments)
 
 
-def require_bodies(model: RobotModel) -> None:
+def require_inertia(model: RobotModel) -> None:
     """Refuse a body that moves and has no mass or no inertia: its motion has no equation, and simulators refuse it.
 
     A body is all links that one joint moves; one of them with a mass and three positive moments of inertia suffices.
-    `bare_links` need none.
+    `massless_links` need none.
 
     Raises:
         ConfigurationError: if there is such a body, or a link is so far from its parent that its unit is mistaken.
@@ -62,14 +62,16 @@ def require_bodies(model: RobotModel) -> None:
     for frame in model.pinocchio.frames:
         if frame.type == pin.BODY and frame.parentJoint in bodies and frame.name in links:
             bodies[frame.parentJoint].append(links[frame.name])
-    bare = bare_links(model)
+    bare = massless_links(model)
     for joint, own in bodies.items():
         if own[:1] and own[0].name in bare:
             continue
-        if own and not any(link.mass >= _LEAST and _usable(link.moments).min() >= _LEAST for link in own):
+        if own and not any(
+            link.mass >= _SMALLEST and _moments_in_simulator(link.moments).min() >= _SMALLEST for link in own
+        ):
             heaviest = max(own, key=lambda link: link.mass)
             raise ConfigurationError(
-                f"robot.urdf: link {heaviest.name!r}, which {_mover(model, joint)} moves, has {heaviest.mass:g} kg and "
+                f"robot.urdf: link {heaviest.name!r}, which {_moving_joint(model, joint)} moves, has {heaviest.mass:g} kg and "
                 f"the moments of inertia {np.array2string(heaviest.moments, precision=3)} kg·m²; a body that moves "
                 "needs a mass and three positive moments, and the mock robot refuses it"
             )
@@ -81,7 +83,7 @@ def require_bodies(model: RobotModel) -> None:
             )
 
 
-def bare_links(model: RobotModel) -> list[str]:
+def massless_links(model: RobotModel) -> list[str]:
     """Names of links without mass between two joints at one place, as planar bases and ball joints have them.
 
     What the second joint moves gives the first one its inertia, so that both have an equation of motion.
@@ -97,12 +99,12 @@ def bare_links(model: RobotModel) -> list[str]:
     return names
 
 
-def _usable(moments: Array) -> Array:
+def _moments_in_simulator(moments: Array) -> Array:
     """The moments as a simulator is given them: the mean where they are impossible."""
-    return moments if some_body_has(moments) else np.full(3, moments.mean())
+    return moments if are_possible_moments(moments) else np.full(3, moments.mean())
 
 
-def _mover(model: RobotModel, joint: int) -> str:
+def _moving_joint(model: RobotModel, joint: int) -> str:
     return "the floating base" if model.floating_base and joint == 1 else f"joint {model.pinocchio.names[joint]!r}"
 
 
@@ -154,18 +156,19 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
     if strong:
         findings.append(
             Finding(
-                "implausible", f"effort limits of {_some(strong)}: weight times size of the robot is {reach:.3g} N·m; "
+                "implausible", f"effort limits of {_first_names(strong)}: weight times size of the robot is {reach:.3g} N·m; "
                 "give the motors' own by robot.joint_limits, as nothing else limits torques",
             )
         )  # fmt: skip
     if fast:
         findings.append(
             Finding(
-                "implausible", f"velocity limits of {_some(fast)}: no joint is as fast; give them by robot.joint_limits"
+                "implausible",
+                f"velocity limits of {_first_names(fast)}: no joint is as fast; give them by robot.joint_limits",
             )
         )
     if endless:
-        findings.append(Finding("no position limits", _some(endless)))
+        findings.append(Finding("no position limits", _first_names(endless)))
     own = {
         name: ", ".join(f"{key} {value:g}" for key, value in given.model_dump().items() if value is not None)
         for name, given in settings.robot.joint_limits.items()
@@ -176,7 +179,7 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
     return findings
 
 
-def without_effort(settings: Settings, urdf: str) -> list[Finding]:
+def motors_without_effort(settings: Settings, urdf: str) -> list[Finding]:
     """Report joints with motors that have no effort in the URDF's text, as springs have, if other joints have one."""
     robot = settings.robot
     efforts = {}
@@ -188,10 +191,10 @@ def without_effort(settings: Settings, urdf: str) -> list[Finding]:
     if not idle or (len(idle) == len(driven) and not robot.passive_joints):
         return []
     text = "their effort in the URDF is 0, and robot.joint_limits gives one; joints with a spring, or without a motor, "
-    return [Finding("no motor?", f"{_some(idle)}: {text}belong in robot.passive_joints")]
+    return [Finding("no motor?", f"{_first_names(idle)}: {text}belong in robot.passive_joints")]
 
 
-def _some(names: list[str]) -> str:
+def _first_names(names: list[str]) -> str:
     """Names for a line: the first few, and how many more there are."""
     shown = ", ".join(names[:4])
     return shown if len(names) <= 4 else f"{shown} and {len(names) - 4} more"

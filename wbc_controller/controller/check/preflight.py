@@ -15,15 +15,15 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
-from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_sentence
+from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_message
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.model_plausibility import (
     inertias,
     limits,
     locked_joints,
-    require_bodies,
+    motors_without_effort,
     require_friction,
-    without_effort,
+    require_inertia,
 )
 from wbc_controller.controller.check.reserves import reserves
 from wbc_controller.errors import ConfigurationError
@@ -73,13 +73,13 @@ def stance(
     q = model.configuration(model.posture)
     qp.dynamics.update(q, np.zeros(model.nv))
     normal = np.array(floor_normal) / np.linalg.norm(floor_normal)
-    heights = [points @ normal for points in _on_the_floor(qp, active, normal).values()]
+    heights = [points @ normal for points in _floor_contacts(qp, active, normal).values()]
     if model.floating_base and heights:
         q[2] -= np.concatenate(heights).min() / normal[2]
     return q
 
 
-def _on_the_floor(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict[str, Array]:
+def _floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict[str, Array]:
     """Corners of the active contacts on the floor, in the world; without contacts on a wall, a rail or another link."""
     dynamics, found = qp.dynamics, {}
     for name in active:
@@ -105,7 +105,7 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
     settings = config.settings
     try:
         model = make_model(settings, config.urdf)
-        require_bodies(model)
+        require_inertia(model)
         require_friction(settings)
         qp = make_qp(settings, model)
         active = [name for name, contact in settings.contacts.items() if contact.enabled]
@@ -116,17 +116,17 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
         qp.dynamics.update(q, np.zeros(model.nv))
         findings += _posture(settings, qp, active, normal)
-        findings += [*locked_joints(model), *_unheld(settings, qp, active), *_redundant(qp, active)]
+        findings += [*locked_joints(model), *_uncontrolled_joints(settings, qp, active), *_redundant(qp, active)]
         findings += limits(settings, model, _placements(qp))
-        findings += without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
+        findings += motors_without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
             margin = settings.limits.position_margin if settings.limits.position else 0.0
             findings += reserves(
-                qp, active, q, hanging_joints(qp, active), level=_is_kept_level(settings, qp), margin=margin
+                qp, active, q, unsupported_passive_joints(qp, active), level=_is_kept_level(settings, qp), margin=margin
             )
         return findings
     except ConfigurationError as error:
-        raise ConfigurationError(config.named(str(error))) from error
+        raise ConfigurationError(config.with_source(str(error))) from error
 
 
 def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list[Finding]:
@@ -153,12 +153,12 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
     findings += [Finding(limit.kind.replace("_", "-"), limit.summary) for limit in qp.formulation.row_limits]
     qp.dynamics.update(q, np.zeros(model.nv))
     findings += _loops(qp)
-    standing = _on_the_floor(qp, active, normal)
+    standing = _floor_contacts(qp, active, normal)
     if standing and model.floating_base:
         findings.append(_support(qp, standing, normal))
     board.reset(qp.dynamics, 0.0)
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
-    findings += _balance(qp, hanging_joints(qp, active))
+    findings += _balance(qp, unsupported_passive_joints(qp, active))
     findings += _static(qp, state, board.sample(0.0), active, normal)
     return findings
 
@@ -177,7 +177,7 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
             "posture", f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m"
         )
     ]
-    standing = _on_the_floor(qp, active, normal)
+    standing = _floor_contacts(qp, active, normal)
     tilts = {
         name: acos(float(np.clip(contact.placement(dynamics).rotation[:, 2] @ normal, -1.0, 1.0)))
         for name in standing
@@ -206,7 +206,7 @@ def _placements(qp: WholeBodyQP) -> Array:
     return np.array([qp.dynamics.placement(i).translation for i in range(1, len(qp.model.pinocchio.frames))])
 
 
-def _unheld(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
+def _uncontrolled_joints(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
     """Report joints that can move while all enabled tasks and contacts are met: nothing says where they go."""
     model, dynamics = qp.model, qp.dynamics
     tasks = [
@@ -313,7 +313,7 @@ def _static(
     model = qp.model
     layout = qp.formulation.build(state, references).snapshot()  # a copy, as it is changed below
     problem = layout.problem
-    still = np.delete(np.arange(model.nv), model.v_index[hanging_joints(qp, active)])
+    still = np.delete(np.arange(model.nv), model.v_index[unsupported_passive_joints(qp, active)])
     problem.x_lower[still] = problem.x_upper[still] = 0.0
     problem.b[: layout.mechanism.start] = 0.0  # ignore the small position errors of loops
     solver = make_solver("daqp", problem)
@@ -323,7 +323,7 @@ def _static(
         because = f"; {why.sentence}" if why is not None else ""
         turned = upside_down(qp, active, normal)
         raise ConfigurationError(
-            upside_down_sentence(turned[0]) if turned else _why_not(qp, tuple(active), normal) + because
+            upside_down_message(turned[0]) if turned else _standing_failure(qp, tuple(active), normal) + because
         )
     tau = model.actuation.torques(qp.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])
     share = np.abs(tau) / model.effort_limits
@@ -335,12 +335,12 @@ def _static(
     ]  # fmt: skip
 
 
-def _why_not(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
+def _standing_failure(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
     model = qp.model
     if model.floating_base and not active:
         return "contacts: none is enabled, so a robot with a floating base falls"
     begin = f"the robot cannot stand still in robot.posture on {', '.join(active) or 'its fixed base'}: "
-    standing = _on_the_floor(qp, active, normal)
+    standing = _floor_contacts(qp, active, normal)
     if set(standing) == set(active) and model.floating_base:
         margin = support_margin(np.vstack(list(standing.values()))[:, :2], qp.dynamics.com[:2])
         if margin < 0.0:
@@ -365,7 +365,7 @@ def _why_not(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
     )
 
 
-def hanging_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:
+def unsupported_passive_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:
     """Indices of passive joints without support by a contact or loop: only their springs determine where they rest."""
     bearing = [contact for name, contact in qp.contacts.items() if name in active or isinstance(contact, LoopClosure)]
     borne = np.zeros(qp.model.nv, dtype=bool)

@@ -33,7 +33,7 @@ _LEAST_MOTION = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
-class _Balance:
+class _LoadLimit:
     """The largest multiple of a disturbance, and the cause that allows no more: an actuator; None for the contacts."""
 
     most: float
@@ -41,7 +41,7 @@ class _Balance:
 
 
 @dataclass(frozen=True, slots=True)
-class ComReach:
+class ComDistance:
     """The distance that the centre of mass can move, m, and the reason for its end."""
 
     distance: float
@@ -71,21 +71,21 @@ def reserves(
     all_anchored = len(anchored) == len(bearing)  # nothing says how far a loop is open along the way
     for name, direction in _DIRECTIONS.items():
         way = np.array(direction)
-        pushes[name] = _most(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
-        shifts[name] = _most(qp, bearing, hanging, np.concatenate([np.zeros(3), np.cross(way, weight)]))
+        pushes[name] = _largest_multiple(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
+        shifts[name] = _largest_multiple(qp, bearing, hanging, np.concatenate([np.zeros(3), np.cross(way, weight)]))
         if all_anchored and np.isfinite(shifts[name].most):
-            shifts[name] = _moved(_HeldContacts(qp, anchored, margin), hanging, q, way, level, shifts[name])
+            shifts[name] = _find_sway(_MotionWithContacts(qp, anchored, margin), hanging, q, way, level, shifts[name])
     found = [
-        Finding("push", "steady, at the centre of mass: " + _listed(pushes, 1.0, "N")),
-        Finding("sway", "of the centre of mass: " + _listed(shifts, 1e3, "mm")),
+        Finding("push", "steady, at the centre of mass: " + _format_directions(pushes, 1.0, "N")),
+        Finding("sway", "of the centre of mass: " + _format_directions(shifts, 1e3, "mm")),
     ]
-    squat = com_reach(qp, active, q, hanging, -np.eye(3)[2], _DEEPEST * float(dynamics.com[2]), margin)
+    squat = com_distance(qp, active, q, hanging, -np.eye(3)[2], _DEEPEST * float(dynamics.com[2]), margin)
     if squat is not None:
         found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down ({squat.why})"))
     return found
 
 
-def _listed(found: dict[str, _Balance], scale: float, unit: str) -> str:
+def _format_directions(found: dict[str, _LoadLimit], scale: float, unit: str) -> str:
     parts = []
     for name, balance in found.items():
         size = f"{scale * balance.most:.0f} {unit}" if np.isfinite(balance.most) else "any"
@@ -93,7 +93,7 @@ def _listed(found: dict[str, _Balance], scale: float, unit: str) -> str:
     return ", ".join(parts)
 
 
-def _most(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], wrench: Array) -> _Balance:
+def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], wrench: Array) -> _LoadLimit:
     """The largest multiple of a wrench on the base, about its origin in world axes, (6,), that can be borne at rest.
 
     With S and C of `Actuation`, over contact forces f, torques τ, forces of followers λ and the multiple s:
@@ -120,17 +120,17 @@ def _most(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], w
         method="highs",
     )
     if result.status == 3:
-        return _Balance(np.inf, None)
+        return _LoadLimit(np.inf, None)
     if result.x is None:
-        return _Balance(0.0, None)
+        return _LoadLimit(0.0, None)
     most, torques = float(result.x[-1]), slice(len(J), len(J) + model.na)
     # Many torques bear the same load; only where the multiplier of a limit is not zero does it bound the multiple.
     worth = (np.abs(result.lower.marginals) + np.abs(result.upper.marginals))[torques] * model.effort_limits
     worst = int(np.argmax(worth))
-    return _Balance(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
+    return _LoadLimit(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
 
 
-class _HeldContacts:
+class _MotionWithContacts:
     """Motion of a robot whose contacts stay where they are in the present configuration."""
 
     def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], margin: float) -> None:
@@ -176,9 +176,9 @@ class _HeldContacts:
         return at, f"position of {model.joints[beyond[0]]}" if beyond.size else ""
 
 
-def _moved(
-    motion: _HeldContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: _Balance
-) -> _Balance:
+def _find_sway(
+    motion: _MotionWithContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: _LoadLimit
+) -> _LoadLimit:
     """Find how far the centre of mass can move along a horizontal unit vector, at most as far as statics allow."""
     qp, bearing = motion.qp, motion.bearing
     done, far, at, cause = 0.0, np.inf, np.array(q), static.cause
@@ -186,7 +186,7 @@ def _moved(
     tried = static.most / _STEPS
     for _ in range(_STEPS + _HALVINGS):
         there, why = motion.reach(motion.com + tried * way, at, weights)
-        if not why and not _stands(qp, bearing, hanging):
+        if not why and not _can_stand(qp, bearing, hanging):
             why = "torques or contacts"
         if why:
             far, cause = tried, why
@@ -196,10 +196,10 @@ def _moved(
             break
         tried = min(static.most, done + static.most / _STEPS, 0.5 * (done + far))
     qp.dynamics.update(q, np.zeros(qp.model.nv))
-    return _Balance(done, cause)
+    return _LoadLimit(done, cause)
 
 
-def com_reach(
+def com_distance(
     qp: WholeBodyQP,
     active: Sequence[str],
     q: Array,
@@ -207,7 +207,7 @@ def com_reach(
     direction: Array,
     most: float,
     margin: float = 0.0,
-) -> ComReach | None:
+) -> ComDistance | None:
     """Find how far the centre of mass can move straight at rest, with the base level and the contacts held.
 
     Args:
@@ -223,7 +223,7 @@ def com_reach(
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
     if len(anchored) < len(bearing):
         return None
-    motion = _HeldContacts(qp, anchored, margin)
+    motion = _MotionWithContacts(qp, anchored, margin)
     distance, why, at = 0.0, "", np.array(q)
     while not why:
         step = min(_STEP, most - distance)
@@ -231,13 +231,13 @@ def com_reach(
             why = "no more was tried"
             break
         at, why = motion.reach(motion.com + (distance + step) * direction, at, np.ones(6))
-        if not why and not _stands(qp, anchored, hanging):
+        if not why and not _can_stand(qp, anchored, hanging):
             why = "torques or contacts"
         distance += 0.0 if why else step
     qp.dynamics.update(q, np.zeros(qp.model.nv))
-    return ComReach(distance, why)
+    return ComDistance(distance, why)
 
 
-def _stands(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
+def _can_stand(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
     """Whether the weight can be borne at rest."""
-    return _most(qp, bearing, hanging, np.zeros(6)).most > 0.0
+    return _largest_multiple(qp, bearing, hanging, np.zeros(6)).most > 0.0

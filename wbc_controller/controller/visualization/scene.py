@@ -110,7 +110,7 @@ def _shapes(
         lines: list[Array] = []
         for name, task in tasks.items():
             if name in references.tasks and references.weights.get(name, 0.0) > 0.0:
-                lines += _from_to(task, dynamics, references.tasks[name], ground)
+                lines += _point_and_reference(task, dynamics, references.tasks[name], ground)
         yield _shape("task_errors", 0, LINE_LIST, 0.006, lines)
         yield _shape("references", 0, SPHERE_LIST, 0.02, lines[1::2])
 
@@ -173,7 +173,7 @@ def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
     return shapes
 
 
-def _from_to(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
+def _point_and_reference(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
     """Return the positions of a task's point and of its reference in the world; nothing for a task without a point."""
     wanted = reference.position
     if isinstance(task, ComTask | FramePositionTask | FramePoseTask):

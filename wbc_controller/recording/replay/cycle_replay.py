@@ -128,7 +128,7 @@ class Replay:
     def _cycle(self, cycle: RecordedCycle, state: RobotState | None) -> CycleResult:
         event = self.recorded.events.get(cycle.number, {})
         if "settings" in event and not self._other:
-            self.controller.live.adopt(self.recorded.configured(event["settings"]).settings)
+            self.controller.live.replace_all(self.recorded.configured(event["settings"]).settings)
         velocity = cycle.values["joint_velocity"] if cycle.number_of("has_joint_velocity") else None
         return self.controller.cycle(
             CycleInputs(

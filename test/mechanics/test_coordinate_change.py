@@ -17,6 +17,7 @@ from wbc_controller.mechanics import (
     bias_force,
     centroidal_momentum,
     centroidal_momentum_rate,
+    change_coordinates,
     constrained_dynamics,
     constraint_equation,
     forward_dynamics,
@@ -30,7 +31,6 @@ from wbc_controller.mechanics import (
     lagrangian,
     mass_matrix,
     potential_energy,
-    recoordinate,
 )
 
 seeds = st.integers(0, 2**32 - 1)
@@ -42,7 +42,7 @@ def another(name, rng):
     joints = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nv == 1]
     root = str(rng.choice(joints)) if name in FLOATING else None
     flip = [joint for joint in joints if rng.random() < 0.5]
-    return model, recoordinate(model, root=root, flip=flip, shuffle=int(rng.integers(1000)))
+    return model, change_coordinates(model, root=root, flip=flip, shuffle=int(rng.integers(1000)))
 
 
 def close(a, b, scale=None):
@@ -119,8 +119,8 @@ def test_the_same_contact_forces(name, seed):
 def test_pinocchios_coordinates_survive_the_way_there_and_back(name):
     model, rng = robot(name), np.random.default_rng(0)
     far = model.names[model.njoints - 1]
-    there = recoordinate(model, root=far, flip=[far], shuffle=5)
-    back = recoordinate(there.model, root=None)
+    there = change_coordinates(model, root=far, flip=[far], shuffle=5)
+    back = change_coordinates(there.model, root=None)
     assert sorted(there.model.names) == sorted(model.names)
     assert list(back.model.names) == list(there.model.names)
     q, v = random_state(model, rng)
@@ -135,7 +135,7 @@ def test_pinocchios_coordinates_survive_the_way_there_and_back(name):
 
 def test_limits_and_rotors_go_along():
     model = robot("go2")
-    other = recoordinate(model, root="FL_calf_joint", flip=["RR_hip_joint", "FL_thigh_joint"], shuffle=1).model
+    other = change_coordinates(model, root="FL_calf_joint", flip=["RR_hip_joint", "FL_thigh_joint"], shuffle=1).model
     for name, sign in (("RR_hip_joint", -1.0), ("RR_calf_joint", 1.0), ("FL_thigh_joint", -1.0)):
         a, b = model.joints[model.getJointId(name)], other.joints[other.getJointId(name)]
         bounds = sorted(sign * x[a.idx_q] for x in (model.lowerPositionLimit, model.upperPositionLimit))
@@ -146,13 +146,13 @@ def test_limits_and_rotors_go_along():
 
 def test_mistakes_are_named():
     with pytest.raises(ConfigurationError, match="fixed to the world"):
-        recoordinate(robot("panda"), root="panda_joint3")
+        change_coordinates(robot("panda"), root="panda_joint3")
     with pytest.raises(ConfigurationError, match="did you mean 'FL_hip_joint'"):
-        recoordinate(robot("go2"), flip=["FL_hip_jiont"])
+        change_coordinates(robot("go2"), flip=["FL_hip_jiont"])
     with pytest.raises(ConfigurationError, match="no joint 'foot'"):
-        recoordinate(robot("go2"), root="foot")
+        change_coordinates(robot("go2"), root="foot")
     ball = pin.Model()
     joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
     ball.addJoint(joint, pin.JointModelSpherical(), pin.SE3.Identity(), "shoulder")
     with pytest.raises(ConfigurationError, match="'shoulder' is of kind JointModelSpherical"):
-        recoordinate(ball)
+        change_coordinates(ball)

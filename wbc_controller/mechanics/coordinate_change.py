@@ -24,7 +24,7 @@ _VELOCITY_BOUNDS = (("lowerEffortLimit", "upperEffortLimit"), ("lowerVelocityLim
 
 
 @dataclass(frozen=True)
-class Recoordinated:
+class CoordinateChange:
     """Another model of the same robot, and the map φ of Lemma 1 (equation (14)) for states, motions and forces.
 
     The arguments of its methods belong to the original model, and the results to the new one.
@@ -87,9 +87,9 @@ class Recoordinated:
         return (self.original.joints[self.original.getJointId(name)], self.model.joints[self.model.getJointId(name)])
 
 
-def recoordinate(
+def change_coordinates(
     model: pin.Model, *, root: str | None = None, flip: Iterable[str] = (), shuffle: int | None = None
-) -> Recoordinated:
+) -> CoordinateChange:
     """Make another model of the same robot (section 2.1.2; S2).
 
     Args:
@@ -155,7 +155,7 @@ def recoordinate(
         joint, shift = links[frame.parentJoint]
         moved.addFrame(pin.Frame(frame.name, joint, 0, shift * frame.placement, frame.type), False)
     signs = {name: -1.0 if name in flipped else 1.0 for name in names[first + 1 :]}
-    result = Recoordinated(original=model, model=moved, root=new_root if floating else 0, signs=signs)
+    result = CoordinateChange(original=model, model=moved, root=new_root if floating else 0, signs=signs)
     _copy_bounds(result)
     return result
 
@@ -185,7 +185,7 @@ def _joint(axis: Array, nq: int) -> Any:
     return (pin.JointModelRevoluteUnaligned if nq == 1 else pin.JointModelRevoluteUnboundedUnaligned)(axis[3:])
 
 
-def _copy_bounds(result: Recoordinated) -> None:
+def _copy_bounds(result: CoordinateChange) -> None:
     """Copy rotor inertias and limits to the new joints."""
     old_model, model = result.original, result.model
     for attribute in _UNSIGNED:

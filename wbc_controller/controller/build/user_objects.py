@@ -30,7 +30,7 @@ from wbc_controller.inverse_dynamics.tasks.task import evaluate as evaluate_task
 _Made = TypeVar("_Made", Task, Contact, RowLimit)
 
 
-def make_own(
+def make_user_objects(
     makers: Iterable[Callable[[RobotModel], _Made]], model: RobotModel, kind: Any, key: str, taken: Sequence[str]
 ) -> list[_Made]:
     """Make the user's own objects, and check that each has the right class and a name that is not taken.
