@@ -107,8 +107,7 @@ def test_a_robot_that_is_not_shipped_suggests_one(command, tmp_path, monkeypatch
     result = invoke(command, "g2")
     assert (result.exit_code, list(tmp_path.iterdir())) == (2, [])
     assert result.stderr == (
-        "error: unknown configuration 'g2'; did you mean 'go2'? Valid: g1, go2, talos, "
-        "or the path of a .yaml file\n"
+        "error: unknown configuration 'g2'; did you mean 'go2'? Valid: g1, go2, talos, or the path of a .yaml file\n"
     )
 
 

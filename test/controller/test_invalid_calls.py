@@ -158,7 +158,7 @@ def test_a_call_works_or_raises_an_error_of_the_package(name):
         (lambda: CONTROLLER.set_weight("com", True), "the weight of task 'com' must be from 0 to 1e.06, not True"),
         (lambda: CONTROLLER.set("com", np.ma.masked_array([0, 0, 1])), "the position of task 'com' is a masked array"),
         (lambda: CONTROLLER.set("com", [1j, 0, 0]), "the position of task 'com' is not an array of numbers"),
-        (lambda: CONTROLLER.enable("com", "no"), "enabled = 'no': it must be True or False"),
+        (lambda: CONTROLLER.enable("com", "no"), "enabled = 'no': must be True or False"),
         (lambda: CONTROLLER.reset(Q, V, 1e308), r"t must be from -1e\+10 to 1e\+10, not 1e\+308"),
         (lambda: CONTROLLER.reset(np.zeros(MODEL.nq), V), "the quaternion of q .* is not a unit quaternion"),
         (lambda: CONFIG["tasks.con"], "did you mean 'com'"),

@@ -76,13 +76,13 @@ def test_every_other_key_is_refused_by_name(tuner):
         ({"tasks.com.type": "linear_momentum", "tasks.com.stiffness": 1.0}, "unknown key"),
         (
             {"limits.position_margin": 1.0},
-            "limits.position_margin = 1: while the controller runs it may be from 0 to 0.2",
+            "limits.position_margin = 1: valid in a running controller: 0 to 0.2",
         ),
         (
             {"limits.acceleration": 1.0e5},
-            "limits.acceleration = 100000: while the controller runs it may be from 20 to 200",
+            "limits.acceleration = 100000: valid in a running controller: 20 to 200",
         ),
-        ({"limits.acceleration": 19.9, "limits.velocity_scale": 0.09}, "limits.velocity_scale = 0.09: while"),
+        ({"limits.acceleration": 19.9, "limits.velocity_scale": 0.09}, "limits.velocity_scale = 0.09: valid in"),
         ({"limits.position_margin": 0.01, "control.rate": 100.0}, "test: control.rate: read only when"),
         ({"robot.joints": ["a"]}, "robot.posture has"),
     ],
@@ -235,7 +235,7 @@ def test_a_live_range_ends_at_what_was_configured(robot_of, changed, configured,
     if good:
         live.accept({"limits": {"acceleration": value}}, "test")
     else:
-        with pytest.raises(ConfigurationError, match=r"while the controller runs it may be from"):
+        with pytest.raises(ConfigurationError, match=r"valid in a running controller: "):
             live.accept({"limits": {"acceleration": value}}, "test")
 
 

@@ -1,4 +1,4 @@
-"""One control cycle: requests, changes, quadratic program, supervisor."""
+"""Control cycle: requests, changes, quadratic program, supervisor."""
 
 from __future__ import annotations
 
@@ -38,26 +38,25 @@ from wbc_controller.walking.footsteps import Velocity
 
 _log = logging.getLogger(__name__)
 
-#: Least time between two explanations of why there is no solution, s: each takes several periods.
+#: Shortest time between two searches for conflicting constraints, s.
 _EXPLAIN_PAUSE = 1.0
 
 
 class ControlCycle:
-    """References, quadratic program and supervisor of one robot, called once per control period.
+    """References, quadratic program and supervisor of one robot, called once per period.
 
-    It is called by `Controller`, for Python users, and by the service behind the topics.
+    Base class of `Controller`; the ROS 2 service calls it directly.
 
     Attributes:
-        config: the configuration that it was made from.
+        config: the configuration.
         qp: the quadratic program.
-        board: the references that the commands have set.
-        supervisor: makes the commands, and holds the modes.
-        walker: decides on steps; None if the configuration has no section ``walking``.
+        board: commanded references.
+        supervisor: modes and commands.
+        walker: step planner, or None without a section ``walking``.
         model_error: compensation of friction and disturbances.
-        live: the settings with all changes since.
-        cycle_records: records of the cycles, for a recorder that empties the list; None without a recorder.
-        holding: names of the loaded contacts that were active in the last cycle; if none was solved, of those that are
-            active when the controller is activated.
+        live: current settings.
+        cycle_records: records for a recorder, which empties the list; None without a recorder.
+        holding: loaded active contacts of the last cycle; without a solution the contacts enabled at activation.
     """
 
     def __init__(
@@ -71,21 +70,20 @@ class ControlCycle:
         model: RobotModel | None = None,
         timer: Callable[[], float] = time.perf_counter,
     ) -> None:
-        """Build everything.
+        """Build all objects.
 
         Args:
-            config: the configuration, or what `load` takes.
-            tasks: your own classes, or functions, each called with the robot's model to make a `Task`. Its attributes
-                ``weight``, ``enabled``, ``level`` and ``setpoint_duration`` count.
-            contacts: likewise; their attributes ``enabled`` and ``ramp`` count.
-            limits: likewise.
-            preflight: also check that the robot can stand as configured, as ``wbc check`` does.
-            model: the robot's model, if it has been built already.
-            timer: gives seconds, for the stage times.
+            config: a configuration, or an argument of `load`.
+            tasks: user classes or functions that return a `Task` for the robot's model. The attributes ``weight``,
+                ``enabled``, ``level`` and ``setpoint_duration`` of the task apply.
+            contacts: the same for a `Contact`; its attributes ``enabled`` and ``ramp`` apply.
+            limits: the same for a `RowLimit`.
+            preflight: check that the robot can stand, as ``wbc check``.
+            model: the robot's model; by default built from the configuration.
+            timer: clock of the stage times, s.
 
         Raises:
-            ConfigurationError: if the configuration cannot be used, with the value and the valid ones; or if a method
-                of your own objects fails or returns an invalid array, with the class and the method.
+            ConfigurationError: if the configuration is invalid, or a method of a user object fails.
         """
         self.config = load(config)
         settings = self.config.settings
@@ -105,44 +103,44 @@ class ControlCycle:
         self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
         self.holding = self._enabled_contacts()
         self._timer = timer
-        self._commands: list[Change] = []  # by call, for the next cycle
-        self._streamed: dict[str, Reference] = {}  # references that count as they are, in the next cycle
-        # It takes several periods to explain a failure: another thread does, and the commands go on.
+        self._commands: list[Change] = []  # applied in the next cycle
+        self._streamed: dict[str, Reference] = {}  # streamed references of the next cycle
+        # The search for conflicting constraints takes several periods.
         self._explaining = ThreadPoolExecutor(max_workers=1, thread_name_prefix="explain")
         self._explanation: Future[NoSolution] | None = None
         self._explained_at = -np.inf
         self._failure: NoSolution | None = None
-        self._defect: Fault | None = None  # of what stands around the cycle
+        self._defect: Fault | None = None  # fault outside the cycle
         self.cycle_records: list[CycleRecord] | None = None
-        self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # what `holding` was made from
-        self._changed_outside = False  # True if something has changed between the last cycle and the next
+        self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # inputs of `holding`
+        self._changed_outside = False  # state changed between two cycles
 
     @property
     def model(self) -> RobotModel:
-        """The robot's model."""
+        """Model of the robot."""
         return self.qp.model
 
     @property
     def dynamics(self) -> Dynamics:
-        """The terms of the equations of motion at the state of the last cycle; the next one overwrites them.
+        """Terms of the equations of motion at the state of the last cycle, overwritten by the next one.
 
-        Before the first one they are those of the nominal posture, with the base in the world's origin.
+        Before the first cycle: nominal posture with the base at the world's origin.
         """
         return self.qp.dynamics
 
     @property
     def tasks(self) -> Mapping[str, Task]:
-        """The tasks, by name."""
+        """Tasks by name."""
         return self.qp.tasks
 
     @property
     def contacts(self) -> Mapping[str, Contact]:
-        """The contacts, by name."""
+        """Contacts by name."""
         return self.qp.contacts
 
     @property
     def limits(self) -> Mapping[str, RowLimit]:
-        """The limits on combinations of accelerations, by kind: ``self_collision`` and a user's own."""
+        """Row limits by kind: ``self_collision`` and the user's limits."""
         return {limit.kind: limit for limit in self.qp.formulation.row_limits}
 
     @property
@@ -152,17 +150,17 @@ class ControlCycle:
 
     @property
     def fault(self) -> Fault | None:
-        """Why the mode active was left, where it was."""
+        """Latched fault, or None."""
         return self.supervisor.fault
 
     @property
     def period(self) -> float:
-        """Time between two steps that the configuration asks for (``control.rate``), s."""
+        """Configured period, 1 / ``control.rate``, s."""
         return self.qp.formulation.period
 
     @property
     def state_timeout(self) -> float:
-        """Oldest state that torques may be computed from, s."""
+        """Largest age of a state, s."""
         return self._live.state_timeout
 
     def cycle(self, inputs: CycleInputs) -> CycleResult:
@@ -240,9 +238,9 @@ class ControlCycle:
         return result
 
     def memory(self) -> dict[str, Any]:
-        """State that the next cycles depend on, by part.
+        """Return the state that later cycles depend on, by part.
 
-        ``qp`` is None if the solver hides its warm start: a cycle from here then does not repeat the same bits.
+        ``qp`` is None if the warm start of the solver is not accessible; cycles are then not bitwise reproducible.
         """
         return {
             "walker": None if self.walker is None else save_state(self.walker),
@@ -253,10 +251,10 @@ class ControlCycle:
         }
 
     def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
-        """Continue from the `memory` of a controller of the same configuration, with the settings of that time.
+        """Restore the result of `memory` of a controller with the same configuration, with its settings at that time.
 
         Raises:
-            ConfigurationError: if the settings do not fit the model.
+            ConfigurationError: if settings and model are inconsistent.
         """
         self.live.replace_all(settings)
         self._live = self.live.newest
@@ -272,25 +270,24 @@ class ControlCycle:
             self.qp.recall(memory["qp"])
 
     def _enabled_contacts(self) -> tuple[str, ...]:
-        """Names of the contacts that are active when the controller is activated."""
+        """Return the names of the contacts enabled at activation."""
         return tuple(name for name, contact in self._live.board.contacts.items() if contact.enabled)
 
     def fail(self, error: Exception) -> None:
-        """Damp from the next cycle on: something around the cycle has failed."""
+        """Set a fault from outside the cycle: the robot is damped from the next cycle on."""
         self._changed_outside = True
         self._defect = _defect(error)
 
     def shut_down(self, now: float) -> CycleResult:
-        """Leave the joints without torque when the process ends, at `now` in s: the last result."""
+        """Return the last result, with zero torque, when the process ends; `now` is the loop's time, s."""
         self._changed_outside = True
         command = self.supervisor.shut_down(now)
         return CycleResult(qp=self.qp, time=now, mode=self.mode, fault=self.fault, command=command)
 
     def explain_failure(self, now: float) -> None:
-        """Begin to search for the constraints that conflict, if the last cycle had no solution: the torques are out.
+        """Start the search for conflicting constraints in a thread, if the last cycle had no solution.
 
-        A thread searches, and a later cycle's fault names the result. Once per failure: while holding, the sentence of
-        its first cycle stays in force.
+        A later cycle reports the result. Only the first failure of a holding phase is explained.
         """
         failure, self._failure = self._failure, None
         if failure is not None and self._explanation is None and now - self._explained_at >= _EXPLAIN_PAUSE:
@@ -298,23 +295,23 @@ class ControlCycle:
             self._explanation = self._explaining.submit(failure.explained)
 
     def _report_explanation(self) -> None:
-        """Report the constraints that conflict, when they have been found."""
+        """Report the conflicting constraints after their search."""
         if self._explanation is None or not self._explanation.done():
             return
         explanation, self._explanation = self._explanation, None
         try:
             failure = explanation.result()
         except Exception:
-            _log.exception("why there was no solution could not be found out")
+            _log.exception("the search for conflicting constraints failed")
             return
         self.supervisor.explain(failure)
         _log.warning("NO_SOLUTION: %s", failure)
 
     def _handle_requests(self, requests: Sequence[str], now: float, problem: Fault | None, refused: list[str]) -> bool:
-        """Hand the requests to the supervisor; return whether the controller starts from the present state."""
+        """Pass requests to the supervisor; return True if the controller starts from the present state."""
         starts = False
         for i, word in enumerate(requests):
-            if "estop" in requests[:i]:  # silence may only follow zeros that were sent
+            if "estop" in requests[:i]:  # zero torque must be sent before the torques stop
                 refused.append(f"command {word!r} is refused in the cycle of an emergency stop; send it again")
                 continue
             try:
@@ -326,7 +323,7 @@ class ControlCycle:
         return starts
 
     def _request(self, word: str, now: float, problem: Fault | None) -> bool:
-        """Hand a request to the supervisor, as `Supervisor.request`; a robot that walks stops before it deactivates."""
+        """Pass a request to the supervisor; a walking robot stops before it deactivates."""
         if word == "deactivate" and self.walker is not None and self.walker.moves and self.supervisor.solving:
             self.walker.leave()
             return False
@@ -335,11 +332,11 @@ class ControlCycle:
     def _accept_changes(
         self, changes: Iterable[Sequence[Change | ChangeSettings]], state: RobotState | None, refused: list[str]
     ) -> list[tuple[Change, ...]]:
-        """Take over changed settings; return the changes of references that remain to be applied."""
+        """Apply changed settings; return the changes of references."""
         left = []
         for each in changes:
             references = tuple(change for change in each if not isinstance(change, ChangeSettings))
-            if not references or self.supervisor.solving:  # all or nothing: references need an active controller
+            if not references or self.supervisor.solving:  # references require an active controller
                 try:
                     for change in each:
                         if isinstance(change, ChangeSettings):
@@ -353,7 +350,7 @@ class ControlCycle:
         return left
 
     def _apply_live_settings(self, time: float | None) -> None:
-        """Take over the newest settings, along ramps if the references are followed."""
+        """Apply the newest settings, along ramps if the controller is active."""
         newest = self.live.newest
         if newest is not self._live:
             self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
@@ -369,20 +366,20 @@ class ControlCycle:
         starts: bool,
         refused: list[str],
     ) -> tuple[Solution | NoSolution | Fault, References | None]:
-        """Apply the changes of references, sample the references, and solve the quadratic program.
+        """Apply changes of references, sample the references, and solve the quadratic program.
 
         Args:
-            state: the latched state; None before the first one.
+            state: latched state; None before the first one.
             changes: sets of changes, in order.
-            now: time on the clock of the loop, s.
-            starts: whether the controller starts from this state.
+            now: time on the loop's clock, s.
+            starts: True if the controller starts from this state.
             refused: receives a sentence for each refused change.
 
         Returns:
-            The solution, or the reason why there is none; and the sampled references.
+            The solution or the failure, and the sampled references.
         """
         if state is None:
-            return Fault("NO_STATE", "no state has arrived"), None
+            return Fault("NO_STATE", "no state received"), None
         references = None
         try:
             if starts:
@@ -414,26 +411,26 @@ class ControlCycle:
             return _defect(error), references
 
     def _apply(self, changes: Sequence[Change], time: float) -> None:
-        """Apply a set of changes of references at a time in s.
+        """Apply a set of changes of references, all or none, at a time in s.
 
         Raises:
-            InputRefused: if one of them cannot be applied; then none of the set is.
+            InputRefused: if a change is invalid.
         """
         walks = [change for change in changes if isinstance(change, Walk)]
         if walks and self.walker is None:
-            raise InputRefused("this robot does not walk: its configuration has no section 'walking'")
-        for walk in walks:  # first: a set with a command to walk contains nothing that the board refuses
+            raise InputRefused("this robot cannot walk: its configuration has no section 'walking'")
+        for walk in walks:  # first: the board refuses no change of a set with a walking command
             if self.walker is not None:
                 until = time + self._command_timeout if walk.streamed else np.inf
                 self.walker.ask(None if walk.velocity is None else Velocity.of(walk.velocity), until)
         self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
 
     def _walk(self, now: float, time: float) -> Mapping[str, Reference]:
-        """Let the walker decide at the present state; return the references of its tasks.
+        """Update the walker at the present state; return the references of its tasks.
 
         Args:
-            now: time on the clock of the loop, s.
-            time: of the state, s.
+            now: time on the loop's clock, s.
+            time: time of the state, s.
         """
         walker, board, dynamics = self.walker, self.board, self.qp.dynamics
         if walker is None:
@@ -452,7 +449,7 @@ class ControlCycle:
         disturbance = self.model_error.update(state)
         if self.model_error.unloaded_contacts is not unloaded:
             refused += [
-                f"contact {name!r} carries nothing, by how the robot moves: the base's estimate leaves it out"
+                f"contact {name!r} is unloaded according to the robot's motion: excluded from the base estimate"
                 for name in self.model_error.unloaded_contacts
                 if name not in unloaded
             ]
@@ -460,7 +457,7 @@ class ControlCycle:
 
 
 def _defect(error: Exception) -> Fault:
-    """The fault of an exception: it ends in damping with a reason, never in a dead process with torques applied."""
+    """Convert an exception to a fault, so that the robot is damped."""
     _log.exception("the controller failed")
     if isinstance(error, MethodError):
         return Fault("METHOD_FAILED", str(error))
@@ -468,5 +465,5 @@ def _defect(error: Exception) -> Fault:
 
 
 def seconds(state: RobotState) -> float:
-    """Time of a state on the clock of the states, s."""
+    """Return the timestamp of a state, s."""
     return state.stamp * 1.0e-9

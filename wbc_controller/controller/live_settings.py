@@ -1,4 +1,4 @@
-"""Settings that are changed while the controller runs: held to the schema, and applied by the loop between cycles."""
+"""Live settings: validated changes, applied by the loop between cycles."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class LivePart:
-    """The part of the settings that a running loop uses.
+    """Objects derived from the settings that can change in a running loop.
 
     Attributes:
-        settings: all of the settings.
+        settings: all settings.
         board: plans of references, gains and limits.
         supervisor: times and limits of the supervisor.
-        state_timeout: oldest state that torques may be computed from, s.
-        disturbance: speed and size of the disturbance estimate.
+        state_timeout: largest age of a state, s.
+        disturbance: time constant and bound of the disturbance estimate.
     """
 
     settings: Settings
@@ -45,40 +45,40 @@ class LivePart:
 
 
 class LiveSettings:
-    """Takes changes of the settings, from any thread; the loop takes over the newest result, whole, between two cycles.
+    """Changeable settings. Any thread may change them; the loop applies the newest ones between two cycles.
 
     Attributes:
-        settings: the settings with all changes that were accepted.
-        newest: their live part; another object after each change.
-        changed: called after each change, on the thread that brought it.
+        settings: settings with all accepted changes.
+        newest: their live part, a new object after each change.
+        changed: called after each change, in the thread of the change.
     """
 
     def __init__(self, settings: Settings, derive: Callable[[Settings], LivePart]) -> None:
-        """Begin with the settings of the controller; `derive` makes their live part, or raises `ConfigurationError`."""
+        """Start with the configured settings; `derive` builds their live part."""
         self.settings = settings
         self.newest = derive(settings)
         self.changed: Callable[[], None] = lambda: None
         self._configured = settings
         self._derive = derive
         self._lock = threading.Lock()
-        #: The change that was prepared last, the settings that it was prepared for, and the result.
+        #: Last prepared change, its base settings, and the result.
         self._prepared: tuple[Any, Settings, Any] = (None, settings, None)
 
     def check(self, change: Mapping[str, Any], source: str) -> None:
-        """Check whether a change, a part of a configuration nested as in its file, would be accepted.
+        """Check a change: part of a configuration, nested as in the file.
 
         Raises:
-            ConfigurationError: if it would not, with its source and the reason.
+            ConfigurationError: if the change is invalid; the message begins with the source.
         """
         self._validated(change, source)
 
     def prepare(self, change: Mapping[str, Any], source: str) -> None:
-        """Do the work of `accept` ahead, on another thread than the one that will accept; as `check` otherwise."""
+        """Precompute `accept` in another thread; errors as in `check`."""
         base = self.settings
         self._prepared = (change, base, self._validated(change, source))
 
     def accept(self, change: Mapping[str, Any], source: str) -> None:
-        """Take a change, whole or not at all; arguments and errors as for `check`."""
+        """Apply a change completely, or raise an error as in `check`."""
         prepared, base, result = self._prepared
         with self._lock:
             ready = prepared is change and base is self.settings
@@ -90,10 +90,10 @@ class LiveSettings:
         self.changed()
 
     def replace_all(self, settings: Settings) -> None:
-        """Take over settings that another controller of the same configuration had, as its recording says.
+        """Replace all settings, for example by recorded ones.
 
         Raises:
-            ConfigurationError: if they do not fit the model.
+            ConfigurationError: if settings and model are inconsistent.
         """
         live = self._derive(settings)
         with self._lock:
@@ -105,7 +105,7 @@ class LiveSettings:
         fixed = [key for key, live, *_ in differences if not live]
         if fixed:
             raise ConfigurationError(
-                f"{source}: {', '.join(fixed)}: read only when the controller is configured; configure it anew for that"
+                f"{source}: {', '.join(fixed)}: read only when the controller is configured; reconfigure it"
             )
         beyond = list(_out_of_live_range(self._configured, self.settings, settings))
         if beyond:
@@ -114,7 +114,7 @@ class LiveSettings:
 
 
 def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[tuple[str, bool, Any, Any]]:
-    """Each key with another value: dotted, whether it may change live, the old and the new value."""
+    """Yield each changed key: dotted key, True if live, old value, new value."""
     live: tuple[str, ...] = getattr(old, "live", ())
     for name in type(old).model_fields:
         before, after, key = getattr(old, name), getattr(new, name), f"{prefix}{name}"
@@ -132,7 +132,7 @@ def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[t
 
 
 def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
-    """A sentence for each value that changes to one that is out of its range while the controller runs."""
+    """Yield a sentence for each changed value outside its live range."""
     for name in type(new).model_fields:
         parts = getattr(configured, name), getattr(old, name), getattr(new, name)
         if all(isinstance(part, BaseModel) for part in parts):
@@ -142,14 +142,14 @@ def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, pr
         low = configured_value if lower is None else min(lower, configured_value)
         high = configured_value if upper is None else max(upper, configured_value)
         if value != getattr(old, name) and not (low <= value <= high):
-            yield f"{prefix}{name} = {value:g}: while the controller runs it may be from {low:g} to {high:g}"
+            yield f"{prefix}{name} = {value:g}: valid in a running controller: {low:g} to {high:g}"
 
 
 def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
-    """Collect the settings that can change while a controller runs.
+    """Derive the live part of the settings.
 
     Raises:
-        ConfigurationError: if settings and model do not fit.
+        ConfigurationError: if settings and model are inconsistent.
     """
     supervisor = make_supervisor_limits(settings, qp.model)
     plan = make_board_plan(settings, qp)

@@ -1,4 +1,4 @@
-"""Records of one control cycle: its latched inputs, the inputs of the controller, and the report of its results."""
+"""Records of one control cycle: latched inputs, controller inputs, report."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from wbc_controller.records import Array, AuditReport, ChangeSettings, Fault, Jo
 
 
 class UserRequests(NamedTuple):
-    """Requests of users that one cycle takes.
+    """Requests of users for one cycle.
 
     Attributes:
         commands: words on the command topic, in order of arrival.
-        changes: sets of changes, in order of arrival; each set is applied whole or not at all.
-        refused: one sentence for each refused request.
-        total: number of requests that were read, refused or turned away.
+        changes: sets of changes, in order of arrival; each set is applied completely or not at all.
+        refused: one sentence per refused request.
+        total: number of received requests.
     """
 
     commands: tuple[str, ...] = ()
@@ -27,19 +27,18 @@ class UserRequests(NamedTuple):
     total: int = 0
 
 
-@dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
+@dataclass(slots=True)  # not frozen: faster construction
 class LatchedInputs:
-    """All inputs, latched at the start of one cycle.
+    """Inputs latched at the start of one cycle.
 
     Attributes:
-        state: the newest state; None until all of its parts have arrived (joint states, and for a floating base its
-            odometry, or IMU data from which it has been estimated).
-        joint_velocity: newest joint velocities, (nj,) in rad/s; None until they have arrived.
-        ages: age of each part of the state, s; infinite if it has never arrived.
-        clock_stall: advance of the timestamps during a stall of the clock, s.
-        refused_states: one sentence for each refused message of a sensor.
+        state: newest state; None until all parts have arrived (joint states; for a floating base odometry or IMU).
+        joint_velocity: newest joint velocities, (nj,) in rad/s; None before the first message.
+        ages: age of each part of the state, s; infinite before the first message.
+        clock_stall: advance of the timestamps during a clock stall, s.
+        refused_states: one sentence per refused sensor message.
         requests: requests of users.
-        estimate: diagnostics of the base's estimate, by key.
+        estimate: diagnostics of the base estimate, by key.
     """
 
     state: RobotState | None
@@ -52,21 +51,21 @@ class LatchedInputs:
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """One sentence for each refused message, of sensors and users."""
+        """One sentence per refused message of sensors and users."""
         return self.refused_states + self.requests.refused
 
 
 @dataclass(slots=True)
 class CycleInputs:
-    """The inputs of the controller in one cycle.
+    """Inputs of the controller in one cycle.
 
     Attributes:
-        now: time on the clock of the loop, s.
-        state: the latched state; None before the first one.
+        now: time on the loop's clock, s.
+        state: latched state; None before the first one.
         joint_velocity: joint velocities, (nj,) in rad/s; None if stale.
         problem: fault of the inputs, or None.
-        requests: words for the supervisor, in order.
-        changes: sets of changes, in order; each set is applied whole or not at all.
+        requests: requests to the supervisor, in order.
+        changes: sets of changes, in order; each set is applied completely or not at all.
     """
 
     now: float
@@ -79,18 +78,18 @@ class CycleInputs:
 
 @dataclass(slots=True)
 class CycleReport:
-    """Inputs and results of one cycle, for diagnostics and recordings; observers do not change it.
+    """Inputs and results of one cycle, for diagnostics and recordings. Read-only.
 
     Attributes:
-        cycle: running number of the cycle.
-        inputs: the latched inputs.
+        cycle: number of the cycle.
+        inputs: latched inputs.
         result: mode, fault, command and solution.
-        refused: one sentence for each input that was refused since the last cycle.
-        stage_seconds: time spent in each stage, s.
-        deadlines_missed: count of missed deadlines since the start.
-        audit: comparison of the model with the measured motion; None if it could not be evaluated.
-        contested: one sentence for each topic on which other nodes publish that exclude the controller or each other.
-        shared: node names of all publishers of an input with several publishers, by the topic's name.
+        refused: one sentence per refused input since the last cycle.
+        stage_seconds: time of each stage, s.
+        deadlines_missed: missed deadlines since the start.
+        audit: comparison of model and measured motion, or None.
+        contested: one sentence per topic with conflicting publishers.
+        shared: publishers of each input with several publishers, by topic.
     """
 
     cycle: int
@@ -110,17 +109,17 @@ class CycleReport:
 
     @property
     def fault(self) -> Fault | None:
-        """The latched fault, or None."""
+        """Latched fault, or None."""
         return self.result.fault
 
     @property
     def command(self) -> JointCommand | None:
-        """The command that was sent, or None."""
+        """Sent command, or None."""
         return self.result.command
 
     @property
     def solution(self) -> Solution | None:
-        """The solution of the quadratic program, or None if none was computed."""
+        """Solution of the quadratic program, or None."""
         return self.result.solution
 
     @property

@@ -141,7 +141,9 @@ def test_the_srdf_of_the_settings_counts_and_the_check_says_what_is_kept_apart(r
     (line,) = [found.text for found in check(changed(settings, srdf=TALOS_SRDF)) if found.subject == "self-collision"]
     assert line == with_srdf
     assert "leg_left_3_link/leg_right_3_link" in line
-    with pytest.raises(ConfigurationError, match=r"limits.self_collision.srdf = '/no/such.srdf': file .* does not exist"):
+    with pytest.raises(
+        ConfigurationError, match=r"limits.self_collision.srdf = '/no/such.srdf': file .* does not exist"
+    ):
         make_self_collision(changed(settings, srdf="/no/such.srdf"), model)
 
 
