@@ -331,10 +331,10 @@ def test_an_own_contact_takes_part():
 @pytest.mark.parametrize(
     ("own", "sentence"),
     [
-        ({"tasks": [lambda model: Height(model, "com")]}, "tasks: the name 'com' stands twice"),
-        ({"tasks": [Height, Height]}, "tasks: the name 'height' stands twice"),
-        ({"tasks": [Ceiling]}, "made a Ceiling; it must make a Task"),
-        ({"limits": [lambda model: None]}, "made a NoneType; it must make a RowLimit"),
+        ({"tasks": [lambda model: Height(model, "com")]}, "tasks: duplicate name 'com'"),
+        ({"tasks": [Height, Height]}, "tasks: duplicate name 'height'"),
+        ({"tasks": [Ceiling]}, "returned a Ceiling, expected a Task"),
+        ({"limits": [lambda model: None]}, "returned a NoneType, expected a RowLimit"),
     ],
 )
 def test_what_is_no_task_or_has_a_taken_name_is_refused(own, sentence):

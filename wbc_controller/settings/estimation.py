@@ -106,6 +106,7 @@ class EstimationSettings(Section):
     def _hysteresis(self) -> EstimationSettings:
         if not self.contact_force_off <= self.contact_force_on:
             raise ValueError(
-                f"contact_force_off = {self.contact_force_off}: must be at most contact_force_on, {self.contact_force_on}"
+                f"contact_force_off = {self.contact_force_off}: must not exceed contact_force_on = "
+                f"{self.contact_force_on}"
             )
         return self

@@ -153,7 +153,7 @@ def test_the_curve_of_an_actuator_needs_speeds_of_its_own():
 
     own = {name: {"corner": 20.0, "no_load": 60.0} for name in settings.robot.transmission}
     np.testing.assert_array_equal(curve(own).no_load, [12.0, 60.0, 12.0, 60.0, 12.0])
-    with pytest.raises(ConfigurationError, match=r"'knee_motor' of robot.transmission needs a corner"):
+    with pytest.raises(ConfigurationError, match=r"'knee_motor' of robot.transmission requires corner and no_load"):
         curve({"both": own["both"]})
-    with pytest.raises(ConfigurationError, match="actuators: 'hip' is no actuator; Valid"):
+    with pytest.raises(ConfigurationError, match="actuators: unknown actuator 'hip'; Valid"):
         curve({"hip": own["both"]})

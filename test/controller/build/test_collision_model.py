@@ -74,7 +74,7 @@ def test_pairs_that_are_near_in_the_nominal_posture_are_left_out_and_named():
     collision = build_collision_model(star(a=(big,), b=(BALL,), c=(BALL,)), margin=0.1)
     assert collision.near == (("a", "b"),)
     assert names(collision) == {("a", "c"), ("b", "c")}
-    assert collision.summary.endswith("not those nearer than the margin in robot.posture: a/b")
+    assert collision.summary.endswith("excluded, nearer than the margin in robot.posture: a/b")
 
 
 def test_named_pairs_take_the_place_of_all_others():
@@ -85,11 +85,11 @@ def test_named_pairs_take_the_place_of_all_others():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"pairs": ["a/d"]}, "pairs: 'a/d': 'd' is not a link with a collision element; Valid: a, b"),
-        ({"pairs": ["a"]}, "pairs: 'a': '' is not a link with a collision element"),
-        ({"pairs": ["a/a"]}, "pairs: 'a/a' pairs a link with itself"),
-        ({"pairs": ["a/b"], "margin": 0.9}, "pairs: in robot.posture a/b are nearer than 0.9 m"),
-        ({"margin": 0.9}, "no pair of links is left to be kept apart"),
+        ({"pairs": ["a/d"]}, "pairs: 'a/d': 'd' is not a link with collision elements; Valid: a, b"),
+        ({"pairs": ["a"]}, "pairs: 'a': '' is not a link with collision elements"),
+        ({"pairs": ["a/a"]}, "pairs: 'a/a': the links must differ"),
+        ({"pairs": ["a/b"], "margin": 0.9}, "pairs: a/b are nearer than margin = 0.9 m in robot.posture"),
+        ({"margin": 0.9}, "all pairs of links are excluded"),
         ({"srdf": "<robot>"}, "srdf: not a usable SRDF"),
     ],
 )
@@ -100,7 +100,7 @@ def test_what_cannot_be_kept_apart_is_said(changes, said):
 
 
 def test_a_robot_without_collision_elements_is_refused():
-    with pytest.raises(ConfigurationError, match="no link of the URDF has a <collision> element; disable it"):
+    with pytest.raises(ConfigurationError, match="the URDF has no <collision> elements; add them"):
         build_collision_model(star(a=(), b=()), margin=0.01)
 
 
@@ -177,7 +177,7 @@ def test_a_mesh_without_a_usable_hull_does_not_end_all(tmp_path, points, boxed):
     model = star(a=(mesh(tmp_path, "odd.obj", 0.1 * points),), b=(BALL,), c=(BALL,))
     collision = build_collision_model(model, margin=0.01)
     assert collision.replaced == (("a",) if boxed else ())
-    assert ("a box in place of the mesh of a" in collision.summary) is boxed
+    assert ("bounding box in place of an unusable convex hull: a" in collision.summary) is boxed
     shape = next(shape for shape in collision.geometry.geometryObjects if shape.name == "a")
     shape.geometry.computeLocalAABB()
     assert shape.geometry.aabb_local.max_[:2] == pytest.approx([0.1, 0.1], abs=1e-3)

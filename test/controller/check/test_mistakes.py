@@ -73,7 +73,7 @@ def test_without_a_mistake_it_is_ok():
 def test_a_sole_that_reaches_a_little_beyond_the_true_one_is_said():
     found = checked({"contacts.foot.half_length": 0.1025})
     assert found["contact shapes"] == (
-        "foot 205 × 100 mm on a sole of 200 × 100 mm, 2.5 mm beyond its edge: on it the foot rocks"
+        "foot 205 × 100 mm on a sole of 200 × 100 mm, 2.5 mm beyond its edge: the foot may tip"
     )
 
 
@@ -114,7 +114,7 @@ IN_THE_CONFIGURATION = {
     "a diameter in the wrong unit": ({"contacts.foot": None, "contacts.ball": {**BALL, "radius": 0.31}},
         ["contacts.ball: its lowest point (radius = 0.31) is 290 mm below the lowest point"]),
     "a ball beside the foot": ({"contacts.foot": None, "contacts.ball": {**BALL, "translation": [0.2, 0.0, 0.02]}},
-        ["contacts.ball: its lowest point", "is 100 mm beside what of 'sole' touches the floor"]),
+        ["contacts.ball: its lowest point", "is 100 mm beside the footprint of 'sole'"]),
     "friction of ice": ({"contacts.foot.friction": 0.02}, ["contacts.foot.friction = 0.02", "rubber on a floor"]),
     "a force too small": ({"contacts.foot.max_normal_force": 30.0},
         ["max_normal_force adds up to 30 N, and the robot weighs"]),
@@ -153,9 +153,9 @@ IN_THE_URDF = {
     "xacro that is not expanded": (MASS, '<mass value="${m}"/>',
         ["link 'thigh': <mass value='${m}'> is not a number", "expand the file with xacro"]),
     "mass without inertia": (f"{MASS}{INERTIA}", MASS + INERTIA.replace("0.01", "0"),
-        ["link 'thigh', which joint 'hip' moves, has 1 kg", "three positive moments", "mock robot refuses it"]),
+        ["link 'thigh', moved by joint 'hip', has 1 kg", "requires a mass", "three positive moments"]),
     "a massless thigh": (f'<inertial><origin xyz="0 0 -0.1"/>{MASS}{INERTIA}</inertial>', "",
-        ["link 'thigh', which joint 'hip' moves, has 0 kg", "needs a mass"]),
+        ["link 'thigh', moved by joint 'hip', has 0 kg", "requires a mass"]),
     "no velocity limit": (LIMIT, LIMIT.replace('velocity="10"', 'velocity="0"'),
         ["joint 'hip' has the velocity limit 0.0", "robot.joint_limits.hip.velocity"]),
     "no effort limit": (LIMIT, LIMIT.replace('effort="60"', 'effort="0"'),
@@ -165,7 +165,7 @@ IN_THE_URDF = {
     "limits the wrong way round": (LIMIT, LIMIT.replace('lower="-1"', 'lower="2"'),
         ["joint 'hip': the lower limit 2 is above the upper limit 1"]),
     "millimetres": ('<origin xyz="0 0 -0.2"/>', '<origin xyz="0 0 -200"/>',
-        ["joint 'knee' is 200 m from the joint before it", "metres"]),
+        ["joint 'knee' is 200 m from its parent joint", "metres"]),
     "an inertial far away": ('<origin xyz="0 0 0.1"/><mass', '<origin xyz="1e20 0 0.1"/><mass',
         ["the centre of mass is 6.49e+19 m outside the support", "origins of the <inertial>"]),
     "an entity": ("<robot", "<!DOCTYPE robot [<!ENTITY m '1'>]><robot", ["<!DOCTYPE", "entities"]),
@@ -196,18 +196,18 @@ def test_limits_that_no_motor_has_are_said_and_can_be_given():
 
 
 def test_a_joint_that_no_task_holds_and_one_that_is_locked_are_named():
-    assert "held by no task" not in checked()
+    assert "uncontrolled" not in checked()
     found = checked({"tasks.posture": None})
-    assert found["held by no task"].startswith("hip, knee, ankle_pitch")
+    assert found["uncontrolled"].startswith("hip, knee, ankle_pitch")
     changes = {"robot.joints": ["hip", "knee", "ankle_pitch"], "robot.posture": [0.0, 0.0, 0.0]}
-    assert checked(changes)["locked joints"] == "ankle_roll (at zero where nothing is said)"
+    assert checked(changes)["locked joints"] == "ankle_roll (at 0 by default)"
 
 
 def test_a_joint_that_floats_in_the_urdf_is_named_as_locked():
     aside = '<joint name="ball" type="floating"><parent link="PARENT"/><child link="load"/></joint></robot>'
     load = URDF.replace("</robot>", link("load", 1, 0, "0.1 0.1 0.1") + aside)
     assert checked({"contacts.foot.half_length": 0.1}, load.replace("PARENT", "foot"))["locked joints"] == (
-        "ball (floating in the URDF: a robot has one floating base, its root link)"
+        "ball (floating in the URDF; only the root link can float)"
     )
     assert "locked joints" not in checked({}, load.replace("PARENT", "body"))
 
@@ -228,12 +228,12 @@ def test_a_body_without_shapes_is_not_compared():
         '<collision><origin xyz="0 0 -0.04"/><geometry><box size="0.2 0.1 0.04"/></geometry></collision>', ""
     )
     assert bare != URDF
-    assert checked({}, bare)["not compared"].startswith("foot with the URDF: no link that moves with them has a <coll")
+    assert checked({}, bare)["not compared"].startswith("foot with the URDF: no readable <collision> on their")
 
 
 def test_a_tilted_posture_says_how_far_the_soles_turn_on_release():
     text = checked({"robot.posture.ankle_roll": 0.06})["tilt of soles"]
-    assert text.startswith("against the floor: foot 3.4°; on release they turn flat")
+    assert text.startswith("against the floor: foot 3.4°; the robot will tilt on release")
 
 
 def test_the_reserves_are_those_of_statics():

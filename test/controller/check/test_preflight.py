@@ -46,7 +46,7 @@ def test_redundant_contacts_are_named_and_limit_the_sway(changed, leans, sideway
     settings = new_configuration(SOLO_8).settings
     found = findings(changed(settings, {"tasks": {"base": {"enabled": not leans}}}))
     feet = "FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT"
-    assert found["redundant contacts"].startswith(f"2 of the 12 directions that are held, at {feet}: no joint moves")
+    assert found["redundant contacts"].startswith(f"2 of 12 constrained directions, at {feet}: no joint moves")
     sway = {side: int(mm) for mm, side in re.findall(r"(\d+) mm (\w+)", found["sway"])}
     assert sway["left"] in sideways
     assert sway["right"] in sideways
@@ -156,7 +156,7 @@ def test_a_posture_that_leaves_a_loop_open(robot_of, changed):
     settings, _ = robot_of("g1")
     loop = {"frame_a": "left_rubber_hand", "frame_b": "right_rubber_hand", "mask": [True] * 3 + [False] * 3}
     sentence = refusal(changed(settings, {"loops": {"bar": loop}}))
-    assert sentence.startswith("robot.posture: it leaves the loop 'bar' open by [-0.069 m, -0.438 m, 0.0576 m] along")
+    assert sentence.startswith("robot.posture: position error of the loop 'bar': [-0.069 m, -0.438 m, 0.0576 m] along")
     closing = {"translation_a": [-0.06902, -0.43850, 0.05761]}
     assert findings(changed(settings, {"loops": {"bar": loop | closing}}))["loops"] == "bar: closed in the posture"
 
@@ -209,7 +209,7 @@ def test_a_spring_that_does_not_hold_its_joint_in_the_posture_is_said_with_the_o
         return findings(changed(settings, {"robot": {"passive_joints": springs}}))
 
     found = sprung(dict.fromkeys(ARMS, 0.6))["passive joints"]
-    said = re.findall(r"(\w+_elbow_joint) by (\S+) N·m \(stays with rest: (\S+)\)", found)
+    said = re.findall(r"(\w+_elbow_joint) by (\S+) N·m \(balanced by rest: (\S+)\)", found)
     assert [name for name, *_ in said] == list(ARMS)
     assert all(float(torque) > 0.0 for _, torque, _ in said)  # gravity stretches the bent arms
     assert "passive joints" not in sprung({name: float(rest) for name, _, rest in said})

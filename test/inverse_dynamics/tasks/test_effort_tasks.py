@@ -84,7 +84,7 @@ def test_a_wrench_within_a_tolerance_below_a_strict_level(bench):
 
 
 def test_what_cannot_be_built_is_refused(bench):
-    with pytest.raises(ConfigurationError, match=r"tasks.effort.contact = 'left_hand': no such contact; .*left_foot"):
+    with pytest.raises(ConfigurationError, match=r"tasks.effort.contact: unknown contact 'left_hand'; .*left_foot"):
         with_task(bench, type="contact_wrench", contact="left_hand")
     moments = [False, False, False, True, True, True]
     with pytest.raises(

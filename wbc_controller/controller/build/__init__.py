@@ -1,1 +1,1 @@
-"""Builds the objects of a robot from its settings, and checks the configuration before the robot moves."""
+"""Construction of a robot's objects from its settings."""

@@ -1,4 +1,4 @@
-"""Builds the quadratic program from the settings and a user's own tasks, contacts and limits."""
+"""Construction of the quadratic program."""
 
 from __future__ import annotations
 
@@ -30,13 +30,17 @@ def make_qp(
     contacts: Iterable[Callable[[RobotModel], Contact]] = (),
     limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
 ) -> WholeBodyQP:
-    """Build the quadratic program of a robot, with a user's own tasks, contacts and limits after those of the settings.
+    """Build the quadratic program of a robot.
 
-    Each of these is a class or function that takes the model. The timer returns seconds, for the stage times.
+    Args:
+        timer: clock of the stage times, s.
+        tasks: classes or functions that return a user's `Task` for the model.
+        contacts: the same for contacts.
+        limits: the same for limits.
 
     Raises:
-        ConfigurationError: if settings and model do not fit together, or a name is already used.
-        MethodError: if a method of the user's own tasks, contacts or limits fails in the nominal posture.
+        ConfigurationError: if settings and model are inconsistent, or a name is used twice.
+        MethodError: if a method of a user object fails in the nominal posture.
     """
     require_solver(settings.solver.name)
     own = settings.limits

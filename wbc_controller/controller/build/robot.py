@@ -1,4 +1,4 @@
-"""Builds the robot's model from the settings."""
+"""Construction of the robot's model."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from wbc_controller.settings import Settings
 
 
 def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
-    """Build the robot's model from a URDF's text; None to read the file named in the settings.
+    """Build the robot's model from a URDF text, by default from ``robot.urdf``.
 
     Raises:
-        ConfigurationError: if the URDF and the settings do not fit together.
+        ConfigurationError: if the URDF is invalid, or inconsistent with the settings.
     """
     robot = settings.robot
     return build_model(

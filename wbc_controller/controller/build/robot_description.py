@@ -1,4 +1,4 @@
-"""Reads actuators and inertias from the URDF's text and the settings, without Pinocchio."""
+"""Actuators and inertias from the URDF text and the settings, without Pinocchio."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ _log = logging.getLogger(__name__)
 
 
 def read_urdf(urdf: str) -> str:
-    """Read the URDF that ``robot.urdf`` names.
+    """Read the file ``robot.urdf``.
 
     Raises:
         ConfigurationError: if no file is named, or it cannot be read.
     """
     if not urdf:
         raise ConfigurationError(
-            "robot.urdf is empty and no URDF came on the topic robot_description; name a file, or publish it latched"
+            "robot.urdf is empty and no URDF arrived on the topic robot_description; name a file, or publish it latched"
         )
     return read_text(locate(urdf), f"robot.urdf = {urdf!r}", LARGEST_URDF)
 
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """A robot's actuators, as described by the URDF and the settings.
+    """Actuators of a robot.
 
     Attributes:
         name: name of the robot.
-        drive: the actuators.
-        effort_limits: largest torque of each actuator that may be used, (na,) in N·m.
+        drive: actuators.
+        effort_limits: usable torque of each actuator, (na,) in N·m.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Description:
 
 
 def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
-    """A robot's actuators other than the motors of single joints, by name."""
+    """Return the transmissions of a robot by name."""
     return {
         name: Transmission(given.ratios, given.effort_limit, given.rotor_inertia)
         for name, given in robot.transmission.items()
@@ -57,7 +57,7 @@ def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
 
 
 def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
-    """Limits of a robot's joints that replace those of the URDF, by joint."""
+    """Return the joint limits that replace URDF values, by joint."""
     return {
         name: JointLimits(given.effort, given.velocity, given.lower, given.upper)
         for name, given in robot.joint_limits.items()
@@ -65,10 +65,10 @@ def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
 
 
 def describe(urdf: str, robot: RobotSettings) -> Description:
-    """Read a robot's actuators from a URDF's text.
+    """Read the actuators from a URDF text.
 
     Raises:
-        ConfigurationError: if the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.
+        ConfigurationError: if the URDF is invalid, a joint or its limit is missing, or the actuators are invalid.
     """
     tree, _ = read_robot(urdf, joint_limits(robot))
     limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
@@ -95,12 +95,12 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
 
 
 def are_possible_moments(moments: Array) -> bool:
-    """Whether principal moments of inertia, (3,) in rising order, are possible: none exceeds the sum of the others."""
+    """Return True if principal moments of inertia, (3,) in rising order, satisfy the triangle inequality."""
     return bool(moments[2] <= (moments[0] + moments[1]) * (1.0 + 1.0e-9))
 
 
 def impossible_inertias(urdf: str) -> list[str]:
-    """Names of the links with a physically impossible inertia; Pinocchio does not check it, and MuJoCo refuses it."""
+    """Return the links with a physically impossible inertia, which MuJoCo refuses."""
     links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - checked when the model was made
     names = []
     for link in links:

@@ -1,4 +1,4 @@
-"""Builds tasks from their settings."""
+"""Construction of tasks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts:
     """Build one task.
 
     Raises:
-        ConfigurationError: if a frame, joint or contact is unknown, or the tolerance has a wrong size.
+        ConfigurationError: if a frame, joint or contact is unknown, or the size of the tolerance is wrong.
     """
     made = _make(name, task, model, contacts)
     made.level = task.level
@@ -40,8 +40,8 @@ def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts:
         made.tolerance = np.array(task.tolerance, dtype=np.float64)
         if made.tolerance.shape not in ((), (made.size,)):
             raise ConfigurationError(
-                f"tasks.{name}.tolerance has {made.tolerance.size} values; it takes one number, or a list with one for "
-                f"each of the task's {made.size} axes"
+                f"tasks.{name}.tolerance: {made.tolerance.size} values; expected one number, or {made.size} values "
+                "(one per axis)"
             )
     return made
 
@@ -54,7 +54,7 @@ def _make(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Map
     if isinstance(task, schema.ContactWrenchTask):
         if task.contact not in contacts:
             raise ConfigurationError(
-                f"tasks.{name}.contact = {task.contact!r}: no such contact; {valid_choices(task.contact, contacts)}"
+                f"tasks.{name}.contact: unknown contact {task.contact!r}; {valid_choices(task.contact, contacts)}"
             )
         return ContactWrenchTask(name, contacts[task.contact], task.mask, task.target)
     if isinstance(task, schema.ComTask):

@@ -1,4 +1,4 @@
-"""How far a standing robot could be pushed, sway and squat: forces and torques at rest, motion with held contacts."""
+"""Reserves of a standing robot: largest push, sway and squat at rest, with fixed contacts."""
 
 from __future__ import annotations
 
@@ -15,26 +15,25 @@ from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
 
-#: The four directions, in the axes of an upright base.
+#: Directions in the axes of an upright base.
 _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
-#: Share by which the multiple has to grow, per share of an effort limit, for the limit to count as what bounds it.
+#: Smallest relative sensitivity of the multiple to an effort limit that counts as its cause.
 _MATTERS = 1.0e-3
-#: Step of a squat, m, the smallest one, and the largest share of the height of the centre of mass that is tried.
+#: Step of a squat, m, smallest step, m, and deepest squat as a share of the centre of mass' height.
 _STEP, _LEAST_STEP, _DEEPEST = 0.01, 1.0e-6, 0.6
-#: Iterations of Newton's method in each step, the largest error that is left, m and rad, and that of contacts: one that
-#: the controller allows redundant contacts (`formulation.redundancy`).
+#: Newton iterations per step, largest error, m and rad, and largest contact error (`formulation.redundancy`).
 _ITERATIONS, _REACHED, _HELD = 6, 1.0e-3, 5.0e-4
-#: Steps in which the static sway is tried, and halvings to find how far the robot comes if it does not get there.
+#: Steps to the static sway, and halvings of the last one.
 _STEPS, _HALVINGS = 3, 5
-#: Weight of the height, and of a base whose orientation no task holds, while a robot sways: they change if need be.
+#: Weight of the height, and of an uncontrolled base orientation, in a sway.
 _FREE = 0.01
-#: Weight of the joints' own motion: of all ways down the one that moves them least.
+#: Weight of joint motion.
 _LEAST_MOTION = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
 class _LoadLimit:
-    """The largest multiple of a disturbance, and the cause that allows no more: an actuator; None for the contacts."""
+    """Largest multiple of a load, and the limiting actuator; None for the contacts."""
 
     most: float
     cause: str | None
@@ -42,7 +41,7 @@ class _LoadLimit:
 
 @dataclass(frozen=True, slots=True)
 class ComDistance:
-    """The distance that the centre of mass can move, m, and the reason for its end."""
+    """Distance that the centre of mass can move, m, and the limiting cause."""
 
     distance: float
     why: str
@@ -51,16 +50,15 @@ class ComDistance:
 def reserves(
     qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], *, level: bool, margin: float = 0.0
 ) -> list[Finding]:
-    """Find the reserves of a robot with a floating base that stands in a configuration q, where its dynamics are left.
+    """Return the reserves of a standing robot with a floating base in a configuration q.
 
-    A push is a steady horizontal force on the base, in line with the centre of mass. Swaying moves the weight
-    sideways, at the posture's own torque arms, as far as the robot can move with its contacts held. Friction, supports,
-    largest forces and effort limits hold.
+    A push is a steady horizontal force at the height of the centre of mass. A sway shifts the centre of mass with fixed
+    contacts. Friction, supports, force limits and effort limits apply. The dynamics end in q.
 
     Args:
-        hanging: indices of joints without a motor that nothing supports.
-        level: whether a task holds the orientation of the base, so that it stays level while the robot sways.
-        margin: distance from the position limits, rad.
+        hanging: indices of unsupported passive joints.
+        level: True if a task controls the orientation of the base.
+        margin: distance to the position limits, rad.
     """
     model, dynamics = qp.model, qp.dynamics
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
@@ -68,7 +66,7 @@ def reserves(
     weight = model.mass * np.array(model.pinocchio.gravity.linear)
     pushes, shifts = {}, {}
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
-    all_anchored = len(anchored) == len(bearing)  # nothing says how far a loop is open along the way
+    all_anchored = len(anchored) == len(bearing)  # a loop has no displacement
     for name, direction in _DIRECTIONS.items():
         way = np.array(direction)
         pushes[name] = _largest_multiple(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
@@ -94,9 +92,9 @@ def _format_directions(found: dict[str, _LoadLimit], scale: float, unit: str) ->
 
 
 def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], wrench: Array) -> _LoadLimit:
-    """The largest multiple of a wrench on the base, about its origin in world axes, (6,), that can be borne at rest.
+    """Return the largest multiple of a wrench on the base, (6,) about its origin in world axes, possible at rest.
 
-    With S and C of `Actuation`, over contact forces f, torques τ, forces of followers λ and the multiple s:
+    With S and C of `Actuation`, contact forces f, torques τ, forces of followers λ and the multiple s:
 
         maximize s    subject to    Jᵀf + Sᵀτ + Cᵀλ + s J_baseᵀ w = h,    cones and bounds of f,    |τ| ≤ τ_max.
     """
@@ -124,14 +122,14 @@ def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequ
     if result.x is None:
         return _LoadLimit(0.0, None)
     most, torques = float(result.x[-1]), slice(len(J), len(J) + model.na)
-    # Many torques bear the same load; only where the multiplier of a limit is not zero does it bound the multiple.
+    # The torques are not unique: a limit is the cause only if its multiplier is not zero.
     worth = (np.abs(result.lower.marginals) + np.abs(result.upper.marginals))[torques] * model.effort_limits
     worst = int(np.argmax(worth))
     return _LoadLimit(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
 
 
 class _MotionWithContacts:
-    """Motion of a robot whose contacts stay where they are in the present configuration."""
+    """Motion of a robot with contacts fixed at their present poses."""
 
     def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], margin: float) -> None:
         self.qp, self.bearing = qp, bearing
@@ -145,13 +143,13 @@ class _MotionWithContacts:
         self._held = [(contact, contact.anchor(dynamics)) for contact in bearing]
 
     def reach(self, goal: Array, start: Array, weights: Array) -> tuple[Array, str]:
-        """Move the centre of mass to a goal, (3,) in m, from a configuration, by Newton's method.
+        """Move the centre of mass to a goal, (3,) in m, by Newton's method.
 
         Args:
-            weights: of the centre of mass and the base's orientation, (6,); 1 if required.
+            weights: weights of centre of mass and base orientation, (6,); 1 if required.
 
         Returns:
-            The configuration, in which the dynamics are left, and the reason if the goal is not reached, else "".
+            The configuration, also of the dynamics, and the limiting cause, or "" if the goal is reached.
         """
         qp, at = self.qp, start
         model, dynamics = qp.model, qp.dynamics
@@ -179,7 +177,7 @@ class _MotionWithContacts:
 def _find_sway(
     motion: _MotionWithContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: _LoadLimit
 ) -> _LoadLimit:
-    """Find how far the centre of mass can move along a horizontal unit vector, at most as far as statics allow."""
+    """Return the sway along a horizontal unit vector, at most the static one."""
     qp, bearing = motion.qp, motion.bearing
     done, far, at, cause = 0.0, np.inf, np.array(q), static.cause
     weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])
@@ -208,16 +206,16 @@ def com_distance(
     most: float,
     margin: float = 0.0,
 ) -> ComDistance | None:
-    """Find how far the centre of mass can move straight at rest, with the base level and the contacts held.
+    """Return the distance that the centre of mass can move on a line at rest, with level base and fixed contacts.
 
     Args:
-        q: configuration at the start, in which the dynamics are left.
-        hanging: as in `reserves`, and `margin`.
+        q: configuration at the start; the dynamics end there.
+        hanging: as in `reserves`, also `margin`.
         direction: unit vector in the world, (3,).
-        most: largest distance that is tried, m.
+        most: largest distance, m.
 
     Returns:
-        The distance; None if a loop is closed, as its opening along the way is not known.
+        The distance; None for robots with closed loops.
     """
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
@@ -228,7 +226,7 @@ def com_distance(
     while not why:
         step = min(_STEP, most - distance)
         if not (step > _LEAST_STEP):
-            why = "no more was tried"
+            why = "limit of the search"
             break
         at, why = motion.reach(motion.com + (distance + step) * direction, at, np.ones(6))
         if not why and not _can_stand(qp, anchored, hanging):
@@ -239,5 +237,5 @@ def com_distance(
 
 
 def _can_stand(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
-    """Whether the weight can be borne at rest."""
+    """Return True if the robot can stand at rest."""
     return _largest_multiple(qp, bearing, hanging, np.zeros(6)).most > 0.0
