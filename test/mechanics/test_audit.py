@@ -119,11 +119,11 @@ def test_momentum_shows_a_wrong_mass_and_an_unknown_push():
 def test_states_in_the_wrong_order_are_refused():
     model, steps = squatting()
     before, after, force, _ = steps[0]
-    with pytest.raises(InputRefused, match="expected a later stamp"):
+    with pytest.raises(InputRefused, match="of the second state is not after"):
         energy_residual(model, after, before, force)
-    with pytest.raises(InputRefused, match="expected a later stamp"):
+    with pytest.raises(InputRefused, match="of the second state is not after"):
         momentum_residual(model, before, before)
-    with pytest.raises(InputRefused, match=r"force has the shape \(3,\)"):
+    with pytest.raises(InputRefused, match=r"force has shape \(3,\)"):
         energy_residual(model, before, after, np.zeros(3))
-    with pytest.raises(ConfigurationError, match="no frame"):
+    with pytest.raises(ConfigurationError, match="unknown frame"):
         momentum_residual(model, before, after, [ExternalWrench("nowhere", np.zeros(6))])
