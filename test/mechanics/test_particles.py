@@ -156,7 +156,7 @@ def test_a_rigid_tetrahedron_is_a_rigid_body():
 def test_mistakes_are_named():
     with pytest.raises(ConfigurationError, match="kg: must be positive"):
         ParticleSystem(np.array([1.0, np.nan]), [])
-    with pytest.raises(ConfigurationError, match="particle 2; valid: 0 to 1"):
+    with pytest.raises(ConfigurationError, match="unknown particle 2 of a rod; valid: 0 to 1"):
         ParticleSystem(np.ones(2), [Rod(0, 2, 1.0)])
     with pytest.raises(ConfigurationError, match="length = 0"):
         ParticleSystem(np.ones(2), [Rod(0, 1, 0.0)])
