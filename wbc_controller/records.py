@@ -49,17 +49,11 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Reference of one task at one instant.
+    """Reference of one task at one instant."""
 
-    Attributes:
-        position: (k,); for a pose (7,), position and quaternion.
-        velocity: feed-forward velocity, (m,); m = 6 for a pose.
-        acceleration: feed-forward acceleration, (m,).
-    """
-
-    position: Array
-    velocity: Array
-    acceleration: Array
+    position: Array  # (k,); for a pose (7,), position and quaternion
+    velocity: Array  # feed-forward velocity, (m,); m = 6 for a pose
+    acceleration: Array  # feed-forward acceleration, (m,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,27 +145,17 @@ class Details(Protocol):
 
 
 class Solution(NamedTuple):
-    """Solution of the quadratic program.
+    """Solution of the quadratic program."""
 
-    Attributes:
-        v_dot: generalized acceleration, (nv,).
-        tau: torques of the actuators in the order of the command, (na,) in N·m.
-        details: contact forces, residuals and more, also available as attributes of the solution.
-        relaxed: relaxed groups of constraints, and lower priority levels without a solution; normally empty.
-        iterations: iterations of the solver.
-        stage_seconds: time of each stage, s.
-        external_wrenches: known external wrenches, as in `References`.
-        disturbance: disturbance, as in `References`.
-    """
-
-    v_dot: Array
-    tau: Array
-    details: Details
+    v_dot: Array  # generalized acceleration, (nv,)
+    tau: Array  # torques of the actuators in the order of the command, (na,) in N·m
+    details: Details  # contact forces, residuals and more, also available as attributes of the solution
+    #: relaxed groups of constraints, and lower priority levels without a solution; normally empty
     relaxed: tuple[str, ...] = ()
-    iterations: int = 0
-    stage_seconds: Mapping[str, float] = MappingProxyType({})
-    external_wrenches: Mapping[str, Array] = MappingProxyType({})
-    disturbance: Disturbance | None = None
+    iterations: int = 0  # iterations of the solver
+    stage_seconds: Mapping[str, float] = MappingProxyType({})  # time of each stage, s
+    external_wrenches: Mapping[str, Array] = MappingProxyType({})  # known external wrenches, as in `References`
+    disturbance: Disturbance | None = None  # disturbance, as in `References`
 
     @property
     def forces(self) -> Mapping[str, Array]:
@@ -234,33 +218,20 @@ class Infeasibility:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Reason for leaving the active mode.
+    """Reason for leaving the active mode."""
 
-    Attributes:
-        code: short upper-case name, such as ``STALE_INPUT``.
-        sentence: description.
-        infeasibility: conflicting constraints of an infeasible program, or None.
-    """
-
-    code: str
-    sentence: str
-    infeasibility: Infeasibility | None = None
+    code: str  # short upper-case name, such as ``STALE_INPUT``
+    sentence: str  # description
+    infeasibility: Infeasibility | None = None  # conflicting constraints of an infeasible program, or None
 
 
 class JointCommand(NamedTuple):
-    """Command to the joints, created only by `safety.supervisor.Supervisor`.
+    """Command to the joints, created only by `safety.supervisor.Supervisor`."""
 
-    Attributes:
-        stamp: timestamp of the state that it answers, ns.
-        tau: torques of the actuators, in the order of the command, (na,) in N·m.
-        q_desired: predicted joint positions after one period, (nj,) in rad; NaN without a prediction.
-        v_desired: predicted joint velocities after one period, (nj,) in rad/s; NaN without a prediction.
-    """
-
-    stamp: int
-    tau: Array
-    q_desired: Array
-    v_desired: Array
+    stamp: int  # timestamp of the state that it answers, ns
+    tau: Array  # torques of the actuators, in the order of the command, (na,) in N·m
+    q_desired: Array  # predicted joint positions after one period, (nj,) in rad; NaN without a prediction
+    v_desired: Array  # predicted joint velocities after one period, (nj,) in rad/s; NaN without a prediction
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,21 +27,13 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class LivePart:
-    """Objects derived from the settings that can change in a running loop.
+    """Objects derived from the settings that can change in a running loop."""
 
-    Attributes:
-        settings: all settings.
-        board: plans of references, gains and limits.
-        supervisor: times and limits of the supervisor.
-        state_timeout: largest age of a state, s.
-        disturbance: time constant and bound of the disturbance estimate.
-    """
-
-    settings: Settings
-    board: BoardPlan
-    supervisor: SupervisorLimits
-    state_timeout: float
-    disturbance: DisturbanceLimits
+    settings: Settings  # all settings
+    board: BoardPlan  # plans of references, gains and limits
+    supervisor: SupervisorLimits  # times and limits of the supervisor
+    state_timeout: float  # largest age of a state, s
+    disturbance: DisturbanceLimits  # time constant and bound of the disturbance estimate
 
 
 class LiveSettings:

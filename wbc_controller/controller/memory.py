@@ -21,19 +21,12 @@ from wbc_controller.controller.result import CycleResult
 
 @dataclass(slots=True)  # not frozen: faster construction
 class CycleRecord:
-    """Inputs and result of one cycle, for a recording.
+    """Inputs and result of one cycle, for a recording."""
 
-    Attributes:
-        inputs: inputs of the controller.
-        live: live settings of the cycle.
-        result: result of the cycle.
-        changed_outside: True if the state changed between this and the last cycle: a failed cycle, the loop's end.
-    """
-
-    inputs: CycleInputs
-    live: LivePart
-    result: CycleResult
-    changed_outside: bool
+    inputs: CycleInputs  # inputs of the controller
+    live: LivePart  # live settings of the cycle
+    result: CycleResult  # result of the cycle
+    changed_outside: bool  # True if the state changed between this and the last cycle: a failed cycle, the loop's end
 
 
 def save_state(owner: Any) -> dict[str, Any]:

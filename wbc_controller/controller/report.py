@@ -12,42 +12,27 @@ from wbc_controller.records import Array, AuditReport, ChangeSettings, Fault, Jo
 
 
 class UserRequests(NamedTuple):
-    """Requests of users for one cycle.
+    """Requests of users for one cycle."""
 
-    Attributes:
-        commands: words on the command topic, in order of arrival.
-        changes: sets of changes, in order of arrival; each set is applied completely or not at all.
-        refused: one sentence per refused request.
-        total: number of received requests.
-    """
-
-    commands: tuple[str, ...] = ()
+    commands: tuple[str, ...] = ()  # words on the command topic, in order of arrival
+    #: sets of changes, in order of arrival; each set is applied completely or not at all
     changes: tuple[tuple[Change | ChangeSettings, ...], ...] = ()
-    refused: tuple[str, ...] = ()
-    total: int = 0
+    refused: tuple[str, ...] = ()  # one sentence per refused request
+    total: int = 0  # number of received requests
 
 
 @dataclass(slots=True)  # not frozen: faster construction
 class LatchedInputs:
-    """Inputs latched at the start of one cycle.
+    """Inputs latched at the start of one cycle."""
 
-    Attributes:
-        state: newest state; None until all parts have arrived (joint states; for a floating base odometry or IMU).
-        joint_velocity: newest joint velocities, (nj,) in rad/s; None before the first message.
-        ages: age of each part of the state, s; infinite before the first message.
-        clock_stall: advance of the timestamps during a clock stall, s.
-        refused_states: one sentence per refused sensor message.
-        requests: requests of users.
-        estimate: diagnostics of the base estimate, by key.
-    """
-
+    #: newest state; None until all parts have arrived (joint states; for a floating base odometry or IMU)
     state: RobotState | None
-    joint_velocity: Array | None
-    ages: Mapping[str, float]
-    clock_stall: float = 0.0
-    refused_states: tuple[str, ...] = ()
-    requests: UserRequests = field(default_factory=UserRequests)
-    estimate: Mapping[str, str] = field(default_factory=dict)
+    joint_velocity: Array | None  # newest joint velocities, (nj,) in rad/s; None before the first message
+    ages: Mapping[str, float]  # age of each part of the state, s; infinite before the first message
+    clock_stall: float = 0.0  # advance of the timestamps during a clock stall, s
+    refused_states: tuple[str, ...] = ()  # one sentence per refused sensor message
+    requests: UserRequests = field(default_factory=UserRequests)  # requests of users
+    estimate: Mapping[str, str] = field(default_factory=dict)  # diagnostics of the base estimate, by key
 
     @property
     def refused(self) -> tuple[str, ...]:
@@ -57,49 +42,30 @@ class LatchedInputs:
 
 @dataclass(slots=True)
 class CycleInputs:
-    """Inputs of the controller in one cycle.
+    """Inputs of the controller in one cycle."""
 
-    Attributes:
-        now: time on the loop's clock, s.
-        state: latched state; None before the first one.
-        joint_velocity: joint velocities, (nj,) in rad/s; None if stale.
-        problem: fault of the inputs, or None.
-        requests: requests to the supervisor, in order.
-        changes: sets of changes, in order; each set is applied completely or not at all.
-    """
-
-    now: float
-    state: RobotState | None
-    joint_velocity: Array | None
-    problem: Fault | None = None
-    requests: tuple[str, ...] = ()
+    now: float  # time on the loop's clock, s
+    state: RobotState | None  # latched state; None before the first one
+    joint_velocity: Array | None  # joint velocities, (nj,) in rad/s; None if stale
+    problem: Fault | None = None  # fault of the inputs, or None
+    requests: tuple[str, ...] = ()  # requests to the supervisor, in order
+    #: sets of changes, in order; each set is applied completely or not at all
     changes: tuple[Sequence[Change | ChangeSettings], ...] = ()
 
 
 @dataclass(slots=True)
 class CycleReport:
-    """Inputs and results of one cycle, for diagnostics and recordings. Read-only.
+    """Inputs and results of one cycle, for diagnostics and recordings. Read-only."""
 
-    Attributes:
-        cycle: number of the cycle.
-        inputs: latched inputs.
-        result: mode, fault, command and solution.
-        refused: one sentence per refused input since the last cycle.
-        stage_seconds: time of each stage, s.
-        deadlines_missed: missed deadlines since the start.
-        audit: comparison of model and measured motion, or None.
-        contested: one sentence per topic with conflicting publishers.
-        shared: publishers of each input with several publishers, by topic.
-    """
-
-    cycle: int
-    inputs: LatchedInputs
-    result: CycleResult
-    refused: tuple[str, ...]
-    stage_seconds: Mapping[str, float]
-    deadlines_missed: int
-    audit: AuditReport | None = None
-    contested: tuple[str, ...] = ()
+    cycle: int  # number of the cycle
+    inputs: LatchedInputs  # latched inputs
+    result: CycleResult  # mode, fault, command and solution
+    refused: tuple[str, ...]  # one sentence per refused input since the last cycle
+    stage_seconds: Mapping[str, float]  # time of each stage, s
+    deadlines_missed: int  # missed deadlines since the start
+    audit: AuditReport | None = None  # comparison of model and measured motion, or None
+    contested: tuple[str, ...] = ()  # one sentence per topic with conflicting publishers
+    #: publishers of each input with several publishers, by topic
     shared: Mapping[str, str] = field(default_factory=dict)
 
     @property

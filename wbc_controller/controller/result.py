@@ -29,30 +29,18 @@ class CycleResult:
     """Result of one control cycle. Prints as tables in terminals and notebooks.
 
     Without a solution of the quadratic program, its values are empty or NaN.
-
-    Attributes:
-        qp: quadratic program with model, tasks and contacts; its dynamics are those of the newest cycle.
-        time: time of the state, s.
-        mode: mode of the supervisor after the cycle.
-        fault: latched fault, or None.
-        command: command to the joints; None if nothing is sent.
-        solution: solution before the supervisor, or None.
-        state: state of the cycle, or None.
-        references: sampled references, or None without a solve.
-        refused: one sentence per refused request.
-        stage_seconds: time of each stage, s.
     """
 
-    qp: WholeBodyQP
-    time: float
-    mode: Mode
-    fault: Fault | None
-    command: JointCommand | None
-    solution: Solution | None = None
-    state: RobotState | None = None
-    references: References | None = None
-    refused: tuple[str, ...] = ()
-    stage_seconds: Mapping[str, float] = field(default_factory=lambda: _NOTHING)
+    qp: WholeBodyQP  # quadratic program with model, tasks and contacts; its dynamics are those of the newest cycle
+    time: float  # time of the state, s
+    mode: Mode  # mode of the supervisor after the cycle
+    fault: Fault | None  # latched fault, or None
+    command: JointCommand | None  # command to the joints; None if nothing is sent
+    solution: Solution | None = None  # solution before the supervisor, or None
+    state: RobotState | None = None  # state of the cycle, or None
+    references: References | None = None  # sampled references, or None without a solve
+    refused: tuple[str, ...] = ()  # one sentence per refused request
+    stage_seconds: Mapping[str, float] = field(default_factory=lambda: _NOTHING)  # time of each stage, s
 
     @property
     def tau(self) -> Array:

@@ -27,17 +27,11 @@ class UnknownKey(ConfigurationError, KeyError):
 
 @dataclass(frozen=True)
 class Config:
-    """Validated, immutable configuration of one robot.
+    """Validated, immutable configuration of one robot."""
 
-    Attributes:
-        settings: the values (docs/configuration.md).
-        source: path of the file, or ``"a dictionary"``; prefix of error messages, if not empty.
-        urdf: URDF text, if ``robot.urdf`` is not used.
-    """
-
-    settings: Settings
-    source: str = "a dictionary"
-    urdf: str | None = None
+    settings: Settings  # the values (docs/configuration.md)
+    source: str = "a dictionary"  # path of the file, or ``"a dictionary"``; prefix of error messages, if not empty
+    urdf: str | None = None  # URDF text, if ``robot.urdf`` is not used
 
     def replace(self, changes: Mapping[str, Any], *, urdf: str | None = None) -> Config:
         """Return a configuration with changed values.

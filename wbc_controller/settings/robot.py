@@ -81,8 +81,8 @@ class RobotSettings(Section):
 
     urdf: str = Field(
         "",
-        description="Path, relative to the configuration file, or `package://<package>/<path in its share folder>` of a "
-        "ROS 2 package or Python distribution. Empty: from the topic `robot_description`.",
+        description="Path, relative to the configuration file, or `package://<package>/<path in its share folder>` of "
+        "a ROS 2 package or Python distribution. Empty: from the topic `robot_description`.",
     )
     base: Literal["floating", "fixed"] = Field("floating", description="Attachment of the root link to the world.")
     joints: list[str] = Field(

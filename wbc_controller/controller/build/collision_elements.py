@@ -26,9 +26,6 @@ def read_collision_elements(
 
     Returns:
         Elements by frame number of the link, placed in the joint's frame.
-
-    Raises:
-        ConfigurationError: if a mesh cannot be found or read; the message begins with the key.
     """
     packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
     folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])

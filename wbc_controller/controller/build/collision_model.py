@@ -29,17 +29,11 @@ _LARGEST_LOSS = 1.0e-3
 
 @dataclass(frozen=True, slots=True)
 class CollisionModel:
-    """Convex shapes of links, and the pairs to keep apart.
+    """Convex shapes of links, and the pairs to keep apart."""
 
-    Attributes:
-        geometry: shapes, named after their links, and pairs.
-        near: excluded pairs, nearer than the margin in the nominal posture.
-        replaced: links with a bounding box in place of an unusable convex hull.
-    """
-
-    geometry: pin.GeometryModel
-    near: tuple[tuple[str, str], ...]
-    replaced: tuple[str, ...] = ()
+    geometry: pin.GeometryModel  # shapes, named after their links, and pairs
+    near: tuple[tuple[str, str], ...]  # excluded pairs, nearer than the margin in the nominal posture
+    replaced: tuple[str, ...] = ()  # links with a bounding box in place of an unusable convex hull
 
     @property
     def summary(self) -> str:
@@ -73,10 +67,6 @@ def build_collision_model(
         pairs: pairs ``<link>/<link>``; empty for the default.
         visual: links with visual elements used as collision elements.
         folder: folder of meshes with relative paths.
-
-    Raises:
-        ConfigurationError: if the URDF has no collision elements, a mesh or the SRDF cannot be read, a named link has
-            no shape, a named pair is nearer than the margin, or no pair remains.
     """
     elements = read_collision_elements(model, with_visuals(model.urdf, visual), "limits.self_collision", folder)
     joints = {model.pinocchio.frames[frame].name: model.pinocchio.frames[frame].parentJoint for frame in elements}

@@ -41,11 +41,7 @@ def _surface(name: str, contact: schema.SurfaceContact, model: RobotModel, **pus
 
 
 def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
-    """Build one contact.
-
-    Raises:
-        ConfigurationError: if a frame is unknown or a value is invalid.
-    """
+    """Build one contact."""
     if isinstance(contact, schema.FixedContact):
         return FixedContact(
             name,
@@ -82,11 +78,7 @@ def make_contact_plan(contact: Contact, enabled: bool, ramp: float) -> ContactPl
 
 
 def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> LoopClosure:
-    """Build a loop closure.
-
-    Raises:
-        ConfigurationError: if a frame is unknown, or both frames belong to one link.
-    """
+    """Build a loop closure."""
     return LoopClosure(
         name,
         model,

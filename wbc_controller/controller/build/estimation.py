@@ -56,11 +56,7 @@ def disturbance_limits(settings: Settings) -> DisturbanceLimits:
 
 
 def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ModelErrorCompensation:
-    """Build the compensation of friction and disturbance.
-
-    Raises:
-        ConfigurationError: if a joint with friction is unknown.
-    """
+    """Build the compensation of friction and disturbance."""
     friction = settings.robot.friction
     for joint in friction:
         if joint not in model.joints:
@@ -103,11 +99,7 @@ def estimates_base(settings: Settings, model: RobotModel) -> bool:
 def make_leg_kinematics(
     settings: Settings, model: RobotModel, contacts: Mapping[str, Contact], frame: str
 ) -> LegKinematics:
-    """Build the kinematics from a sensor frame to the contacts.
-
-    Raises:
-        ConfigurationError: if the frame is unknown.
-    """
+    """Build the kinematics from a sensor frame to the contacts."""
     return LegKinematics(
         model,
         contacts,
@@ -129,11 +121,7 @@ def make_odometry_agreement(
 
 
 def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator:
-    """Build the estimator of a floating base.
-
-    Raises:
-        ConfigurationError: if the base is fixed, the IMU frame is unknown, or no contact has fixed points.
-    """
+    """Build the estimator of a floating base."""
     known = settings.estimation
     if not model.floating_base:
         raise ConfigurationError(f"robot.base = {settings.robot.base!r}: base estimation requires 'floating'")

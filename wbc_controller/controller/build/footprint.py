@@ -34,17 +34,13 @@ _CANDIDATES = 50
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Contact region of a body on a plane, moved along its normal until they touch.
+    """Contact region of a body on a plane, moved along its normal until they touch."""
 
-    Attributes:
-        polygon: corners of the convex footprint, counterclockwise, (n, 2) in m, in the plane's x and y axes; also a
-            point or a line.
-        height: height of the body's lowest point above the plane, m.
-        tilt: angle between the plane and the largest flat face of the underside, rad; None without a flat face.
-    """
-
+    #: corners of the convex footprint, counterclockwise, (n, 2) in m, in the plane's x and y axes; also a
+    #: point or a line
     polygon: Array
-    height: float
+    height: float  # height of the body's lowest point above the plane, m
+    #: angle between the plane and the largest flat face of the underside, rad; None without a flat face
     tilt: float | None
 
     @property

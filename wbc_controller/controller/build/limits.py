@@ -17,11 +17,7 @@ _log = logging.getLogger(__name__)
 
 
 def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve | None:
-    """Build the torque-speed curve of the motors; None if it is disabled.
-
-    Raises:
-        ConfigurationError: if an actuator is unknown, or an actuator of a transmission has no curve.
-    """
+    """Build the torque-speed curve of the motors; None if it is disabled."""
     curve = settings.limits.torque_speed
     if not curve.enabled:
         return None
@@ -45,11 +41,7 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
 
 
 def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionLimit:
-    """Build the self-collision limit, and log the excluded pairs of links.
-
-    Raises:
-        ConfigurationError: if the URDF, its meshes or the SRDF are invalid.
-    """
+    """Build the self-collision limit, and log the excluded pairs of links."""
     own = settings.limits.self_collision
     srdf = None
     if own.srdf:

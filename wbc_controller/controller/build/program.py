@@ -37,10 +37,6 @@ def make_qp(
         tasks: classes or functions that return a user's `Task` for the model.
         contacts: the same for contacts.
         limits: the same for limits.
-
-    Raises:
-        ConfigurationError: if settings and model are inconsistent, or a name is used twice.
-        MethodError: if a method of a user object fails in the nominal posture.
     """
     require_solver(settings.solver.name)
     own = settings.limits

@@ -36,9 +36,6 @@ def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
     """Return initial values and ramp times of references, weights, contacts, gains and limits.
 
     Values are from the (live) settings; for user objects from their attributes.
-
-    Raises:
-        ConfigurationError: if settings and model are inconsistent.
     """
     limits, model = settings.limits, qp.model
     own_tasks = [task for name, task in qp.tasks.items() if name not in settings.tasks]

@@ -10,11 +10,7 @@ from wbc_controller.settings import Settings
 
 
 def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
-    """Build the robot's model from a URDF text, by default from ``robot.urdf``.
-
-    Raises:
-        ConfigurationError: if the URDF is invalid, or inconsistent with the settings.
-    """
+    """Build the robot's model from a URDF text, by default from ``robot.urdf``."""
     robot = settings.robot
     return build_model(
         read_urdf(robot.urdf) if urdf is None else urdf,

@@ -21,11 +21,7 @@ _log = logging.getLogger(__name__)
 
 
 def read_urdf(urdf: str) -> str:
-    """Read the file ``robot.urdf``.
-
-    Raises:
-        ConfigurationError: if no file is named, or it cannot be read.
-    """
+    """Read the file ``robot.urdf``."""
     if not urdf:
         raise ConfigurationError(
             "robot.urdf is empty and no URDF arrived on the topic robot_description; name a file, or publish it latched"
@@ -35,17 +31,11 @@ def read_urdf(urdf: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """Actuators of a robot.
+    """Actuators of a robot."""
 
-    Attributes:
-        name: name of the robot.
-        drive: actuators.
-        effort_limits: usable torque of each actuator, (na,) in N·m.
-    """
-
-    name: str
-    drive: Drive
-    effort_limits: Array
+    name: str  # name of the robot
+    drive: Drive  # actuators
+    effort_limits: Array  # usable torque of each actuator, (na,) in N·m
 
 
 def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
@@ -65,11 +55,7 @@ def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
 
 
 def describe(urdf: str, robot: RobotSettings) -> Description:
-    """Read the actuators from a URDF text.
-
-    Raises:
-        ConfigurationError: if the URDF is invalid, a joint or its limit is missing, or the actuators are invalid.
-    """
+    """Read the actuators from a URDF text."""
     tree, _ = read_robot(urdf, joint_limits(robot))
     limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
     efforts = []

@@ -29,11 +29,7 @@ from wbc_controller.inverse_dynamics.tasks import (
 
 
 def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Mapping[str, Contact]) -> Task:
-    """Build one task.
-
-    Raises:
-        ConfigurationError: if a frame, joint or contact is unknown, or the size of the tolerance is wrong.
-    """
+    """Build one task."""
     made = _make(name, task, model, contacts)
     made.level = task.level
     if task.tolerance is not None:

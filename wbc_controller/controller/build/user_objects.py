@@ -33,11 +33,7 @@ _Made = TypeVar("_Made", Task, Contact, RowLimit)
 def make_user_objects(
     makers: Iterable[Callable[[RobotModel], _Made]], model: RobotModel, kind: Any, key: str, taken: Sequence[str]
 ) -> list[_Made]:
-    """Create user objects, and check their classes and names; `taken` are names in use.
-
-    Raises:
-        ConfigurationError: if an object cannot be created, or has a wrong class or a duplicate name.
-    """
+    """Create user objects, and check their classes and names; `taken` are names in use."""
     made: list[_Made] = []
     expected = f"{key} = {makers!r}: must be a list of classes or functions that take the robot's model"
     try:
@@ -69,11 +65,7 @@ def make_user_objects(
 def check_attributes(
     model: RobotModel, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
 ) -> None:
-    """Check the attributes of user objects.
-
-    Raises:
-        ConfigurationError: with class, attribute, value and expected value.
-    """
+    """Check the attributes of user objects."""
     for task in tasks:
         _check_task(task, model)
     for contact in contacts:
@@ -167,11 +159,7 @@ def _is_matrix(value: Any, shape: tuple[int, ...]) -> bool:
 def evaluate_methods(
     formulation: Formulation, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
 ) -> None:
-    """Evaluate each method once, at rest in the nominal posture, and check its return value.
-
-    Raises:
-        MethodError: if a method fails or returns an invalid array.
-    """
+    """Evaluate each method once, at rest in the nominal posture, and check its return value."""
     model, dynamics = formulation.model, Dynamics(formulation.model)
     dynamics.compute(model.configuration(model.posture), np.zeros(model.nv))
     for task in tasks:
