@@ -1,4 +1,4 @@
-"""Argument checks of public functions."""
+"""Argument checks of public functions; invalid arguments raise `InputRefused`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,7 @@ from wbc_controller.records import Array
 
 
 def array_of_numbers(values: Any, subject: str) -> Array:
-    """Return an array of real numbers, which may be infinite or NaN; `subject` names it in errors.
-
-    Raises:
-        InputRefused: if a value is not a real number, or the array is masked.
-    """
+    """Return an array of real numbers, infinity or NaN; `subject` names it in errors."""
     parts = values if isinstance(values, list | tuple) else [values]
     if any(isinstance(part, np.ma.MaskedArray) for part in parts):
         raise InputRefused(f"{subject} is a masked array; fill it with numpy.ma.filled")
@@ -35,11 +31,7 @@ def array_of_numbers(values: Any, subject: str) -> Array:
 
 
 def finite(values: Any, subject: str) -> Array:
-    """Return an array of finite numbers.
-
-    Raises:
-        InputRefused: if a value is not a finite real number.
-    """
+    """Return an array of finite numbers."""
     array = array_of_numbers(values, subject)
     if not np.isfinite(array).all():
         raise InputRefused(f"{subject} is not finite: {shortened(array)}")
@@ -47,11 +39,7 @@ def finite(values: Any, subject: str) -> Array:
 
 
 def sized(values: Any, size: int, subject: str) -> Array:
-    """Return an array of real numbers, (size,), which may be infinite or NaN.
-
-    Raises:
-        InputRefused: if a value is not a real number, or the array has another shape.
-    """
+    """Return an array of real numbers, infinity or NaN, (size,)."""
     array = array_of_numbers(values, subject)
     if array.shape != (size,):
         raise InputRefused(f"{subject} has shape {array.shape}, expected ({size},)")
@@ -59,11 +47,7 @@ def sized(values: Any, size: int, subject: str) -> Array:
 
 
 def number(value: Any, subject: str, lower: float = -math.inf, upper: float = math.inf) -> float:
-    """Return a real number within a range.
-
-    Raises:
-        InputRefused: if the value is not a real number, or outside the range.
-    """
+    """Return a real number within a range."""
     try:
         result = float(value) if isinstance(value, numbers.Real) and not isinstance(value, bool) else math.nan
     except OverflowError:
@@ -75,11 +59,7 @@ def number(value: Any, subject: str, lower: float = -math.inf, upper: float = ma
 
 
 def require_choice(value: Any, choices: Iterable[str], subject: str) -> str:
-    """Return a name that is among the choices; `subject` is its kind, such as ``task``.
-
-    Raises:
-        InputRefused: if the name is unknown.
-    """
+    """Return a name among the choices; `subject` is its kind, such as ``task``."""
     names = tuple(choices)
     if not isinstance(value, str) or value not in names:
         raise InputRefused(f"unknown {subject} {reprlib.repr(value)}; {valid_choices(str_of(value), names)}")

@@ -73,7 +73,7 @@ else:
     OutStridedMatrix = types.Array(types.float64, 2, "A")
     Signs = types.Array(types.int8, 2, "C")
 
-    #: Owner of memory that Numba allocates. Without compilation it would recurse endlessly.
+    #: Without compilation the proxy would recurse endlessly.
     _Proxy = object if numba.config.DISABLE_JIT else structref.StructRefProxy
 
     def dataclass_transform(**_):
@@ -109,10 +109,7 @@ def compiled(function: _Function) -> _Function:
 
 @dataclass_transform(kw_only_default=True)
 class Struct(_Proxy):
-    """Record of numbers, arrays and structs for kernels. Subclasses annotate the fields.
-
-    Arrays are shared with the caller. Kernels may write into arrays of the `Out…` types. Fields cannot be reassigned.
-    """
+    """Immutable record of numbers, arrays and structs for kernels. Kernels may write into arrays of `Out…` types."""
 
     NumbaType: ClassVar[Any]
     numba_type: ClassVar[Any]
@@ -121,7 +118,7 @@ class Struct(_Proxy):
     _allocate: ClassVar[Any] = None
 
     def __init_subclass__(cls) -> None:
-        """Create the Numba type of the fields."""
+        """Create the Numba type."""
         hints = get_type_hints(cls)
         cls._fields = {name: _numba_type(hints[name]) for name in cls.__annotations__}
         # The cache on disk finds the type by its qualified name.
@@ -134,11 +131,7 @@ class Struct(_Proxy):
     if not TYPE_CHECKING:
 
         def __new__(cls, **fields):
-            """Create a struct.
-
-            Raises:
-                TypeError: if a field is missing, unknown or of another type than its annotation.
-            """
+            """Create a struct, or raise a TypeError for missing, unknown or wrong fields."""
             if fields.keys() != cls._fields.keys():
                 raise TypeError(f"{cls.__name__} has the fields {[*cls._fields]}, got {[*fields]}")
             for name, kind in cls._fields.items():
@@ -171,7 +164,6 @@ class Struct(_Proxy):
 
 
 def _numba_type(annotation: Any) -> Any:
-    """Return the Numba type of an annotation."""
     if isinstance(annotation, type) and issubclass(annotation, Struct):
         return annotation.numba_type
     return _SCALARS.get(annotation, annotation)
@@ -238,10 +230,7 @@ def _compilation_lock(folder: Path | None, name: str) -> Iterator[None]:
 
 @cache
 def _cache_folder() -> Path | None:
-    """Return the cache folder, or None if no candidate is writable.
-
-    Its name contains a hash of all kernel files: Numba itself compares only the file of the function.
-    """
+    """Return the cache folder, with a hash of all kernel files in its name, or None if no candidate is writable."""
     sources = sorted([Path(__file__), *_PACKAGE.rglob("*_kernels.py")])
     name = f"kernels-{sha256(b''.join(path.read_bytes() for path in sources)).hexdigest()[:12]}"
     name += "-boundscheck" * bool(numba.config.BOUNDSCHECK)
@@ -255,7 +244,6 @@ def _cache_folder() -> Path | None:
 
 
 def _is_writable(folder: Path) -> bool:
-    """Create a folder; return True if it is writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -265,13 +253,11 @@ def _is_writable(folder: Path) -> bool:
 
 @cache
 def _log_compilation() -> None:
-    """Log once that the kernels are being compiled."""
     _log.warning("compiling the kernels for this processor (once, 15 to 60 s of processor time)")
 
 
 @cache
 def _log_wait() -> None:
-    """Log once that the process waits for another one."""
     _log.warning("waiting for another process that compiles the kernels")
 
 

@@ -26,11 +26,7 @@ class ConfigurationError(WbcError):
 
 
 class MethodError(ConfigurationError):
-    """Exception or invalid return value of a method of a task, contact or limit.
-
-    The message names the object, its class and the method. In a running controller it leads to damping with the fault
-    ``METHOD_FAILED``.
-    """
+    """Exception or invalid return value of a method of a task, contact or limit; fault ``METHOD_FAILED``."""
 
 
 class InputRefused(WbcError):
@@ -62,7 +58,7 @@ class NoSolution(WbcError):
         self._search = search
 
     def explained(self) -> NoSolution:
-        """Return this error with the names of the conflicting constraints. Takes several periods; thread-safe."""
+        """Return this error with the conflicting constraints. Takes several periods; thread-safe."""
         if self._search is None:
             return self
         why = self._search()

@@ -21,14 +21,14 @@ Array = npt.NDArray[np.float64]
 
 
 def frozen(values: npt.ArrayLike) -> Array:
-    """Return a read-only float copy of an array."""
+    """Return a read-only copy of an array."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
 
 
 def freeze(array: Array) -> Array:
-    """Make an array read-only in place; no other reference may write to it."""
+    """Make an array read-only in place."""
     array.setflags(write=False)
     return array
 
@@ -117,14 +117,14 @@ class LevelReport(NamedTuple):
 
 
 class Details(Protocol):
-    """Details of a solution, possibly computed on first access, after the torques are sent.
+    """Details of a solution, possibly computed on first access.
 
     Attributes:
-        forces: force (3,) or wrench (6,) of each active contact in the contact frame, in N and N·m.
+        forces: force (3,) or wrench (6,) of each active contact in the contact frame, N and N·m.
         residuals: largest absolute violation of each group of constraints.
-        task_errors: Euclidean norm of each task error, in the unit of the reference: m, rad, kg·m/s, N·m·s, N or N·m.
+        task_errors: norm of each task error, in the unit of the reference.
         binding: multiplier of each binding constraint, such as ``torque:left_knee_joint:upper``: decrease of the cost
-            per unit of relaxation; in N⁻¹ for contacts, (N·m)⁻¹ for torques, (rad/s²)⁻¹ for joint motion.
+            per unit of relaxation, in N⁻¹, (N·m)⁻¹ or (rad/s²)⁻¹.
         levels: solved quadratic programs, highest priority first.
     """
 

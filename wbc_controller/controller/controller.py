@@ -48,24 +48,20 @@ class Controller(ControlCycle):
         while True:
             result = controller.step(q, v, t)     # result.tau: torques
 
-    The supervisor ramps torques after `reset`, limits them and their rate, and holds or damps the robot on faults
-    (docs/safety.md). Methods correspond to topics of the ROS 2 service.
-
-    States have Pinocchio's form: for a floating base ``q = [position in world, quaternion (x, y, z, w), joints]`` and
-    ``v = [linear velocity, angular velocity, joint velocities]``, with base velocities in base axes.
-    `state_from_joints` and `MujocoInterface` convert other forms.
+    The supervisor ramps and limits torques, and damps the robot on faults (docs/safety.md). States have Pinocchio's
+    form (`wbc_controller.records`); `state_from_joints` and `MujocoInterface` convert other forms.
     """
 
     _time: float | None = None  # time of the last step or reset
 
     def reset(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float = 0.0) -> None:
-        """Activate the controller at a state; references start there, and torques ramp up from zero.
+        """Activate the controller at a state q (nq,), v (nv,), with any time t, s.
 
-        The ramp takes ``safety.activation_ramp``. Faults and commands are cleared, changes by `update` are kept. The
-        time t, s, may be earlier than before.
+        References start there, and torques ramp up from zero in ``safety.activation_ramp``. Faults and commands are
+        cleared, changes by `update` are kept.
 
         Raises:
-            InputRefused: if q (nq,) or v (nv,) has another shape or is not finite.
+            InputRefused: if the state is invalid.
         """
         state = self._state(q, v, t)
         problem = self._invalid(state)
@@ -89,10 +85,7 @@ class Controller(ControlCycle):
         return stance(self.model, self.qp, active)
 
     def step(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> CycleResult:
-        """Run one control cycle at time t, s.
-
-        Returns:
-            The torques and details. A state with NaN, or without a unit quaternion, leads to damping with a fault.
+        """Run one control cycle at time t, s. A state with NaN or without a unit quaternion leads to damping.
 
         Raises:
             InputRefused: if the state has another shape, the time decreases, or `reset` was not called.
@@ -127,14 +120,14 @@ class Controller(ControlCycle):
     ) -> None:
         """Set the reference of a task.
 
-        A position alone is reached along a quintic. With a velocity or acceleration the reference is streamed: the next
-        step uses it unchanged, and later steps stay at the position.
+        A position alone is reached along a quintic. With a velocity or acceleration the reference is streamed: it
+        applies to the next step; later steps stay at the position.
 
         Args:
-            position: in the form of the task (docs/tasks.md): m, rad, unit quaternions (x, y, z, w). Joint tasks also
-                accept a dictionary of some joints, pose tasks a `pinocchio.SE3`.
-            velocity: feed-forward velocity, one value per axis of the task; world axes, linear part first.
-            acceleration: feed-forward acceleration, in the same form.
+            position: in the form of the task (docs/tasks.md); joint tasks accept a dictionary of some joints, pose
+                tasks a `pinocchio.SE3`.
+            velocity: feed-forward, one value per axis of the task; world axes, linear part first.
+            acceleration: feed-forward, in the same form.
             duration: time to reach the position, s; by default the task's ``setpoint_duration``.
 
         Raises:
@@ -234,7 +227,7 @@ class Controller(ControlCycle):
         self._command(SetWeight(task, number(weight, f"the weight of task {task!r}", 0.0, 1.0e6)))
 
     def set_external_wrench(self, frame: str, wrench: npt.ArrayLike) -> None:
-        """Set a known external wrench, (6,) in N and N·m, world axes, at the origin of a URDF frame, until replaced.
+        """Set a known external wrench, (6,) in N and N·m, world axes, at the origin of a URDF frame.
 
         Raises:
             InputRefused: if the frame is unknown or a value is invalid.
@@ -324,7 +317,6 @@ class Controller(ControlCycle):
             self._streamed.pop(change.task, None)
 
     def _position(self, task: str, position: Any, subject: str) -> Array:
-        """Convert a position to the form of its task."""
         form = self._task(task).form
         if isinstance(position, Mapping):
             position = self._joint_positions(task, position)
@@ -359,7 +351,6 @@ def _finite(values: npt.ArrayLike | None, size: int, subject: str) -> Array:
 
 
 def _rows(values: Any, times: Array) -> Sequence[Any]:
-    """Return a list with one entry per time."""
     if isinstance(values, np.ma.MaskedArray) or not isinstance(values, Sequence | np.ndarray):
         raise InputRefused(f"points = {reprlib.repr(values)}: must be a list with one entry per time")
     rows = [] if isinstance(values, np.ndarray) and values.ndim == 0 else list(values)

@@ -45,13 +45,7 @@ _EXPLAIN_PAUSE = 1.0
 class ControlCycle:
     """References, quadratic program and supervisor of one robot, called once per period.
 
-    Base class of `Controller`; the ROS 2 service calls it directly.
-
     Attributes:
-        config: the configuration.
-        qp: the quadratic program.
-        board: commanded references.
-        supervisor: modes and commands.
         walker: step planner, or None without a section ``walking``.
         model_error: compensation of friction and disturbances.
         live: current settings.
@@ -74,12 +68,12 @@ class ControlCycle:
 
         Args:
             config: a configuration, or an argument of `load`.
-            tasks: user classes or functions that return a `Task` for the robot's model. The attributes ``weight``,
-                ``enabled``, ``level`` and ``setpoint_duration`` of the task apply.
+            tasks: classes or functions that return a user's `Task` for the model; its attributes ``weight``,
+                ``enabled``, ``level`` and ``setpoint_duration`` apply.
             contacts: the same for a `Contact`; its attributes ``enabled`` and ``ramp`` apply.
             limits: the same for a `RowLimit`.
-            preflight: check that the robot can stand, as ``wbc check``.
-            model: the robot's model; by default built from the configuration.
+            preflight: check that the robot can stand.
+            model: model of the robot, by default from the configuration.
             timer: clock of the stage times, s.
 
         Raises:
@@ -122,10 +116,7 @@ class ControlCycle:
 
     @property
     def dynamics(self) -> Dynamics:
-        """Terms of the equations of motion at the state of the last cycle, overwritten by the next one.
-
-        Before the first cycle: nominal posture with the base at the world's origin.
-        """
+        """Terms of the equations of motion in the last cycle; at first in the nominal posture with the base at 0."""
         return self.qp.dynamics
 
     @property
@@ -238,10 +229,7 @@ class ControlCycle:
         return result
 
     def memory(self) -> dict[str, Any]:
-        """Return the state that later cycles depend on, by part.
-
-        ``qp`` is None if the warm start of the solver is not accessible; cycles are then not bitwise reproducible.
-        """
+        """Return the state between cycles, by part; ``qp`` is None if the solver's warm start is not accessible."""
         return {
             "walker": None if self.walker is None else save_state(self.walker),
             "qp": self.qp.memory(),
@@ -251,11 +239,7 @@ class ControlCycle:
         }
 
     def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
-        """Restore the result of `memory` of a controller with the same configuration, with its settings at that time.
-
-        Raises:
-            ConfigurationError: if settings and model are inconsistent.
-        """
+        """Restore the result of `memory` of a controller with the same configuration, and its settings."""
         self.live.replace_all(settings)
         self._live = self.live.newest
         self.board = ReferenceBoard(self._live.board)
@@ -270,32 +254,27 @@ class ControlCycle:
             self.qp.recall(memory["qp"])
 
     def _enabled_contacts(self) -> tuple[str, ...]:
-        """Return the names of the contacts enabled at activation."""
         return tuple(name for name, contact in self._live.board.contacts.items() if contact.enabled)
 
     def fail(self, error: Exception) -> None:
-        """Set a fault from outside the cycle: the robot is damped from the next cycle on."""
+        """Damp from the next cycle on, after an error outside the cycle."""
         self._changed_outside = True
         self._defect = _defect(error)
 
     def shut_down(self, now: float) -> CycleResult:
-        """Return the last result, with zero torque, when the process ends; `now` is the loop's time, s."""
+        """Return a last result with zero torque; `now` in s."""
         self._changed_outside = True
         command = self.supervisor.shut_down(now)
         return CycleResult(qp=self.qp, time=now, mode=self.mode, fault=self.fault, command=command)
 
     def explain_failure(self, now: float) -> None:
-        """Start the search for conflicting constraints in a thread, if the last cycle had no solution.
-
-        A later cycle reports the result. Only the first failure of a holding phase is explained.
-        """
+        """Start a thread that searches conflicting constraints after the first failure; a later cycle reports them."""
         failure, self._failure = self._failure, None
         if failure is not None and self._explanation is None and now - self._explained_at >= _EXPLAIN_PAUSE:
             self._explained_at = now
             self._explanation = self._explaining.submit(failure.explained)
 
     def _report_explanation(self) -> None:
-        """Report the conflicting constraints after their search."""
         if self._explanation is None or not self._explanation.done():
             return
         explanation, self._explanation = self._explanation, None
@@ -366,17 +345,9 @@ class ControlCycle:
         starts: bool,
         refused: list[str],
     ) -> tuple[Solution | NoSolution | Fault, References | None]:
-        """Apply changes of references, sample the references, and solve the quadratic program.
+        """Apply sets of changes, sample the references, and solve the quadratic program.
 
-        Args:
-            state: latched state; None before the first one.
-            changes: sets of changes, in order.
-            now: time on the loop's clock, s.
-            starts: True if the controller starts from this state.
-            refused: receives a sentence for each refused change.
-
-        Returns:
-            The solution or the failure, and the sampled references.
+        Returns the solution or failure, and the references. `starts`: the controller starts from this state.
         """
         if state is None:
             return Fault("NO_STATE", "no state received"), None
@@ -411,11 +382,7 @@ class ControlCycle:
             return _defect(error), references
 
     def _apply(self, changes: Sequence[Change], time: float) -> None:
-        """Apply a set of changes of references, all or none, at a time in s.
-
-        Raises:
-            InputRefused: if a change is invalid.
-        """
+        """Apply a set of changes of references, all or none, or raise `InputRefused`."""
         walks = [change for change in changes if isinstance(change, Walk)]
         if walks and self.walker is None:
             raise InputRefused("this robot cannot walk: its configuration has no section 'walking'")
@@ -426,12 +393,7 @@ class ControlCycle:
         self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
 
     def _walk(self, now: float, time: float) -> Mapping[str, Reference]:
-        """Update the walker at the present state; return the references of its tasks.
-
-        Args:
-            now: time on the loop's clock, s.
-            time: time of the state, s.
-        """
+        """Update the walker at the time of the state, s; return the references of its tasks."""
         walker, board, dynamics = self.walker, self.board, self.qp.dynamics
         if walker is None:
             return {}

@@ -37,19 +37,13 @@ class LivePart:
 
 
 class LiveSettings:
-    """Changeable settings. Any thread may change them; the loop applies the newest ones between two cycles.
-
-    Attributes:
-        settings: settings with all accepted changes.
-        newest: their live part, a new object after each change.
-        changed: called after each change, in the thread of the change.
-    """
+    """Settings that any thread may change; the loop applies `newest`, their live part, between two cycles."""
 
     def __init__(self, settings: Settings, derive: Callable[[Settings], LivePart]) -> None:
         """Start with the configured settings; `derive` builds their live part."""
-        self.settings = settings
+        self.settings = settings  # with all accepted changes
         self.newest = derive(settings)
-        self.changed: Callable[[], None] = lambda: None
+        self.changed: Callable[[], None] = lambda: None  # called after each change, in its thread
         self._configured = settings
         self._derive = derive
         self._lock = threading.Lock()
@@ -82,11 +76,7 @@ class LiveSettings:
         self.changed()
 
     def replace_all(self, settings: Settings) -> None:
-        """Replace all settings, for example by recorded ones.
-
-        Raises:
-            ConfigurationError: if settings and model are inconsistent.
-        """
+        """Replace all settings, for example by recorded ones."""
         live = self._derive(settings)
         with self._lock:
             self.settings, self.newest = settings, live
@@ -138,11 +128,7 @@ def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, pr
 
 
 def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
-    """Derive the live part of the settings.
-
-    Raises:
-        ConfigurationError: if settings and model are inconsistent.
-    """
+    """Derive the live part of the settings."""
     supervisor = make_supervisor_limits(settings, qp.model)
     plan = make_board_plan(settings, qp)
     return LivePart(settings, plan, supervisor, settings.safety.state_timeout, disturbance_limits(settings))

@@ -89,11 +89,7 @@ class CycleResult:
 
     @property
     def shapes(self) -> list[Shape]:
-        """Contacts, forces, friction cones, support polygon, centre of mass and references as shapes.
-
-        Raises:
-            InputRefused: if no state has arrived.
-        """
+        """Shapes of contacts, forces, friction cones, support, centre of mass and references; requires a state."""
         if self.state is None:
             raise InputRefused("cannot draw: no state has arrived")
         dynamics = Dynamics(self.qp.model)  # the program's dynamics belong to a newer cycle
@@ -101,11 +97,10 @@ class CycleResult:
         return list(draw(dynamics, self.qp.tasks, self.qp.contacts, self.references, self.forces))
 
     def plot(self) -> Any:
-        """Return a plotly Figure of the `shapes` and of the largest torques.
+        """Return a plotly Figure of `shapes` and largest torques.
 
         Raises:
             ConfigurationError: if plotly is not installed.
-            InputRefused: if no state has arrived.
         """
         from wbc_controller.controller.visualization.plots import plot_cycle
 
@@ -166,9 +161,6 @@ class CycleResult:
 
 def plot(results: Sequence[CycleResult]) -> Any:
     """Return a plotly Figure of a run: task errors, normal forces, friction, largest torque, binding constraints.
-
-    Args:
-        results: results of the cycles, such as from `Simulation.run`.
 
     Raises:
         ConfigurationError: if plotly is not installed.

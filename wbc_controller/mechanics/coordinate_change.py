@@ -179,7 +179,6 @@ def _joint(axis: Array, nq: int) -> Any:
 
 
 def _copy_bounds(result: CoordinateChange) -> None:
-    """Copy rotor inertias and limits to the new joints."""
     old_model, model = result.original, result.model
     for attribute in _UNSIGNED:
         values = np.array(getattr(model, attribute))

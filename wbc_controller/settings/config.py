@@ -82,11 +82,7 @@ class Config:
         return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120))
 
     def __getitem__(self, key: str) -> Any:
-        """Return the value of a dotted key, such as ``config["tasks.com.weight"]``; a section as a dictionary.
-
-        Raises:
-            UnknownKey: also a `KeyError`.
-        """
+        """Return a value or section by dotted key, such as ``config["tasks.com.weight"]``, or raise `UnknownKey`."""
         value: Any = self.settings.model_dump()
         if not isinstance(key, str):
             raise UnknownKey(f"{reprlib.repr(key)}: a key must be a string with dots, such as 'tasks.com.weight'")
@@ -140,7 +136,6 @@ def _require_text(urdf: Any) -> None:
 
 
 def _posture_by_joint(joints: Any, posture: Mapping[str, Any]) -> list[Any]:
-    """Return the posture as a list in the order of the joints."""
     names = list(joints) if isinstance(joints, list) else list(posture)
     for name in (*names, *posture):
         if name not in posture or name not in names:
@@ -152,7 +147,6 @@ def _posture_by_joint(joints: Any, posture: Mapping[str, Any]) -> list[Any]:
 
 
 def _updated_posture(settings: Settings, changes: Mapping[str, Any]) -> list[Any]:
-    """Return the posture with changed positions of some joints."""
     joints: Sequence[str] = settings.robot.joints
     for name in changes:
         if name not in joints:

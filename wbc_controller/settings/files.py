@@ -27,11 +27,7 @@ _INTEGER = "tag:yaml.org,2002:int"
 
 
 def find_configuration(name: str) -> Path:
-    """Find a configuration by the name of a shipped robot, such as ``g1``, or by path.
-
-    Raises:
-        ConfigurationError: if it does not exist.
-    """
+    """Return the path of a shipped configuration, such as ``g1``, or an existing path; else `ConfigurationError`."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
         if not is_file(path):
@@ -57,11 +53,7 @@ def shipped_configurations() -> dict[str, Path]:
 
 
 def load_settings(path: Path) -> Settings:
-    """Read and validate a ROS 2 parameter file.
-
-    Raises:
-        ConfigurationError: with one line per mistake: file, key, value, valid choices.
-    """
+    """Read and validate a ROS 2 parameter file; errors as in `parse_settings`."""
     parameters = read_parameters(read_text(path, str(path), _LARGEST_FILE), str(path))
     return parse_settings(resolve_paths(path, parameters), str(path))
 
@@ -76,7 +68,7 @@ def resolve_paths(path: Path, parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _resolve_path(value: Any, keys: Sequence[str], folder: Path) -> Any:
-    """Resolve the relative path at nested keys of a value; other values are kept."""
+    """Resolve the relative path at nested keys of a value."""
     if keys:
         if not isinstance(value, Mapping) or keys[0] not in value:
             return value
@@ -86,13 +78,10 @@ def _resolve_path(value: Any, keys: Sequence[str], folder: Path) -> Any:
 
 
 def read_yaml(text: str, source: str, loader: Any = yaml.SafeLoader) -> Any:
-    """Read a YAML document as plain values; `source` names it in messages.
-
-    Sizes are checked before values are constructed.
+    """Read a YAML document as plain values, without constructing too large ones; `source` names it in messages.
 
     Raises:
-        ConfigurationError: if the text is not valid YAML, has a duplicate key, a recursive alias, a too long value or
-            integer, or too many values.
+        ConfigurationError: if the text is not valid YAML, too large, or has a duplicate key or recursive alias.
     """
     try:
         reader = loader(text)
@@ -125,7 +114,7 @@ def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
     """Validate a nested dictionary of ``ros__parameters``; `source` names it in messages.
 
     Raises:
-        ConfigurationError: as in `load_settings`.
+        ConfigurationError: with one line per mistake: source, key, value, valid choices.
     """
     try:
         return Settings.model_validate(parameters)
@@ -135,7 +124,7 @@ def parse_settings(parameters: Mapping[str, Any], source: str) -> Settings:
 
 
 def _count(node: yaml.Node, source: str, keys: tuple[str, ...], counts: dict[int, int]) -> int:
-    """Count the values of a node with aliases expanded, and check it for `read_yaml`."""
+    """Check a node for `read_yaml`; return its number of values with aliases expanded."""
     place = f"{source}:{node.start_mark.line + 1}"
     if id(node) in counts:
         if not counts[id(node)]:
@@ -172,16 +161,11 @@ def _count(node: yaml.Node, source: str, keys: tuple[str, ...], counts: dict[int
 
 
 def _dotted(keys: tuple[str, ...]) -> str:
-    """Return a dotted key without node name and ros__parameters."""
     return ".".join(keys[2:] if keys[1:2] == ("ros__parameters",) else keys) or "the text"
 
 
 def read_parameters(text: str, source: str) -> Mapping[str, Any]:
-    """Read the ``ros__parameters`` of a ROS 2 parameter file; `source` names it in messages.
-
-    Raises:
-        ConfigurationError: if the text is not valid YAML, or not a parameter file.
-    """
+    """Read the ``ros__parameters`` of a ROS 2 parameter file; errors as in `read_yaml`."""
     content = read_yaml(text, source)
     form = f"a ROS 2 parameter file starts with\n  {NODE_NAME}:\n    ros__parameters:"
     if not isinstance(content, dict):

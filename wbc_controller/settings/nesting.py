@@ -10,11 +10,7 @@ from wbc_controller.errors import ConfigurationError
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert dotted keys, also within values, to nested dictionaries; sequences become lists.
-
-    Raises:
-        ConfigurationError: if a key is not a string, a value is a masked array, or a key has both a value and subkeys.
-    """
+    """Convert dotted keys, also within values, to nested dictionaries, and sequences to lists."""
     if not isinstance(values, Mapping) or not all(isinstance(name, str) for name in values):
         raise ConfigurationError(
             f"{reprlib.repr(values)}: must be a dictionary by dotted key, such as {{'tasks.com.weight': 20.0}}"

@@ -17,10 +17,9 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
     """Find a file by path, or by ``package://<package>/<path in its share folder>``.
 
     The package is a ROS 2 package on ``AMENT_PREFIX_PATH``, or a Python distribution such as ``example-robot-data``.
-    Errors name the configuration key.
 
     Raises:
-        ConfigurationError: if the file does not exist.
+        ConfigurationError: if the file does not exist; the message begins with the configuration key.
     """
     if not uri.startswith(PACKAGE_SCHEME):
         try:
@@ -39,11 +38,7 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
 
 
 def read_text(path: Path, subject: str, largest: int) -> str:
-    """Read a text file of at most `largest` characters; errors begin with the subject.
-
-    Raises:
-        ConfigurationError: if the file is unreadable, not UTF-8, or longer.
-    """
+    """Read a UTF-8 file of at most `largest` characters; `ConfigurationError` begins with the subject."""
     try:
         with path.open(encoding="utf-8") as file:
             text = file.read(largest + 1)
@@ -69,11 +64,7 @@ def shown(name: str | Path) -> str:
 
 
 def share_folder(package: str) -> Path:
-    """Find the share folder of a ROS 2 package or of a Python distribution.
-
-    Raises:
-        ConfigurationError: if neither is installed.
-    """
+    """Find the share folder of an installed ROS 2 package or Python distribution, or raise `ConfigurationError`."""
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix) / "share" / package
         try:

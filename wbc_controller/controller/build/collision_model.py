@@ -195,7 +195,6 @@ def _parse_pair(pair: str, links: Sequence[str]) -> tuple[str, str]:
 
 
 def _disabled_pairs(srdf: str) -> set[frozenset[str]]:
-    """Return the disabled pairs of links of an SRDF."""
     root = parse_xml(srdf, "limits.self_collision.srdf", "SRDF")
     return {
         frozenset((element.get("link1", ""), element.get("link2", ""))) for element in root.iter("disable_collisions")

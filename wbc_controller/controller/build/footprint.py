@@ -36,9 +36,7 @@ _CANDIDATES = 50
 class Footprint:
     """Contact region of a body on a plane, moved along its normal until they touch."""
 
-    #: corners of the convex footprint, counterclockwise, (n, 2) in m, in the plane's x and y axes; also a
-    #: point or a line
-    polygon: Array
+    polygon: Array  # corners of the convex footprint, counterclockwise, (n, 2) in m; also a point or a line
     height: float  # height of the body's lowest point above the plane, m
     #: angle between the plane and the largest flat face of the underside, rad; None without a flat face
     tilt: float | None

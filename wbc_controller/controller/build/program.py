@@ -30,14 +30,7 @@ def make_qp(
     contacts: Iterable[Callable[[RobotModel], Contact]] = (),
     limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
 ) -> WholeBodyQP:
-    """Build the quadratic program of a robot.
-
-    Args:
-        timer: clock of the stage times, s.
-        tasks: classes or functions that return a user's `Task` for the model.
-        contacts: the same for contacts.
-        limits: the same for limits.
-    """
+    """Build the quadratic program; arguments as in `ControlCycle`."""
     require_solver(settings.solver.name)
     own = settings.limits
     configured = {name: make_contact(name, contact, model) for name, contact in settings.contacts.items()}

@@ -58,12 +58,9 @@ def upside_down_message(name: str) -> str:
 
 
 def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> list[Finding]:
-    """Compare soles, and enabled balls and wheels, with the collision shapes of their bodies in the nominal posture.
+    """Compare soles, and enabled balls and wheels, with collision shapes in the nominal posture.
 
-    `normal` is the floor's, a unit vector in the world, (3,).
-
-    Raises:
-        ConfigurationError: if a contact is too far from the shapes, or larger than they are.
+    `normal` is the floor's, (3,) in the world. Large differences raise `ConfigurationError`.
     """
     model, path = qp.model, settings.robot.urdf
     contacts = {

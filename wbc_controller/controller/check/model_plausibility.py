@@ -49,13 +49,10 @@ def _links(urdf: str) -> Iterator[_Link]:
 
 
 def require_inertia(model: RobotModel) -> None:
-    """Refuse moving bodies without mass or inertia, and implausible distances between joints.
-
-    A body consists of all links moved by one joint; one link with a mass and three positive moments of inertia
-    suffices. `massless_links` are allowed.
+    """Refuse moving bodies without mass or inertia except `massless_links`, and implausible distances between joints.
 
     Raises:
-        ConfigurationError: if a body has no inertia, or the distance between two joints is too large.
+        ConfigurationError: if a body has no inertia, or a distance is too large.
     """
     links = {link.name: link for link in _links(model.urdf)}
     bodies: dict[int, list[_Link]] = {joint: [] for joint in range(1, model.pinocchio.njoints)}
@@ -85,10 +82,7 @@ def require_inertia(model: RobotModel) -> None:
 
 
 def massless_links(model: RobotModel) -> list[str]:
-    """Return massless links between two coincident joints, as in planar bases and ball joints.
-
-    The body of the second joint provides the inertia.
-    """
+    """Return massless links between two coincident joints, as in planar bases and ball joints."""
     pinocchio, names = model.pinocchio, []
     for joint in range(1, pinocchio.njoints):
         carried = [child for child in range(joint + 1, pinocchio.njoints) if pinocchio.parents[child] == joint]
@@ -122,11 +116,7 @@ def inertias(model: RobotModel) -> list[Finding]:
 
 
 def require_friction(settings: Settings) -> None:
-    """Refuse contacts with less friction than wet ice.
-
-    Raises:
-        ConfigurationError: if a friction coefficient is too small.
-    """
+    """Raise `ConfigurationError` for contacts with less friction than wet ice."""
     for name, contact in settings.contacts.items():
         if not isinstance(contact, FixedContact) and not (contact.friction >= _SLIPPERY):
             raise ConfigurationError(
@@ -136,10 +126,7 @@ def require_friction(settings: Settings) -> None:
 
 
 def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Finding]:
-    """Report implausible limits, limits of the configuration, and joints without position limits.
-
-    `placements` are the positions of all frames in the posture, (n, 3) in m.
-    """
+    """Report implausible, configured and missing limits; `placements` are positions of all frames, (n, 3) in m."""
     size = float(np.linalg.norm(np.ptp(placements, axis=0)))
     reach = model.mass * model.gravity * size
     strong = [
@@ -196,7 +183,6 @@ def motors_without_effort(settings: Settings, urdf: str) -> list[Finding]:
 
 
 def _first_names(names: list[str]) -> str:
-    """Join the first names, and the number of the others."""
     shown = ", ".join(names[:4])
     return shown if len(names) <= 4 else f"{shown} and {len(names) - 4} more"
 

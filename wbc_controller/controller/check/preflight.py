@@ -65,10 +65,7 @@ _FREE = 1.0e-6
 def stance(
     model: RobotModel, qp: WholeBodyQP, active: Sequence[str], floor_normal: Sequence[float] | Array = (0.0, 0.0, 1.0)
 ) -> Array:
-    """Return the nominal posture with upright base and the lowest contact on the floor, (nq,).
-
-    The floor contains the world's origin; its normal is in world axes, (3,).
-    """
+    """Return the nominal posture with upright base and the lowest contact on the floor through 0, (nq,)."""
     q = model.configuration(model.posture)
     qp.dynamics.update(q, np.zeros(model.nv))
     normal = np.array(floor_normal) / np.linalg.norm(floor_normal)
@@ -91,9 +88,7 @@ def _floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> di
 
 
 def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
-    """Build all objects of a configuration, compare it with the URDF, and check that the robot can stand.
-
-    Reads the meshes of the URDF, which takes up to seconds. `urdf` is a URDF text in place of ``robot.urdf``.
+    """Build all objects of a configuration, compare it with URDF and meshes, and check that the robot can stand.
 
     Raises:
         ConfigurationError: if the configuration is invalid, the robot cannot stand still in its nominal posture, or
@@ -128,11 +123,7 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
 
 
 def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list[Finding]:
-    """Check that a robot can stand, from its quadratic program; resets the board.
-
-    Raises:
-        ConfigurationError: as in `check`.
-    """
+    """Check that a robot can stand, from its quadratic program, or raise `ConfigurationError`; resets the board."""
     model = qp.model
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
     normal = _floor(settings)
@@ -162,7 +153,6 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
 
 
 def _floor(settings: Settings) -> Array:
-    """Return the unit normal of the floor in the world, (3,)."""
     return np.asarray(np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal))
 
 
@@ -200,7 +190,6 @@ def _point(position: Array) -> str:
 
 
 def _placements(qp: WholeBodyQP) -> Array:
-    """Return the positions of all frames in the world, (n, 3) in m."""
     return np.array([qp.dynamics.placement(i).translation for i in range(1, len(qp.model.pinocchio.frames))])
 
 
@@ -262,7 +251,6 @@ def _joints(model: RobotModel) -> str:
 
 
 def _loops(qp: WholeBodyQP) -> list[Finding]:
-    """Check that the nominal posture closes the loops."""
     loops = [contact for contact in qp.contacts.values() if isinstance(contact, LoopClosure)]
     for loop in loops:
         error = loop.error(qp.dynamics)
@@ -290,7 +278,6 @@ def _support(qp: WholeBodyQP, points: Mapping[str, Array], normal: Array) -> Fin
 
 
 def _length(distance: float) -> str:
-    """Format the magnitude of a distance in mm or m."""
     size = abs(distance)
     return f"{1e3 * size:.0f} mm" if size < _NEAR else f"{size:.3g} m"
 

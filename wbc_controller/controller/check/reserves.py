@@ -50,10 +50,10 @@ class ComDistance:
 def reserves(
     qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], *, level: bool, margin: float = 0.0
 ) -> list[Finding]:
-    """Return the reserves of a standing robot with a floating base in a configuration q.
+    """Return the reserves of a standing robot with a floating base in a configuration q, where its dynamics end.
 
-    A push is a steady horizontal force at the height of the centre of mass. A sway shifts the centre of mass with fixed
-    contacts. Friction, supports, force limits and effort limits apply. The dynamics end in q.
+    A push is a steady horizontal force at the height of the centre of mass; a sway moves the centre of mass with fixed
+    contacts.
 
     Args:
         hanging: indices of unsupported passive joints.
@@ -208,14 +208,11 @@ def com_distance(
 ) -> ComDistance | None:
     """Return the distance that the centre of mass can move on a line at rest, with level base and fixed contacts.
 
+    None for robots with closed loops. Other arguments as in `reserves`.
+
     Args:
-        q: configuration at the start; the dynamics end there.
-        hanging: as in `reserves`, also `margin`.
         direction: unit vector in the world, (3,).
         most: largest distance, m.
-
-    Returns:
-        The distance; None for robots with closed loops.
     """
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
@@ -237,5 +234,4 @@ def com_distance(
 
 
 def _can_stand(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
-    """Return True if the robot can stand at rest."""
     return _largest_multiple(qp, bearing, hanging, np.zeros(6)).most > 0.0

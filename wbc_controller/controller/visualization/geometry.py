@@ -60,10 +60,7 @@ class Visual:
 
 
 def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]]:
-    """Read the visuals of a robot; a warning is logged for each missing mesh.
-
-    Returns:
-        Visuals in the order of the URDF, and joints of links with missing meshes.
+    """Return the visuals of a robot, and joints of links with missing meshes (logged).
 
     Raises:
         ConfigurationError: if the visual geometry is invalid.
@@ -108,13 +105,7 @@ def hull_of(visual: Visual) -> Part | None:
 
 
 def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Approximate the convex hull of points by few triangles.
-
-    Starts with the extreme points along the axes, and adds the point farthest outside.
-
-    Args:
-        points: (n, 3) in m.
-        triangles: largest number of triangles.
+    """Approximate the convex hull of points, (n, 3) in m, from extreme points and the points farthest outside.
 
     Returns:
         Corners, (c, 3), and corner indices of each triangle, counter-clockwise seen from outside.
@@ -185,7 +176,6 @@ def _sphere() -> Array:
 
 
 def _package_folders(urdf: str) -> list[Path]:
-    """Return the folders of the packages in a URDF."""
     folders = []
     for package in sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf))):
         try:

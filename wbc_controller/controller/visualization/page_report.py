@@ -111,7 +111,6 @@ def _header(report: PageReport) -> str:
 
 
 def _top(report: PageReport) -> str:
-    """Return motion, drawing and table, in two columns if possible."""
     left = resource("motion.html") if report.motion is not None else ""
     if (drawing := report.drawing) is not None:
         left += f'<div class="card plan"><h2>{html.escape(drawing.title)}</h2><p>{drawing.caption}</p>'

@@ -70,10 +70,10 @@ def line_panels(
     """Return a figure of panels below each other, with thinned lines.
 
     Args:
-        height: height of the figure, pixels.
+        height: pixels.
         axis: title of the x axis.
-        marks: times of events by name, s, for an additional panel.
-        shaded: start and end of shaded intervals, s.
+        marks: times of events by name, s.
+        shaded: shaded intervals, s.
     """
     _, make_subplots = _plotly()
     rows = len(panels) + bool(marks)
@@ -159,13 +159,7 @@ class Series:
 def by_category(
     series: Sequence[Series], *, axis: str, limit: float | None = None, range: tuple[float, float] | None = None
 ) -> Any:
-    """Return a figure of series by category, with stacked bars.
-
-    Args:
-        axis: title of the x axis.
-        limit: x of a dashed limit line, or None.
-        range: range of the x axis; by default from zero.
-    """
+    """Return a figure of series by category; `axis` and `range` belong to x, `limit` is a dashed line."""
     go, _ = _plotly()
     categories = list(dict.fromkeys(category for each in series for category in each.categories))
     figure = go.Figure()
@@ -217,13 +211,7 @@ def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str, binding: Mapping[str, float]) -> Any:
-    """Return a figure of one cycle: shapes in the world, and the largest torques.
-
-    Args:
-        shapes: shapes from `scene.draw`.
-        shares: torque of each actuator as a share of its limit.
-        binding: multipliers of the binding constraints.
-    """
+    """Return a figure of one cycle: shapes (`scene.draw`), largest shares of torque limits, binding constraints."""
     go, make_subplots = _plotly()
     figure = make_subplots(
         cols=2, column_widths=[0.68, 0.32], specs=[[{"type": "scene"}, {"type": "bar"}]], horizontal_spacing=0.12
@@ -280,7 +268,6 @@ def _shape_trace(go: Any, shape: Shape, *, in_legend: bool) -> Any:
 
 
 def _arrow(points: Array) -> Array:
-    """Return an arrow as one polyline."""
     tail, tip = points
     along = tip - tail
     side = np.cross(along, [0.0, 1.0, 0.0] if abs(along[1]) < 0.9 * np.linalg.norm(along) else [1.0, 0.0, 0.0])

@@ -67,12 +67,7 @@ def draw(
     references: References | None,
     forces: Mapping[str, Array],
 ) -> Iterator[Shape]:
-    """Yield the non-empty shapes of one state with references and solution.
-
-    Args:
-        references: references, or None if the controller is inactive.
-        forces: contact forces as in `Solution.forces`; empty without a solution.
-    """
+    """Yield the non-empty shapes of one state; `references` and `forces` (`Solution.forces`) may be empty."""
     for shape in _shapes(dynamics, tasks, contacts, references, forces):
         if len(shape.points):
             yield shape
@@ -113,11 +108,9 @@ def _shapes(
 
 
 def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], weight: float) -> dict[str, float]:
-    """Return the tangential force of contacts with a friction cone, as a share of the limit; NaN if unloaded.
+    """Return the tangential force of contacts as a share of the friction limit; NaN if unloaded.
 
-    Args:
-        forces: contact forces as in `Solution.forces`.
-        weight: weight of the robot, N.
+    `forces` is `Solution.forces`, `weight` that of the robot, N.
     """
     used = {}
     for name, force in forces.items():
@@ -190,5 +183,4 @@ def _supports(contact: Contact) -> bool:
 
 
 def _edges(corners: Sequence[Array] | Array) -> list[Array]:
-    """Return a closed outline as pairs of points."""
     return [corners[j % len(corners)] for i in range(len(corners)) for j in (i, i + 1)]

@@ -52,5 +52,4 @@ def as_html(heading: str, tables: Sequence[Table]) -> str:
 
 
 def _side(column: int) -> str:
-    """Return the alignment of a column."""
     return f' style="text-align:{"right" if column else "left"}"'
