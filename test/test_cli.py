@@ -145,7 +145,7 @@ def test_every_command_is_where_the_table_says():
         assert main.get_command(None, name).name == name
 
 
-#: Parts of the package that only their own commands may import.
+#: Modules imported by their own commands only.
 WORKSHOP = ("validation", "simulation", "apps.demo")
 IMPORTED = """
 import sys

@@ -1,4 +1,4 @@
-"""Compilation of kernels: types from annotations, structs that share memory with arrays, and the cache on disk."""
+"""Compilation of kernels: types, structs, cache on disk."""
 
 import ast
 import importlib.util
@@ -83,7 +83,7 @@ def test_a_struct_shares_memory_with_its_arrays(kernels):
 
 def test_a_struct_keeps_its_arrays_alive(kernels):
     struct = scaled(kernels, values=np.arange(1000.0), out=np.zeros(1000))
-    np.random.default_rng(0).normal(size=(200, 1000))  # memory that was freed would be written
+    np.random.default_rng(0).normal(size=(200, 1000))  # freed memory would be written
     kernels.scale(struct)
     assert struct.out.tolist() == (2.0 * np.arange(1000.0)).tolist()
 
@@ -206,7 +206,7 @@ def test_waiting_for_another_process_is_logged(tmp_path, monkeypatch, caplog):
 @compiled_only
 def test_without_a_lock_functions_are_compiled_all_the_same(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
-    (tmp_path / "total.lock").mkdir()  # opening it fails, as it does in a read-only folder
+    (tmp_path / "total.lock").mkdir()  # cannot be opened, as in a read-only folder
     with caplog.at_level("DEBUG", "wbc_controller"):
         assert load(tmp_path, name="unlocked").total(np.ones(3), 2.0) == 6.0
     assert "total is compiled without a lock: [Errno 21] Is a directory" in caplog.text
@@ -285,7 +285,7 @@ print(isinstance(k.scale, types.FunctionType), struct.out.tolist(), k.Scaled.__m
 
 @pytest.mark.parametrize("file", KERNELS, ids=lambda file: file.stem)
 def test_kernels_import_kernels_only(file):
-    """The cache depends on the files of kernels alone."""
+    """The cache depends on kernel files only."""
     imported = {
         node.module
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))

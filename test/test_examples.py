@@ -1,4 +1,4 @@
-"""Every example runs and meets the targets that it prints, by the front door alone."""
+"""Examples run, meet their targets, and import public names only."""
 
 import ast
 import re

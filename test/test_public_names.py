@@ -1,4 +1,4 @@
-"""Public names are few, and exported on purpose: a change of them is a change of this file."""
+"""Public names of the package."""
 
 import ast
 import importlib

@@ -1,4 +1,4 @@
-"""The front door: states in, supervised torques out; references and settings by name; errors that say what is valid."""
+"""Python API: states to supervised torques, references and settings by name, errors."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def made():
 
 @pytest.fixture
 def controller(made):
-    """One that has just been reset, standing."""
+    """Controller after a reset."""
     made.reset(made.stance(), np.zeros(made.model.nv))
     return made
 
 
 def run(controller, seconds, q=None, start=0.0, v=None):
-    """Steps in one state, as if the robot were held in it."""
+    """Step repeatedly in one state."""
     q = controller.stance() if q is None else q
     v = np.zeros(controller.model.nv) if v is None else v
     return [controller.step(q, v, start + i * PERIOD) for i in range(round(seconds / PERIOD))]
@@ -51,7 +51,7 @@ def test_without_a_ramp_the_torques_are_there_as_fast_as_their_rate_allows():
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     results = run(controller, 0.1)
     assert not any(result.relaxed for result in results)
-    # The program is not bound to what the torques have reached: its answer is that of a robot that stands.
+    # The program ignores the ramped torques: its solution is static.
     np.testing.assert_allclose(results[1].solution.tau, results[-1].solution.tau, atol=1e-3)
     np.testing.assert_allclose(results[-1].tau, results[-1].solution.tau, atol=1e-6)
     steps = np.abs(np.diff([result.tau for result in results], axis=0)) / controller.model.effort_limits
@@ -59,7 +59,7 @@ def test_without_a_ramp_the_torques_are_there_as_fast_as_their_rate_allows():
 
 
 def test_it_is_the_service_that_runs_it(bench, make):
-    """The same states and requests through the topics and through the front door: the same torques."""
+    """The same states and requests by topics and by Python: equal torques."""
     service = bench()
     front = wbc.Controller(service.settings, model=service.model)
     service.activate()
@@ -81,7 +81,7 @@ def test_it_is_the_service_that_runs_it(bench, make):
         result = front.step(service.q, service.v, service.time * 1e-9)
         differences.append(np.abs(result.tau - report.command.tau).max())
     assert report.mode is result.mode is Mode.ACTIVE
-    assert max(differences) < 1e-9  # the clock of the bench and the stamps of the states round differently
+    assert max(differences) < 1e-9  # clock and timestamps are rounded differently
 
 
 def test_a_reset_starts_anew_bit_for_bit(controller):
@@ -192,7 +192,7 @@ def test_a_failure_holds_then_damps_and_is_explained(controller, monkeypatch):
     monkeypatch.setattr(controller.contacts["front_left_foot"], "max_normal_force", -50.0)
     (failed,) = run(controller, PERIOD, start=1.2)
     assert (failed.mode, failed.fault.code) == (Mode.HOLDING, "NO_SOLUTION")
-    controller._explanation.result()  # the thread that searches
+    controller._explanation.result()  # wait for the search
     (explained,) = run(controller, PERIOD, start=1.202)
     assert "normal_force:front_left_foot" in explained.fault.infeasibility.conflict
     assert run(controller, 0.2, start=1.204)[-1].mode is Mode.DAMPING
@@ -287,7 +287,7 @@ def test_the_check_leaves_nothing_behind_in_the_program():
         controller.set("com", controller.dynamics.com + [0.01, 0.02, -0.03])
         results.append([result.solution.v_dot for result in run(controller, 0.5)])
     np.testing.assert_array_equal(*results)
-    assert np.abs(results[0][-1][:6]).max() > 0.01  # the base does accelerate
+    assert np.abs(results[0][-1][:6]).max() > 0.01  # the base accelerates
 
 
 class Heavy(Height):
@@ -306,7 +306,7 @@ def test_own_tasks_and_limits_take_part():
     assert isinstance(controller.limits["ceiling"], Ceiling)
     acceleration = controller.dynamics.com_jacobian @ result.v_dot + controller.dynamics.com_drift
     assert acceleration[2] == pytest.approx(0.05, abs=1e-6)
-    controller.update({"tasks.posture.weight": 0.1})  # the settings change, and the own task stays
+    controller.update({"tasks.posture.weight": 0.1})  # settings change, user tasks remain
     controller.disable("height")
     assert run(controller, 1.0, start=1.202)[-1].references.weights["height"] == 0.0
 

@@ -1,4 +1,4 @@
-"""Settings that are changed while the controller runs."""
+"""Changes of settings in a running controller."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.nesting import merged, nested
 from wbc_controller.simulation.simulation import Simulation
 
-#: Every kind of task, so that every key is met.
+#: All kinds of tasks, with all keys.
 MORE = {
     "spin": {"type": "angular_momentum"},
     "steady": {"type": "capture_point"},
@@ -113,7 +113,7 @@ def update(controller, text):
 
 
 def standing(bench, **changes):
-    """A robot that stands still, 2 cm from where its centre of mass should be: the torques hang on the gains."""
+    """Robot at rest with an error of 2 cm of the centre of mass: the torques depend on the gains."""
     controller = bench(changes={"safety": {"activation_ramp": 0.0}, **changes})
     controller.activate()
     x, y, z = controller.loop.controller.qp.dynamics.com
@@ -135,7 +135,7 @@ def test_gains_are_ramped_in_and_end_where_a_controller_made_with_them_is(bench)
     controller.cycle(ramped + 2)
     tau = controller.reports[-1].command.tau
     whole = np.abs(tau - still).max()
-    assert whole > 0.5  # N·m: it made a difference
+    assert whole > 0.5  # N·m
     assert steps(controller, ramped + 2).max() < 3.0 * whole / ramped
     made = standing(bench, tasks={"com": {"stiffness": 400.0}})
     np.testing.assert_allclose(tau, made.reports[-1].command.tau, atol=1e-5)
@@ -207,7 +207,7 @@ def test_a_change_is_logged_with_both_values(tuner, caplog):
 
 
 def test_the_torque_speed_curve_outlives_a_change_of_the_limits(bench):
-    """A knee that turns above its corner speed has less torque, in every cycle, whatever else changes."""
+    """A knee above its corner speed has less torque in every cycle, during all changes."""
     robot = standing(bench, limits={"torque_speed": {"enabled": True, "corner": 0.01, "no_load": 0.5}})
     speed = np.zeros(robot.model.na)
     knee = next(i for i, joint in enumerate(robot.model.joints) if "calf" in joint)
@@ -244,7 +244,7 @@ def test_a_live_range_ends_at_what_was_configured(robot_of, changed, configured,
     ("key", "end"), [("position_margin", 0), ("position_margin", 1), ("velocity_scale", 0), ("acceleration", 0)]
 )
 def test_the_ends_of_the_live_ranges_are_safe(robot, key, end):
-    """Standing, then swaying; the joints keep to their limits, and nothing needs to be relaxed."""
+    """Stand, then sway within joint limits, without relaxation."""
     simulation = Simulation(robot, preflight=False)
     controller, model = simulation.controller, simulation.controller.model
     value = controller.config.settings.limits.live_ranges[key][end]

@@ -1,4 +1,4 @@
-"""What a cycle says of itself: values, tables for a terminal and a notebook, and plots."""
+"""Results of a cycle: values, tables and plots."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import wbc_controller as wbc
 
 @pytest.fixture(scope="module")
 def results():
-    """A push, so that constraints bind and one foot is hardly loaded."""
+    """A push with binding constraints and a nearly unloaded foot."""
     robot = wbc.Simulation("g1")
     robot.run(0.1)
     robot.plant.push("pelvis", [0.0, 60.0, 0.0, 0.0, 0.0, 0.0], 0.2)
@@ -76,7 +76,7 @@ def test_a_cycle_without_a_solution_says_so():
 
 
 def test_the_picture_of_a_cycle_is_of_its_own_state(binding):
-    """Forces start at the soles where they were, though the robot has moved on."""
+    """Forces start at the soles of the result's state."""
     shapes = {shape.group: shape.points for shape in binding.shapes}
     assert {"contact_forces", "friction_cones", "support", "com", "capture_point"} <= set(shapes)
     figure = binding.plot()

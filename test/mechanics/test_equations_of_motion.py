@@ -1,4 +1,4 @@
-"""Equations of motion, external wrenches, energy and momentum, against finite differences or another way."""
+"""Equations of motion, external wrenches, energy and momentum."""
 
 import numpy as np
 import pinocchio as pin
@@ -57,7 +57,7 @@ def test_forward_and_inverse_dynamics_are_the_equations_of_motion(name, seed):
 
 
 def test_they_are_the_euler_lagrange_equation():
-    """Equation (7) by finite differences of L alone, on an arm, whose coordinates are plain numbers."""
+    """Equation (7) by finite differences of L, for an arm."""
     model, rng = robot("panda"), np.random.default_rng(1)
     q, v = random_state(model, rng)
     a = rng.normal(size=model.nv)
@@ -110,7 +110,7 @@ def test_one_wrench_in_any_frame_is_one_generalized_force(name, seed):
     for way, answer in zip(ways, answers, strict=True):
         assert np.allclose(answer, answers[0], atol=1e-10)
         assert np.allclose(world_wrench(model, q, [way]), ways[3].wrench, atol=1e-10)
-    # Equation (21): the same power in the coordinates as in the world.
+    # Equation (21): equal power in coordinates and in the world.
     _, velocity, _, _ = kinematics.point(frame, R.T @ arm)
     omega, _, _ = kinematics.angular(frame)
     assert power(v, answers[0]) == pytest.approx(force @ velocity + torque @ omega, abs=1e-9)
@@ -149,7 +149,7 @@ def test_energies_and_power(name, seed):
     scale = max(1.0, np.abs(v).max() * np.abs(applied).max(), abs(hamiltonian(model, q, v)))
     assert hamiltonian_rate(model, q, v, v_dot) == pytest.approx(power(v, applied), abs=1e-9 * scale)
     assert rate == pytest.approx(power(v, applied), abs=1e-4 * scale)
-    # The gradient of the potential energy is generalized gravity: equation (2).
+    # Gradient of the potential energy: equation (2).
     slope = np.array([potential_energy(model, pin.integrate(model, q, e)) for e in eps * np.eye(model.nv)])
     slope -= [potential_energy(model, pin.integrate(model, q, -e)) for e in eps * np.eye(model.nv)]
     assert np.allclose(slope / (2 * eps), generalized_gravity(model, q), atol=1e-2)

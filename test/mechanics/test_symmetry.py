@@ -1,4 +1,4 @@
-"""Symmetries and what they conserve: equations (23) to (28)."""
+"""Symmetries and conserved quantities: equations (23) to (28)."""
 
 import numpy as np
 import pinocchio as pin
@@ -36,7 +36,7 @@ def test_space_is_symmetric_but_for_gravity(name):
     for broken in (translation(model, z), rotation(model, x, point), rotation(model, y, point)):
         report = check_symmetry(model, states, broken)
         assert not report.invariant, report.variation
-    # Without gravity all of space is alike.
+    # Without gravity all directions are equal.
     weightless = model.copy()
     weightless.gravity = pin.Motion.Zero()
     for symmetric in (translation(weightless, z), rotation(weightless, x, point), rotation(weightless, y, point)):
@@ -50,7 +50,7 @@ def test_the_conserved_quantities_are_the_momenta(name, seed):
     q, v = random_state(model, rng)
     data = model.createData()
     com = np.array(pin.centerOfMass(model, data, q))
-    # Rotors (armature) turn with their joints alone: they have no part in the momentum of space.
+    # Rotors (armature) do not contribute to the centroidal momentum.
     momentum = centroidal_momentum(model, q, v)
     scale = max(1.0, np.abs(momentum).max())
     for axis in range(3):
@@ -63,7 +63,7 @@ def test_the_conserved_quantities_are_the_momenta(name, seed):
 @settings(max_examples=25, deadline=None)
 @given(st.sampled_from((*FLOATING, "panda")), seeds)
 def test_momentum_changes_by_the_broken_symmetry_and_by_forces(name, seed):
-    """d/dt(pᵀδq) = δL + δqᵀf for any field δq(q): (27) with a force. Only with δL and f zero is it conserved."""
+    """d/dt(pᵀδq) = δL + δqᵀf for any field δq(q): (27) with a force."""
     model, rng = robot(name), np.random.default_rng(seed)
     q, v = random_state(model, rng)
     force = 5.0 * rng.normal(size=model.nv)

@@ -1,4 +1,4 @@
-"""Configurations for Python users: loaded, changed by dotted keys, validated, never changed in place."""
+"""Configurations for Python users: loading, changes, validation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the paths in a configuration start: at the folder of the file that names them."""
+"""Relative paths in a configuration start at the folder of its file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MODEL = "models/go2.urdf"
 
 @pytest.fixture
 def written(tmp_path, monkeypatch):
-    """Writes a configuration of Go2 with a path for its URDF, beside a copy of it; the working directory is another."""
+    """Write a configuration of Go2 with a URDF path, and a copy of the URDF; the working directory differs."""
     folder, elsewhere = tmp_path / "mine", tmp_path / "elsewhere"
     (folder / "models").mkdir(parents=True)
     elsewhere.mkdir()

@@ -1,4 +1,4 @@
-"""The configuration file: defaults, ranges, and what is said about files that are wrong."""
+"""Configuration files: defaults, ranges, error messages."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FOLDER = Path(__file__).parent / "configurations"
 
 MINIMAL = {"robot": {"joints": ["a"], "posture": [0.0]}, "tasks": {"posture": {"type": "posture"}}}
 
-#: Of every broken file: the parts that its one error must have, beside its path.
+#: Required parts of the error of each broken file.
 BROKEN = {
     "unknown_key": ("tasks.posture.stifness: unknown key", "did you mean 'stiffness'?", "Valid: damping, enabled"),
     "unknown_joint": ("robot.joints: 'RR_claf_joint'", "did you mean 'RR_calf_joint'?", "FL_hip_joint"),
@@ -56,7 +56,7 @@ def test_check_refuses_a_broken_file_with_one_readable_error(name):
     path = FOLDER / f"{name}.yaml"
     result = CliRunner().invoke(main, ["check", str(path)])
     assert result.exit_code == 2
-    assert isinstance(result.exception, SystemExit)  # and nothing else
+    assert isinstance(result.exception, SystemExit)  # no other exception
     lines = result.stderr.strip().splitlines()
     assert len(lines) == 1
     assert lines[0].startswith(f"error: {path}:")
@@ -352,7 +352,7 @@ TASKS = "wbc_controller: {ros__parameters: {robot: {joints: [a], posture: [0.0]}
 def test_a_text_that_is_too_large_is_refused_before_it_is_read(tmp_path, text, said):
     path = tmp_path / "large.yaml"
     path.write_text(text)
-    faulthandler.dump_traceback_later(20.0, exit=True)  # a text that is read for ever ends the tests
+    faulthandler.dump_traceback_later(20.0, exit=True)  # an endless read ends the tests
     try:
         result = CliRunner().invoke(main, ["check", str(path)])
     finally:

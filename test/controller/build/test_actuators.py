@@ -1,4 +1,4 @@
-"""A robot with transmissions, a spring and a follower through the whole service: by joint in, by actuator out."""
+"""The service with transmissions, a spring and a mimic joint: joint states in, actuator torques out."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Of the joints; the ankle has no motor, and is no part of the posture task.
+#: Joint goals; the passive ankle is not part of the posture task.
 GOAL = np.array([-0.3, 0.5, -0.6, 0.4, 0.0, -0.2])
 
 
 class Robot(Lockstep):
-    """The controller and the mock robot on one thread, and a user who hears everything."""
+    """Controller and mock robot in one thread, and a user of all topics."""
 
     def __init__(self, *, lockstep: bool = False, **changes) -> None:
         settings = menagerie(**changes)
@@ -42,7 +42,7 @@ class Robot(Lockstep):
 
 @pytest.fixture(scope="module")
 def moved() -> Robot:
-    """The posture task has moved every joint that a motor moves, in one second."""
+    """The posture task moves all motor joints in one second."""
     robot = Robot()
     robot.user.say("command", "activate")
     robot.run(1.2)

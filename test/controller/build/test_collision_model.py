@@ -1,4 +1,4 @@
-"""Which links are kept apart, from URDF, SRDF and settings; and what is said where that is not possible."""
+"""Pairs of links from URDF, SRDF and settings, and errors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def link(name, *elements):
 
 
 def star(**elements):
-    """Arms of one joint each on a base, with collision elements."""
+    """Single-joint arms on a base, with collision elements."""
     arms = [name for name in elements if name != "base"]
     body = link("base", *elements.get("base", ())) + "".join(link(name, *elements[name]) for name in arms)
     body += "".join(JOINT.format(child=name, parent="base", at=f"0 {i} 0") for i, name in enumerate(arms))
@@ -159,7 +159,7 @@ RIM = np.column_stack([np.cos(AROUND), np.sin(AROUND), np.zeros(400)])
 
 
 def mesh(folder, name, points):
-    """Write points as an OBJ mesh of arbitrary faces; what counts is their convex hull."""
+    """Write points as an OBJ mesh with arbitrary faces."""
     faces = [f"f {i} {i + 1} {i + 2}" for i in range(1, len(points) - 1)]
     lines = [f"v {x} {y} {z}" for x, y, z in points] + faces
     (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")

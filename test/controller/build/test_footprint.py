@@ -1,4 +1,4 @@
-"""Footprints of boxes, balls, cylinders and the shipped robots' feet on planes."""
+"""Footprints of boxes, balls, cylinders and feet of shipped robots on planes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LIMIT = '<limit effort="10" velocity="10" lower="-2" upper="2"/>'
 
 
 def on_a_shank(*shapes, foot=()):
-    """A base, a shank on a joint at its origin, and a foot fixed 0.5 m below the joint: the model and its elements."""
+    """Model and elements of a base, a shank, and a foot fixed 0.5 m below the joint."""
 
     def collisions(own):
         return "".join(

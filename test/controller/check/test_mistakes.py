@@ -1,4 +1,4 @@
-"""What users get wrong, in the configuration and in the URDF: each is refused by one sentence with place and cure."""
+"""Mistakes in configuration and URDF: each is refused by one sentence with location and remedy."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def joint(name, parent, child, below, axis):
     )
 
 
-#: A body of 5 kg on one leg with a foot of 200 × 100 mm, whose sole is 60 mm below the ankle.
+#: A body of 5 kg on one leg, with a sole of 200 × 100 mm, 60 mm below the ankle.
 URDF = (
     '<robot name="hopper">\n'
     + link("body", 5, 0.1, "0.2 0.2 0.2")
@@ -214,7 +214,7 @@ def test_a_joint_that_floats_in_the_urdf_is_named_as_locked():
 
 def test_a_link_without_mass_between_two_joints_at_one_place_is_right():
     inertial = f'<inertial><origin xyz="0 0 0"/><mass value="0.2"/>{INERTIA}</inertial>'
-    assert inertial in URDF  # the ankle's: pitch and roll are at one place
+    assert inertial in URDF  # ankle: pitch and roll are coincident
     assert checked({}, URDF.replace(inertial, ""))["mass"].startswith("7.50 kg")
 
 
@@ -237,7 +237,7 @@ def test_a_tilted_posture_says_how_far_the_soles_turn_on_release():
 
 
 def test_the_reserves_are_those_of_statics():
-    """Upright on a flat foot: weight × lever of the sole's edge, over the height of the centre of mass."""
+    """Upright: push = weight × lever of the sole's edge / height of the centre of mass."""
     found = checked()
     height = 0.434
     weight = 7.7 * 9.81

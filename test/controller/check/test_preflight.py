@@ -1,4 +1,4 @@
-"""What `wbc check` finds, and why a stance is not possible."""
+"""Findings and refusals of `wbc check`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
 
 @pytest.mark.parametrize(("leans", "sideways"), [(False, range(3)), (True, range(10, 40))])
 def test_redundant_contacts_are_named_and_limit_the_sway(changed, leans, sideways):
-    """Solo 8 has no hip abduction: it sways to the side only if its base leans, until its feet would slip."""
+    """Solo 8 has no hip abduction: it sways sideways only with a leaning base."""
     settings = new_configuration(SOLO_8).settings
     found = findings(changed(settings, {"tasks": {"base": {"enabled": not leans}}}))
     feet = "FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT"
@@ -92,7 +92,7 @@ def test_feet_on_different_heights(robot_of, changed):
 
 
 def arm(name, settings, changed, scale):
-    """The robot hung up by its base: legs and arms stand out against gravity."""
+    """Robot with fixed base, limbs loaded by gravity."""
     return changed(
         settings.model_copy(update={"contacts": {}, "walking": None}),
         {"robot": {"base": "fixed", "effort_limit_scale": scale}},
@@ -196,8 +196,8 @@ def test_what_drives_the_joints_is_said(robot_of, changed):
 
     found = findings(sprung("roll"))
     assert found["joints"].startswith("29, 27 actuators, 2 passive, base floating")
-    assert "passive joints" not in found  # the ground can bear what their springs do not
-    # In pitch the centre of pressure has to be under the centre of mass, and the springs decide where it is.
+    assert "passive joints" not in found  # the ground carries the remaining load
+    # The springs determine the centre of pressure in pitch.
     assert "and the springs of left_ankle_pitch_joint, right_ankle_pitch_joint" in refusal(sprung("pitch"))
 
 
@@ -211,7 +211,7 @@ def test_a_spring_that_does_not_hold_its_joint_in_the_posture_is_said_with_the_o
     found = sprung(dict.fromkeys(ARMS, 0.6))["passive joints"]
     said = re.findall(r"(\w+_elbow_joint) by (\S+) N·m \(balanced by rest: (\S+)\)", found)
     assert [name for name, *_ in said] == list(ARMS)
-    assert all(float(torque) > 0.0 for _, torque, _ in said)  # gravity stretches the bent arms
+    assert all(float(torque) > 0.0 for _, torque, _ in said)  # gravity extends the bent arms
     assert "passive joints" not in sprung({name: float(rest) for name, _, rest in said})
 
 
