@@ -22,7 +22,7 @@ def test_a_demo_on_sensors_that_do_not_exist_is_refused():
     assert "'ideal', 'good', 'cheap'" in result.output
 
 
-def test_help_lists_every_command_and_says_what_it_does():
+def test_help_lists_all_commands():
     result = invoke("--help")
     assert result.exit_code == 0
     for command in ("new", "run", "mock", "guard", "check", "demo", "fuzz", "bench", "topics"):
@@ -61,7 +61,7 @@ def test_help_of_each_command(command, parts, option):
         ("go2", ("12 actuated", "front_left_foot (point)", "16.09 kg")),
     ],
 )
-def test_check_says_what_was_found(robot, said):
+def test_check_prints_findings(robot, said):
     result = invoke("check", robot)
     assert result.exit_code == 0, result.output
     lines = result.output.splitlines()
@@ -119,7 +119,7 @@ def test_a_remapping_of_another_form_is_refused_before_anything_starts(command, 
     assert result.stderr.startswith(f"error: remapping {remapping!r} does not have the form from:=to")
 
 
-def test_a_domain_that_is_none_is_refused_in_words(monkeypatch):
+def test_invalid_domain_is_refused(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     result = invoke("run", "go2")
     assert result.exit_code == 2
@@ -139,7 +139,7 @@ def test_the_table_of_topics_is_printed():
     assert "`~/command`" in result.output
 
 
-def test_every_command_is_where_the_table_says():
+def test_command_table():
     assert list(COMMANDS) == sorted(COMMANDS)
     for name in COMMANDS:
         assert main.get_command(None, name).name == name

@@ -161,7 +161,7 @@ def run(folder, script, **environment):
 
 
 @compiled_only
-def test_the_first_start_says_that_it_compiles_and_the_next_one_loads_the_code(tmp_path):
+def test_first_start_compiles_and_second_loads(tmp_path):
     script = "import logging; logging.basicConfig(level=logging.INFO); import kernels_of_a_test"
     _, log = run(tmp_path, script, NUMBA_CACHE_DIR=str(tmp_path))
     assert "INFO:wbc_controller.compilation:compiled total in" in log
@@ -258,7 +258,7 @@ def test_the_cache_folder_depends_on_the_sources_and_the_bounds_checks(tmp_path,
     assert len(names) == 3
 
 
-def test_without_a_writable_folder_it_says_so(tmp_path, monkeypatch, caplog):
+def test_warning_without_a_writable_folder(tmp_path, monkeypatch, caplog):
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "file"))
     assert compilation._cache_folder.__wrapped__() is None

@@ -84,7 +84,7 @@ def test_imports_follow_the_table():
     assert violations(walk(SOURCES)) == []
 
 
-def test_the_table_goes_one_way():
+def test_table_is_ordered():
     for room, (rooms, _) in ROOMS.items():
         for other in rooms.split():
             above = [name for name in ORDER[: ORDER.index(room)] if name == other or name.startswith(f"{other}/")]
@@ -118,7 +118,7 @@ def test_folders_of_one_room_import_each_other_one_way():
     assert len(above) > 50
 
 
-def test_the_table_allows_nothing_unused():
+def test_table_has_no_unused_entries():
     used: dict[str, set[str]] = {room: set() for room in ROOMS}
     for file, modules in walk(SOURCES).items():
         room = room_of(parts_of(file))
@@ -144,7 +144,7 @@ def test_file_names_differ():
     assert {name for name in names if names.count(name) > 2} == set()
 
 
-def test_the_walk_sees_the_whole_package():
+def test_walk_covers_the_package():
     found = walk(SOURCES)
     assert len(found) > 150
     assert "mujoco" in found["simulation/plant.py"]

@@ -58,7 +58,7 @@ def test_without_a_ramp_the_torques_are_there_as_fast_as_their_rate_allows():
     assert 0.9 * 20.0 * PERIOD < steps.max() <= 20.0 * PERIOD + 1e-9
 
 
-def test_it_is_the_service_that_runs_it(bench, make):
+def test_controller_equals_service(bench, make):
     """The same states and requests by topics and by Python: equal torques."""
     service = bench()
     front = wbc.Controller(service.settings, model=service.model)
@@ -107,7 +107,7 @@ def test_a_setpoint_is_reached_along_its_quintic(controller):
     np.testing.assert_array_equal(wanted[-50:], start[2] - 0.05)
 
 
-def test_a_streamed_reference_counts_as_it_is_for_one_step(controller):
+def test_streamed_reference_applies_to_one_step(controller):
     run(controller, 0.1)
     goal = controller.dynamics.com + [0.0, 0.01, 0.0]
     controller.set("com", goal, velocity=[0.0, 0.3, 0.0], acceleration=[0.0, 0.0, 1.0])
@@ -212,7 +212,7 @@ def test_requests_end_as_on_the_topic(controller):
         controller.request("stop")
 
 
-def test_before_a_state_has_come_there_is_nothing_to_set():
+def test_calls_before_the_first_state_are_refused():
     controller = wbc.Controller("go2", preflight=False)
     for call in (
         lambda: controller.set("com", [0.0, 0.0, 0.3]),
@@ -251,7 +251,7 @@ def test_before_a_state_has_come_there_is_nothing_to_set():
         (lambda c: c.reset(np.full(19, np.nan), np.zeros(18)), "q is not finite"),
     ],
 )
-def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(controller, call, sentence):
+def test_invalid_calls_are_refused_without_effect(controller, call, sentence):
     before = run(controller, 0.1)[-1]
     with pytest.raises(wbc.InputRefused, match=sentence):
         call(controller)
@@ -279,7 +279,7 @@ def test_the_configuration_is_checked_as_by_the_command():
     assert wbc.Controller(config, preflight=False).mode is Mode.INACTIVE
 
 
-def test_the_check_leaves_nothing_behind_in_the_program():
+def test_check_does_not_change_the_program():
     checked, unchecked = wbc.Controller("g1"), wbc.Controller("g1", preflight=False)
     results = []
     for controller in (checked, unchecked):
@@ -337,6 +337,6 @@ def test_an_own_contact_takes_part():
         ({"limits": [lambda model: None]}, "returned a NoneType, expected a RowLimit"),
     ],
 )
-def test_what_is_no_task_or_has_a_taken_name_is_refused(own, sentence):
+def test_invalid_user_objects_are_refused(own, sentence):
     with pytest.raises(wbc.ConfigurationError, match=sentence):
         wbc.Controller("go2", **own, preflight=False)

@@ -48,7 +48,7 @@ def keys(settings, live):
     return numbers
 
 
-def test_every_live_key_changes_what_the_loop_goes_by(tuner):
+def test_every_live_key_changes_the_live_part(tuner):
     for key, value in keys(tuner().settings, True).items():
         changed = tuner()
         before = repr(changed.newest)
@@ -87,7 +87,7 @@ def test_every_other_key_is_refused_by_name(tuner):
         ({"robot.joints": ["a"]}, "robot.posture has"),
     ],
 )
-def test_a_change_is_accepted_whole_or_refused_with_the_reason(tuner, change, said):
+def test_changes_are_atomic(tuner, change, said):
     changed = tuner()
     settings, newest = changed.settings, changed.newest
     for method in (changed.check, changed.accept):
@@ -97,7 +97,7 @@ def test_a_change_is_accepted_whole_or_refused_with_the_reason(tuner, change, sa
     assert (changed.settings, changed.newest) == (settings, newest)
 
 
-def test_a_check_changes_nothing_and_no_change_is_no_news(tuner):
+def test_check_and_empty_change_have_no_effect(tuner):
     changed, news = tuner(), []
     changed.changed = lambda: news.append(1)
     newest = changed.newest
@@ -127,7 +127,7 @@ def steps(controller, count):
     return np.abs(np.diff(tau, axis=0)).max(axis=1)
 
 
-def test_gains_are_ramped_in_and_end_where_a_controller_made_with_them_is(bench):
+def test_gains_ramp_to_the_configured_result(bench):
     controller = standing(bench)
     still = controller.reports[-1].command.tau
     update(controller, "{tasks: {com: {stiffness: 400.0}}}")
@@ -168,7 +168,7 @@ def test_limits_take_hold(bench):
     assert 0.5 * allowed < steps(controller, 20).max() <= allowed + 1e-9
 
 
-def test_what_is_set_while_inactive_holds_from_activation_on(bench):
+def test_changes_while_inactive_apply_at_activation(bench):
     controller = bench()
     update(controller, "{tasks: {com: {stiffness: 7.0}}}")
     assert controller.cycle().refused == ()
@@ -177,7 +177,7 @@ def test_what_is_set_while_inactive_holds_from_activation_on(bench):
     assert controller.loop.controller.qp.tasks["com"].stiffness == 7.0
 
 
-def test_an_update_with_references_and_settings_is_taken_whole_or_not_at_all(bench):
+def test_updates_of_references_and_settings_are_atomic(bench):
     controller = bench()
     both = "{tasks: {com: {stiffness: 7.0, weight: 3.0}}}"
     update(controller, both)
@@ -226,7 +226,7 @@ def test_the_torque_speed_curve_outlives_a_change_of_the_limits(bench):
     [(200.0, 20.0, True), (200.0, 200.0, True), (200.0, 200.1, False), (500.0, 500.0, True), (3.0, 3.0, True),
      (3.0, 2.9, False), (3.0, 20.0, False)],
 )  # fmt: skip
-def test_a_live_range_ends_at_what_was_configured(robot_of, changed, configured, value, good):
+def test_live_range_ends_at_the_configured_value(robot_of, changed, configured, value, good):
     settings, model = robot_of("go2")
     settings = changed(settings, {"limits": {"acceleration": configured}})
     controller = make_qp(settings, model)

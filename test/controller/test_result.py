@@ -24,7 +24,7 @@ def binding(results):
     return max(results, key=lambda each: len(each.binding))
 
 
-def test_its_values_are_those_of_the_solution_and_the_command(binding):
+def test_values_of_solution_and_command(binding):
     assert binding.tau is binding.command.tau
     assert list(binding.torques) == list(binding.qp.model.actuators)
     assert list(binding.torques.values()) == binding.tau.tolist()
@@ -43,7 +43,7 @@ def test_friction_used_is_the_share_of_the_pyramid_of_forces(binding):
             assert np.isnan(used[name])
 
 
-def test_the_table_names_what_binds_and_what_is_asked(binding):
+def test_table_of_binding_constraints_and_tasks(binding):
     said = repr(binding)
     lines = said.splitlines()
     assert lines[0] == f"active at {binding.time:.3f} s"
@@ -64,7 +64,7 @@ def test_the_notebook_shows_the_same_cells(binding):
     assert page.count("<table>") == 4
 
 
-def test_a_cycle_without_a_solution_says_so():
+def test_result_without_a_solution():
     controller = wbc.Controller("go2", preflight=False)
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     controller.request("estop")
@@ -107,7 +107,7 @@ def test_the_plot_of_a_run_has_every_cycle(results):
         wbc.plot([])
 
 
-def test_without_plotly_the_error_says_what_to_install(binding, monkeypatch):
+def test_missing_plotly(binding, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "plotly.graph_objects", None)
     with pytest.raises(wbc.ConfigurationError, match=r"pip install 'wbc_controller\[plots\]'"):
         binding.plot()

@@ -209,7 +209,7 @@ def test_a_ball_rolls_down_a_slope_alike():
 
 
 @pytest.mark.parametrize("moment", [0.0, 8.0, 22.0])
-def test_a_box_stands_or_tips_alike(moment):
+def test_box_at_rest_and_tipping(moment):
     """Unilateral contacts at rest, unevenly loaded, tipping: corner forces to 0.1 % of the weight.
 
     Four corners are redundant: the sums of both sides are compared.

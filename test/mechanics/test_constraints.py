@@ -161,7 +161,7 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
     assert np.linalg.norm(pin.XYZQUATToSE3(qs[-1]).rotation @ vs[-1][:3]) == pytest.approx(5 / 7, abs=0.01)
 
 
-def test_a_moving_support_carries_what_stands_on_it():
+def test_moving_support():
     """Pendulum with a moving pivot: l θ̈ = -g sin θ - ẍ cos θ."""
     length, amplitude, omega = 0.7, 0.1, 5.0
     model = pin.Model()
@@ -240,7 +240,7 @@ def test_mistakes_are_named():
             constrained_dynamics(model, q, v, v, [constraint])
 
 
-def test_a_constraint_that_asks_for_nothing_new_changes_nothing():
+def test_inactive_constraint_has_no_effect():
     model, rng = robot("g1"), np.random.default_rng(2)
     q, v = random_state(model, rng)
     frame = links(model)[-1]

@@ -45,7 +45,7 @@ def raises_itself(function):
     return any(isinstance(node, ast.Raise) for node in ast.walk(tree)) or bool(calls & RAISING)
 
 
-def test_what_is_exported_is_what_is_there():
+def test_exported_names():
     assert mechanics.__all__ == sorted(mechanics.__all__)
     assert len(functions) > 40
     public = {name for name in vars(mechanics) if not name.startswith("_") and not inspect.ismodule(the(name))}
@@ -67,7 +67,7 @@ def test_functions_name_the_equation_shapes_units_and_errors(name):
 
 
 @pytest.mark.parametrize("name", classes)
-def test_classes_name_what_they_hold(name):
+def test_classes_describe_their_fields(name):
     item, text = the(name), inspect.getdoc(the(name))
     for field in dataclasses.fields(item) if dataclasses.is_dataclass(item) else ():
         own = field.name in vars(item).get("__annotations__", {})

@@ -158,7 +158,7 @@ def exactly(M, free, A, b):
         return np.array([float(value) for value in x[:n]])
 
 
-def test_close_to_singular_gauss_is_right_where_squaring_the_condition_is_not():
+def test_nearly_singular_constraints():
     """Condition number 3e8, found by Hypothesis, against a solution with sixty digits."""
     M, free, A, b, _ = problem("talos", 3000534)
     motion = gauss(M, free, A, b)
@@ -172,7 +172,7 @@ def test_close_to_singular_gauss_is_right_where_squaring_the_condition_is_not():
     assert relative(by_squares, truth) > 1e-3
 
 
-def test_a_constraint_that_no_motion_enters_is_none():
+def test_constraint_independent_of_the_motion():
     """A link welded to itself yields rounding errors, not constraints."""
     A = 1e-15 * np.random.default_rng(0).normal(size=(6, 5))
     free = np.arange(5.0)
@@ -237,7 +237,7 @@ def test_contradicting_constraints_are_named():
         )
 
 
-def test_what_is_no_problem_is_refused():
+def test_invalid_problems_are_refused():
     good = (np.eye(2), np.zeros(2), np.ones((1, 2)), np.zeros(1))
     for index, bad, words in (
         (1, np.array([0.0, np.nan]), "v_dot_u is not finite at"),
@@ -250,7 +250,7 @@ def test_what_is_no_problem_is_refused():
             gauss(*arguments)
 
 
-def test_without_constraints_motion_is_free_and_with_all_of_them_it_is_given():
+def test_no_constraints_and_full_constraints():
     free = np.array([1.0, 2.0])
     assert np.allclose(gauss(np.eye(2), free, np.zeros((0, 2)), np.zeros(0)).v_dot, free)
     assert np.allclose(gauss(np.eye(2), free, np.eye(2), np.array([3.0, 4.0])).v_dot, [3.0, 4.0])

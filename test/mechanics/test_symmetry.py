@@ -83,7 +83,7 @@ def test_momentum_changes_by_the_broken_symmetry_and_by_forces(name, seed):
     assert rate == pytest.approx(expected, abs=1e-3 * max(1.0, abs(rate), np.abs(v_dot).max()))
 
 
-def test_what_a_symmetry_conserves_stays_along_the_motion():
+def test_conserved_quantities_along_the_motion():
     model, rng = robot("go2"), np.random.default_rng(7)
     q, v = random_state(model, rng)
     zero, data = np.zeros(model.nv), model.createData()

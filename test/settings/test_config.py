@@ -28,7 +28,7 @@ def test_dotted_and_nested_keys_say_the_same():
     assert dotted.settings == wbc.load(SMALL).settings
 
 
-def test_replace_leaves_the_old_one_alone():
+def test_replace_returns_a_copy():
     old = wbc.load(SMALL)
     new = old.replace({"tasks.com.weight": 20.0, "robot.posture.b": 0.5, "tasks.posture": None})
     assert (new["tasks.com.weight"], new["robot.posture"]) == (20.0, [0.0, 0.5])
@@ -69,7 +69,7 @@ def test_a_key_that_is_not_there_names_its_neighbours():
     assert config["control.rate"] == 500.0
 
 
-def test_it_prints_itself_as_a_file():
+def test_repr_is_a_file():
     said = repr(wbc.load(SMALL))
     assert said.startswith("<Config of a dictionary>\nwbc_controller:\n  ros__parameters:\n")
     assert "posture: [0.0, 0.1]" in said

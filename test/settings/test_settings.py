@@ -87,7 +87,7 @@ def test_a_file_that_does_not_exist_is_named(command, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["run", "mock"])
-def test_a_node_names_the_file_whose_values_it_cannot_use(command, monkeypatch):
+def test_node_names_the_invalid_file(command, monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
     path = FOLDER / "unknown_joint.yaml"
@@ -239,7 +239,7 @@ def test_ranges(key, low, high):
         (CURVE, {"corner": 3.0, "no_load": 5.0, "x": 1}, f"{CURVE}.x: unknown key; Valid: corner, no_load"),
     ],
 )
-def test_each_error_names_the_whole_key_the_value_and_what_is_valid(key, value, said):
+def test_errors_name_key_value_and_valid_values(key, value, said):
     with pytest.raises(ConfigurationError) as error:
         parse_settings(_with(key, value), "file.yaml")
     assert str(error.value).startswith(f"file.yaml: {said}")
@@ -260,7 +260,7 @@ def test_gains_of_all_joints_are_counted_when_the_robot_is_known(robot_of, chang
         make_qp(changed(settings, {"tasks": {"posture": {"stiffness": [50.0] * 2}}}), model)
 
 
-def test_every_error_of_a_file_is_said_at_once():
+def test_all_errors_of_a_file_are_reported():
     content = _with("control.rate", 0.0)
     content["tasks"]["com"]["weight"] = -1.0
     with pytest.raises(ConfigurationError) as error:
@@ -310,7 +310,7 @@ def test_settings_cannot_be_changed():
         settings.control.rate = 1.0
 
 
-def test_every_setting_says_what_it_is():
+def test_all_settings_have_descriptions():
     def sections(model):
         yield model
         for field in model.model_fields.values():
@@ -349,7 +349,7 @@ TASKS = "wbc_controller: {ros__parameters: {robot: {joints: [a], posture: [0.0]}
     ],
     ids=["aliases", "merges", "values", "alias in itself", "number", "string", "deep", "long", "twice in a list"],
 )
-def test_a_text_that_is_too_large_is_refused_before_it_is_read(tmp_path, text, said):
+def test_too_large_texts_are_refused_before_construction(tmp_path, text, said):
     path = tmp_path / "large.yaml"
     path.write_text(text)
     faulthandler.dump_traceback_later(20.0, exit=True)  # an endless read ends the tests

@@ -84,7 +84,7 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
     np.testing.assert_allclose(applied[1], applied[0], rtol=1e-9, atol=1e-9)
 
 
-def test_in_lockstep_the_torques_at_the_joints_are_taken_back_to_the_actuators():
+def test_joint_torques_are_converted_to_actuators_in_lockstep():
     robot = Robot(lockstep=True)
     robot.user.say("command", "activate")
     for _ in range(20):

@@ -93,7 +93,7 @@ def test_named_pairs_take_the_place_of_all_others():
         ({"srdf": "<robot>"}, "srdf: not a usable SRDF"),
     ],
 )
-def test_what_cannot_be_kept_apart_is_said(changes, said):
+def test_invalid_pairs_are_refused(changes, said):
     with pytest.raises(ConfigurationError) as error:
         build_collision_model(star(a=(BALL,), b=(BALL,)), **{"margin": 0.01} | changes)
     assert said in str(error.value)
@@ -134,7 +134,7 @@ def changed(settings, **own):
     return Settings.model_validate(values)
 
 
-def test_the_srdf_of_the_settings_counts_and_the_check_says_what_is_kept_apart(robot_of):
+def test_srdf_of_the_settings_and_finding_of_the_check(robot_of):
     settings, model = robot_of("talos")
     without, with_srdf = (make_self_collision(changed(settings, srdf=srdf), model).summary for srdf in ("", TALOS_SRDF))
     assert int(with_srdf.split()[0]) < int(without.split()[0])
@@ -147,7 +147,7 @@ def test_the_srdf_of_the_settings_counts_and_the_check_says_what_is_kept_apart(r
         make_self_collision(changed(settings, srdf="/no/such.srdf"), model)
 
 
-def test_nothing_is_kept_apart_unless_asked_for(robot_of):
+def test_self_collision_is_disabled_by_default(robot_of):
     settings, _ = robot_of("g1")
     assert not settings.limits.self_collision.enabled
     with pytest.raises(ConfigurationError, match=r"limits.self_collision.marjin: unknown key; did you mean 'margin'"):
@@ -183,7 +183,7 @@ def test_a_mesh_without_a_usable_hull_does_not_end_all(tmp_path, points, boxed):
     assert shape.geometry.aabb_local.max_[:2] == pytest.approx([0.1, 0.1], abs=1e-3)
 
 
-def test_the_shape_of_a_link_of_no_asked_pair_is_not_made(tmp_path, monkeypatch):
+def test_links_without_pairs_have_no_shape(tmp_path, monkeypatch):
     made = []
     monkeypatch.setattr(collision_model, "_hull", lambda points: made.append(len(points)))
     odd = mesh(tmp_path, "odd.obj", 0.1 * RIM)

@@ -43,7 +43,7 @@ def test_the_page_has_a_section_and_an_example_for_each_kind():
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_what_the_page_shows_runs(bench, make, name):
+def test_snippets_of_the_page(bench, make, name):
     shown = {name: SHOWN[name]} if name not in TOGETHER else {other: SHOWN[other] for other in TOGETHER}
     robot = bench("g1", {"tasks": shown})
     assert robot.activate().solution is not None
@@ -103,7 +103,7 @@ def test_a_setpoint_and_a_trajectory_by_topic_move_the_reference_there(bench, ma
 
 
 @pytest.mark.parametrize("kind", ["contact_wrench", "torque"])
-def test_a_setpoint_of_an_effort_by_topic_moves_what_the_answer_has(bench, make, kind):
+def test_effort_setpoint_by_topic(bench, make, kind):
     keys, goal = {
         "contact_wrench": (
             {"contact": "left_foot", "mask": [False, False, True, False, False, False]},

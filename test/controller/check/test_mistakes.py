@@ -63,14 +63,14 @@ def checked(changes=None, urdf=URDF):
     return {finding.subject: finding.text for finding in wbc.check(config.replace(changes or {}))}
 
 
-def test_without_a_mistake_it_is_ok():
+def test_valid_configuration():
     found = checked()
     assert found["contact shapes"] == "foot 200 × 100 mm on a sole of 200 × 100 mm"
     assert found["posture"].endswith("centre of mass at [0.000, 0.000, 0.434] m")
     assert found["tilt of soles"] == "against the floor: foot 0.0°"
 
 
-def test_a_sole_that_reaches_a_little_beyond_the_true_one_is_said():
+def test_small_overhang_is_reported():
     found = checked({"contacts.foot.half_length": 0.1025})
     assert found["contact shapes"] == (
         "foot 205 × 100 mm on a sole of 200 × 100 mm, 2.5 mm beyond its edge: the foot may tip"
@@ -182,7 +182,7 @@ def test_a_mistake_in_the_urdf(mistake):
     assert [part for part in said if part not in sentence] == [], sentence
 
 
-def test_limits_that_no_motor_has_are_said_and_can_be_given():
+def test_implausible_limits_are_reported_and_can_be_replaced():
     wild = URDF.replace('effort="60" velocity="10"', 'effort="1e4" velocity="2000"', 1)
     effort, velocity = [finding.text for finding in wbc.check(wbc.load(VALUES, urdf=wild))
                         if finding.subject == "implausible"]  # fmt: skip
@@ -195,7 +195,7 @@ def test_limits_that_no_motor_has_are_said_and_can_be_given():
     assert found["effort limits"] == "40 to 60 N·m"
 
 
-def test_a_joint_that_no_task_holds_and_one_that_is_locked_are_named():
+def test_uncontrolled_and_locked_joints_are_reported():
     assert "uncontrolled" not in checked()
     found = checked({"tasks.posture": None})
     assert found["uncontrolled"].startswith("hip, knee, ankle_pitch")
@@ -231,12 +231,12 @@ def test_a_body_without_shapes_is_not_compared():
     assert checked({}, bare)["not compared"].startswith("foot with the URDF: no readable <collision> on their")
 
 
-def test_a_tilted_posture_says_how_far_the_soles_turn_on_release():
+def test_tilt_of_soles_is_reported():
     text = checked({"robot.posture.ankle_roll": 0.06})["tilt of soles"]
     assert text.startswith("against the floor: foot 3.4°; the robot will tilt on release")
 
 
-def test_the_reserves_are_those_of_statics():
+def test_reserves_agree_with_statics():
     """Upright: push = weight × lever of the sole's edge / height of the centre of mass."""
     found = checked()
     height = 0.434

@@ -19,7 +19,7 @@ def findings(settings):
 
 
 @pytest.mark.parametrize(("name", "joints", "contacts"), [("g1", 29, 2), ("talos", 30, 2), ("go2", 12, 4)])
-def test_what_is_found_for_each_shipped_robot(robot_of, name, joints, contacts):
+def test_findings_of_shipped_robots(robot_of, name, joints, contacts):
     settings, model = robot_of(name)
     found = findings(settings)
     flat, talos = name != "go2", name == "talos"
@@ -161,7 +161,7 @@ def test_a_posture_that_leaves_a_loop_open(robot_of, changed):
     assert findings(changed(settings, {"loops": {"bar": loop | closing}}))["loops"] == "bar: closed in the posture"
 
 
-def test_feet_on_a_slope_stand_on_a_floor_that_is_tilted_too(robot_of, changed):
+def test_feet_on_a_slope(robot_of, changed):
     settings, _ = robot_of("g1")
     posture = list(settings.robot.posture)
     for side in ("left", "right"):
@@ -172,7 +172,7 @@ def test_feet_on_a_slope_stand_on_a_floor_that_is_tilted_too(robot_of, changed):
     assert found["centre of mass"].endswith("inside the edge of the support")
 
 
-def test_a_hand_on_a_rail_or_a_wall_does_not_count_as_standing_on_the_floor(robot_of, changed):
+def test_hand_on_rail_or_wall_is_no_floor_contact(robot_of, changed):
     settings, _ = robot_of("g1")
     rail = {"type": "fixed", "frame": "left_rubber_hand", "max_force": 50.0, "max_moment": 5.0}
     wall = {"type": "point", "frame": "right_rubber_hand", "normal": [-1.0, 0.0, 0.0], "max_normal_force": 50.0}
@@ -187,7 +187,7 @@ def test_a_hand_on_a_rail_or_a_wall_does_not_count_as_standing_on_the_floor(robo
 ARMS = ("left_elbow_joint", "right_elbow_joint")
 
 
-def test_what_drives_the_joints_is_said(robot_of, changed):
+def test_finding_of_joints_and_actuators(robot_of, changed):
     settings, _ = robot_of("g1")
 
     def sprung(axis):
@@ -201,7 +201,7 @@ def test_what_drives_the_joints_is_said(robot_of, changed):
     assert "and the springs of left_ankle_pitch_joint, right_ankle_pitch_joint" in refusal(sprung("pitch"))
 
 
-def test_a_spring_that_does_not_hold_its_joint_in_the_posture_is_said_with_the_one_that_does(robot_of, changed):
+def test_unbalanced_springs_are_reported_with_balanced_rest(robot_of, changed):
     settings, _ = robot_of("g1")
 
     def sprung(rests):
