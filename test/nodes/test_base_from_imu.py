@@ -156,7 +156,7 @@ def test_without_a_contact_that_stays_where_it_is_the_imu_is_refused(robot_of, c
     settings, model = robot_of("go2")
     settings = changed(settings, IMU)
     with pytest.raises(
-        ConfigurationError, match=r"no contact of the configuration .*take estimation.base_state = 'odom'"
+        ConfigurationError, match=r"no contact is fixed to the world .*use estimation.base_state = 'odom'"
     ):
         make_estimator(settings, model, {})
     fixed = SimpleNamespace(floating_base=False)

@@ -93,7 +93,7 @@ class PointContact(_PushingContact):
 
     type: Literal["point"]
     normal: Direction = _NORMAL
-    radius: Length = Field(0.02, description="Radius of the ball, m; the origin of the contact is its centre.")
+    radius: Length = Field(0.02, description="Radius of the ball, m. Its centre is the origin of the contact.")
 
 
 class RollingContact(_PushingContact):
@@ -102,7 +102,7 @@ class RollingContact(_PushingContact):
     type: Literal["rolling"]
     axis: Direction = Field(description="Direction of the axle in `frame`; any length.")
     normal: Direction = _NORMAL
-    radius: Length = Field(description="Radius of the wheel, m; the origin of the contact is its centre.")
+    radius: Length = Field(description="Radius of the wheel, m. Its centre is the origin of the contact.")
 
 
 _MASK = axes_mask(6, "Constrained axes: translation along x, y, z, then rotation about x, y, z.")

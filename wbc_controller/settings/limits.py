@@ -99,7 +99,7 @@ class LimitSettings(Section):
     acceleration: Positive = Field(
         200.0,
         le=1.0e5,
-        description="Largest joint acceleration, rad/s², also the deceleration before position limits: the motors must "
+        description="Largest joint acceleration, rad/s². Also the deceleration before position limits: the motors must "
         "reach it. It is exceeded only to avoid a joint stop.",
     )
     torque_rate: Positive = Field(
