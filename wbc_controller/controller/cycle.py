@@ -161,17 +161,17 @@ class ControlCycle:
         self._defect = None
         refused: list[str] = []
         starts = self._handle_requests(inputs.requests, now, problem, refused) if inputs.requests else False
-        left: list[tuple[Change, ...]] = []
+        remaining: list[tuple[Change, ...]] = []
         supervisor = self.supervisor
         if inputs.changes or self.live.newest is not self._live:
             try:
-                left = self._accept_changes(inputs.changes, state, refused)
+                remaining = self._accept_changes(inputs.changes, state, refused)
             except Exception as error:
                 problem = _defect(error)
         outcome: Solution | NoSolution | Fault | None = None
         references: References | None = None
         if problem is None and supervisor.solving:
-            outcome, references = self._compute(state, left, now, starts, refused)
+            outcome, references = self._compute(state, remaining, now, starts, refused)
         computed = self._timer()
         was_active = supervisor.mode is Mode.ACTIVE
         command = supervisor.step(now, state, inputs.joint_velocity, problem, outcome)
@@ -180,10 +180,10 @@ class ControlCycle:
             whole = command is not None and supervisor.torques_before(now) is not None
             tau = command.tau if command is not None and whole else None
             self.model_error.record_command(state, solution, tau, self.qp.dynamics, self.qp.contact_jacobian)
-        if left and outcome is None:
+        if remaining and outcome is None:
             requests = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
             refused.append(
-                f"{len(left)} task or contact commands: the controller is {self.mode.value}; send {requests} first"
+                f"{len(remaining)} task or contact commands: the controller is {self.mode.value}; send {requests} first"
             )
         if references is not None and supervisor.solving:
             activations, unloaded = references.contacts, self.model_error.unloaded_contacts
@@ -312,7 +312,7 @@ class ControlCycle:
         self, changes: Iterable[Sequence[Change | ChangeSettings]], state: RobotState | None, refused: list[str]
     ) -> list[tuple[Change, ...]]:
         """Apply changed settings; return the changes of references."""
-        left = []
+        remaining = []
         for each in changes:
             references = tuple(change for change in each if not isinstance(change, ChangeSettings))
             if not references or self.supervisor.solving:  # references require an active controller
@@ -324,9 +324,9 @@ class ControlCycle:
                     refused.append(str(error))
                     continue
             if references:
-                left.append(references)
+                remaining.append(references)
         self._apply_live_settings(seconds(state) if state is not None else None)
-        return left
+        return remaining
 
     def _apply_live_settings(self, time: float | None) -> None:
         """Apply the newest settings, along ramps if the controller is active."""

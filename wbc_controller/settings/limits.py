@@ -29,7 +29,7 @@ class ActuatorTorqueSpeed(Section):
 
 
 class TorqueSpeedSettings(Section):
-    """Torque-speed curve of the motors: the available torque decreases linearly from `corner` to `no_load`."""
+    """Torque-speed curve of the motors: from `corner` to `no_load` the torque in the direction of motion decreases."""
 
     enabled: bool = Field(False, description="Enforce the torque-speed curve.")
     corner: Positive = Field(

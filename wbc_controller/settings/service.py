@@ -64,7 +64,7 @@ class SolverSettings(Section):
     """Solver and regularization of the quadratic program."""
 
     name: str = Field(
-        "daqp", description="daqp, osqp, proxqp (warm-started), or any installed solver of qpsolvers (cold-started)."
+        "daqp", description="daqp, osqp or proxqp (persistent, warm-started), or any installed solver of qpsolvers."
     )
     regularization_acceleration: Positive = Field(
         1.0e-5,
@@ -207,7 +207,8 @@ class GuardSettings(Section):
     damping_time: NonNegative = Field(5.0, le=60.0, description="Duration of damping before zero torque, s.")
     torque: Annotated[Positive, Field(le=1.0)] = Field(
         0.2,
-        description="Largest damping torque, as a share of the effort limit; below it the controller takes over again.",
+        description="Largest damping torque, and largest torque from which a returning controller takes over, as a share "
+        "of the effort limit.",
     )
 
 

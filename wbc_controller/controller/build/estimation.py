@@ -44,15 +44,15 @@ def pose_frame(settings: Settings, model: RobotModel) -> str:
 def torque_filter(settings: Settings) -> float:
     """Return the time constant of the torque filter, s; 0 without a filter."""
     known = settings.estimation
-    asked = known.torque_filter == "always" or (known.torque_filter == "imu" and known.base_state == "imu")
-    return known.torque_filter_time if asked else 0.0
+    enabled = known.torque_filter == "always" or (known.torque_filter == "imu" and known.base_state == "imu")
+    return known.torque_filter_time if enabled else 0.0
 
 
 def disturbance_limits(settings: Settings) -> DisturbanceLimits:
     """Return time constant and bound of the disturbance estimate."""
     known = settings.estimation
-    asked = known.disturbance == "always" or (known.disturbance == "imu" and known.base_state == "imu")
-    return DisturbanceLimits(known.disturbance_time, known.disturbance_share, asked)
+    enabled = known.disturbance == "always" or (known.disturbance == "imu" and known.base_state == "imu")
+    return DisturbanceLimits(known.disturbance_time, known.disturbance_share, enabled)
 
 
 def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ModelErrorCompensation:

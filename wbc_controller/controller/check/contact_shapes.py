@@ -111,9 +111,9 @@ def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
             else pin.SE3(np.eye(3), contact.points(qp.dynamics)[0])
         )
         joint = int(model.pinocchio.frames[frame].parentJoint)
-        seen = footprint(model, elements, joint, body.actInv(plane), _TREAD)
-        if seen is not None:
-            corners = np.column_stack([seen.polygon, np.full(len(seen.polygon), seen.height)])
+        region = footprint(model, elements, joint, body.actInv(plane), _TREAD)
+        if region is not None:
+            corners = np.column_stack([region.polygon, np.full(len(region.polygon), region.height)])
             found[name] = np.asarray(corners @ plane.rotation.T + plane.translation)
     return found
 
@@ -137,55 +137,57 @@ def _compare_contact(
 
     if isinstance(contact, SurfaceContact) and isinstance(spec, SurfaceSettings):
         plane = contact.placement(qp.dynamics)
-        seen = on(plane)
-        if seen is None:
+        region = on(plane)
+        if region is None:
             return None
         if name in upside_down(qp, [name], normal):
             turned = on(plane * pin.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3)))
             if turned is not None and abs(turned.height) <= _HEIGHT:
                 raise ConfigurationError(upside_down_message(name))
         up = pin.rpy.rpyToMatrix(np.array(spec.rpy))[:, 2]
-        _require_height(name, "sole", seen.height, _corrected_translation(spec.translation, seen.height * up))
-        tilt = seen.tilt or 0.0
+        _require_height(name, "sole", region.height, _corrected_translation(spec.translation, region.height * up))
+        tilt = region.tilt or 0.0
         if not (tilt <= _TILT):
             raise ConfigurationError(
                 f"contacts.{name}.rpy: the sole is tilted by {degrees(tilt):.1f}° against the flat underside of "
                 f"{spec.frame!r} in the URDF (allowed {degrees(_TILT):.0f}°); its z axis must be normal to it"
             )
-        seen = on(plane, LAYER + _LONGEST * tan(tilt)) or seen
-        _require_size(name, spec, seen)
-        flat = on(plane, _TREAD + _LONGEST * tan(tilt)) or seen
-        over = float(flat.outside(np.array(spec.corners)).max())
+        region = on(plane, LAYER + _LONGEST * tan(tilt)) or region
+        _require_size(name, spec, region)
+        flat = on(plane, _TREAD + _LONGEST * tan(tilt)) or region
+        overhang = float(flat.outside(np.array(spec.corners)).max())
         length, width = 1e3 * np.ptp(np.array(spec.corners), axis=0)
-        beyond = f", {1e3 * over:.1f} mm beyond its edge: the foot may tip" if over > _REPORTED_OVERHANG else ""
+        beyond = f", {1e3 * overhang:.1f} mm beyond its edge: the foot may tip" if overhang > _REPORTED_OVERHANG else ""
         return (
-            f"{length:.0f} × {width:.0f} mm on a sole of {_size(seen)}" + _describe_offset(seen.height, tilt) + beyond
+            f"{length:.0f} × {width:.0f} mm on a sole of {_size(region)}"
+            + _describe_offset(region.height, tilt)
+            + beyond
         )
     if not isinstance(contact, PointContact) or contact.wrench_in_world(qp.dynamics, np.eye(3)[2])[:3] @ normal < 0.5:
         return "not on the floor, not compared"
     point = contact.points(qp.dynamics)[0]
-    seen = on(pin.SE3(contact.axes(qp.dynamics), point))
-    if seen is None:
+    region = on(pin.SE3(contact.axes(qp.dynamics), point))
+    if region is None:
         return None
     radius = f"radius = {contact.radius:g}"
     kind = f"lowest point ({radius})"
-    shift = qp.dynamics.placement(frame).rotation.T @ (seen.height * contact.axes(qp.dynamics)[:, 2])
-    _require_height(name, kind, seen.height, _corrected_translation(spec.translation, shift))
-    beside = float(seen.outside(np.zeros((1, 2)))[0])
-    if not (beside <= _SIDE_OFFSET):
+    shift = qp.dynamics.placement(frame).rotation.T @ (region.height * contact.axes(qp.dynamics)[:, 2])
+    _require_height(name, kind, region.height, _corrected_translation(spec.translation, shift))
+    side_offset = float(region.outside(np.zeros((1, 2)))[0])
+    if not (side_offset <= _SIDE_OFFSET):
         raise ConfigurationError(
-            f"contacts.{name}: its {kind} is {1e3 * beside:.0f} mm beside the footprint of {spec.frame!r} in the URDF "
+            f"contacts.{name}: its {kind} is {1e3 * side_offset:.0f} mm beside the footprint of {spec.frame!r} in the URDF "
             f"(allowed {1e3 * _SIDE_OFFSET:.0f} mm); correct frame or translation"
         )
-    return f"{radius} m" + (_describe_offset(seen.height) or " agrees")
+    return f"{radius} m" + (_describe_offset(region.height) or " agrees")
 
 
 def _corrected_translation(translation: Sequence[float], by: Array) -> str:
     return "[" + ", ".join(f"{value:.3f}" for value in np.array(translation) + by + 0.0) + "]"
 
 
-def _size(seen: Footprint) -> str:
-    length, width = 1e3 * seen.size
+def _size(region: Footprint) -> str:
+    length, width = 1e3 * region.size
     return f"{length:.0f} × {width:.0f} mm"
 
 
@@ -208,21 +210,21 @@ def _require_height(name: str, kind: str, height: float, translation: str) -> No
         )
 
 
-def _require_size(name: str, spec: SurfaceSettings, seen: Footprint) -> None:
+def _require_size(name: str, spec: SurfaceSettings, region: Footprint) -> None:
     """Refuse a support with a large overhang."""
     corners = np.array(spec.corners)
-    allowed = min(_OVERHANG, _OVERHANG_SHARE * float(seen.size.min()))
-    over = float(seen.outside(corners).max())
-    if over <= allowed:
+    allowed = min(_OVERHANG, _OVERHANG_SHARE * float(region.size.min()))
+    overhang = float(region.outside(corners).max())
+    if overhang <= allowed:
         return
     key = "vertices" if spec.vertices is not None else "half_length and half_width"
-    if seen.outside(corners[:, ::-1]).max() <= allowed:
+    if region.outside(corners[:, ::-1]).max() <= allowed:
         raise ConfigurationError(
-            f"contacts.{name}: {key} are swapped: the sole of {spec.frame!r} in the URDF is {_size(seen)} along x and y"
+            f"contacts.{name}: {key} are swapped: the sole of {spec.frame!r} in the URDF is {_size(region)} along x and y"
         )
-    middle = 0.5 * (seen.polygon.min(axis=0) + seen.polygon.max(axis=0))
+    middle = 0.5 * (region.polygon.min(axis=0) + region.polygon.max(axis=0))
     raise ConfigurationError(
-        f"contacts.{name}: {key} reach {1e3 * over:.0f} mm beyond the sole of {spec.frame!r} in the URDF (allowed "
-        f"{1e3 * allowed:.0f} mm), which is {_size(seen)} about [{middle[0]:.3f}, {middle[1]:.3f}] m of the contact; "
+        f"contacts.{name}: {key} reach {1e3 * overhang:.0f} mm beyond the sole of {spec.frame!r} in the URDF (allowed "
+        f"{1e3 * allowed:.0f} mm), which is {_size(region)} about [{middle[0]:.3f}, {middle[1]:.3f}] m of the contact; "
         "the centre of pressure would lie outside the real sole"
     )

@@ -44,7 +44,7 @@ class ComDistance:
     """Distance that the centre of mass can move, m, and the limiting cause."""
 
     distance: float
-    why: str
+    reason: str
 
 
 def reserves(
@@ -79,7 +79,7 @@ def reserves(
     ]
     squat = com_distance(qp, active, q, hanging, -np.eye(3)[2], _DEEPEST * float(dynamics.com[2]), margin)
     if squat is not None:
-        found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down ({squat.why})"))
+        found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down ({squat.reason})"))
     return found
 
 
@@ -183,11 +183,11 @@ def _find_sway(
     weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])
     tried = static.most / _STEPS
     for _ in range(_STEPS + _HALVINGS):
-        there, why = motion.reach(motion.com + tried * way, at, weights)
-        if not why and not _can_stand(qp, bearing, hanging):
-            why = "torques or contacts"
-        if why:
-            far, cause = tried, why
+        there, reason = motion.reach(motion.com + tried * way, at, weights)
+        if not reason and not _can_stand(qp, bearing, hanging):
+            reason = "torques or contacts"
+        if reason:
+            far, cause = tried, reason
         else:
             done, at = tried, there
         if done == static.most:
@@ -219,18 +219,18 @@ def com_distance(
     if len(anchored) < len(bearing):
         return None
     motion = _MotionWithContacts(qp, anchored, margin)
-    distance, why, at = 0.0, "", np.array(q)
-    while not why:
+    distance, reason, at = 0.0, "", np.array(q)
+    while not reason:
         step = min(_STEP, most - distance)
         if not (step > _LEAST_STEP):
-            why = "limit of the search"
+            reason = "limit of the search"
             break
-        at, why = motion.reach(motion.com + (distance + step) * direction, at, np.ones(6))
-        if not why and not _can_stand(qp, anchored, hanging):
-            why = "torques or contacts"
-        distance += 0.0 if why else step
+        at, reason = motion.reach(motion.com + (distance + step) * direction, at, np.ones(6))
+        if not reason and not _can_stand(qp, anchored, hanging):
+            reason = "torques or contacts"
+        distance += 0.0 if reason else step
     qp.dynamics.update(q, np.zeros(qp.model.nv))
-    return ComDistance(distance, why)
+    return ComDistance(distance, reason)
 
 
 def _can_stand(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
