@@ -207,8 +207,8 @@ class GuardSettings(Section):
     damping_time: NonNegative = Field(5.0, le=60.0, description="Duration of damping before zero torque, s.")
     torque: Annotated[Positive, Field(le=1.0)] = Field(
         0.2,
-        description="Largest damping torque, and largest torque from which a returning controller takes over, as a share "
-        "of the effort limit.",
+        description="Largest damping torque, and largest torque from which a returning controller takes over, as a "
+        "share of the effort limit.",
     )
 
 
