@@ -34,7 +34,7 @@ def _summary(node: Any, name: str) -> str:
 
 def _rows(files: list[Path], folder: Path) -> str:
     def link(path: Path) -> str:
-        return f"[{path.name}](../wbc_controller/{path.relative_to(_PACKAGE).as_posix()})"
+        return f"[`{path.name}`](../wbc_controller/{path.relative_to(_PACKAGE).as_posix()})"
 
     rows = [f"- {link(path)}: {first_line(path)}\n" for path in sorted(files) if path.name != "__init__.py"]
     return "\n" + "".join(rows) if rows else ""

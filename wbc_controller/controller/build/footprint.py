@@ -175,11 +175,11 @@ def _tilt(points: Array, height: float) -> float | None:
     normals, corners = hull.equations[down, :3], points[hull.simplices[down]]  # (k, 3), (k, 3, 3)
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     candidates = np.argsort(areas)[-_CANDIDATES:]
-    alike = normals[candidates] @ normals.T > _FLAT  # (c, k) facets parallel to each candidate
-    faces = alike @ areas
+    parallel = normals[candidates] @ normals.T > _FLAT  # (c, k) facets parallel to each candidate
+    faces = parallel @ areas
     if not faces.size or not faces.max() > _FACE * float(areas.sum()):
         return None
-    members = alike[int(np.argmax(faces))]
+    members = parallel[int(np.argmax(faces))]
     if not corners[members, :, 2].min() <= height + LAYER:  # the face is above the touching layer
         return None
     mean = areas[members] @ normals[members]
