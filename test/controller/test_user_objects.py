@@ -184,7 +184,7 @@ def test_integers_and_lists_are_converted():
         (Grip, "cone", np.zeros((1, 2)), "expected finite numbers of shape (rows, 3)"),
         (Grip, "metric", np.ones(2), "expected finite numbers of shape (3,)"),
         (Grip, "damping", np.inf, "Grip.damping is inf, expected a finite number of at least 0"),
-        (Ceiling, "names", (), "Ceiling.names is (), expected a tuple with a text for each row"),
+        (Ceiling, "names", (), "Ceiling.names is (), expected a tuple with one string per row"),
     ],
 )
 def test_attributes_of_which_no_program_can_be_laid_out_are_refused(kind, attribute, value, said):
