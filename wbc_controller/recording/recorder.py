@@ -317,7 +317,7 @@ class Recorder:
         if taped.live is not self._live:
             event["settings"] = taped.live.settings
         if taped.changed_outside:
-            event["changed_outside"] = True
+            event["apart"] = True
             self._snapshot_due = 0
         parts = {
             "problem": inputs.problem,
