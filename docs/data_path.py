@@ -1,22 +1,17 @@
-"""The calls that a joint state passes, from the transport to the torque message.
-
-`docs/map.md` lists them, and `test/integration/test_data_path.py` follows them in a cycle of an active robot.
-"""
+"""Calls on the path of a joint state, from the transport to the torque message."""
 
 from __future__ import annotations
 
-#: The definition of the path, for `docs/map.md` and its test.
+#: Definition of the path, for `docs/map.md` and `test/integration/test_data_path.py`.
 DEFINITION = """\
-In each cycle, `ControlLoop.cycle` passes the joint state through the following calls. A function of the package is on
-the path if it receives the joint state, or data made from it, as an argument or as the result of a call, and returns
-data made from it, stores them (`-> None`), or calls such a function. The joint state is at first the serialized
-message, then arrays and records of arrays, at last the serialized torques. The path begins when the transport returns
-the message and ends when the transport receives the torques. Checks, which return a flag, a number or a fault, are not
-on the path, nor are compiled kernels and constructors of records. `test/integration/test_data_path.py` follows the path
-of an active robot whose base is measured, and compares it with `docs/data_path.py`."""
+In each cycle, `ControlLoop.cycle` passes the joint state through the following calls, from the message of the transport
+to the serialized torques. A function is on the path if it receives the joint state or derived data, and returns or
+stores derived data, or calls such a function. Checks (they return a flag, a number or a fault), compiled kernels and
+constructors of records are not listed. `test/integration/test_data_path.py` records the path of an active robot with
+odometry, and compares it with `docs/data_path.py`."""
 #: Largest number of calls on the path.
 MOST_CALLS = 20
-#: The functions on the path in the order of their first calls: file and qualified name.
+#: File and qualified name of each function, in the order of first calls.
 PATH = (
     "nodes/inputs.py:Inputs.latch",
     "nodes/inputs.py:Inputs._collect",

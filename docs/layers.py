@@ -1,4 +1,4 @@
-"""The table of the package's rooms: what each may import. `test/test_layering.py` checks it, `docs/map.md` shows it."""
+"""Table of permitted imports of the package's folders, checked by `test/test_layering.py`."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ class Room(NamedTuple):
     libraries: str = ""
 
 
-#: Files at the top of the package that every room may import.
+#: Files at the top of the package that all rooms may import.
 BASICS = ("errors", "records", "arguments", "compilation")
-#: Other files at the top of the package: entry points, and the public names.
+#: Other files at the top of the package: entry points and public names.
 ENTRY_POINTS = ("cli", "node", "__main__", "__init__")
 
 _QP = "inverse_dynamics/"
-#: A room is a folder of the package, and each folder and file of `inverse_dynamics`. Imports go upwards in the table.
+#: A room is a folder of the package, or a folder or file of `inverse_dynamics`. Imports go upwards in the table.
 ROOMS = {
     "errors": Room(),
     "records": Room("", "numpy"),
@@ -45,9 +45,8 @@ ROOMS = {
     _QP + "solvers": Room(_QP + "formulation", "numpy scipy qpsolvers daqp osqp proxsuite"),
     _QP + "whole_body_qp": Room(f"{_QP}robot {_QP}contacts {_QP}tasks {_QP}formulation {_QP}solvers"),
     "estimation": Room(f"{_QP}arrays {_QP}robot {_QP}contacts", "numpy scipy pinocchio"),
-    # The supervisor knows the robot's limits and ramps, but not the program whose solutions it checks.
+    # The supervisor is independent of the quadratic program.
     "safety": Room(f"estimation {_QP}arrays {_QP}robot {_QP}limits {_QP}references", "numpy scipy pinocchio"),
-    # Steps and their references, without topics, settings or clocks.
     "walking": Room(f"{_QP}arrays {_QP}robot {_QP}references", "numpy pinocchio"),
     "controller": Room(
         "settings inverse_dynamics estimation safety walking", "numpy scipy pinocchio coal pydantic plotly rich"
@@ -73,12 +72,12 @@ ROOMS = {
         "numpy scipy pinocchio click rich pydantic rosbags hypothesis joblib distributed ray",
     ),
     "node": Room("nodes"),
-    # It names the modules of the commands, and imports each when it is needed.
+    # Imports the modules of commands on use.
     "cli": Room("", "click"),
     "__main__": Room("cli"),
     "__init__": Room("settings inverse_dynamics controller simulation"),
 }
-#: Libraries that only some files of a room may import, by pattern of their paths.
+#: Libraries reserved to some files of a room, by path pattern.
 RESERVED = {
     "mujoco": ("simulation/*",),
     "cyclonedds": ("middleware/transports/dds*.py",),
@@ -86,5 +85,5 @@ RESERVED = {
     "plotly": ("controller/visualization/plots.py",),
     "viser": ("apps/page/*",),
 }
-#: Modules that make a cycle irreproducible: `inverse_dynamics` may import none of them.
+#: Modules that make cycles irreproducible; forbidden in `inverse_dynamics`.
 CLOCKS = ("time", "datetime", "random", "threading", "asyncio", "socket", "subprocess", "logging")

@@ -1,6 +1,6 @@
-"""Draws the plots of mechanics.md into docs/images.
+"""Plots of docs/mechanics.md in docs/images.
 
-Matplotlib is needed for this alone. In an environment of this package::
+Requires Matplotlib::
 
     pip install matplotlib
     python docs/mechanics_plots.py
@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "test" / "support")]
 
 mpl.use("svg")
-# The same file from the same numbers: no dates, no random names; letters as text keep it small.
+# Reproducible files; text as text for small files.
 mpl.rcParams.update(
     {
         "svg.hashsalt": "mechanics",
@@ -42,7 +42,7 @@ from wbc_controller import mechanics as wbm  # noqa: E402
 
 
 def save(figure: plt.Figure, name: str) -> None:
-    """Write one picture."""
+    """Write a picture."""
     figure.tight_layout()
     path = ROOT / "docs" / "images" / f"mechanics-{name}.svg"
     figure.savefig(path, metadata={"Date": None})
@@ -51,7 +51,7 @@ def save(figure: plt.Figure, name: str) -> None:
 
 
 def action() -> None:
-    """Equation (10): the action of a pendulum along bent paths."""
+    """Equation (10): action of a pendulum along varied paths."""
     pendulum = pin.Model()
     joint = pendulum.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "swing")
     bob = pin.Inertia(1.0, np.array([0.0, 0.0, -1.0]), np.zeros((3, 3)))
@@ -73,15 +73,15 @@ def action() -> None:
     for epsilon in (-0.2, -0.1, 0.1, 0.2):
         left.plot(times, path[:, 0] + epsilon * bend, "0.7", lw=1)
     left.plot(times, path[:, 0], "C0")
-    left.set(xlabel="t (s)", ylabel="angle (rad)", title="motion, and bent paths")
+    left.set(xlabel="t (s)", ylabel="angle (rad)", title="motion and varied paths")
     epsilons = np.linspace(-0.2, 0.2, 21)
     right.plot(epsilons, [value(path[:, 0] + e * bend) for e in epsilons], "C0.-")
-    right.set(xlabel="ε", ylabel="action (J s)", title="no slope at the motion")
+    right.set(xlabel="ε", ylabel="action (J s)", title="stationary at the motion")
     save(figure, "action")
 
 
 def momentum_and_energy() -> None:
-    """Equations (28) and (29): a thrown humanoid."""
+    """Equations (28) and (29): humanoid in free flight."""
     model, q, v = tumbling("g1")
     zero, data = np.zeros(model.nv), model.createData()
     qs, vs = wbm.simulate(model, lambda q, v, t: wbm.forward_dynamics(model, q, v, zero, data=data), q, v, 2e-3, 1500)
@@ -113,7 +113,7 @@ def momentum_and_energy() -> None:
 
 
 def rolling() -> None:
-    """Equation (30), non-holonomic."""
+    """Equation (30): rolling."""
     model, constraints, q, v = rolling_start()
     _, _, _, qs, vs = follow(model, constraints, q, v, 5e-3, 30.0)
     some = slice(None, None, 40)
@@ -125,12 +125,12 @@ def rolling() -> None:
     left.plot(qs[::10, 0], qs[::10, 1])
     left.set(xlabel="x (m)", ylabel="y (m)", title=f"path of a wheel of {WHEEL_RADIUS} m", aspect="equal")
     right.semilogy(5e-3 * np.arange(len(qs))[some], np.maximum(slip, 1e-18))
-    right.set(xlabel="t (s)", ylabel="m/s", title="velocity of the point that touches")
+    right.set(xlabel="t (s)", ylabel="m/s", title="velocity of the contact point")
     save(figure, "rolling")
 
 
 def closed_loop() -> None:
-    """Equation (30), a closed loop."""
+    """Equation (30): closed loop."""
     model, loop, q = four_bar()
     free = wbm.admissible_directions(wbm.constraint_equation(loop, wbm.Kinematics(model, q, np.zeros(3))).A)[:, 0]
     _, _, _, qs, vs = follow(model, loop, q, free * 5.0 / free[0], 5e-3, 30.0)
@@ -147,24 +147,24 @@ def closed_loop() -> None:
         for a, b in zip(qs[some], vs[some], strict=True)
     ]
     right.semilogy(times[some], np.maximum(gap, 1e-18))
-    right.set(xlabel="t (s)", ylabel="m", title="opening of the loop")
+    right.set(xlabel="t (s)", ylabel="m", title="position error of the loop")
     save(figure, "four-bar")
 
 
 def tipping_box() -> None:
-    """Equation (31) with inequalities."""
+    """Equation (31) with inequalities: box."""
     from mechanisms import box
 
     model, corners = box()
     moments = np.linspace(0.0, 25.0, 51)
     answers = [
         wbm.constrained_dynamics(
-            model, pin.neutral(model), np.zeros(6), np.array([0, 0, 0, moment, 0, 0]), pushing=corners
+            model, pin.neutral(model), np.zeros(6), np.array([0, 0, 0, moment, 0, 0]), unilateral=corners
         )
         for moment in moments
     ]
     figure, (left, right) = plt.subplots(1, 2)
-    left.plot(moments, [a.push[[0, 2]].sum() for a in answers], label="side that lifts")
+    left.plot(moments, [a.push[[0, 2]].sum() for a in answers], label="lifting side")
     left.plot(moments, [a.push[[1, 3]].sum() for a in answers], label="other side")
     left.set(xlabel="moment (N m)", ylabel="N", title="forces of the floor")
     left.legend()
@@ -174,7 +174,7 @@ def tipping_box() -> None:
 
 
 def particles() -> None:
-    """Equation (33): a double pendulum, twice."""
+    """Equation (33): double pendulum as particles and in joint angles."""
     system, model = double_pendulum()
     q, v, zero = np.array([0.9, -0.4]), np.array([0.3, 1.0]), np.zeros(2)
     step, steps = 2.5e-3, 1200

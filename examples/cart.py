@@ -1,4 +1,4 @@
-"""A cart on four wheels drives ahead and stops, while it is pushed from the side: `rolling` contacts. In MuJoCo."""
+"""A cart on four `rolling` contacts drives ahead and is pushed from the side, in MuJoCo."""
 
 import sys
 
@@ -17,7 +17,7 @@ WHEEL = """
 
 
 def configuration() -> wbc.Config:
-    """The cart, and its URDF."""
+    """Return the cart with its URDF."""
     urdf = '<robot name="cart">' + LINK.format("body", 0.1, 10.0, 0.2, 0.2)
     for name, place in WHEELS.items():
         urdf += LINK.format(name, 0, 1.0, 0.003, 0.005) + WHEEL.format(name, place)
@@ -32,29 +32,29 @@ def configuration() -> wbc.Config:
 
 
 def main() -> int:
-    """Drive; 0 where all targets are met."""
+    """Drive; return 0 if all targets are met."""
     robot = wbc.Simulation(configuration())
-    robot.run(0.1)  # until the wheels have settled
+    robot.run(0.1)  # settling of the wheels
     start, errors = np.array(robot.controller.dynamics.q), []
 
-    def look(robot: wbc.Simulation) -> None:
+    def observe(robot: wbc.Simulation) -> None:
         robot.plant.forward()
         errors.append(np.abs(robot.result.v_dot - robot.plant.acceleration())[6:].max())
 
     robot.controller.set("drive", [start[0] + WAY, 0.0, 0.0])
-    results = robot.run(0.6, look)
+    results = robot.run(0.6, observe)
     robot.plant.push("body", [0.0, PUSH, 0.0, 0.0, 0.0, 0.0], 0.3)
-    results += robot.run(1.0, look)
+    results += robot.run(1.0, observe)
     moved = robot.controller.dynamics.q - start
     largest = max(np.abs(result.v_dot[6:]).max() for result in results)
     targets = [
-        ("off its way's end", 1e3 * abs(moved[0] - WAY), 3.0, "mm"),
-        ("wheels turned, off way / radius", np.abs(moved[7:] - moved[0] / RADIUS).max(), 0.02, "rad"),
-        ("pushed aside", 1e3 * abs(moved[1]), 2.0, "mm"),
-        ("wheels' accelerations, QP against MuJoCo, of the largest", max(errors) / largest, 0.05, ""),
+        ("position error at the end", 1e3 * abs(moved[0] - WAY), 3.0, "mm"),
+        ("wheel angles, error from distance / radius", np.abs(moved[7:] - moved[0] / RADIUS).max(), 0.02, "rad"),
+        ("lateral displacement", 1e3 * abs(moved[1]), 2.0, "mm"),
+        ("wheel accelerations, QP minus MuJoCo, share of the largest", max(errors) / largest, 0.05, ""),
     ]
-    for what, value, most, unit in targets:
-        print(f"{what}: {value:.3g} {unit} (at most {most:g})")
+    for name, value, most, unit in targets:
+        print(f"{name}: {value:.3g} {unit} (at most {most:g})")
     return int(not all(value <= most for _, value, most, _ in targets))
 
 

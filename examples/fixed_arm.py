@@ -1,7 +1,6 @@
-"""An arm bolted to the ground reaches three poses, in MuJoCo, and works its gripper, whose second finger follows.
+"""An arm on a fixed base reaches three poses and moves its gripper, in MuJoCo.
 
-The URDF says that one finger mimics the other: it is in no list here, and is not read from the joint states. The motor
-of the first moves both.
+The second finger is a mimic joint of the URDF: it is not configured, and one motor moves both fingers.
 """
 
 import sys
@@ -14,7 +13,7 @@ import wbc_controller as wbc
 ARM = [f"panda_joint{number}" for number in range(1, 8)]
 POSTURE = [0.0, -0.4, 0.0, -2.2, 0.0, 1.8, 0.785]
 OPEN, CLOSED = 0.035, 0.005  # m, each finger
-REACHES = (  # m, and a rotation vector, rad, both from the pose in the posture, world axes; where the finger is then
+REACHES = (  # displacement, m, and rotation vector, rad, from the pose in the posture, world axes; finger position, m
     ([0.10, 0.20, 0.05], [0.0, 0.0, 0.5], CLOSED),
     ([0.05, -0.25, -0.20], [0.3, 0.0, -0.5], OPEN),
     ([-0.10, 0.0, 0.15], [0.0, 0.4, 0.0], CLOSED),
@@ -38,7 +37,7 @@ PANDA = {
 
 
 def main() -> int:
-    """Reach, and grip at the end of each reach; 0 where all targets are met."""
+    """Reach and grip; return 0 if all targets are met."""
     for finding in wbc.check(PANDA):
         print(f"{finding.subject}: {finding.text}")
     robot = wbc.Simulation(PANDA)
@@ -47,7 +46,7 @@ def main() -> int:
     start = pin.XYZQUATToSE3(hand.position(dynamics))
     results, away, turned, gripped, apart, forecast = [], [], [], [], [], []
 
-    def look(robot: wbc.Simulation) -> None:
+    def observe(robot: wbc.Simulation) -> None:
         robot.plant.forward()
         apart.append(robot.plant.coupling_error())
         forecast.append(np.linalg.norm(robot.result.v_dot - robot.plant.acceleration()))
@@ -56,7 +55,7 @@ def main() -> int:
         goal = pin.SE3ToXYZQUAT(pin.SE3(pin.exp3(np.array(turn)) @ start.rotation, start.translation + move))
         controller.set("hand", goal)
         controller.set("gripper", [finger])
-        results += robot.run(1.4, look)
+        results += robot.run(1.4, observe)
         error = hand.error(dynamics, goal)
         away.append(np.linalg.norm(error[:3]))
         turned.append(np.linalg.norm(error[3:]))
@@ -64,15 +63,15 @@ def main() -> int:
     share = max(np.max(np.abs(result.solution.tau) / controller.model.effort_limits) for result in results)
     largest = max(np.linalg.norm(result.v_dot) for result in results)
     targets = [
-        ("tool off its goals", 1e3 * max(away), 0.5, "mm"),
-        ("tool turned from its goals", max(turned), 0.002, "rad"),
-        ("finger off its goals", 1e3 * max(gripped), 0.2, "mm"),
-        ("second finger off the first", 1e3 * max(apart), 0.01, "mm"),
-        ("share of the torque limits used", share, 0.9, ""),
-        ("accelerations, QP against MuJoCo, of the largest", max(forecast) / largest, 0.01, ""),
+        ("position error of the tool", 1e3 * max(away), 0.5, "mm"),
+        ("orientation error of the tool", max(turned), 0.002, "rad"),
+        ("position error of the finger", 1e3 * max(gripped), 0.2, "mm"),
+        ("difference of the fingers", 1e3 * max(apart), 0.01, "mm"),
+        ("largest share of torque limits", share, 0.9, ""),
+        ("accelerations, QP minus MuJoCo, share of the largest", max(forecast) / largest, 0.01, ""),
     ]
-    for what, value, most, unit in targets:
-        print(f"{what}: {value:.3g} {unit} (at most {most:g})")
+    for name, value, most, unit in targets:
+        print(f"{name}: {value:.3g} {unit} (at most {most:g})")
     return int(not all(value <= most for _, value, most, _ in targets))
 
 

@@ -1,7 +1,6 @@
-"""A four-bar linkage, driven at its crank, follows a trajectory: a closed loop and two joints without a motor.
+"""A four-bar linkage with a driven crank follows a trajectory, in MuJoCo: a closed loop and two passive joints.
 
-The URDF is a tree: the pin between coupler and rocker is missing in it, and stands under `loops`. In MuJoCo, whose own
-joints close the loop.
+The URDF is a tree; the pin between coupler and rocker is defined in `loops`.
 """
 
 import sys
@@ -10,11 +9,11 @@ import numpy as np
 
 import wbc_controller as wbc
 
-CRANK, COUPLER, ROCKER, GROUND = 0.2, 0.5, 0.4, 0.5  # m; a crank that can turn all the way round
+CRANK, COUPLER, ROCKER, GROUND = 0.2, 0.5, 0.4, 0.5  # m; the crank can rotate fully
 
 
 def bar(name: str, parent: str, at: float, length: float) -> str:
-    """A thin rod along x that turns about y at its end, as URDF."""
+    """Return the URDF of a thin rod along x that rotates about y at its end."""
     mass = 2.0 * length
     moment = mass * length**2 / 12.0
     return f"""
@@ -25,10 +24,10 @@ def bar(name: str, parent: str, at: float, length: float) -> str:
 
 
 def closed(crank: float) -> tuple[float, float]:
-    """Angles of coupler and rocker for one of the crank, with the pin above the ground; a turn about y takes x down."""
+    """Return the angles of coupler and rocker for an angle of the crank, with the pin above the ground."""
     x, z = CRANK * np.cos(crank), -CRANK * np.sin(crank)  # end of the crank
     between = np.hypot(GROUND - x, z)
-    ahead = np.arctan2(z, GROUND - x)  # from there to the rocker's pivot, clockwise
+    ahead = np.arctan2(z, GROUND - x)  # direction to the rocker's pivot, clockwise
     corner = np.arccos((COUPLER**2 + between**2 - ROCKER**2) / (2.0 * COUPLER * between))
     coupler = ahead - corner
     tip = np.array([x + COUPLER * np.cos(coupler), z - COUPLER * np.sin(coupler)])
@@ -36,7 +35,7 @@ def closed(crank: float) -> tuple[float, float]:
 
 
 def configuration() -> wbc.Config:
-    """The linkage with the crank along x."""
+    """Return the linkage with the crank along x."""
     bars = bar("crank", "ground", 0.0, CRANK) + bar("coupler", "crank", CRANK, COUPLER)
     bars += bar("rocker", "ground", GROUND, ROCKER)
     values = {
@@ -49,7 +48,7 @@ def configuration() -> wbc.Config:
         "loops.pin": {
             "frame_a": "coupler", "translation_a": [COUPLER, 0.0, 0.0],
             "frame_b": "rocker", "translation_b": [ROCKER, 0.0, 0.0],
-            # The linkage is planar: out of its plane the pin holds nothing, and about y it turns.
+            # Planar: two constrained translations.
             "mask": [True, False, True, False, False, False],
         },
         "tasks.crank": {"type": "posture", "joints": ["crank_joint"], "stiffness": 400.0},
@@ -58,7 +57,7 @@ def configuration() -> wbc.Config:
 
 
 def main() -> int:
-    """Turn the crank once round and half back; 0 where all targets are met."""
+    """Rotate the crank one turn forward and half a turn back; return 0 if all targets are met."""
     config = configuration()
     for finding in wbc.check(config):
         print(f"{finding.subject}: {finding.text}")
@@ -66,25 +65,25 @@ def main() -> int:
     dynamics, loop = robot.controller.dynamics, robot.controller.contacts["pin"]
     opened, forecast = [], []
 
-    def look(robot: wbc.Simulation) -> None:
+    def observe(robot: wbc.Simulation) -> None:
         opened.append(np.abs(loop.error(dynamics)).max())
         robot.plant.forward()
         forecast.append(np.abs(robot.result.v_dot - robot.plant.acceleration()).max())
 
     robot.controller.follow("crank", [2.0, 3.0], [[2.0 * np.pi], [np.pi]])
-    results = robot.run(3.2, look)
+    results = robot.run(3.2, observe)
     q = np.array([result.state.q for result in results])
-    turned = np.angle(np.exp(1j * (q[:, 1:] - [closed(crank) for crank in q[:, 0]])))  # whole turns taken out
+    turned = np.angle(np.exp(1j * (q[:, 1:] - [closed(crank) for crank in q[:, 0]])))  # modulo full turns
     largest = max(np.abs(result.v_dot).max() for result in results)
     targets = [
-        ("crank off its reference", max(result.task_errors["crank"] for result in results), 2.0e-3, "rad"),
-        ("crank at the end", abs(q[-1, 0] - np.pi), 1.0e-3, "rad"),
-        ("loop open", 1e3 * max(opened), 0.05, "mm"),
-        ("coupler and rocker off the linkage's geometry", np.abs(turned).max(), 2.0e-4, "rad"),
-        ("accelerations, QP against MuJoCo, of the largest", max(forecast) / largest, 0.03, ""),
+        ("error of the crank", max(result.task_errors["crank"] for result in results), 2.0e-3, "rad"),
+        ("error of the crank at the end", abs(q[-1, 0] - np.pi), 1.0e-3, "rad"),
+        ("error of the loop", 1e3 * max(opened), 0.05, "mm"),
+        ("error of coupler and rocker", np.abs(turned).max(), 2.0e-4, "rad"),
+        ("accelerations, QP minus MuJoCo, share of the largest", max(forecast) / largest, 0.03, ""),
     ]
-    for what, value, most, unit in targets:
-        print(f"{what}: {value:.3g} {unit} (at most {most:g})")
+    for name, value, most, unit in targets:
+        print(f"{name}: {value:.3g} {unit} (at most {most:g})")
     return int(not all(value <= most for _, value, most, _ in targets))
 
 

@@ -1,7 +1,7 @@
-"""A Gymnasium environment whose action is a task reference: the agent says where the centre of mass should be.
+"""A Gymnasium environment with task references as actions: the agent sets the position of the centre of mass.
 
-The whole-body controller underneath keeps balance, limits and friction, so that an agent that knows nothing of legs
-does not fall. The agent's goal is a point that is new in every episode. Needs ``pip install gymnasium``.
+The whole-body controller keeps balance, limits and friction. The goal is a random point in each episode. Requires
+``pip install gymnasium``.
 """
 
 import sys
@@ -11,32 +11,32 @@ import numpy as np
 
 import wbc_controller as wbc
 
-REACH = np.array([0.03, 0.03, 0.06])  # m, the farthest that an action asks for, from where the robot stands
-CYCLES, STEPS = 25, 40  # control cycles in one step of the environment, and steps in an episode
+REACH = np.array([0.03, 0.03, 0.06])  # largest displacement of an action, m
+CYCLES, STEPS = 25, 40  # control cycles per step of the environment, steps per episode
 
 
 class BalanceEnv(gymnasium.Env):
-    """Go2 stands; an action in [-1, 1]³ is the reference of its centre of mass.
+    """Standing Go2; an action in [-1, 1]³ is the reference of its centre of mass.
 
-    The observation is the offset of the centre of mass from where it stood, its velocity, and the goal, (9,).
+    Observation, (9,): displacement and velocity of the centre of mass, and goal.
     """
 
     def __init__(self) -> None:
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float32)
         self.observation_space = gymnasium.spaces.Box(-10.0, 10.0, (9,), np.float32)
-        # Actions are streamed: each is reached within one step of the environment.
+        # Each action is reached within one step of the environment.
         self.robot = wbc.Simulation(wbc.load("go2").replace({"tasks.com.setpoint_duration": CYCLES / 500.0}))
         self.start = np.array(self.robot.controller.dynamics.com)
 
     def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple[np.ndarray, dict]:
-        """Stand, and draw a goal."""
+        """Reset the robot and draw a goal."""
         super().reset(seed=seed)
         self.robot.reset()
         self.goal, self.steps = REACH * self.np_random.uniform(-1.0, 1.0, 3), 0
         return self.observation(), {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict]:
-        """Send the reference, and let the controller run for some cycles."""
+        """Set the reference and run some control cycles."""
         self.robot.controller.set("com", self.start + REACH * np.clip(action, -1.0, 1.0))
         self.robot.run(CYCLES * self.robot.controller.period)
         self.steps += 1
@@ -45,13 +45,13 @@ class BalanceEnv(gymnasium.Env):
         return seen, -distance, self.robot.plant.fallen, self.steps >= STEPS, {"distance": distance}
 
     def observation(self) -> np.ndarray:
-        """What the agent sees."""
+        """Return the observation."""
         dynamics = self.robot.controller.dynamics
         return np.concatenate([dynamics.com - self.start, dynamics.com_velocity, self.goal]).astype(np.float32)
 
 
 def main() -> int:
-    """Play one episode with the obvious policy; 0 where the goal was reached."""
+    """Run one episode with the goal as action; return 0 if the goal was reached."""
     env = BalanceEnv()
     seen, _ = env.reset(seed=7)
     total, done = 0.0, False

@@ -1,6 +1,6 @@
-"""An elbow of G1 is flung at a goal beyond its stop, in MuJoCo; every limit that is in its way holds.
+"""An elbow of G1 accelerates to a goal beyond its stop, in MuJoCo; all limits hold.
 
-Its position, velocity and acceleration, its torque, the torque's rate, and what the motor has left at its speed.
+Limits of position, velocity, acceleration, torque, torque rate, and the torque-speed curve.
 """
 
 import sys
@@ -15,7 +15,7 @@ FASTEST, ACCELERATION, TORQUE_RATE = 0.1, 60.0, 40.0  # share of the velocity li
 
 
 def configuration() -> wbc.Config:
-    """G1 with a task that flings its elbow, and tight limits."""
+    """Return G1 with a fast elbow task and tight limits."""
     return wbc.load("g1").replace({
         "tasks.fling": {"type": "posture", "joints": [JOINT], "stiffness": 400.0, "setpoint_duration": 0.0},
         "limits": {"velocity_scale": FASTEST, "acceleration": ACCELERATION, "torque_rate": TORQUE_RATE},
@@ -24,7 +24,7 @@ def configuration() -> wbc.Config:
 
 
 def main() -> int:
-    """Fling the elbow to and fro; 0 where every limit bound and held."""
+    """Move the elbow between goals; return 0 if every limit was reached and held."""
     robot, results = wbc.Simulation(configuration()), []
     model = robot.controller.model
     i = model.joints.index(JOINT)
@@ -38,19 +38,19 @@ def main() -> int:
     rate = np.abs(np.diff(tau)).max() / robot.controller.period / effort
     left = effort * np.clip((NO_LOAD - np.abs(v)) / (NO_LOAD - CORNER), 0.0, 1.0)
     targets = [
-        ("position beyond the stop", q.max() - stop, 1.0e-3, "rad"),
-        ("speed beyond the fastest", np.abs(v).max() - fastest, 0.02, "rad/s"),
-        ("acceleration beyond the largest", np.abs(v_dot).max() - ACCELERATION, 1.0e-4, "rad/s²"),
-        ("torque beyond the limit", np.abs(tau).max() - effort, 1.0e-4, "N·m"),
-        ("torque beyond what is left at the speed", (tau * np.sign(v) - left).max(), 1.0e-4, "N·m"),
-        ("torque rate beyond the largest", rate - TORQUE_RATE, 1.0e-2, "1/s"),
-        ("short of the stop", stop - q.max(), 5.0e-3, "rad"),
-        ("short of the fastest", fastest - np.abs(v).max(), 0.2, "rad/s"),
-        ("short of what is left at the speed", (left - tau * np.sign(v)).min(), 0.1, "N·m"),
+        ("position above limit", q.max() - stop, 1.0e-3, "rad"),
+        ("velocity above limit", np.abs(v).max() - fastest, 0.02, "rad/s"),
+        ("acceleration above limit", np.abs(v_dot).max() - ACCELERATION, 1.0e-4, "rad/s²"),
+        ("torque above limit", np.abs(tau).max() - effort, 1.0e-4, "N·m"),
+        ("torque above torque-speed curve", (tau * np.sign(v) - left).max(), 1.0e-4, "N·m"),
+        ("torque rate above limit", rate - TORQUE_RATE, 1.0e-2, "1/s"),
+        ("position below limit", stop - q.max(), 5.0e-3, "rad"),
+        ("velocity below limit", fastest - np.abs(v).max(), 0.2, "rad/s"),
+        ("torque below torque-speed curve", (left - tau * np.sign(v)).min(), 0.1, "N·m"),
     ]
-    for what, value, most, unit in targets:
-        print(f"{what}: {value:.4g} {unit} (at most {most:g})")
-    print(f"bound: {', '.join(sorted({name for r in results for name in r.binding if JOINT in name}))}")
+    for name, value, most, unit in targets:
+        print(f"{name}: {value:.4g} {unit} (at most {most:g})")
+    print(f"binding: {', '.join(sorted({name for r in results for name in r.binding if JOINT in name}))}")
     return int(not all(value <= most for _, value, most, _ in targets))
 
 

@@ -1,4 +1,4 @@
-"""Your own MuJoCo loop: Unitree A1, which is not shipped, squats on the collision shapes of its URDF."""
+"""Your own MuJoCo loop: Unitree A1 (not shipped) squats on the collision shapes of its URDF."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ robot = wbc.MujocoInterface(controller.model, scene)
 robot.place(data, controller.stance())
 controller.reset(*robot.state(data))
 start = np.array(controller.dynamics.com)
-for height in (0.0, -0.1, 0.0):  # m, from where it stands
+for height in (0.0, -0.1, 0.0):  # m, relative to the start
     controller.set("com", start + np.array([0.0, 0.0, height]))
     for _ in range(750):
         robot.apply(data, controller.step(*robot.state(data), data.time).tau)

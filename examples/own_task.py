@@ -1,7 +1,7 @@
-"""A task and a limit of your own, without a fork: G1 keeps a tray level on its hand, and its head below a beam.
+"""User-defined task and limit: G1 keeps a tray on its hand level, and its head below a beam.
 
-A task is the quantity x(q), its Jacobian and its drift J̇v; the base class makes a spring and a damper of them. A limit
-is rows of lower ≤ G v̇ ≤ upper. Both are classes that `Simulation` and `Controller` call with the robot's model.
+A task is a quantity x(q) with Jacobian and drift J̇v. A limit consists of rows lower ≤ G v̇ ≤ upper. `Simulation` and
+`Controller` call both classes with the robot's model.
 """
 
 import sys
@@ -12,12 +12,12 @@ import pinocchio as pin
 import wbc_controller as wbc
 
 HAND, HEAD = "left_rubber_hand", "torso_link"
-ROOM, HORIZON = 0.02, 0.1  # m above the torso's start, and s: how softly the beam brakes it
+ROOM, HORIZON = 0.02, 0.1  # height of the beam above the torso's start, m; braking time, s
 AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 class LevelTray(wbc.MotionTask):
-    """Height difference between two points on the hand, 20 cm apart: zero where the tray on it is level, (1,) in m."""
+    """Height difference of two points on the hand, 20 cm apart, (1,) in m."""
 
     size = 1
     weight = 20.0
@@ -27,39 +27,39 @@ class LevelTray(wbc.MotionTask):
         self.frame = model.frame_id(HAND, "tray")
 
     def arm(self, dynamics: wbc.Dynamics) -> np.ndarray:
-        """From one point to the other, world axes, (3,)."""
+        """Return the vector between the points, world axes, (3,)."""
         return dynamics.placement(self.frame).rotation @ [0.2, 0.0, 0.0]
 
     def position(self, dynamics: wbc.Dynamics) -> np.ndarray:
-        """Height of one point above the other, (1,) in m."""
+        """Return the height difference, (1,) in m."""
         return self.arm(dynamics)[2:]
 
     def velocity(self, dynamics: wbc.Dynamics) -> np.ndarray:
-        """Its rate, (1,) in m/s."""
+        """Return its rate, (1,) in m/s."""
         return np.cross(dynamics.velocity(self.frame, AXES)[3:], self.arm(dynamics))[2:]
 
     def error(self, dynamics: wbc.Dynamics, position: np.ndarray) -> np.ndarray:
-        """To a reference, (1,) in m."""
+        """Return the error from a reference, (1,) in m."""
         return position - self.position(dynamics)
 
     def jacobian(self, dynamics: wbc.Dynamics) -> np.ndarray:
-        """J, (1, nv)."""
+        """Return J, (1, nv)."""
         return -(pin.skew(self.arm(dynamics)) @ dynamics.jacobian(self.frame, AXES)[3:])[2:]
 
     def drift(self, dynamics: wbc.Dynamics) -> np.ndarray:
-        """J̇v, (1,) in m/s²."""
+        """Return J̇v, (1,) in m/s²."""
         omega, arm = dynamics.velocity(self.frame, AXES)[3:], self.arm(dynamics)
         return (np.cross(dynamics.drift_world(self.frame)[3:], arm) + np.cross(omega, np.cross(omega, arm)))[2:]
 
 
 class Beam(wbc.RowLimit):
-    """The torso stays below a beam: z̈ ≤ (room - 2 T ż) / T², under which the room decays and never becomes negative."""
+    """Torso below a beam: z̈ ≤ (room - 2 T ż) / T², so that the room stays positive."""
 
     names, kind, unit = ("beam:torso",), "beam", "m/s²"
 
     def __init__(self, model: wbc.RobotModel) -> None:
         self.frame = model.frame_id(HEAD, "beam")
-        self.height = np.inf  # set when it is known where the robot stands
+        self.height = np.inf  # set after the start
 
     def fill(self, dynamics, period, rows, lower, upper) -> None:
         """Write G, lower and upper."""
@@ -71,7 +71,7 @@ class Beam(wbc.RowLimit):
 
 
 def main() -> int:
-    """Sway and rise against the beam; 0 where both targets are met."""
+    """Sway and rise against the beam; return 0 if both targets are met."""
     config = wbc.load("g1").replace({"robot.posture.left_elbow_joint": 0.2, "tasks.com.setpoint_duration": 0.5})
     robot = wbc.Simulation(config, tasks=[LevelTray], limits=[Beam])
     controller, beam = robot.controller, robot.controller.limits["beam"]
@@ -85,8 +85,8 @@ def main() -> int:
     print(results[-1])
     tilt, over = max(each.task_errors["tray"] for each in results[400:]), max(heights) - beam.height
     bound = "beam:torso" in results[-1].binding
-    print(f"tray off level by at most {1e3 * tilt:.2f} mm in 20 cm (at most 2)")
-    print(f"torso above the beam by {1e3 * over:.2f} mm (at most 0.1); the beam was binding: {bound}")
+    print(f"height difference of the tray: {1e3 * tilt:.2f} mm in 20 cm (at most 2)")
+    print(f"torso above the beam: {1e3 * over:.2f} mm (at most 0.1); beam binding: {bound}")
     return int(not (tilt < 2e-3 and over < 1e-4 and bound))
 
 

@@ -1,7 +1,6 @@
-"""A pair of legs with sprung ankles stands in a stride, squats and comes up again, in MuJoCo.
+"""Legs with passive ankles squat in a stride, in MuJoCo.
 
-The pitch of the ankles has no motor: a spring and a damper, known to the controller, give its torque. One foot is ahead
-of the other, so that the ten motors that are left can put the forces where balance wants them.
+The ankle pitch joints have springs and dampers in place of motors. In a stride the other ten motors can balance.
 """
 
 import sys
@@ -11,15 +10,14 @@ import pinocchio as pin
 
 import wbc_controller as wbc
 
-LEG = 0.35  # m, each of thigh and shank
-HIP = 0.10  # m, to each side
-FOOT = 0.06  # m, from the ankle to the sole
-HEIGHT, STRIDE = 0.62, 0.15  # m: hip above the ankles; each foot ahead of the hip, or behind it
+LEG = 0.35  # length of thigh and shank, m
+HIP = 0.10  # lateral offset of the hips, m
+FOOT = 0.06  # height of the ankle above the sole, m
+HEIGHT, STRIDE = 0.62, 0.15  # height of the hip above the ankles, distance of the feet from the hip, m
 SQUAT = 0.10  # m
 STIFFNESS, DAMPING = 25.0, 0.5  # N·m/rad, N·m·s/rad
 ANKLES = ["left_ankle_pitch", "right_ankle_pitch"]
-#: Of each leg: joint, axis, link that it moves, height of the joint in the link before, m, mass, and height of its
-#: centre of mass.
+#: Joints of a leg: name, axis, moved link, height in the parent link, m, mass, kg, height of the centre of mass, m.
 CHAIN = (
     ("hip_yaw", "0 0 1", "hip", 0.0, 0.6, -0.02),
     ("hip_roll", "1 0 0", "fork", 0.0, 0.6, -0.02),
@@ -35,7 +33,7 @@ JOINT = """<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2
 
 
 def legs() -> str:
-    """The robot as URDF. The effort limit of the sprung joints is 0: nothing looks at it."""
+    """Return the URDF. The effort limit of passive joints is not used."""
     urdf = '<robot name="sprung_legs">' + LINK.format("pelvis", 0.15, 14.0, 0.25)
     for side, y in (("left", HIP), ("right", -HIP)):
         parent = "pelvis"
@@ -48,14 +46,14 @@ def legs() -> str:
 
 
 def bent(ahead: float) -> list[float]:
-    """Angles of a leg whose ankle is that far ahead of the hip, m, with the foot level."""
+    """Return the joint angles of a leg with level foot and the ankle at a distance ahead of the hip, m."""
     half = np.arccos(np.hypot(ahead, HEIGHT) / (2.0 * LEG))
     hip = -np.arctan2(ahead, HEIGHT) - half
     return [0.0, 0.0, hip, 2.0 * half, -hip - 2.0 * half, 0.0]
 
 
 def configuration() -> wbc.Config:
-    """The legs in a stride, left foot ahead, with the springs at rest."""
+    """Return the legs in a stride, left foot ahead, with relaxed springs."""
     posture = {f"left_{joint}": angle for (joint, *_), angle in zip(CHAIN, bent(STRIDE), strict=True)}
     posture |= {f"right_{joint}": angle for (joint, *_), angle in zip(CHAIN, bent(-STRIDE), strict=True)}
     spring = {"stiffness": STIFFNESS, "damping": DAMPING}
@@ -78,7 +76,7 @@ def configuration() -> wbc.Config:
 
 
 def main() -> int:
-    """Squat and come up in two seconds; 0 where all targets are met."""
+    """Squat and rise in two seconds; return 0 if all targets are met."""
     config = configuration()
     for finding in wbc.check(config):
         print(f"{finding.subject}: {finding.text}")
@@ -88,11 +86,11 @@ def main() -> int:
     ankles = [model.joints.index(name) for name in ANKLES]
     start, bend, wrong, forecast = np.array(dynamics.com), [], [], []
 
-    def look(robot: wbc.Simulation) -> None:
+    def observe(robot: wbc.Simulation) -> None:
         robot.plant.forward()
         wrenches = robot.plant.contact_wrenches()
         q, v = robot.plant.state()
-        # What MuJoCo's motion and contact forces say of the torque at the ankles, by inverse dynamics.
+        # Ankle torques by inverse dynamics, from motion and contact forces of MuJoCo.
         force = pin.rnea(model.pinocchio, data, q, v, robot.plant.acceleration())
         force -= sum(contacts[name].jacobian(dynamics).T @ wrench for name, wrench in wrenches.items())
         turned = q[model.q_index][ankles] - model.posture[ankles]
@@ -101,23 +99,28 @@ def main() -> int:
         wrong.append(np.max(np.abs(force[model.v_index][ankles] - spring)))
         forecast.append(np.linalg.norm([robot.result.forces[name] - wrench for name, wrench in wrenches.items()]))
 
-    robot.run(0.3)  # until the soles have settled
+    robot.run(0.3)  # settling of the soles
     robot.controller.follow("com", [1.0, 2.0], [start - [0.0, 0.0, SQUAT], start])
-    results = robot.run(2.2, look)
+    results = robot.run(2.2, observe)
     off = [result.task_errors["com"] for result in results]
     targets = [
-        ("centre of mass off its reference", 1e3 * max(off), 1.0, "mm"),
-        ("centre of mass at the end", 1e3 * off[-1], 0.2, "mm"),
-        ("pelvis tilted", max(result.task_errors["pelvis"] for result in results), 0.002, "rad"),
-        ("torque of the ankles, MuJoCo's against the springs'", max(wrong), 1.0e-6, "N·m"),
-        ("contact forces, QP against MuJoCo, of the weight", max(forecast) / (model.mass * model.gravity), 0.02, ""),
+        ("error of the centre of mass", 1e3 * max(off), 1.0, "mm"),
+        ("error of the centre of mass at the end", 1e3 * off[-1], 0.2, "mm"),
+        ("orientation error of the pelvis", max(result.task_errors["pelvis"] for result in results), 0.002, "rad"),
+        ("ankle torques, MuJoCo minus springs", max(wrong), 1.0e-6, "N·m"),
+        (
+            "contact forces, QP minus MuJoCo, share of the weight",
+            max(forecast) / (model.mass * model.gravity),
+            0.02,
+            "",
+        ),
         ("motors", float(len(robot.result.tau)), 10.0, ""),
         ("fallen", float(robot.plant.fallen), 0.5, ""),
     ]
-    for what, value, most, unit in targets:
-        print(f"{what}: {value:.3g} {unit} (at most {most:g})")
+    for name, value, most, unit in targets:
+        print(f"{name}: {value:.3g} {unit} (at most {most:g})")
     bent_by, least = max(bend), 0.1
-    print(f"ankles bent by: {bent_by:.3g} rad (at least {least:g})")
+    print(f"motion of the ankles: {bent_by:.3g} rad (at least {least:g})")
     return int(not (bent_by >= least and all(value <= most for _, value, most, _ in targets)))
 
 

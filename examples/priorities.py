@@ -1,7 +1,7 @@
-"""A humanoid bends to reach a point, and its balance does not give: strict priorities, and a tolerance on the highest.
+"""A humanoid reaches for a point with strict priorities, in MuJoCo.
 
-The centre of mass may be anywhere within 3 cm; the hand comes next; what both leave open belongs to the posture. With
-the same weights on one level, the hand takes the centre of mass along, past the toes. In MuJoCo.
+Level 0: centre of mass within a tolerance of 3 cm; level 1: hand; level 2: posture. With the same weights on one level
+the centre of mass moves beyond the toes.
 """
 
 import sys
@@ -11,15 +11,14 @@ import numpy as np
 import wbc_controller as wbc
 
 TOLERANCE = 0.03  # m, forward and sideways
-FAR = 0.45  # m, ahead of where the hand is
-#: G1 with a hand that is to reach. The tasks that settle what is left open need weight: with a weak posture below a
-#: strict hand, the arms and legs swing.
+FAR = 0.45  # forward distance of the goal, m
+#: G1 with a hand task. The lower tasks need enough weight, otherwise arms and legs swing.
 WEIGHTED = wbc.load("g1").replace({
     "tasks.com": {"stiffness": 40.0, "damping": None},
     "tasks.left_hand": {"type": "frame_position", "weight": 50.0, "stiffness": 40.0},
     "tasks.pelvis.weight": 0.5, "tasks.torso.weight": 0.5, "tasks.posture.weight": 0.1,
 })  # fmt: skip
-#: The same tasks and weights on three levels.
+#: Same tasks and weights on three levels.
 STRICT = WEIGHTED.replace({
     "tasks.com.tolerance": [TOLERANCE, TOLERANCE, 0.2],
     "tasks.left_hand.level": 1,
@@ -28,7 +27,7 @@ STRICT = WEIGHTED.replace({
 
 
 def reach(config: wbc.Config, seconds: float) -> tuple[float, float, wbc.Simulation]:
-    """Reach for a while; gives how far hand and centre of mass went ahead, m."""
+    """Reach; return forward displacements of hand and centre of mass, m."""
     robot = wbc.Simulation(config)
     dynamics, hand = robot.controller.dynamics, robot.controller.tasks["left_hand"]
     robot.run(0.1)
@@ -40,7 +39,7 @@ def reach(config: wbc.Config, seconds: float) -> tuple[float, float, wbc.Simulat
 
 
 def main() -> int:
-    """Reach with priorities and without; 0 where all targets are met."""
+    """Reach with and without priorities; return 0 if all targets are met."""
     hand, com, robot = reach(STRICT, 2.0)
     for level in robot.result.solution.levels:
         print(f"{', '.join(level.tasks)}: cost {level.cost:.3g}, {level.iterations} iterations")
@@ -51,8 +50,8 @@ def main() -> int:
         ("centre of mass ahead, with weights", 1e3 * weighted_com, 90.0, np.inf, "mm"),
         ("fallen, with levels", float(robot.plant.fallen), 0.0, 0.0, ""),
     ]
-    for what, value, least, most, unit in targets:
-        print(f"{what}: {value:.1f} {unit} ({least:g} to {most:g})")
+    for name, value, least, most, unit in targets:
+        print(f"{name}: {value:.1f} {unit} ({least:g} to {most:g})")
     return int(not all(least <= value <= most for _, value, least, most, _ in targets))
 
 

@@ -1,7 +1,4 @@
-"""G1's hands are commanded through its torso, then through each other, in MuJoCo; the links keep their distance.
-
-When the way is free again, the hands are where they are wanted.
-"""
+"""G1's hands are commanded into its torso, and through each other, in MuJoCo; the links keep their distance."""
 
 import sys
 
@@ -14,8 +11,8 @@ HANDS = ("left_hand", "right_hand")
 
 
 def configuration() -> wbc.Config:
-    """G1 with its hands' tasks on, and its links kept apart."""
-    visual = ["left_rubber_hand", "right_rubber_hand"]  # they have no collision elements
+    """Return G1 with enabled hand tasks and self-collision avoidance."""
+    visual = ["left_rubber_hand", "right_rubber_hand"]  # without collision elements
     return wbc.load("g1").replace(
         {"limits.self_collision": {"enabled": True, "margin": MARGIN, "visual": visual}}
         | {f"tasks.{hand}": {"enabled": True, "setpoint_duration": 0.3} for hand in HANDS}
@@ -23,7 +20,7 @@ def configuration() -> wbc.Config:
 
 
 def main() -> int:
-    """Command what is not possible, then what is; 0 where all targets are met."""
+    """Command unreachable and reachable goals; return 0 if all targets are met."""
     config = configuration()
     for finding in wbc.check(config):
         print(f"{finding.subject}: {finding.text}")
@@ -34,7 +31,7 @@ def main() -> int:
     nearest, held = [], set()
 
     def command(seconds: float, *goals: np.ndarray) -> float:
-        """Send both hands somewhere; how far the farther one is from there in the end, m."""
+        """Command goals of both hands; return the largest error at the end, m."""
         for task, at, pose in zip(tasks, goals, start, strict=True):
             robot.controller.set(task.name, [*at, *pose[3:]])
         for _ in range(round(seconds / 0.02)):
@@ -51,15 +48,15 @@ def main() -> int:
     errors.append(command(0.7, left + up, right + up))
 
     distance, name = min(nearest)
-    print(f"nearest: {name.partition(':')[2]}; {len(held)} pairs were held")
+    print(f"nearest pair: {name.partition(':')[2]}; {len(held)} pairs were binding")
     targets = [
         ("distance below the margin", max(0.0, 1e3 * (MARGIN - distance)), 0.0, "mm"),
-        ("hands off their free goals", 1e3 * max(errors), 10.0, "mm"),
+        ("error at reachable goals", 1e3 * max(errors), 10.0, "mm"),
         ("fallen", float(robot.plant.fallen), 0.5, ""),
     ]
-    for what, value, most, unit in targets:
-        print(f"{what}: {value:.2f} {unit} (at most {most:g})")
-    print(f"hands off goals that were in the way: {1e3 * min(blocked):.0f} mm (at least 100)")
+    for name, value, most, unit in targets:
+        print(f"{name}: {value:.2f} {unit} (at most {most:g})")
+    print(f"error at unreachable goals: {1e3 * min(blocked):.0f} mm (at least 100)")
     return int(not (all(value <= most for _, value, most, _ in targets) and min(blocked) >= 0.1 and len(held) > 0))
 
 

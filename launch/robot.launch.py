@@ -1,4 +1,4 @@
-"""The controller for a robot or simulator that is there: ``ros2 launch wbc_controller robot.launch.py config:=…``."""
+"""Controller for an existing robot or simulator: ``ros2 launch wbc_controller robot.launch.py config:=…``."""
 
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
@@ -17,19 +17,19 @@ def generate_launch_description() -> LaunchDescription:
             "activate",
             default_value="false",
             choices=["true", "false"],
-            description="Activate the controller as soon as its inputs are fresh, without the command.",
+            description="Activate the controller without a command, when its inputs are fresh.",
         ),
         DeclareLaunchArgument(
             "guard",
             default_value="false",
             choices=["true", "false"],
-            description="Start the guard too, which damps the robot when the controller's commands stop.",
+            description="Start the guard, which damps the robot when the controller's commands stop.",
         ),
         DeclareLaunchArgument(
             "use_sim_time",
             default_value="false",
             choices=["true", "false"],
-            description="Let ages and ramps go by /clock: for simulators, never on a robot.",
+            description="Use /clock for ages and ramps: for simulators only.",
         ),
         DeclareLaunchArgument(
             "joint_states", default_value="joint_states", description="Topic of the robot's joint states."
@@ -37,12 +37,12 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             "odom",
             default_value="odom",
-            description="Topic of the base's pose and twist, of an estimator or simulator.",
+            description="Topic of pose and twist of the base, from an estimator or simulator.",
         ),
         DeclareLaunchArgument(
             "effort",
             default_value="effort_controller/commands",
-            description="Topic of the torques: the commands of ros2_control's effort controller.",
+            description="Topic of the torques: command topic of ros2_control's effort controller.",
         ),
     ]
     config = {"config": ParameterValue(LaunchConfiguration("config"), value_type=str)}

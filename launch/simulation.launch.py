@@ -1,6 +1,6 @@
-"""The controller on a simulator behind ros2_control: ``ros2 launch wbc_controller simulation.launch.py config:=…``.
+"""Controller on a simulator with ros2_control: ``ros2 launch wbc_controller simulation.launch.py config:=…``.
 
-The simulator is mujoco_ros2_control's, or one that is running (``simulator:=false``; Gazebo with gz_ros2_control, say).
+Starts mujoco_ros2_control, or uses a running simulator (``simulator:=false``), such as Gazebo with gz_ros2_control.
 """
 
 from launch.actions import DeclareLaunchArgument
@@ -26,25 +26,25 @@ def generate_launch_description() -> LaunchDescription:
             "simulator",
             default_value="true",
             choices=["true", "false"],
-            description="Start mujoco_ros2_control and robot_state_publisher; false where the simulator is running "
-            "with a controller manager.",
+            description="Start mujoco_ros2_control and robot_state_publisher; false for a running simulator with a "
+            "controller manager.",
         ),
         DeclareLaunchArgument(
             "description",
             default_value="",
-            description="With simulator:=true, path of the robot's URDF or xacro, with a <ros2_control> tag whose "
-            "plugin is mujoco_ros2_control/MujocoSystemInterface and that names the MJCF model.",
+            description="With simulator:=true, path of the robot's URDF or xacro, with a <ros2_control> tag that names "
+            "the plugin mujoco_ros2_control/MujocoSystemInterface and the MJCF model.",
         ),
         DeclareLaunchArgument(
             "odom",
             default_value="/simulator/floating_base_state",
-            description="Topic of the base's true pose and twist: odom_topic of mujoco_ros2_control.",
+            description="Topic of pose and twist of the base: odom_topic of mujoco_ros2_control.",
         ),
         DeclareLaunchArgument(
             "activate",
             default_value="false",
             choices=["true", "false"],
-            description="Activate the controller as soon as its inputs are fresh, without the command.",
+            description="Activate the controller without a command, when its inputs are fresh.",
         ),
     ]
     controllers = LaunchConfiguration("controllers")

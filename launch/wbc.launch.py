@@ -1,4 +1,4 @@
-"""The controller and the mock robot: ``ros2 launch wbc_controller wbc.launch.py robot:=g1``."""
+"""Controller and mock robot: ``ros2 launch wbc_controller wbc.launch.py robot:=g1``."""
 
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
@@ -16,29 +16,27 @@ def generate_launch_description() -> LaunchDescription:
             "robot",
             default_value="g1",
             choices=["g1", "talos", "go2"],
-            description="A robot that is shipped; without meaning where config:= names a file.",
+            description="Shipped robot; ignored if config:= is set.",
         ),
-        DeclareLaunchArgument(
-            "config", default_value="", description="Path of your robot's configuration, in place of robot:=."
-        ),
+        DeclareLaunchArgument("config", default_value="", description="Path of a configuration, in place of robot:=."),
         DeclareLaunchArgument(
             "mock",
             default_value="true",
             choices=["true", "false"],
-            description="Start the mock robot too. It hangs until false is published on mock_robot/hold.",
+            description="Start the mock robot. It hangs until false is published on mock_robot/hold.",
         ),
         DeclareLaunchArgument(
             "guard",
             default_value="false",
             choices=["true", "false"],
-            description="Start the guard too, which damps the robot when the controller's commands stop.",
+            description="Start the guard, which damps the robot when the controller's commands stop.",
         ),
         DeclareLaunchArgument("namespace", default_value="", description="Namespace of all nodes."),
         DeclareLaunchArgument(
             "activate",
             default_value="false",
             choices=["true", "false"],
-            description="Activate the controller as soon as its inputs are fresh, without the command.",
+            description="Activate the controller without a command, when its inputs are fresh.",
         ),
         DeclareLaunchArgument(
             "real_time_factor", default_value="1.0", description="Simulated seconds per second of the mock robot."
@@ -47,14 +45,13 @@ def generate_launch_description() -> LaunchDescription:
             "use_sim_time",
             default_value="false",
             choices=["true", "false"],
-            description="Measure ages and ramps by the mock robot's clock, which waits for a controller that is late: "
-            "for a computer that cannot keep up with real time.",
+            description="Use the mock robot's clock, which waits for the controller: for slow computers.",
         ),
         DeclareLaunchArgument(
             "rviz",
             default_value="false",
             choices=["true", "false"],
-            description="Start RViz too (package rviz2), with the layout that is shipped.",
+            description="Start RViz (package rviz2) with the shipped layout.",
         ),
     ]
     robot, config = LaunchConfiguration("robot"), LaunchConfiguration("config")
@@ -62,7 +59,7 @@ def generate_launch_description() -> LaunchDescription:
         "robot": ParameterValue(IfElseSubstitution(EqualsSubstitution(config, ""), robot, ""), value_type=str),
         "config": ParameterValue(config, value_type=str),
     }
-    clock = [("/clock", "clock")]  # of two robots, each has its own
+    clock = [("/clock", "clock")]  # one clock per robot
     controller = Node(
         package="wbc_controller",
         executable="wbc_controller",

@@ -1,4 +1,4 @@
-"""Live tests on a busy computer: a failure of the computer is repeated, a fault is reported."""
+"""Live tests on a busy computer: deadline failures are repeated, faults are reported."""
 
 import os
 import subprocess

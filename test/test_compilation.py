@@ -1,4 +1,4 @@
-"""Compilation of kernels: types from annotations, structs that share memory with arrays, and the cache on disk."""
+"""Compilation of kernels: types, structs, cache on disk."""
 
 import ast
 import importlib.util
@@ -83,19 +83,19 @@ def test_a_struct_shares_memory_with_its_arrays(kernels):
 
 def test_a_struct_keeps_its_arrays_alive(kernels):
     struct = scaled(kernels, values=np.arange(1000.0), out=np.zeros(1000))
-    np.random.default_rng(0).normal(size=(200, 1000))  # memory that was freed would be written
+    np.random.default_rng(0).normal(size=(200, 1000))  # freed memory would be written
     kernels.scale(struct)
     assert struct.out.tolist() == (2.0 * np.arange(1000.0)).tolist()
 
 
 def test_fields_cannot_be_set_again(kernels):
-    with pytest.raises(AttributeError, match=r"Scaled\.factor cannot be set again; make a new struct"):
+    with pytest.raises(AttributeError, match=r"Scaled\.factor is read-only; create a new struct"):
         scaled(kernels).factor = 3.0
 
 
 @pytest.mark.parametrize("changes", [{"out": None}, {"other": 1.0}])
 def test_missing_and_unknown_fields_are_refused(kernels, changes):
-    with pytest.raises(TypeError, match=r"Scaled takes the fields \['values', 'factor', 'out'\], got"):
+    with pytest.raises(TypeError, match=r"Scaled has the fields \['values', 'factor', 'out'\], got"):
         scaled(kernels, **changes)
 
 
@@ -116,7 +116,9 @@ def frozen(values):
 )
 def test_arrays_of_another_type_are_refused(kernels, changes, said):
     (name,) = changes
-    with pytest.raises(TypeError, match=rf"Scaled\.{name} takes a contiguous .*float64 array of 1 axes, got {said}"):
+    with pytest.raises(
+        TypeError, match=rf"Scaled\.{name} must be a contiguous .*float64 array with 1 axes, got {said}"
+    ):
         scaled(kernels, **changes)
 
 
@@ -159,11 +161,11 @@ def run(folder, script, **environment):
 
 
 @compiled_only
-def test_the_first_start_says_that_it_compiles_and_the_next_one_loads_the_code(tmp_path):
+def test_first_start_compiles_and_second_loads(tmp_path):
     script = "import logging; logging.basicConfig(level=logging.INFO); import kernels_of_a_test"
     _, log = run(tmp_path, script, NUMBA_CACHE_DIR=str(tmp_path))
     assert "INFO:wbc_controller.compilation:compiled total in" in log
-    assert log.count("once: 15 to 60 s of processor time") == 1
+    assert log.count("once, 15 to 60 s of processor time") == 1
     assert run(tmp_path, script, NUMBA_CACHE_DIR=str(tmp_path)) == ("", "")
 
 
@@ -189,12 +191,12 @@ def test_processes_that_start_together_compile_each_function_once(tmp_path):
 @compiled_only
 def test_waiting_for_another_process_is_logged(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
-    compilation._announce_wait.cache_clear()
+    compilation._log_wait.cache_clear()
     with (tmp_path / "total.lock").open("w") as lock:
         compilation.fcntl.flock(lock, compilation.fcntl.LOCK_EX)
         waiting = threading.Thread(target=load, args=(tmp_path,), kwargs={"name": "waiting"})
         waiting.start()
-        while "another process is compiling the kernels" not in caplog.text:
+        while "waiting for another process" not in caplog.text:
             assert waiting.is_alive()
             time.sleep(0.01)
     waiting.join()
@@ -204,7 +206,7 @@ def test_waiting_for_another_process_is_logged(tmp_path, monkeypatch, caplog):
 @compiled_only
 def test_without_a_lock_functions_are_compiled_all_the_same(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
-    (tmp_path / "total.lock").mkdir()  # opening it fails, as it does in a read-only folder
+    (tmp_path / "total.lock").mkdir()  # cannot be opened, as in a read-only folder
     with caplog.at_level("DEBUG", "wbc_controller"):
         assert load(tmp_path, name="unlocked").total(np.ones(3), 2.0) == 6.0
     assert "total is compiled without a lock: [Errno 21] Is a directory" in caplog.text
@@ -213,7 +215,7 @@ def test_without_a_lock_functions_are_compiled_all_the_same(tmp_path, monkeypatc
 @compiled_only
 def test_progress_is_a_warning_for_slow_functions(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(compilation, "_SLOW", 0.0)
-    monkeypatch.setattr(compilation, "_made", [])
+    monkeypatch.setattr(compilation, "_compiled_names", [])
     load(tmp_path, name="slow")
     shown = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
     progress = [re.sub(r"\d+\.\d s", "… s", text) for text in shown if text.startswith("compiled")]
@@ -229,7 +231,7 @@ def test_the_number_of_kernels_is_known():
 import importlib
 from wbc_controller import compilation
 for module in {modules}: importlib.import_module(module)
-print(len(compilation._made), compilation._total())
+print(len(compilation._compiled_names), compilation._total())
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     made, total = done.stdout.split()
@@ -256,7 +258,7 @@ def test_the_cache_folder_depends_on_the_sources_and_the_bounds_checks(tmp_path,
     assert len(names) == 3
 
 
-def test_without_a_writable_folder_it_says_so(tmp_path, monkeypatch, caplog):
+def test_warning_without_a_writable_folder(tmp_path, monkeypatch, caplog):
     (tmp_path / "file").write_text("", encoding="utf-8")
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "file"))
     assert compilation._cache_folder.__wrapped__() is None
@@ -283,7 +285,7 @@ print(isinstance(k.scale, types.FunctionType), struct.out.tolist(), k.Scaled.__m
 
 @pytest.mark.parametrize("file", KERNELS, ids=lambda file: file.stem)
 def test_kernels_import_kernels_only(file):
-    """The cache depends on the files of kernels alone."""
+    """The cache depends on kernel files only."""
     imported = {
         node.module
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))

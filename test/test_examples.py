@@ -1,4 +1,4 @@
-"""Every example runs and meets the targets that it prints, by the front door alone."""
+"""Examples run, meet their targets, and import public names only."""
 
 import ast
 import re
@@ -44,7 +44,7 @@ def sources():
 
 
 @pytest.mark.parametrize("source", list(sources()))
-def test_of_this_package_an_example_imports_the_front_door_alone(source):
+def test_examples_import_public_names_only(source):
     found = [
         (alias.name, alias.asname) if isinstance(node, ast.Import) else (node.module, alias.name)
         for node in ast.walk(ast.parse(source))

@@ -1,4 +1,4 @@
-"""Arrays whose sizes do not agree are refused by kernels: they would read or write beyond them."""
+"""Kernels refuse arrays of inconsistent sizes."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ def audit_memory(nv=4, na=2):
     return audit.AuditMemory(S=of(na, nv), mass=1.0, **{name: of(size) for name, size in vectors.items()})
 
 
-#: A call with sizes that agree, and calls with others.
+#: A call with consistent sizes, and calls with inconsistent ones.
 CALLS = {
     "propagate": (
         lambda after, force: propagated(filter_state(), filter_state(after), force=force), (1, 3), [(2, 3), (1, 2)]

@@ -1,4 +1,4 @@
-"""Imports go one way: docs/layers.py states what each room may import."""
+"""Imports follow the table in docs/layers.py."""
 
 import ast
 import sys
@@ -14,7 +14,7 @@ ORDER = list(ROOMS)
 
 
 def imports_of(path: Path, module: str) -> set[str]:
-    """Return all modules that a file imports; `from a import b` counts as a and a.b."""
+    """Return the imported modules of a file; `from a import b` counts as a and a.b."""
     package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
     found: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
@@ -32,7 +32,7 @@ def imports_of(path: Path, module: str) -> set[str]:
 
 
 def walk(sources: Path) -> dict[str, set[str]]:
-    """Return the imports of all files below a folder, by path relative to it."""
+    """Return the imports of all files below a folder, by relative path."""
     found = {}
     for path in sorted(sources.rglob("*.py")):
         relative = path.relative_to(sources)
@@ -57,7 +57,7 @@ def is_allowed(other: str, room: str) -> bool:
 
 
 def violations(found: dict[str, set[str]]) -> list[str]:
-    """Return a sentence for each import that the table forbids."""
+    """Return a sentence for each forbidden import."""
     wrong = []
     for file, modules in found.items():
         if file == "inverse_dynamics/__init__.py" and modules <= {"__future__"}:
@@ -84,7 +84,7 @@ def test_imports_follow_the_table():
     assert violations(walk(SOURCES)) == []
 
 
-def test_the_table_goes_one_way():
+def test_table_is_ordered():
     for room, (rooms, _) in ROOMS.items():
         for other in rooms.split():
             above = [name for name in ORDER[: ORDER.index(room)] if name == other or name.startswith(f"{other}/")]
@@ -118,7 +118,7 @@ def test_folders_of_one_room_import_each_other_one_way():
     assert len(above) > 50
 
 
-def test_the_table_allows_nothing_unused():
+def test_table_has_no_unused_entries():
     used: dict[str, set[str]] = {room: set() for room in ROOMS}
     for file, modules in walk(SOURCES).items():
         room = room_of(parts_of(file))
@@ -139,12 +139,12 @@ def test_the_top_of_the_package_is_small():
 
 
 def test_file_names_differ():
-    """A name must lead to one or two files."""
+    """A file name occurs at most twice."""
     names = [path.name for path in SOURCES.rglob("*.py") if path.name != "__init__.py"]
     assert {name for name in names if names.count(name) > 2} == set()
 
 
-def test_the_walk_sees_the_whole_package():
+def test_walk_covers_the_package():
     found = walk(SOURCES)
     assert len(found) > 150
     assert "mujoco" in found["simulation/plant.py"]

@@ -1,4 +1,4 @@
-"""Public names are few, and exported on purpose: a change of them is a change of this file."""
+"""Public names of the package."""
 
 import ast
 import importlib
@@ -51,7 +51,7 @@ def test_type_checkers_see_the_same_names_from_the_same_places():
     assert seen == {name: f"wbc_controller.{module}" for name, module in wbc._PUBLIC.items()}
 
 
-def test_the_front_door_imports_nothing_before_it_is_used():
+def test_public_names_are_imported_lazily():
     code = (
         "import sys, wbc_controller; print([name for name in ('numpy', 'pinocchio', 'mujoco') if name in sys.modules])"
     )

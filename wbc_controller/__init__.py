@@ -8,7 +8,7 @@
     controller.reset(q, v)
     result = controller.step(q, v, t)         # result.tau: the torques
 
-docs/python.md is the guide. Everything in `__all__` is public; all else may change.
+See docs/python.md. Names outside `__all__` may change.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from wbc_controller.simulation.bridges.mujoco import MujocoInterface
     from wbc_controller.simulation.simulation import Simulation
 
-#: Where each public name is defined. They are imported when they are first used: the command line starts without them,
-#: and `Simulation` needs MuJoCo, an extra.
+#: Module of each public name. It is imported on first use: the command line starts faster, and MuJoCo is optional.
 _PUBLIC = {
     "AnchoredContact": "inverse_dynamics.contacts",
     "Config": "settings.config",

@@ -1,4 +1,4 @@
-"""`python -m wbc_controller` is the command `wbc`."""
+"""Entry point of `python -m wbc_controller`, the command `wbc`."""
 
 from wbc_controller.cli import main
 

@@ -1,4 +1,4 @@
-"""Checks of arguments of public functions: numbers, arrays of numbers, names and mappings."""
+"""Argument checks of public functions; invalid arguments raise `InputRefused`."""
 
 from __future__ import annotations
 
@@ -14,15 +14,11 @@ from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.records import Array
 
 
-def array_of_numbers(values: Any, what: str) -> Array:
-    """Read an array of real numbers, not necessarily finite; `what` names it in errors.
-
-    Raises:
-        InputRefused: if a value is not a real number, or the array is masked: masked values are not numbers.
-    """
+def array_of_numbers(values: Any, subject: str) -> Array:
+    """Return an array of real numbers, infinity or NaN; `subject` names it in errors."""
     parts = values if isinstance(values, list | tuple) else [values]
     if any(isinstance(part, np.ma.MaskedArray) for part in parts):
-        raise InputRefused(f"{what} is a masked array; fill it first, with numpy.ma.filled")
+        raise InputRefused(f"{subject} is a masked array; fill it with numpy.ma.filled")
     try:
         array = np.asarray(values)
         if array.dtype.kind == "O" and all(isinstance(value, numbers.Real) for value in array.flat):
@@ -30,74 +26,58 @@ def array_of_numbers(values: Any, what: str) -> Array:
         if array.dtype.kind in "iuf":
             return np.asarray(array, dtype=np.float64)
     except Exception as error:  # NumPy calls methods of any object
-        raise InputRefused(f"{what} is not an array of numbers: {error}") from error
-    raise InputRefused(f"{what} is not an array of numbers: {reprlib.repr(values)}")
+        raise InputRefused(f"{subject} is not an array of numbers: {error}") from error
+    raise InputRefused(f"{subject} is not an array of numbers: {reprlib.repr(values)}")
 
 
-def finite(values: Any, what: str) -> Array:
-    """Read an array of finite numbers.
-
-    Raises:
-        InputRefused: if a value is not a real number, or not finite.
-    """
-    array = array_of_numbers(values, what)
+def finite(values: Any, subject: str) -> Array:
+    """Return an array of finite numbers."""
+    array = array_of_numbers(values, subject)
     if not np.isfinite(array).all():
-        raise InputRefused(f"{what} holds a value that is not finite: {shortened(array)}")
+        raise InputRefused(f"{subject} is not finite: {shortened(array)}")
     return array
 
 
-def sized(values: Any, size: int, what: str) -> Array:
-    """Read an array of real numbers, (size,), not necessarily finite.
-
-    Raises:
-        InputRefused: if a value is not a real number, or the array has another shape.
-    """
-    array = array_of_numbers(values, what)
+def sized(values: Any, size: int, subject: str) -> Array:
+    """Return an array of real numbers, infinity or NaN, (size,)."""
+    array = array_of_numbers(values, subject)
     if array.shape != (size,):
-        raise InputRefused(f"{what} has the shape {array.shape}; it takes ({size},)")
+        raise InputRefused(f"{subject} has shape {array.shape}, expected ({size},)")
     return array
 
 
-def number(value: Any, what: str, lower: float = -math.inf, upper: float = math.inf) -> float:
-    """Read a real number within a range; `what` names it in errors.
-
-    Raises:
-        InputRefused: if it is not a real number, or outside the range.
-    """
+def number(value: Any, subject: str, lower: float = -math.inf, upper: float = math.inf) -> float:
+    """Return a real number within a range."""
     try:
         result = float(value) if isinstance(value, numbers.Real) and not isinstance(value, bool) else math.nan
     except OverflowError:
         result = math.nan
     if not (lower <= result <= upper and math.isfinite(result)):
         valid = "a finite number" if lower == -math.inf else f"from {lower:g} to {upper:g}"
-        raise InputRefused(f"{what} must be {valid}, not {reprlib.repr(value)}")
+        raise InputRefused(f"{subject} must be {valid}, not {reprlib.repr(value)}")
     return result
 
 
-def name_of(value: Any, choices: Iterable[str], what: str) -> str:
-    """Read one of some names; `what` is their kind, such as ``task``.
-
-    Raises:
-        InputRefused: if it is not one of them.
-    """
+def require_choice(value: Any, choices: Iterable[str], subject: str) -> str:
+    """Return a name among the choices; `subject` is its kind, such as ``task``."""
     names = tuple(choices)
     if not isinstance(value, str) or value not in names:
-        raise InputRefused(f"there is no {what} {reprlib.repr(value)}; {valid_choices(str_of(value), names)}")
+        raise InputRefused(f"unknown {subject} {reprlib.repr(value)}; {valid_choices(str_of(value), names)}")
     return value
 
 
 def str_of(value: Any) -> str:
-    """Return a short text for a value of any type."""
+    """Return a string unchanged, and a short `repr` of any other value."""
     return value if isinstance(value, str) else reprlib.repr(value)
 
 
 def is_mapping_of_names(value: Any) -> bool:
-    """Return True for a mapping with texts as keys."""
+    """Return True for a mapping with strings as keys."""
     return isinstance(value, Mapping) and all(isinstance(key, str) for key in value)
 
 
 def shortened(array: Array) -> str:
-    """Return the first values of an array, for an error message."""
+    """Format the first eight values of an array."""
     flat = array.reshape(-1)
     shown = ", ".join(f"{value:g}" for value in flat[:8])
     return f"[{shown}{', …' if flat.size > 8 else ''}]"

@@ -1,4 +1,4 @@
-"""The command line, `wbc`: the table of its commands, whose modules are imported when they are needed."""
+"""Command line `wbc`: table of commands, each imported when used."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 
 from wbc_controller.errors import WbcError
 
-#: The module of each command, below this package. It holds the command under its name, with underscores.
+#: Module of each command. The attribute has the name of the command, with underscores.
 COMMANDS = {
     "accuracy": "validation.accuracy.accuracy_commands",
     "bench": "validation.latency.latency_commands",
@@ -37,7 +37,7 @@ COMMANDS = {
 
 
 class _Commands(click.Group):
-    """Imports a command when it is used, and shows errors of this package as one message, with exit status 2."""
+    """Group that imports commands when used, and prints a `WbcError` as one message with exit status 2."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -62,5 +62,5 @@ class _Commands(click.Group):
 def main() -> None:
     """Whole-body control by one quadratic program per cycle.
 
-    CONFIG is the name of a robot that is shipped (g1, talos, go2) or the path of a .yaml file.
+    CONFIG is the name of a shipped robot (g1, talos, go2) or the path of a .yaml file.
     """

@@ -1,6 +1,6 @@
-"""Compilation of kernels with Numba: explicit types from annotations, structs of named arrays, a cache on disk.
+"""Compilation of kernels with Numba: types from annotations, structs of arrays, cache on disk.
 
-A kernel is a function in a file `*_kernels.py`. Its annotations are the types that it is compiled for:
+A kernel is a function in a file `*_kernels.py`, compiled for the types of its annotations:
 
 ::
 
@@ -11,13 +11,12 @@ A kernel is a function in a file `*_kernels.py`. Its annotations are the types t
     @compiled
     def clip(bounds: Bounds, values: Vector, out: OutVector) -> None: ...
 
-It is compiled when its module is imported, never later: a call with other types raises a TypeError. Processes that are
-started together compile each function once: the others wait for its code. Sums are taken in the order in which they are
-written (no ``fastmath``), so that every run gives the same bits.
+Kernels are compiled on import; a call with other types raises a TypeError. Of concurrent processes one compiles a
+kernel and the others wait. Without ``fastmath`` all runs give the same bits.
 
-With ``NUMBA_DISABLE_JIT=1`` kernels are Python functions and structs plain objects, for breakpoints and coverage.
-``NUMBA_BOUNDSCHECK=1`` adds bounds checks. ``NUMBA_CACHE_DIR`` names a folder for the compiled code; by default it is
-in the package's ``__pycache__``, or, if that is read-only, in the user's cache folder.
+``NUMBA_DISABLE_JIT=1`` turns kernels into Python functions, for breakpoints and coverage. ``NUMBA_BOUNDSCHECK=1`` adds
+bounds checks. ``NUMBA_CACHE_DIR`` is the cache folder; default: the package's ``__pycache__``, or the user's cache
+folder if the package is read-only.
 """
 
 from __future__ import annotations
@@ -60,25 +59,25 @@ if TYPE_CHECKING:
     Signs: TypeAlias = npt.NDArray[np.int8]
     _Proxy = object
 else:
-    #: Arrays that a kernel reads: contiguous; with any strides; integers; signs.
+    #: Input arrays: contiguous, strided, integers.
     Vector = types.Array(types.float64, 1, "C", readonly=True)
     Matrix = types.Array(types.float64, 2, "C", readonly=True)
     StridedVector = types.Array(types.float64, 1, "A", readonly=True, aligned=False)
     StridedMatrix = types.Array(types.float64, 2, "A", readonly=True, aligned=False)
     Indices = types.Array(types.int64, 1, "C", readonly=True)
     IndexMatrix = types.Array(types.int64, 2, "C", readonly=True)
-    #: Arrays that a kernel writes.
+    #: Output arrays.
     OutIndices = types.Array(types.int64, 1, "C")
     OutVector = types.Array(types.float64, 1, "C")
     OutMatrix = types.Array(types.float64, 2, "C")
     OutStridedMatrix = types.Array(types.float64, 2, "A")
     Signs = types.Array(types.int8, 2, "C")
 
-    #: A proxy owns memory that Numba allocates. Without compilation it would call itself endlessly.
+    #: Without compilation the proxy would recurse endlessly.
     _Proxy = object if numba.config.DISABLE_JIT else structref.StructRefProxy
 
     def dataclass_transform(**_):
-        """Return the decorator of type checkers."""
+        """Return a decorator without effect."""
         return lambda cls: cls
 
 
@@ -86,17 +85,17 @@ _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 _SCALARS = {float: types.float64, int: types.int64, bool: types.boolean}
-#: Time of compilation from which a function is reported by a warning, s.
+#: Compilation time from which a function is logged as a warning, s.
 _SLOW = 1.0
-#: Names of the functions compiled or loaded so far.
-_made: list[str] = []
+#: Compiled or loaded functions.
+_compiled_names: list[str] = []
 
-#: A function that kernels call. It is compiled as a part of them.
+#: Decorator of a function that is compiled as a part of the kernels that call it.
 part: Callable[[_Function], _Function] = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def compiled(function: _Function) -> _Function:
-    """Compile a function for the types of its annotations: numbers, the arrays above, and structs."""
+    """Compile a function for the types of its annotations: numbers, arrays and structs."""
     if numba.config.DISABLE_JIT:
         return function
     hints = get_type_hints(function)
@@ -110,10 +109,7 @@ def compiled(function: _Function) -> _Function:
 
 @dataclass_transform(kw_only_default=True)
 class Struct(_Proxy):
-    """Named numbers, arrays and structs, which kernels read as attributes. Subclasses annotate the fields.
-
-    Arrays are shared with the caller. Kernels may write into those of the `Out…` types; no field can be set again.
-    """
+    """Immutable record of numbers, arrays and structs for kernels. Kernels may write into arrays of `Out…` types."""
 
     NumbaType: ClassVar[Any]
     numba_type: ClassVar[Any]
@@ -122,26 +118,22 @@ class Struct(_Proxy):
     _allocate: ClassVar[Any] = None
 
     def __init_subclass__(cls) -> None:
-        """Make the Numba type of the fields."""
+        """Create the Numba type."""
         hints = get_type_hints(cls)
         cls._fields = {name: _numba_type(hints[name]) for name in cls.__annotations__}
-        # As an attribute of the class it can be found by name, which the cache on disk requires.
+        # The cache on disk finds the type by its qualified name.
         names = {"__module__": cls.__module__, "__qualname__": f"{cls.__qualname__}.NumbaType"}
         cls.NumbaType = structref.register(type(cls.__name__, (types.StructRef,), names))
-        cls.numba_type = cls._numba_type_ = cls.NumbaType(list(cls._fields.items()))  # an attribute: faster calls
+        cls.numba_type = cls._numba_type_ = cls.NumbaType(list(cls._fields.items()))
         if not numba.config.DISABLE_JIT:
             structref.define_boxing(cls.NumbaType, cls)
 
     if not TYPE_CHECKING:
 
         def __new__(cls, **fields):
-            """Make a struct.
-
-            Raises:
-                TypeError: if a field is missing or unknown, or an array has another type than its annotation.
-            """
+            """Create a struct, or raise a TypeError for missing, unknown or wrong fields."""
             if fields.keys() != cls._fields.keys():
-                raise TypeError(f"{cls.__name__} takes the fields {[*cls._fields]}, got {[*fields]}")
+                raise TypeError(f"{cls.__name__} has the fields {[*cls._fields]}, got {[*fields]}")
             for name, kind in cls._fields.items():
                 if isinstance(kind, types.Array):
                     _require_array(f"{cls.__name__}.{name}", fields[name], kind)
@@ -154,7 +146,7 @@ class Struct(_Proxy):
 
         def __setattr__(self, name, value):
             if name in self._fields:
-                raise AttributeError(f"{type(self).__name__}.{name} cannot be set again; make a new struct")
+                raise AttributeError(f"{type(self).__name__}.{name} is read-only; create a new struct")
             super().__setattr__(name, value)
 
     @classmethod
@@ -165,36 +157,31 @@ class Struct(_Proxy):
             lines = [f"def {name}({fields}):", "    struct = new(kind)"]
             lines += [f"    struct.{field} = {field}" for field in cls._fields] + ["    return struct"]
             scope = {"__name__": cls.__module__, "new": structref.new, "kind": cls.numba_type}
-            # The file's name is that of the struct's module, next to which Numba caches the machine code.
+            # Numba derives the cache path from the file name: that of the struct's module.
             exec(compile("\n".join(lines), inspect.getfile(cls), "exec"), scope)  # noqa: S102 - no input from outside
             cls._allocate = _compile(scope[name], list(cls._fields.values()))
         return cls._allocate
 
 
 def _numba_type(annotation: Any) -> Any:
-    """Return the Numba type of an annotation."""
     if isinstance(annotation, type) and issubclass(annotation, Struct):
         return annotation.numba_type
     return _SCALARS.get(annotation, annotation)
 
 
 def _require_array(name: str, array: Any, kind: Any) -> None:
-    """Require an array of the type of a field.
-
-    Raises:
-        TypeError: if it is something else.
-    """
+    """Raise a TypeError if an array does not have the type of a field."""
     found = isinstance(array, np.ndarray) and array.ndim == kind.ndim and array.dtype == str(kind.dtype)
     if not (found and (kind.layout == "A" or array.flags.c_contiguous) and (array.flags.writeable or not kind.mutable)):
         layout = "strided" if kind.layout == "A" else "contiguous"
         raise TypeError(
-            f"{name} takes a {layout} {'writable ' if kind.mutable else ''}{kind.dtype} array of {kind.ndim} axes, got "
-            f"{describe(array)}"
+            f"{name} must be a {layout} {'writable ' if kind.mutable else ''}{kind.dtype} array with {kind.ndim} axes, "
+            f"got {describe(array)}"
         )
 
 
 def describe(array: Any) -> str:
-    """Describe an array in an error message."""
+    """Describe type, shape and flags of an array, for messages."""
     if not isinstance(array, np.ndarray):
         return repr(array)
     flags = [name for name in ("c_contiguous", "writeable") if not getattr(array.flags, name)]
@@ -202,9 +189,9 @@ def describe(array: Any) -> str:
 
 
 def _compile(function: Any, signature: list[Any]) -> Any:
-    """Compile a function for one signature, or load its code from the cache; log the progress if it is compiled."""
+    """Compile a function for one signature, or load it from the cache."""
     folder = _cache_folder()
-    with _compiling_alone(folder, function.__name__):
+    with _compilation_lock(folder, function.__name__):
         started, former = time.monotonic(), numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(folder or "")
         try:
@@ -212,18 +199,20 @@ def _compile(function: Any, signature: list[Any]) -> Any:
             dispatcher = numba.njit(tuple(signature), **options)(function)
         finally:
             numba.config.CACHE_DIR = former
-    _made.append(function.__name__)
+    _compiled_names.append(function.__name__)
     if folder is None or sum(dispatcher.stats.cache_misses.values()):
-        _announce()
+        _log_compilation()
         seconds = time.monotonic() - started
-        level = logging.WARNING if seconds >= _SLOW else logging.INFO  # programs show warnings from the start
-        _log.log(level, "compiled %s in %.1f s (%d of about %d)", function.__name__, seconds, len(_made), _total())
+        level = logging.WARNING if seconds >= _SLOW else logging.INFO
+        _log.log(
+            level, "compiled %s in %.1f s (%d of about %d)", function.__name__, seconds, len(_compiled_names), _total()
+        )
     return dispatcher
 
 
 @contextlib.contextmanager
-def _compiling_alone(folder: Path | None, name: str) -> Iterator[None]:
-    """Wait while another process compiles the same function: its code is then in the cache."""
+def _compilation_lock(folder: Path | None, name: str) -> Iterator[None]:
+    """Hold the lock of a function's compilation; wait for another process that holds it."""
     with contextlib.ExitStack() as stack:
         if folder is not None and fcntl is not None:
             try:
@@ -232,19 +221,16 @@ def _compiling_alone(folder: Path | None, name: str) -> Iterator[None]:
                 try:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
-                    _announce_wait()
+                    _log_wait()
                     fcntl.flock(file, fcntl.LOCK_EX)
             except OSError as error:  # a read-only folder, or a network file system without locks
                 _log.debug("%s is compiled without a lock: %s", name, error)
-        yield  # closing the file releases the lock, as does the end of the process
+        yield  # closing the file releases the lock
 
 
 @cache
 def _cache_folder() -> Path | None:
-    """Return the folder of the compiled code, named by the sources of all kernels; None if none is writable.
-
-    Numba compares only the file of a function with its cached code, which also contains functions of other files.
-    """
+    """Return the cache folder, with a hash of all kernel files in its name, or None if no candidate is writable."""
     sources = sorted([Path(__file__), *_PACKAGE.rglob("*_kernels.py")])
     name = f"kernels-{sha256(b''.join(path.read_bytes() for path in sources)).hexdigest()[:12]}"
     name += "-boundscheck" * bool(numba.config.BOUNDSCHECK)
@@ -253,12 +239,11 @@ def _cache_folder() -> Path | None:
     for folder in candidates:
         if _is_writable(folder):
             return folder / name
-    _log.warning("kernels are compiled at every start: %s is not writable; set NUMBA_CACHE_DIR", candidates[-1])
+    _log.warning("%s is not writable: kernels are compiled at every start; set NUMBA_CACHE_DIR", candidates[-1])
     return None
 
 
 def _is_writable(folder: Path) -> bool:
-    """Make a folder, and return True if files can be written into it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -267,19 +252,17 @@ def _is_writable(folder: Path) -> bool:
 
 
 @cache
-def _announce() -> None:
-    """Log once that the kernels are compiled."""
-    _log.warning("the kernels are compiled for this processor, once: 15 to 60 s of processor time")
+def _log_compilation() -> None:
+    _log.warning("compiling the kernels for this processor (once, 15 to 60 s of processor time)")
 
 
 @cache
-def _announce_wait() -> None:
-    """Log once that another process compiles the kernels."""
-    _log.warning("another process is compiling the kernels: waiting for it")
+def _log_wait() -> None:
+    _log.warning("waiting for another process that compiles the kernels")
 
 
 @cache
 def _total() -> int:
-    """Return the number of kernels and structs in the package; a process may import fewer."""
+    """Return the number of kernels and structs in the package."""
     texts = [path.read_text(encoding="utf-8") for path in _PACKAGE.rglob("*_kernels.py")]
     return sum(text.count("\n@compiled\n") + text.count("(Struct):\n") for text in texts)

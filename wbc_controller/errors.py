@@ -1,15 +1,13 @@
-"""The exceptions of this package.
+"""Exceptions of the package.
 
 ::
 
     WbcError
-    ├── ConfigurationError      a robot file, model or command line that cannot be used (exit status 2)
-    │   └── MethodError         a method of a task, contact or limit has failed
-    ├── InputRefused            one message or command was not accepted; the controller keeps running
-    ├── NoSolution              the quadratic program has no usable solution; carries the problem and the reason
-    └── TransportError          the middleware could not be started, or a topic could not be opened
-
-Exceptions of other libraries are translated where they are caught.
+    ├── ConfigurationError      invalid robot file, model or command line (exit status 2)
+    │   └── MethodError         a method of a task, contact or limit failed
+    ├── InputRefused            refused message or command; the controller keeps running
+    ├── NoSolution              no usable solution of the quadratic program
+    └── TransportError          the middleware cannot start or open a topic
 """
 
 from __future__ import annotations
@@ -20,36 +18,28 @@ from typing import Any
 
 
 class WbcError(Exception):
-    """Base of all exceptions of this package."""
+    """Base class of the package's exceptions."""
 
 
 class ConfigurationError(WbcError):
-    """A configuration that cannot be used.
-
-    The message names the file, the key, the value found there, and the valid ones.
-    """
+    """Invalid configuration. The message names file, key, value and valid values."""
 
 
 class MethodError(ConfigurationError):
-    """A method of a task, contact or limit has raised an exception or returned an invalid value.
-
-    The message names the object, its class and the method. While a controller is made it is an error of the
-    configuration; in a running controller it leads to damping with the fault ``METHOD_FAILED``.
-    """
+    """Exception or invalid return value of a method of a task, contact or limit; fault ``METHOD_FAILED``."""
 
 
 class InputRefused(WbcError):
-    """A message or command that was not accepted; ``str()`` is one readable sentence."""
+    """Refused message or command. ``str()`` is one sentence."""
 
 
 class NoSolution(WbcError):
-    """The quadratic program has no usable solution.
+    """No usable solution of the quadratic program.
 
     Attributes:
-        status: status that the solver returned.
-        problem: the problem as it was given to the solver (`formulation.problem.QuadraticProgram`).
-        infeasibility: the conflicting constraints (`records.Infeasibility`); None if they have not been searched for,
-            or if none conflict.
+        status: status of the solver.
+        problem: the solver's input (`formulation.problem.QuadraticProgram`).
+        infeasibility: conflicting constraints (`records.Infeasibility`); None before the search, or without a conflict.
     """
 
     def __init__(
@@ -60,7 +50,7 @@ class NoSolution(WbcError):
         infeasibility: Any = None,
         search: Callable[[], Any] | None = None,
     ) -> None:
-        """Make the exception; `search` finds the conflicting constraints if they are not known yet."""
+        """Create the exception; `search` finds the conflicting constraints."""
         super().__init__(message)
         self.status = status
         self.problem = problem
@@ -68,20 +58,20 @@ class NoSolution(WbcError):
         self._search = search
 
     def explained(self) -> NoSolution:
-        """Return this error with the conflicting constraints named; takes several periods, callable from any thread."""
+        """Return this error with the conflicting constraints. Takes several periods; thread-safe."""
         if self._search is None:
             return self
         why = self._search()
-        because = why.sentence if why is not None else "they do not conflict: it is the solver that failed"
+        because = why.sentence if why is not None else "the constraints are feasible; the solver failed"
         return NoSolution(f"{self}; {because}", self.status, self.problem, why)
 
 
 class TransportError(WbcError):
-    """The middleware could not be started, or a topic could not be opened."""
+    """The middleware cannot start, or cannot open a topic."""
 
 
 def valid_choices(value: str, choices: Iterable[str]) -> str:
-    """List the valid values, and the one that was probably meant: ``did you mean 'com'? Valid: com, posture``."""
+    """List valid values and the most similar one: ``did you mean 'com'? Valid: com, posture``."""
     names = sorted(choices)
     close = difflib.get_close_matches(value, names, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""

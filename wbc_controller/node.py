@@ -1,6 +1,6 @@
 """Entry points of the ROS 2 executables.
 
-They run the nodes of ``ros2/``, and end with status 2 if rclpy is missing or two installations of ROS 2 would be mixed.
+The exit status is 2 if rclpy is missing, or if two installations of ROS 2 would be mixed.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
 
 
 def main() -> None:
-    """Run the controller's node: the executable `wbc_controller`."""
+    """Run the executable `wbc_controller`: the controller's node."""
     _run("controller_node", "serve", "wbc run g1")
 
 
 def mock_main() -> None:
-    """Run the mock robot's node: the executable `mock_robot`."""
+    """Run the executable `mock_robot`: the mock robot's node."""
     _run("plain_nodes", "serve_mock", "wbc mock g1")
 
 
 def guard_main() -> None:
-    """Run the guard's node: the executable `guard`."""
+    """Run the executable `guard`: the guard's node."""
     _run("plain_nodes", "serve_guard", "wbc guard g1")
 
 
 def estimator_main() -> None:
-    """Run the node that estimates the base: the executable `base_estimator`."""
+    """Run the executable `base_estimator`: the base estimator's node."""
     _run("plain_nodes", "serve_estimator", "wbc estimate g1")
 
 
 def _run(module: str, function: str, instead: str) -> NoReturn:
-    # Until the node is up, Ctrl-C ends the process at once, without Python's traceback of the imports.
+    # Ctrl-C during the imports ends the process without a traceback.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         refuse_mixed_installations()
@@ -47,18 +47,18 @@ def _run(module: str, function: str, instead: str) -> NoReturn:
 
         serve = getattr(importlib.import_module(f"wbc_controller.nodes.ros2.{module}"), function)
     except ImportError as error:
-        sys.exit(_without_ros2(instead, error))
+        sys.exit(_report_missing_ros2(instead, error))
     sys.exit(process.run(serve))
 
 
-def _without_ros2(instead: str, error: ImportError) -> int:
-    """Print what to do without ROS 2, and return the exit status."""
+def _report_missing_ros2(instead: str, error: ImportError) -> int:
+    """Print a remedy for missing ROS 2, and return the exit status."""
     version = ".".join(map(str, sys.version_info[:2]))
     print(
-        f"error: this Python ({version}) finds no ROS 2: {error}\n"
-        "Source it first (. /opt/ros/jazzy/setup.bash), with the Python it was made for, or on x86-64 Linux install\n"
-        "its wheels into a virtual environment (pip install 'wbc_controller[ros2]'); see docs/ros2.md.\n"
-        f"Without ROS 2 the same runs as: {instead}",
+        f"error: ROS 2 not found by this Python ({version}): {error}\n"
+        "Source ROS 2 (. /opt/ros/jazzy/setup.bash) and use its Python, or on x86-64 Linux install the wheels into a\n"
+        "virtual environment (pip install 'wbc_controller[ros2]'); see docs/ros2.md.\n"
+        f"Equivalent command without ROS 2: {instead}",
         file=sys.stderr,
     )
     return 2

@@ -1,9 +1,9 @@
-"""The frozen records that pass between the stages of one control cycle.
+"""Immutable records passed between the stages of a control cycle.
 
-Conventions of the whole package: SI units; quaternions are (x, y, z, w); twists and wrenches have the linear part
-first. For a floating base ``q = [base position in world, base quaternion, joints]`` and
-``v = [base linear velocity, base angular velocity, joint velocities]``, with the base velocities expressed in the base
-frame (Pinocchio's free flyer, and the twist of nav_msgs/Odometry after REP 105).
+Conventions of the package: SI units; quaternions (x, y, z, w); twists and wrenches with the linear part first. For a
+floating base ``q = [base position in world, base quaternion, joints]`` and
+``v = [base linear velocity, base angular velocity, joint velocities]``, with base velocities in the base frame
+(Pinocchio's free flyer; the twist of nav_msgs/Odometry after REP 105).
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ Array = npt.NDArray[np.float64]
 
 
 def frozen(values: npt.ArrayLike) -> Array:
-    """Return a read-only float copy of an array."""
+    """Return a read-only copy of an array."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
 
 
 def freeze(array: Array) -> Array:
-    """Make an array read-only without copying it; the caller guarantees that no other reference writes to it."""
+    """Make an array read-only in place."""
     array.setflags(write=False)
     return array
 
@@ -40,103 +40,96 @@ def frozen_mapping(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """The robot's state, latched at the start of a cycle."""
+    """State of the robot, latched at the start of a cycle."""
 
-    stamp: int  # source time of the joint state, in nanoseconds
+    stamp: int  # timestamp of the joint state, ns
     q: Array  # configuration, (nq,)
     v: Array  # generalized velocity, (nv,)
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The reference of one task at one instant.
+    """Reference of one task at one instant."""
 
-    Attributes:
-        position: (k,) for vectors; (7,), position and quaternion, for the pose of a frame.
-        velocity: (m,) feed-forward velocity, m = 6 for a pose.
-        acceleration: (m,) feed-forward acceleration.
-    """
-
-    position: Array
-    velocity: Array
-    acceleration: Array
+    position: Array  # (k,); for a pose (7,), position and quaternion
+    velocity: Array  # feed-forward velocity, (m,); m = 6 for a pose
+    acceleration: Array  # feed-forward acceleration, (m,)
 
 
 @dataclass(frozen=True, slots=True)
 class Tuning:
-    """Gains and limits that can be changed while the controller runs."""
+    """Gains and limits that can change in a running controller."""
 
-    #: Gains by task and by name, each () or (size,): ``stiffness`` in 1/s² and ``damping`` in 1/s, or ``gain`` in 1/s.
+    #: Gains by task and name, each () or (size,): ``stiffness`` in 1/s² and ``damping`` in 1/s, or ``gain`` in 1/s.
     gains: Mapping[str, Mapping[str, Array]]
-    position_margin: float  # distance kept from the joint position limits, rad
-    position_horizon: float  # look-ahead time of the limits of joint position and velocity, s
-    velocity_scale: float  # share of the velocity limits that may be used
+    position_margin: float  # distance to the joint position limits, rad
+    position_horizon: float  # look-ahead time of joint position and velocity limits, s
+    velocity_scale: float  # usable share of the velocity limits
     acceleration: float  # largest joint acceleration, rad/s²
     torque_rate: float  # torque rate limit, in effort limits per second
 
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """What acts on the robot beside its model, as generalized forces."""
+    """Generalized forces that the model does not contain: friction, payload, model error."""
 
-    forces: Array  # all that is taken into account, (nv,) in N and N·m: known friction, and the estimate
-    estimate: Array  # the part that is estimated, (nv,)
-    at_bound: tuple[str, ...] = ()  # names of the joints, and ``base``, at which the estimate is as large as it may be
+    forces: Array  # known friction plus estimate, (nv,) in N and N·m
+    estimate: Array  # estimate of the disturbance observer, (nv,)
+    at_bound: tuple[str, ...] = ()  # joints, and ``base``, with a saturated estimate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """What a cycle has predicted, to be compared with the next state."""
+    """Predicted motion of a cycle, for comparison with the next state."""
 
-    stamp: int  # of its state, ns
-    v: Array  # velocity in that state, (nv,)
-    v_dot: Array | None  # acceleration of the program, (nv,); None where it does not follow from the torques sent
-    excess: Array  # generalized force of the torques sent, less that of the program's, (nv,) in N, N·m
-    forces: Mapping[str, Array]  # what the contacts that held should carry, by name, in N, N·m
-    M: Array  # mass matrix in that state, (nv, nv)
-    J: Array  # stacked Jacobian of these contacts, (k, nv)
+    stamp: int  # timestamp of the state, ns
+    v: Array  # velocity, (nv,)
+    v_dot: Array | None  # acceleration of the solution, (nv,); None if the sent torques do not cause it
+    excess: Array  # generalized force of sent torques minus solution torques, (nv,) in N, N·m
+    forces: Mapping[str, Array]  # predicted forces of active contacts, in N, N·m
+    M: Array  # mass matrix, (nv, nv)
+    J: Array  # stacked Jacobian of active contacts, (k, nv)
 
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """Everything that commands can set, sampled at the time of one cycle."""
+    """Commanded references at the time of one cycle, with ramps applied."""
 
-    tasks: Mapping[str, Reference]  # reference of each task
-    weights: Mapping[str, float]  # weight of each task, ramps applied; 0 switches a task off
-    contacts: Mapping[str, float]  # activation of each contact, from 0 (inactive) to 1 (fully active), ramps applied
-    #: Known external wrench at each named frame, (6,) in N and N·m, world axes (S4).
+    tasks: Mapping[str, Reference]
+    weights: Mapping[str, float]  # weight of each task; 0 disables it
+    contacts: Mapping[str, float]  # activation of each contact, 0 (inactive) to 1 (fully active)
+    #: Known external wrench at each frame, (6,) in N and N·m, world axes (S4).
     external_wrenches: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
-    tuning: Tuning | None = None  # gains and limits, ramps applied; None keeps those that the controller was made with
-    #: Anchor of each contact with a stiffness, (7,): its position in m and quaternion when it was activated, relative
-    #: to the world or to the link that it touches.
+    tuning: Tuning | None = None  # gains and limits; None for the configured ones
+    #: Anchor of each contact with stiffness, (7,): position in m and quaternion at activation, relative to the world or
+    #: to the touched link.
     anchors: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
-    disturbance: Disturbance | None = None  # what acts beside the model; None where nothing is known
+    disturbance: Disturbance | None = None
 
 
 class LevelReport(NamedTuple):
-    """The quadratic program of one priority level, as solved in one cycle."""
+    """Quadratic program of one priority level in one cycle."""
 
-    tasks: tuple[str, ...]  # names of the tasks that took part in it
+    tasks: tuple[str, ...]
     cost: float  # cost of tasks and regularization at the solution, ½ Σ wᵢ ‖Jᵢ v̇ - bᵢ‖² + …
-    iterations: int  # the solver's own count
+    iterations: int  # iterations of the solver
     seconds: float  # solve time, s
 
 
 class Details(Protocol):
-    """What is read of a solution after the torques are on their way, if at all; it may be computed on first access.
+    """Details of a solution, possibly computed on first access.
 
     Attributes:
-        forces: per active contact, the force (3,) or wrench (6,) in the contact frame, in N and N·m.
-        residuals: largest absolute violation of each group of constraints, by name.
-        task_errors: Euclidean norm of each task error, in the unit of the reference: m, rad, kg·m/s, N·m·s, N or N·m.
-        binding: multiplier of each binding constraint, such as ``torque:left_knee_joint:upper``: the cost would fall by
-            this much per unit by which the bound is relaxed; in N⁻¹ for contacts, (N·m)⁻¹ for torques, (rad/s²)⁻¹ for
-            joint motion.
-        levels: the quadratic programs that were solved, highest priority first.
+        forces: force (3,) or wrench (6,) of each active contact in the contact frame, N and N·m.
+        residuals: largest absolute violation of each group of constraints.
+        task_errors: norm of each task error, in the unit of the reference.
+        binding: multiplier of each binding constraint, such as ``torque:left_knee_joint:upper``: decrease of the cost
+            per unit of relaxation, in N⁻¹, (N·m)⁻¹ or (rad/s²)⁻¹.
+        levels: solved quadratic programs, highest priority first.
     """
 
     @property
-    def forces(self) -> Mapping[str, Array]: ...  # noqa: D102 - above
+    def forces(self) -> Mapping[str, Array]: ...  # noqa: D102
 
     @property
     def residuals(self) -> Mapping[str, float]: ...  # noqa: D102
@@ -152,63 +145,52 @@ class Details(Protocol):
 
 
 class Solution(NamedTuple):
-    """The solution of the quadratic program, with the residuals of its constraints.
+    """Solution of the quadratic program."""
 
-    Attributes:
-        v_dot: generalized acceleration, (nv,).
-        tau: torques of the actuators in the order of the command, (na,) in N·m.
-        details: contact forces, residuals and more, which are attributes of the solution, too.
-        relaxed: groups of constraints that had to be relaxed for a solution to exist, and lower priority levels whose
-            solver failed; normally empty.
-        iterations: the solver's own count.
-        stage_seconds: time spent in each stage of the computation, in s.
-        external_wrenches: the known external wrenches that the solution accounts for, as in `References`.
-        disturbance: what acts beside the model, likewise.
-    """
-
-    v_dot: Array
-    tau: Array
-    details: Details
+    v_dot: Array  # generalized acceleration, (nv,)
+    tau: Array  # torques of the actuators in the order of the command, (na,) in N·m
+    details: Details  # contact forces, residuals and more, also available as attributes of the solution
+    #: relaxed groups of constraints, and lower priority levels without a solution; normally empty
     relaxed: tuple[str, ...] = ()
-    iterations: int = 0
-    stage_seconds: Mapping[str, float] = MappingProxyType({})
-    external_wrenches: Mapping[str, Array] = MappingProxyType({})
-    disturbance: Disturbance | None = None
+    iterations: int = 0  # iterations of the solver
+    stage_seconds: Mapping[str, float] = MappingProxyType({})  # time of each stage, s
+    external_wrenches: Mapping[str, Array] = MappingProxyType({})  # known external wrenches, as in `References`
+    disturbance: Disturbance | None = None  # disturbance, as in `References`
 
     @property
     def forces(self) -> Mapping[str, Array]:
-        """Those of `details`."""
+        """Same as in `details`."""
         return self.details.forces
 
     @property
     def residuals(self) -> Mapping[str, float]:
-        """Those of `details`."""
+        """Same as in `details`."""
         return self.details.residuals
 
     @property
     def task_errors(self) -> Mapping[str, float]:
-        """Those of `details`."""
+        """Same as in `details`."""
         return self.details.task_errors
 
     @property
     def binding(self) -> Mapping[str, float]:
-        """That of `details`."""
+        """Same as in `details`."""
         return self.details.binding
 
     @property
     def levels(self) -> Sequence[LevelReport]:
-        """Those of `details`."""
+        """Same as in `details`."""
         return self.details.levels
 
 
 @dataclass(frozen=True, slots=True)
 class ChangeSettings:
-    """A change of settings: part of a configuration, nested as in the file."""
+    """Change of settings: part of a configuration, nested as in the file."""
 
     settings: Mapping[str, Any]
 
 
-#: Words for the safety supervisor.
+#: Requests to the safety supervisor.
 REQUESTS = ("activate", "deactivate", "damp", "reset", "estop")
 
 
@@ -225,54 +207,39 @@ class Mode(str, enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Infeasibility:
-    """Why a quadratic program is infeasible."""
+    """Conflict of constraints in an infeasible quadratic program."""
 
-    conflict: tuple[str, ...]  # names of the constraints that cannot hold together, as in `Solution.binding`
-    #: The constraints of the conflict whose relaxation needs the least total slack; relaxing the others would be the
-    #: alternative.
-    smallest: tuple[str, ...]
-    slack: Mapping[str, float]  # slack that each constraint of the conflict needs, in the relaxation that it belongs to
+    conflict: tuple[str, ...]  # names of the conflicting constraints, as in `Solution.binding`
+    smallest: tuple[str, ...]  # constraints with the smallest total slack; the others are the alternative relaxation
+    slack: Mapping[str, float]  # required slack of each constraint within its relaxation
     units: Mapping[str, str]  # unit of each slack
-    sentence: str  # the conflict in words
+    sentence: str  # description
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Why the controller left its active mode.
+    """Reason for leaving the active mode."""
 
-    Attributes:
-        code: a short upper-case name, such as ``STALE_INPUT``.
-        sentence: the reason in words.
-        infeasibility: the conflicting constraints, if the program was infeasible and they are known.
-    """
-
-    code: str
-    sentence: str
-    infeasibility: Infeasibility | None = None
+    code: str  # short upper-case name, such as ``STALE_INPUT``
+    sentence: str  # description
+    infeasibility: Infeasibility | None = None  # conflicting constraints of an infeasible program, or None
 
 
 class JointCommand(NamedTuple):
-    """The command to the joints; only `safety.supervisor.Supervisor` makes one.
+    """Command to the joints, created only by `safety.supervisor.Supervisor`."""
 
-    Attributes:
-        stamp: source time of the state that this command was computed from, in nanoseconds.
-        tau: torques of the actuators, in the order of the command, (na,) in N·m.
-        q_desired: predicted joint positions one period ahead, (nj,) in rad; NaN where no solution predicts them.
-        v_desired: predicted joint velocities one period ahead, (nj,) in rad/s; NaN where no solution predicts them.
-    """
-
-    stamp: int
-    tau: Array
-    q_desired: Array
-    v_desired: Array
+    stamp: int  # timestamp of the state that it answers, ns
+    tau: Array  # torques of the actuators, in the order of the command, (na,) in N·m
+    q_desired: Array  # predicted joint positions after one period, (nj,) in rad; NaN without a prediction
+    v_desired: Array  # predicted joint velocities after one period, (nj,) in rad/s; NaN without a prediction
 
 
 @dataclass(frozen=True, slots=True)
 class AuditReport:
-    """Whether the model explains the measured motion: filtered residuals between the last states."""
+    """Filtered residuals between the model and the measured motion."""
 
-    energy: float  # energy residual: power that no torque accounts for, W
-    throughput: float  # sum of the absolute powers of the joints, W: the scale for the energy residual
-    force: Array  # force on the centre of mass that the model does not account for, world axes, (3,) in N
-    joint_torques: Array  # torque at each joint that the model does not account for, (nj,) in N·m
-    warnings: tuple[str, ...]  # one sentence for each residual that has been too large for too long
+    energy: float  # unexplained power, W
+    throughput: float  # scale of the energy residual: sum of the absolute joint powers, W
+    force: Array  # unexplained force on the centre of mass, world axes, (3,) in N
+    joint_torques: Array  # unexplained joint torques, (nj,) in N·m
+    warnings: tuple[str, ...]  # one sentence for each residual that stays too large

@@ -1,4 +1,4 @@
-"""The front door: states in, supervised torques out; references and settings by name; errors that say what is valid."""
+"""Python API: states to supervised torques, references and settings by name, errors."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def made():
 
 @pytest.fixture
 def controller(made):
-    """One that has just been reset, standing."""
+    """Controller after a reset."""
     made.reset(made.stance(), np.zeros(made.model.nv))
     return made
 
 
 def run(controller, seconds, q=None, start=0.0, v=None):
-    """Steps in one state, as if the robot were held in it."""
+    """Step repeatedly in one state."""
     q = controller.stance() if q is None else q
     v = np.zeros(controller.model.nv) if v is None else v
     return [controller.step(q, v, start + i * PERIOD) for i in range(round(seconds / PERIOD))]
@@ -51,15 +51,15 @@ def test_without_a_ramp_the_torques_are_there_as_fast_as_their_rate_allows():
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     results = run(controller, 0.1)
     assert not any(result.relaxed for result in results)
-    # The program is not bound to what the torques have reached: its answer is that of a robot that stands.
+    # The program ignores the ramped torques: its solution is static.
     np.testing.assert_allclose(results[1].solution.tau, results[-1].solution.tau, atol=1e-3)
     np.testing.assert_allclose(results[-1].tau, results[-1].solution.tau, atol=1e-6)
     steps = np.abs(np.diff([result.tau for result in results], axis=0)) / controller.model.effort_limits
     assert 0.9 * 20.0 * PERIOD < steps.max() <= 20.0 * PERIOD + 1e-9
 
 
-def test_it_is_the_service_that_runs_it(bench, make):
-    """The same states and requests through the topics and through the front door: the same torques."""
+def test_controller_equals_service(bench, make):
+    """The same states and requests by topics and by Python: equal torques."""
     service = bench()
     front = wbc.Controller(service.settings, model=service.model)
     service.activate()
@@ -81,7 +81,7 @@ def test_it_is_the_service_that_runs_it(bench, make):
         result = front.step(service.q, service.v, service.time * 1e-9)
         differences.append(np.abs(result.tau - report.command.tau).max())
     assert report.mode is result.mode is Mode.ACTIVE
-    assert max(differences) < 1e-9  # the clock of the bench and the stamps of the states round differently
+    assert max(differences) < 1e-9  # clock and timestamps are rounded differently
 
 
 def test_a_reset_starts_anew_bit_for_bit(controller):
@@ -107,7 +107,7 @@ def test_a_setpoint_is_reached_along_its_quintic(controller):
     np.testing.assert_array_equal(wanted[-50:], start[2] - 0.05)
 
 
-def test_a_streamed_reference_counts_as_it_is_for_one_step(controller):
+def test_streamed_reference_applies_to_one_step(controller):
     run(controller, 0.1)
     goal = controller.dynamics.com + [0.0, 0.01, 0.0]
     controller.set("com", goal, velocity=[0.0, 0.3, 0.0], acceleration=[0.0, 0.0, 1.0])
@@ -180,7 +180,7 @@ def test_a_state_that_is_not_finite_is_damped_with_its_reason(controller, which)
     result = controller.step(q, v, 1.202)
     assert result.mode is Mode.DAMPING
     assert result.fault.code == "BAD_STATE"
-    assert result.fault.sentence.startswith(f"{which} holds a value that is not finite: [")
+    assert result.fault.sentence.startswith(f"{which} is not finite: [")
     assert np.isfinite(result.tau).all()
     assert not np.array_equal(result.tau, before)
     assert result.solution is None
@@ -192,7 +192,7 @@ def test_a_failure_holds_then_damps_and_is_explained(controller, monkeypatch):
     monkeypatch.setattr(controller.contacts["front_left_foot"], "max_normal_force", -50.0)
     (failed,) = run(controller, PERIOD, start=1.2)
     assert (failed.mode, failed.fault.code) == (Mode.HOLDING, "NO_SOLUTION")
-    controller._explanation.result()  # the thread that searches
+    controller._explanation.result()  # wait for the search
     (explained,) = run(controller, PERIOD, start=1.202)
     assert "normal_force:front_left_foot" in explained.fault.infeasibility.conflict
     assert run(controller, 0.2, start=1.204)[-1].mode is Mode.DAMPING
@@ -206,13 +206,13 @@ def test_requests_end_as_on_the_topic(controller):
     assert not result.tau.any()
     with pytest.raises(wbc.InputRefused, match="command 'damp' has no effect: the controller is inactive"):
         controller.request("damp")
-    with pytest.raises(wbc.InputRefused, match=r"'activate' needs a state: call reset"):
+    with pytest.raises(wbc.InputRefused, match=r"'activate' requires a state; call reset"):
         controller.request("activate")
     with pytest.raises(wbc.InputRefused, match="command 'stop' is unknown; did you mean 'estop'"):
         controller.request("stop")
 
 
-def test_before_a_state_has_come_there_is_nothing_to_set():
+def test_calls_before_the_first_state_are_refused():
     controller = wbc.Controller("go2", preflight=False)
     for call in (
         lambda: controller.set("com", [0.0, 0.0, 0.3]),
@@ -220,38 +220,38 @@ def test_before_a_state_has_come_there_is_nothing_to_set():
         lambda: controller.disable("com"),
         lambda: controller.step(controller.stance(), np.zeros(controller.model.nv), 0.0),
     ):
-        with pytest.raises(wbc.InputRefused, match="has no state yet; call reset"):
+        with pytest.raises(wbc.InputRefused, match="has no state; call reset"):
             call()
 
 
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda c: c.set("comm", [0, 0, 0]), "there is no task 'comm'; did you mean 'com'"),
+        (lambda c: c.set("comm", [0, 0, 0]), "unknown task 'comm'; did you mean 'com'"),
         (lambda c: c.set("com", [0, 0]), r"the position of task 'com' has the shape \(2,\); it takes \(3,\)"),
-        (lambda c: c.set("com", [0, 0, np.nan]), "the position of task 'com' holds a value that is not finite"),
+        (lambda c: c.set("com", [0, 0, np.nan]), "the position of task 'com' is not finite"),
         (lambda c: c.set("com", "up"), "the position of task 'com' is not an array of numbers"),
-        (lambda c: c.set("com", [0, 0, 0], velocity=[1.0]), r"the velocity of task 'com' has the shape \(1,\)"),
+        (lambda c: c.set("com", [0, 0, 0], velocity=[1.0]), r"the velocity of task 'com' has shape \(1,\)"),
         (
             lambda c: c.set("base", [0, 0, 0, 2]),
             r"the position of task 'base': \[0, 0, 0, 2\] is not a unit quaternion",
         ),
-        (lambda c: c.set("com", {"FL_hip_joint": 0.0}), "task 'com' is not about joints"),
+        (lambda c: c.set("com", {"FL_hip_joint": 0.0}), "task 'com' has no joints"),
         (lambda c: c.set("posture", {"FL_hip": 0.0}), "'FL_hip' is not a joint of task 'posture'; did you mean"),
-        (lambda c: c.follow("com", [0.5, 0.2], np.zeros((2, 3))), "times of task 'com' must rise from 0"),
-        (lambda c: c.follow("com", [0.5], np.zeros((2, 3))), "there are 2 points for 1 times"),
+        (lambda c: c.follow("com", [0.5, 0.2], np.zeros((2, 3))), "times of task 'com' must increase from at least 0"),
+        (lambda c: c.follow("com", [0.5], np.zeros((2, 3))), "2 points for 1 times"),
         (lambda c: c.enable("left_foot"), "unknown task or contact 'left_foot'; did you mean"),
         (lambda c: c.set_weight("com", -1.0), "the weight of task 'com' must be from 0 to 1e.06, not -1.0"),
         (lambda c: c.set_weight("com", np.nan), "must be from 0 to 1e.06, not nan"),
         (lambda c: c.set_external_wrench("bas", np.zeros(6)), "the robot has no such frame; did you mean 'base'"),
-        (lambda c: c.step(np.zeros(3), np.zeros(18), 1.0), r"q has the shape \(3,\); it takes \(19,\)"),
+        (lambda c: c.step(np.zeros(3), np.zeros(18), 1.0), r"q has shape \(3,\), expected \(19,\)"),
         (lambda c: c.step(["a"] * 19, np.zeros(18), 1.0), r"q is not an array of numbers: \['a', 'a'"),
         (lambda c: c.step(c.stance(), np.zeros(18), -1.0), "t = -1.0 s is before the last step"),
         (lambda c: c.step(c.stance(), np.zeros(18), np.nan), "t must be from -1e.10 to 1e.10, not nan"),
-        (lambda c: c.reset(np.full(19, np.nan), np.zeros(18)), "q holds a value that is not finite"),
+        (lambda c: c.reset(np.full(19, np.nan), np.zeros(18)), "q is not finite"),
     ],
 )
-def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(controller, call, sentence):
+def test_invalid_calls_are_refused_without_effect(controller, call, sentence):
     before = run(controller, 0.1)[-1]
     with pytest.raises(wbc.InputRefused, match=sentence):
         call(controller)
@@ -279,7 +279,7 @@ def test_the_configuration_is_checked_as_by_the_command():
     assert wbc.Controller(config, preflight=False).mode is Mode.INACTIVE
 
 
-def test_the_check_leaves_nothing_behind_in_the_program():
+def test_check_does_not_change_the_program():
     checked, unchecked = wbc.Controller("g1"), wbc.Controller("g1", preflight=False)
     results = []
     for controller in (checked, unchecked):
@@ -287,7 +287,7 @@ def test_the_check_leaves_nothing_behind_in_the_program():
         controller.set("com", controller.dynamics.com + [0.01, 0.02, -0.03])
         results.append([result.solution.v_dot for result in run(controller, 0.5)])
     np.testing.assert_array_equal(*results)
-    assert np.abs(results[0][-1][:6]).max() > 0.01  # the base does accelerate
+    assert np.abs(results[0][-1][:6]).max() > 0.01  # the base accelerates
 
 
 class Heavy(Height):
@@ -306,7 +306,7 @@ def test_own_tasks_and_limits_take_part():
     assert isinstance(controller.limits["ceiling"], Ceiling)
     acceleration = controller.dynamics.com_jacobian @ result.v_dot + controller.dynamics.com_drift
     assert acceleration[2] == pytest.approx(0.05, abs=1e-6)
-    controller.update({"tasks.posture.weight": 0.1})  # the settings change, and the own task stays
+    controller.update({"tasks.posture.weight": 0.1})  # settings change, user tasks remain
     controller.disable("height")
     assert run(controller, 1.0, start=1.202)[-1].references.weights["height"] == 0.0
 
@@ -331,12 +331,12 @@ def test_an_own_contact_takes_part():
 @pytest.mark.parametrize(
     ("own", "sentence"),
     [
-        ({"tasks": [lambda model: Height(model, "com")]}, "tasks: the name 'com' stands twice"),
-        ({"tasks": [Height, Height]}, "tasks: the name 'height' stands twice"),
-        ({"tasks": [Ceiling]}, "made a Ceiling; it must make a Task"),
-        ({"limits": [lambda model: None]}, "made a NoneType; it must make a RowLimit"),
+        ({"tasks": [lambda model: Height(model, "com")]}, "tasks: duplicate name 'com'"),
+        ({"tasks": [Height, Height]}, "tasks: duplicate name 'height'"),
+        ({"tasks": [Ceiling]}, "returned a Ceiling, expected a Task"),
+        ({"limits": [lambda model: None]}, "returned a NoneType, expected a RowLimit"),
     ],
 )
-def test_what_is_no_task_or_has_a_taken_name_is_refused(own, sentence):
+def test_invalid_user_objects_are_refused(own, sentence):
     with pytest.raises(wbc.ConfigurationError, match=sentence):
         wbc.Controller("go2", **own, preflight=False)

@@ -1,4 +1,4 @@
-"""Calls of the Python API with values of any type: each works, or raises one of the package's errors."""
+"""Calls of the Python API with values of any type: they work, or raise errors of the package."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class NoArray:
         raise RuntimeError("no array")
 
 
-#: Numbers and arrays that are no real ones.
+#: Numbers and arrays that are not real.
 REFUSED = [
     1j, [1j] * 3, np.array([1 + 1j, 0, 0]), np.ma.masked_array([0.0, 0.0, 0.7], mask=[1, 0, 0]),
     np.ma.masked_array(np.zeros(19)), np.ma.masked_array(0.5, mask=True), [np.ma.masked_array(0.5, mask=True)] * 3,
@@ -29,7 +29,7 @@ REFUSED = [
     {"FL_hip_joint": 1j}, {"FL_hip_joint": "a"}, {"FL_hip_joint": [1]}, "x", "\ud800",
     pin.SE3(np.eye(3), np.full(3, np.nan)),
 ]  # fmt: skip
-#: Values that some of the calls take.
+#: Values accepted by some calls.
 OTHERS = [None, True, -1.0, "", [], {}, (), set(), [None], np.zeros(0), fractions.Fraction(1, 3), range(3), {"a.b": 1}]
 
 CONFIG = wbc.load("go2")
@@ -51,7 +51,7 @@ def own(kind: str, value: Any) -> Any:
     return wbc.Controller(CONFIG, preflight=False, **{kind: value})
 
 
-#: Calls that take one of the values; the first group refuses all of `REFUSED`.
+#: Calls with one value; the first group refuses all of `REFUSED`.
 CALLS: dict[str, Callable[[Any], Any]] = {
     "set com": lambda x: CONTROLLER.set("com", x),
     "set base": lambda x: CONTROLLER.set("base", x),
@@ -102,7 +102,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "state velocities": lambda x: state(velocities=x),
     "state quaternion": lambda x: state(base_quaternion=x),
 }
-#: Calls that take large numbers, or the URDF as any text.
+#: Calls that accept large numbers or any text.
 LENIENT: dict[str, Callable[[Any], Any]] = {
     "step q": lambda x: CONTROLLER.step(x, V, 0.0),
     "step v": lambda x: CONTROLLER.step(Q, x, 0.0),
@@ -158,7 +158,7 @@ def test_a_call_works_or_raises_an_error_of_the_package(name):
         (lambda: CONTROLLER.set_weight("com", True), "the weight of task 'com' must be from 0 to 1e.06, not True"),
         (lambda: CONTROLLER.set("com", np.ma.masked_array([0, 0, 1])), "the position of task 'com' is a masked array"),
         (lambda: CONTROLLER.set("com", [1j, 0, 0]), "the position of task 'com' is not an array of numbers"),
-        (lambda: CONTROLLER.enable("com", "no"), "enabled = 'no': it must be True or False"),
+        (lambda: CONTROLLER.enable("com", "no"), "enabled = 'no': must be True or False"),
         (lambda: CONTROLLER.reset(Q, V, 1e308), r"t must be from -1e\+10 to 1e\+10, not 1e\+308"),
         (lambda: CONTROLLER.reset(np.zeros(MODEL.nq), V), "the quaternion of q .* is not a unit quaternion"),
         (lambda: CONFIG["tasks.con"], "did you mean 'com'"),

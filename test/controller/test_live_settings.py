@@ -1,4 +1,4 @@
-"""Settings that are changed while the controller runs."""
+"""Changes of settings in a running controller."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.nesting import merged, nested
 from wbc_controller.simulation.simulation import Simulation
 
-#: Every kind of task, so that every key is met.
+#: All kinds of tasks, with all keys.
 MORE = {
     "spin": {"type": "angular_momentum"},
     "steady": {"type": "capture_point"},
@@ -48,7 +48,7 @@ def keys(settings, live):
     return numbers
 
 
-def test_every_live_key_changes_what_the_loop_goes_by(tuner):
+def test_every_live_key_changes_the_live_part(tuner):
     for key, value in keys(tuner().settings, True).items():
         changed = tuner()
         before = repr(changed.newest)
@@ -69,25 +69,25 @@ def test_every_other_key_is_refused_by_name(tuner):
     ("change", "said"),
     [
         ({"tasks.com.stiffness": -1.0}, "test: tasks.com.stiffness = -1.0: input should be greater than"),
-        ({"tasks.com.stiffness": [1.0, 2.0]}, "has 2 values; it takes one number, or a list"),
+        ({"tasks.com.stiffness": [1.0, 2.0]}, "2 values; expected one number, or"),
         ({"tasks.posture.stiffness": [1.0, 2.0]}, "tasks.posture.stiffness has 2 values"),
         ({"tasks.com.stifness": 1.0}, "test: tasks.com.stifness: unknown key; did you mean 'stiffness'?"),
         ({"tasks.foot.type": "com"}, "test: tasks.foot: read only when the controller is configured"),
         ({"tasks.com.type": "linear_momentum", "tasks.com.stiffness": 1.0}, "unknown key"),
         (
             {"limits.position_margin": 1.0},
-            "limits.position_margin = 1: while the controller runs it may be from 0 to 0.2",
+            "limits.position_margin = 1: valid in a running controller: 0 to 0.2",
         ),
         (
             {"limits.acceleration": 1.0e5},
-            "limits.acceleration = 100000: while the controller runs it may be from 20 to 200",
+            "limits.acceleration = 100000: valid in a running controller: 20 to 200",
         ),
-        ({"limits.acceleration": 19.9, "limits.velocity_scale": 0.09}, "limits.velocity_scale = 0.09: while"),
+        ({"limits.acceleration": 19.9, "limits.velocity_scale": 0.09}, "limits.velocity_scale = 0.09: valid in"),
         ({"limits.position_margin": 0.01, "control.rate": 100.0}, "test: control.rate: read only when"),
         ({"robot.joints": ["a"]}, "robot.posture has"),
     ],
 )
-def test_a_change_is_accepted_whole_or_refused_with_the_reason(tuner, change, said):
+def test_changes_are_atomic(tuner, change, said):
     changed = tuner()
     settings, newest = changed.settings, changed.newest
     for method in (changed.check, changed.accept):
@@ -97,7 +97,7 @@ def test_a_change_is_accepted_whole_or_refused_with_the_reason(tuner, change, sa
     assert (changed.settings, changed.newest) == (settings, newest)
 
 
-def test_a_check_changes_nothing_and_no_change_is_no_news(tuner):
+def test_check_and_empty_change_have_no_effect(tuner):
     changed, news = tuner(), []
     changed.changed = lambda: news.append(1)
     newest = changed.newest
@@ -113,7 +113,7 @@ def update(controller, text):
 
 
 def standing(bench, **changes):
-    """A robot that stands still, 2 cm from where its centre of mass should be: the torques hang on the gains."""
+    """Robot at rest with an error of 2 cm of the centre of mass: the torques depend on the gains."""
     controller = bench(changes={"safety": {"activation_ramp": 0.0}, **changes})
     controller.activate()
     x, y, z = controller.loop.controller.qp.dynamics.com
@@ -127,7 +127,7 @@ def steps(controller, count):
     return np.abs(np.diff(tau, axis=0)).max(axis=1)
 
 
-def test_gains_are_ramped_in_and_end_where_a_controller_made_with_them_is(bench):
+def test_gains_ramp_to_the_configured_result(bench):
     controller = standing(bench)
     still = controller.reports[-1].command.tau
     update(controller, "{tasks: {com: {stiffness: 400.0}}}")
@@ -135,7 +135,7 @@ def test_gains_are_ramped_in_and_end_where_a_controller_made_with_them_is(bench)
     controller.cycle(ramped + 2)
     tau = controller.reports[-1].command.tau
     whole = np.abs(tau - still).max()
-    assert whole > 0.5  # N·m: it made a difference
+    assert whole > 0.5  # N·m
     assert steps(controller, ramped + 2).max() < 3.0 * whole / ramped
     made = standing(bench, tasks={"com": {"stiffness": 400.0}})
     np.testing.assert_allclose(tau, made.reports[-1].command.tau, atol=1e-5)
@@ -168,7 +168,7 @@ def test_limits_take_hold(bench):
     assert 0.5 * allowed < steps(controller, 20).max() <= allowed + 1e-9
 
 
-def test_what_is_set_while_inactive_holds_from_activation_on(bench):
+def test_changes_while_inactive_apply_at_activation(bench):
     controller = bench()
     update(controller, "{tasks: {com: {stiffness: 7.0}}}")
     assert controller.cycle().refused == ()
@@ -177,7 +177,7 @@ def test_what_is_set_while_inactive_holds_from_activation_on(bench):
     assert controller.loop.controller.qp.tasks["com"].stiffness == 7.0
 
 
-def test_an_update_with_references_and_settings_is_taken_whole_or_not_at_all(bench):
+def test_updates_of_references_and_settings_are_atomic(bench):
     controller = bench()
     both = "{tasks: {com: {stiffness: 7.0, weight: 3.0}}}"
     update(controller, both)
@@ -207,7 +207,7 @@ def test_a_change_is_logged_with_both_values(tuner, caplog):
 
 
 def test_the_torque_speed_curve_outlives_a_change_of_the_limits(bench):
-    """A knee that turns above its corner speed has less torque, in every cycle, whatever else changes."""
+    """A knee above its corner speed has less torque in every cycle, during all changes."""
     robot = standing(bench, limits={"torque_speed": {"enabled": True, "corner": 0.01, "no_load": 0.5}})
     speed = np.zeros(robot.model.na)
     knee = next(i for i, joint in enumerate(robot.model.joints) if "calf" in joint)
@@ -226,7 +226,7 @@ def test_the_torque_speed_curve_outlives_a_change_of_the_limits(bench):
     [(200.0, 20.0, True), (200.0, 200.0, True), (200.0, 200.1, False), (500.0, 500.0, True), (3.0, 3.0, True),
      (3.0, 2.9, False), (3.0, 20.0, False)],
 )  # fmt: skip
-def test_a_live_range_ends_at_what_was_configured(robot_of, changed, configured, value, good):
+def test_live_range_ends_at_the_configured_value(robot_of, changed, configured, value, good):
     settings, model = robot_of("go2")
     settings = changed(settings, {"limits": {"acceleration": configured}})
     controller = make_qp(settings, model)
@@ -235,7 +235,7 @@ def test_a_live_range_ends_at_what_was_configured(robot_of, changed, configured,
     if good:
         live.accept({"limits": {"acceleration": value}}, "test")
     else:
-        with pytest.raises(ConfigurationError, match=r"while the controller runs it may be from"):
+        with pytest.raises(ConfigurationError, match=r"valid in a running controller: "):
             live.accept({"limits": {"acceleration": value}}, "test")
 
 
@@ -244,7 +244,7 @@ def test_a_live_range_ends_at_what_was_configured(robot_of, changed, configured,
     ("key", "end"), [("position_margin", 0), ("position_margin", 1), ("velocity_scale", 0), ("acceleration", 0)]
 )
 def test_the_ends_of_the_live_ranges_are_safe(robot, key, end):
-    """Standing, then swaying; the joints keep to their limits, and nothing needs to be relaxed."""
+    """Stand, then sway within joint limits, without relaxation."""
     simulation = Simulation(robot, preflight=False)
     controller, model = simulation.controller, simulation.controller.model
     value = controller.config.settings.limits.live_ranges[key][end]

@@ -1,4 +1,4 @@
-"""The saved state of a controller: restored into a new one, every object continues exactly like the original."""
+"""Saved state of a controller: a restored controller continues bit for bit."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
 from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.records import ChangeSettings, Fault, Mode, RobotState, frozen
 
-#: Cycles of a run, of each continuation, and between two saved states.
+#: Cycles of a run, of continuations, and between saved states.
 CYCLES, LENGTH, EVERY = 300, 25, 11
 
 ESTIMATED = {"base_state": "imu"}  # with torque filter, disturbance observer and contact forces
@@ -43,7 +43,7 @@ CASES = {
 
 
 class RandomRun:
-    """Inputs of a robot that moves at random, with requests, changes, faults of inputs, and infeasible problems."""
+    """Inputs of random motion, with requests, changes, input faults and infeasible problems."""
 
     def __init__(self, controller: ControlCycle, stance: np.ndarray, seed: int) -> None:
         self.controller = controller
@@ -85,7 +85,7 @@ class RandomRun:
         rng, controller = self.rng, self.controller
         task, contact = str(rng.choice(list(controller.tasks))), str(rng.choice(list(controller.contacts)))
         position = controller.dynamics.com + 0.02 * rng.normal(size=3)
-        force = 1.0e4 if self.chance(0.5) else 0.0  # at first more than the robot can bear
+        force = 1.0e4 if self.chance(0.5) else 0.0  # infeasible at first
         gain = float(rng.uniform(50.0, 150.0))
         kinds = [
             SetSetpoint("com", frozen(position), float(rng.choice([0.0, 0.1]))),
@@ -100,7 +100,7 @@ class RandomRun:
 
 
 def outputs(result: object) -> tuple[object, ...]:
-    """Everything that must be equal bit for bit."""
+    """All values that must be equal bit for bit."""
     command, solution = result.command, result.solution
     return (
         result.mode,
@@ -112,7 +112,7 @@ def outputs(result: object) -> tuple[object, ...]:
 
 
 def differences(a: object, b: object) -> list[str]:
-    """Names of the parts of two saved states that differ in a bit."""
+    """Names of differing parts of two saved states."""
     a, b = (from_json(to_json(each)) for each in (a, b))
     if isinstance(a, dict) and isinstance(b, dict) and a.keys() == b.keys():
         return [f"{key}/{each}" if each else str(key) for key in a for each in differences(a[key], b[key])]
@@ -120,7 +120,7 @@ def differences(a: object, b: object) -> list[str]:
 
 
 def classes_with_state() -> set[type]:
-    """All classes of the package with `STATE_FIELDS`."""
+    """Classes with `STATE_FIELDS`."""
     found: set[type] = set()
     for module in pkgutil.walk_packages(wbc_controller.__path__, "wbc_controller."):
         if module.name.split(".")[1] in ("safety", "estimation", "inverse_dynamics", "walking", "controller"):
@@ -130,7 +130,7 @@ def classes_with_state() -> set[type]:
 
 
 def objects_with_state(owner: object) -> list[object]:
-    """An object and the parts of its state that have a state of their own."""
+    """An object and its stateful parts."""
     fields = [getattr(owner, name) for name in type(owner).STATE_FIELDS]
     return [owner] + [
         each for part in fields if hasattr(type(part), "STATE_FIELDS") for each in objects_with_state(part)
@@ -144,7 +144,7 @@ def parts_with_state(controller: ControlCycle) -> list[object]:
 
 
 def shared_arrays(controller: ControlCycle) -> list[str]:
-    """Names of writable arrays to which another attribute of a saved state refers as well."""
+    """Names of writable arrays shared by attributes."""
     arrays = [
         (f"{type(part).__name__}.{name}", getattr(part, name))
         for part in parts_with_state(controller)
@@ -177,7 +177,7 @@ def test_a_restored_controller_continues_bit_for_bit(robot_of, stance_of, change
     restored = ControlCycle(settings, model=model, preflight=False)
     for i, (live, memory, text) in saved.items():
         assert to_json(memory) == text, "a later cycle changed a saved state"
-        if i % (3 * EVERY):  # the others continue from a state after other cycles
+        if i % (3 * EVERY):  # the others continue after other cycles
             restored = ControlCycle(settings, model=model, preflight=False)
         restored.recall(memory if i % (2 * EVERY) else from_json(text), live)
         assert differences(restored.memory(), from_json(text)) == []

@@ -1,4 +1,4 @@
-"""What a cycle says of itself: values, tables for a terminal and a notebook, and plots."""
+"""Results of a cycle: values, tables and plots."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import wbc_controller as wbc
 
 @pytest.fixture(scope="module")
 def results():
-    """A push, so that constraints bind and one foot is hardly loaded."""
+    """A push with binding constraints and a nearly unloaded foot."""
     robot = wbc.Simulation("g1")
     robot.run(0.1)
     robot.plant.push("pelvis", [0.0, 60.0, 0.0, 0.0, 0.0, 0.0], 0.2)
@@ -24,7 +24,7 @@ def binding(results):
     return max(results, key=lambda each: len(each.binding))
 
 
-def test_its_values_are_those_of_the_solution_and_the_command(binding):
+def test_values_of_solution_and_command(binding):
     assert binding.tau is binding.command.tau
     assert list(binding.torques) == list(binding.qp.model.actuators)
     assert list(binding.torques.values()) == binding.tau.tolist()
@@ -43,7 +43,7 @@ def test_friction_used_is_the_share_of_the_pyramid_of_forces(binding):
             assert np.isnan(used[name])
 
 
-def test_the_table_names_what_binds_and_what_is_asked(binding):
+def test_table_of_binding_constraints_and_tasks(binding):
     said = repr(binding)
     lines = said.splitlines()
     assert lines[0] == f"active at {binding.time:.3f} s"
@@ -64,7 +64,7 @@ def test_the_notebook_shows_the_same_cells(binding):
     assert page.count("<table>") == 4
 
 
-def test_a_cycle_without_a_solution_says_so():
+def test_result_without_a_solution():
     controller = wbc.Controller("go2", preflight=False)
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     controller.request("estop")
@@ -76,7 +76,7 @@ def test_a_cycle_without_a_solution_says_so():
 
 
 def test_the_picture_of_a_cycle_is_of_its_own_state(binding):
-    """Forces start at the soles where they were, though the robot has moved on."""
+    """Forces start at the soles of the result's state."""
     shapes = {shape.group: shape.points for shape in binding.shapes}
     assert {"contact_forces", "friction_cones", "support", "com", "capture_point"} <= set(shapes)
     figure = binding.plot()
@@ -107,7 +107,7 @@ def test_the_plot_of_a_run_has_every_cycle(results):
         wbc.plot([])
 
 
-def test_without_plotly_the_error_says_what_to_install(binding, monkeypatch):
+def test_missing_plotly(binding, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "plotly.graph_objects", None)
     with pytest.raises(wbc.ConfigurationError, match=r"pip install 'wbc_controller\[plots\]'"):
         binding.plot()

@@ -15,7 +15,7 @@ BLOCKS = [yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", PA
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: "+".join(block["limits"]))
-def test_what_the_page_shows_runs(bench, block):
+def test_snippets_of_the_page(bench, block):
     robot = bench("g1", block)
     for key, value in block["limits"].items():
         given = getattr(robot.settings.limits, key)

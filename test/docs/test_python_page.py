@@ -1,4 +1,4 @@
-"""docs/python.md: its snippets run, in order, and what it says of examples and names is so."""
+"""docs/python.md: snippets, names and numbers."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ def test_the_snippets_run_in_order(tmp_path, monkeypatch, capsys):
     assert len(SNIPPETS) >= 8
 
 
-def test_every_name_that_it_mentions_is_public():
+def test_names_are_public():
     mentioned = set(re.findall(r"\bwbc\.(\w+)", PAGE)) - {"__all__"}
     assert mentioned <= set(wbc.__all__)
     assert {"Controller", "Simulation", "MujocoInterface", "load", "check", "plot"} <= mentioned
 
 
-def test_the_loop_is_as_short_as_it_says():
+def test_length_of_the_loop():
     lines = (ROOT / "examples" / "mujoco_loop.py").read_text(encoding="utf-8").splitlines()
-    (said,) = re.findall(r"a whole one in (\d+) lines", PAGE)
+    (said,) = re.findall(r"a complete loop in (\d+) lines", PAGE)
     assert len(lines) == int(said) <= 25
 
 
-def test_every_attribute_in_the_table_of_results_exists():
+def test_attributes_of_results():
     table = PAGE[PAGE.index("| `result.`") : PAGE.index("A result prints itself")]
     names = re.findall(
         r"`(\w+)(?:\(\))?`", "\n".join(row.split("|")[1] for row in table.splitlines()[2:] if "|" in row)

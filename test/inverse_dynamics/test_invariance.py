@@ -13,7 +13,7 @@ from wbc_controller.controller.check.preflight import stance
 from wbc_controller.inverse_dynamics.references.changes import EnableTask
 from wbc_controller.inverse_dynamics.robot.actuation import Actuation
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.mechanics import Recoordinated, recoordinate
+from wbc_controller.mechanics import CoordinateChange, change_coordinates
 from wbc_controller.records import References, RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.fuzz.problems import rest
@@ -53,7 +53,7 @@ def test_solution_is_independent_of_coordinates(robot):
     rng = np.random.default_rng(7)
     names = [name for name in model.pinocchio.names[1:] if name != "<floating base>"]
     flipped = [name for name in names if rng.random() < 0.5]
-    other = recoordinate(model.pinocchio, root=NEW_ROOT[robot], flip=flipped, shuffle=3)
+    other = change_coordinates(model.pinocchio, root=NEW_ROOT[robot], flip=flipped, shuffle=3)
     model_there, signs = in_other_coordinates(model, other)
     here, there = make_qp(settings, model), make_qp(settings, model_there)
     boards = [make_board(settings, controller) for controller in (here, there)]

@@ -1,7 +1,6 @@
-"""The same motions in MuJoCo, constraint forces included: acceptance 4.
+"""Motions and constraint forces compared with MuJoCo.
 
-MuJoCo's constraints are soft: it enforces a share of them (the impedance, up to 0.9999) and pulls errors out with a
-time constant. What agreement that allows is stated at each case.
+MuJoCo's constraints are soft: an impedance of at most 0.9999, and a time constant for errors. Tolerances depend on it.
 """
 
 import mujoco
@@ -37,14 +36,14 @@ def shipped(name):
 
 @pytest.mark.parametrize("name", ["go2", "g1", "talos"])
 def test_free_flight_agrees_to_rounding(name):
-    """No constraint, so nothing is soft: accelerations to 1e-8 of the largest, for random torques."""
+    """Without constraints: accelerations to 1e-8 of the largest, for random torques."""
     _, model, plant = shipped(name)
     plant.hold(False, 0.0)
     rng = np.random.default_rng(0)
     S = actuation_matrix(model.pinocchio, model.joints)
     for _ in range(5):
         q, v = random_state(model.pinocchio, rng, speed=0.5)
-        # Within the joints' limits, and high over the floor: MuJoCo has springs for both.
+        # Within joint limits and above the floor, where MuJoCo has no springs.
         middle = 0.5 * (model.position_lower + model.position_upper)
         q[model.q_index] = middle + 0.2 * (model.position_upper - middle) * rng.uniform(-1, 1, model.na)
         q[2] += 10.0
@@ -57,7 +56,7 @@ def test_free_flight_agrees_to_rounding(name):
 
 
 def standing(name, seconds=1.0):
-    """A robot that has come to rest on its feet, held by springs at its joints."""
+    """Robot at rest on its feet, with springs at its joints."""
     settings, model, plant = shipped(name)
     inertia = pin.crba(model.pinocchio, model.pinocchio.createData(), plant.state()[0]).diagonal()[model.v_index]
     stiffness = np.full(model.na, 12.0 * model.mass)
@@ -71,7 +70,7 @@ def standing(name, seconds=1.0):
 
 
 def feet(settings, model, q):
-    """The contacts of the configuration as constraints, where they are now."""
+    """Contacts of the configuration as constraints at their present positions."""
     data = model.pinocchio.createData()
     pin.framesForwardKinematics(model.pinocchio, data, q)
     made = []
@@ -86,7 +85,7 @@ def feet(settings, model, q):
 
 
 def test_a_standing_quadruped_has_the_same_contact_forces():
-    """At rest softness does not show: each foot's force to 0.1 % of the weight on it, and so their sum."""
+    """At rest: force of each foot to 0.1 % of its load."""
     settings, model, plant = standing("go2")
     q, v = plant.state()
     assert np.abs(v).max() < 0.05
@@ -102,9 +101,9 @@ def test_a_standing_quadruped_has_the_same_contact_forces():
 
 @pytest.mark.parametrize("torque", [-1.0, 1.0])
 def test_a_jolt_of_torque_changes_the_contact_forces_alike(torque):
-    """The same robot at the instant of a torque step: forces to 0.5 % of the weight.
+    """The same robot at a torque step: forces to 0.5 % of the weight.
 
-    Accelerations to 10 % of the largest: the 2 % of the feet's motion that the impedance leaves moves the light calves.
+    Accelerations to 10 % of the largest: 2 % of the feet's motion, left by the impedance, moves the light calves.
     """
     settings, model, plant = standing("go2")
     q, v = plant.state()
@@ -116,7 +115,7 @@ def test_a_jolt_of_torque_changes_the_contact_forces_alike(torque):
     theirs = np.array(list(plant.contact_wrenches().values()))
     weight = model.mass * model.gravity
     ours = motion.multipliers.reshape(4, 3)
-    assert (np.linalg.norm(ours[:, :2], axis=1) < 0.6 * ours[:, 2]).all()  # else MuJoCo's feet slide, and ours do not
+    assert (np.linalg.norm(ours[:, :2], axis=1) < 0.6 * ours[:, 2]).all()  # otherwise MuJoCo's feet slide
     assert np.abs(ours - theirs).max() < 0.005 * weight
     assert np.abs(motion.v_dot - plant.acceleration()).max() < 0.1 * np.abs(motion.v_dot).max()
 
@@ -146,7 +145,7 @@ def mujoco_four_bar(model):
 
 
 def test_a_four_bar_moves_and_strains_alike():
-    """Impedance 0.9999: angles over one second to 1e-5 rad, the pin's force along the way to 0.1 % of its largest."""
+    """Impedance 0.9999: angles over one second to 1e-5 rad, force of the pin to 0.1 % of the largest."""
     model, loop, q = four_bar()
     A = constraint_equation(loop, Kinematics(model, q, np.zeros(3))).A
     v = admissible_directions(A)[:, 0]
@@ -157,14 +156,14 @@ def test_a_four_bar_moves_and_strains_alike():
 
     theirs = mujoco.MjModel.from_xml_string(mujoco_four_bar(model))
     data = mujoco.MjData(theirs)
-    # The anchor is taken where the bodies are at qpos0; put the second one where the loop closes.
+    # The anchor is defined at qpos0; place the second one where the loop closes.
     theirs.eq_data[0, 3:6] = [0.4, 0.0, 0.0]
     data.qpos[:], data.qvel[:] = q, v
     worst_angle, forces = 0.0, []
     for k in range(steps + 1):
         worst_angle = max(worst_angle, np.abs(data.qpos - qs[k]).max())
         if k % 10 == 0:
-            # The force where our own motion is, and without the pull that takes out what little error there is.
+            # Force at our state, without error correction.
             probe = mujoco.MjData(theirs)
             probe.qpos[:], probe.qvel[:] = qs[k], vs[k]
             mujoco.mj_forward(theirs, probe)
@@ -210,10 +209,10 @@ def test_a_ball_rolls_down_a_slope_alike():
 
 
 @pytest.mark.parametrize("moment", [0.0, 8.0, 22.0])
-def test_a_box_stands_or_tips_alike(moment):
-    """One-sided contacts at rest, unevenly loaded, tipping: which corners push, and how much, to 0.1 % of the weight.
+def test_box_at_rest_and_tipping(moment):
+    """Unilateral contacts at rest, unevenly loaded, tipping: corner forces to 0.1 % of the weight.
 
-    Over four corners the share of each is open (redundant rows): the two on each side are compared together.
+    Four corners are redundant: the sums of both sides are compared.
     """
     size, mass = (0.4, 0.3, 0.5), 10.0
     corners = [np.array([sx * size[0] / 2, sy * size[1] / 2, -size[2] / 2]) for sx in (1, -1) for sy in (1, -1)]
@@ -239,7 +238,7 @@ def test_a_box_stands_or_tips_alike(moment):
         sides[int(data.contact[index].pos[1] < 0.0)] += local[0]
 
     force = np.array([0, 0, 0, moment, 0, 0])
-    motion = constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, pushing=floor)
+    motion = constrained_dynamics(model, pin.neutral(model), np.zeros(6), force, unilateral=floor)
     ours = np.array([motion.push[[0, 2]].sum(), motion.push[[1, 3]].sum()])
     weight = mass * 9.81
     assert np.abs(ours - sides).max() < 0.001 * weight, (ours, sides)

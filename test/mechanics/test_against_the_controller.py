@@ -1,4 +1,4 @@
-"""The controller's snapshot and contacts are fast paths of what is said here: they must be the same, to rounding."""
+"""Dynamics and contacts of the controller are equal to the mechanics, to rounding."""
 
 from functools import cache
 
@@ -69,7 +69,7 @@ def test_snapshot_contacts_and_wrenches_agree(name, seed):
 @pytest.mark.parametrize("robot", ["g1", "talos"])
 @pytest.mark.parametrize("seed", range(5))
 def test_the_torques_lead_to_the_accelerations_and_contact_forces_that_were_counted_on(robot, seed):
-    """What the one counts on, the other finds (S10)."""
+    """The solution of the program is the constrained motion (S10)."""
     controller, configured = controller_of(robot)
     model, board = controller.model, make_board(configured, controller)
     rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""The balances of energy and momentum between two states, on the simulated robot: right, and with what is wrong."""
+"""Energy and momentum balances between two states of a simulated robot, with correct and wrong models."""
 
 from functools import cache
 
@@ -13,14 +13,14 @@ from wbc_controller.records import RobotState
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.simulation.plant import Plant
 
-#: Steps of the physics over which a residual is averaged: 0.1 s.
+#: Averaged steps: 0.1 s.
 WINDOW = 100
 PUSH = np.array([0.0, 25.0, 0.0, 0.0, 0.0, 0.0])
 
 
 @cache
 def squatting():
-    """Two seconds of a Go2 that squats on the floor, a push in the last half second: model, and what each step did."""
+    """Model and steps of Go2 squatting for two seconds, with a push in the last half second."""
     settings = load_settings(find_configuration("go2"))
     model = make_model(settings)
     plant = Plant(model, settings)
@@ -56,7 +56,7 @@ def squatting():
 
 
 def heavier(model, frame, scale):
-    """The same robot, one link's mass wrong."""
+    """The same robot with a wrong mass."""
     changed = model.copy()
     joint = model.frames[model.getFrameId(frame)].parentJoint
     inertia = model.inertias[joint]
@@ -111,7 +111,7 @@ def test_momentum_shows_a_wrong_mass_and_an_unknown_push():
     assert np.abs(momentum(model, steps[400:1500])).max() < 0.005 * weight
     wrong_mass = momentum(heavier(model, "base", 1.2), steps[400:1500])
     missing = 0.2 * model.inertias[1].mass * 9.81
-    assert np.abs(wrong_mass[:, 2]).mean() == pytest.approx(missing, rel=0.2)  # the robot accelerates, too
+    assert np.abs(wrong_mass[:, 2]).mean() == pytest.approx(missing, rel=0.2)  # the robot also accelerates
     pushed = momentum(model, steps[1600:])
     assert np.allclose(pushed[:, :3], PUSH[:3], atol=0.005 * weight)
 
@@ -119,11 +119,11 @@ def test_momentum_shows_a_wrong_mass_and_an_unknown_push():
 def test_states_in_the_wrong_order_are_refused():
     model, steps = squatting()
     before, after, force, _ = steps[0]
-    with pytest.raises(InputRefused, match="expected a later stamp"):
+    with pytest.raises(InputRefused, match="of the second state is not after"):
         energy_residual(model, after, before, force)
-    with pytest.raises(InputRefused, match="expected a later stamp"):
+    with pytest.raises(InputRefused, match="of the second state is not after"):
         momentum_residual(model, before, before)
-    with pytest.raises(InputRefused, match=r"force has the shape \(3,\)"):
+    with pytest.raises(InputRefused, match=r"force has shape \(3,\)"):
         energy_residual(model, before, after, np.zeros(3))
-    with pytest.raises(ConfigurationError, match="no frame"):
+    with pytest.raises(ConfigurationError, match="unknown frame"):
         momentum_residual(model, before, after, [ExternalWrench("nowhere", np.zeros(6))])

@@ -1,4 +1,4 @@
-"""Every kind of constraint against finite differences, its force as an action and a reaction, and its stabilisation."""
+"""Constraints: finite differences, forces, stabilization."""
 
 import math
 
@@ -25,7 +25,7 @@ from wbc_controller.mechanics import (
     forward_dynamics,
     generalized_force,
     ground,
-    shaken,
+    oscillating_support,
     simulate,
 )
 
@@ -40,7 +40,7 @@ def placed(rng):
 def every_kind(model, rng):
     first, second = (str(name) for name in rng.choice(links(model), 2, replace=False))
     joints = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq == 1]
-    support = shaken(0.5 * rng.normal(size=6), 0.4, 3.0)
+    support = oscillating_support(0.5 * rng.normal(size=6), 0.4, 3.0)
     a, b, n = rng.normal(size=(3, 3))
     n[2] += 2.0
     return [
@@ -75,7 +75,7 @@ def test_rates_are_finite_differences(name, seed):
         scale = 1.0 + np.abs(rate).max()
         assert np.abs(rate - terms.jacobian @ v_dot - terms.drift).max() < 1e-5 * scale, constraint
         if isinstance(constraint, SurfaceContact | WeldedFrames):
-            continue  # their position error is a logarithm, whose rate is the twist near zero only: below
+            continue  # position error is a logarithm: its rate is the twist near zero only
         change = (ends[0].position - ends[1].position) / (2 * eps)
         assert np.abs((change - terms.velocity)[terms.holonomic]).max(initial=0.0) < 1e-5 * scale, constraint
 
@@ -97,7 +97,7 @@ def test_a_welds_error_moves_with_its_twist_near_zero(name, seed):
 @settings(max_examples=15, deadline=None)
 @given(names, seeds)
 def test_multipliers_are_forces_that_act_on_the_links(name, seed):
-    """Aᵀλ is Jᵀw of the wrenches that the docstrings say λ is (equation (22))."""
+    """Aᵀλ equals Jᵀw of the documented wrenches λ (equation (22))."""
     model, rng = robot(name), np.random.default_rng(seed)
     q, v = random_state(model, rng)
     kinematics = Kinematics(model, q, v)
@@ -146,7 +146,7 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
     errors = qs[:, 1] + 2 * qs[:, 3] - coupling.offset
     times = 2e-3 * np.arange(201)
     assert np.allclose(errors, g0 * (1 + times / T) * np.exp(-times / T), atol=1e-7)
-    # Non-holonomic rows: γ̇ + γ/T = 0. A ball that slides begins to roll.
+    # Non-holonomic rows: γ̇ + γ/T = 0. A sliding ball begins to roll.
     ball = pin.Model()
     joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "ball")
     ball.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
@@ -157,12 +157,12 @@ def test_stabilisation_takes_errors_out_with_the_time_constant():
     qs, vs = simulate(ball, lambda q, v, t: constrained_dynamics(ball, q, v, zero, [rolling]).v_dot, q, v, 2e-3, 200)
     slip = [rolling.terms(Kinematics(ball, a, b)).velocity[0] for a, b in zip(qs[::20], vs[::20], strict=True)]
     assert np.allclose(slip, np.exp(-times[::20] / T), atol=1e-7)
-    # Rolling resists sliding by friction at the bottom alone: the velocity falls to 5/7 of what it was.
+    # Friction at the contact reduces the velocity to 5/7.
     assert np.linalg.norm(pin.XYZQUATToSE3(qs[-1]).rotation @ vs[-1][:3]) == pytest.approx(5 / 7, abs=0.01)
 
 
-def test_a_moving_support_carries_what_stands_on_it():
-    """A pendulum whose pivot is shaken, against its equation l θ̈ = -(g cos 0) sin θ - ẍ cos θ."""
+def test_moving_support():
+    """Pendulum with a moving pivot: l θ̈ = -g sin θ - ẍ cos θ."""
     length, amplitude, omega = 0.7, 0.1, 5.0
     model = pin.Model()
     base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "cart")
@@ -172,7 +172,7 @@ def test_a_moving_support_carries_what_stands_on_it():
     model.appendBodyToJoint(
         joint, pin.Inertia(1.5, np.array([0.0, 0.0, -length]), np.zeros((3, 3))), pin.SE3.Identity()
     )
-    support = shaken(np.array([1.0, 0.0, 0.0]), amplitude, omega)
+    support = oscillating_support(np.array([1.0, 0.0, 0.0]), amplitude, omega)
     held = SurfaceContact(frame="cart_link", support=support, time_constant=0.1)
     q, v = pin.neutral(model), np.zeros(7)
     q[7], v[0] = 0.4, amplitude * omega
@@ -186,7 +186,7 @@ def test_a_moving_support_carries_what_stands_on_it():
 
     plain = pendulum(length)
 
-    def swing(q, v, t):  # a positive turn about y carries the bob to negative x
+    def swing(q, v, t):  # a positive rotation about y moves the bob to negative x
         return np.array(
             [(-9.81 * math.sin(q[0]) - amplitude * omega**2 * math.sin(omega * t) * math.cos(q[0])) / length]
         )
@@ -202,7 +202,7 @@ def test_a_support_that_does_not_move_is_the_ground():
 
 
 def test_a_force_makes_the_reaction_of_a_single_pendulum():
-    """The pull in the rod of a pendulum: m (g cos θ + l θ̇²)."""
+    """Tension of a pendulum: m (g cos θ + l θ̇²)."""
     free = pin.Model()
     joint = free.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "bob")
     free.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.5, 0.01), pin.SE3.Identity())
@@ -216,7 +216,7 @@ def test_a_force_makes_the_reaction_of_a_single_pendulum():
     assert np.abs(terms.position).max() < 1e-12
     assert np.abs(terms.velocity).max() < 1e-12
     motion = constrained_dynamics(free, q, v, np.zeros(6), [pivot])
-    # On the bob's scale the ball is a point.
+    # The ball is a point relative to the bob.
     assert R.T @ motion.multipliers @ [0, 0, 1] == pytest.approx(
         1.5 * (9.81 * math.cos(theta) + length * speed**2), rel=1e-4
     )
@@ -225,7 +225,7 @@ def test_a_force_makes_the_reaction_of_a_single_pendulum():
 def test_mistakes_are_named():
     model = robot("go2")
     q, v = pin.neutral(model), np.zeros(model.nv)
-    with pytest.raises(ConfigurationError, match=r"time_constant = 0\.0 s; it must be positive"):
+    with pytest.raises(ConfigurationError, match=r"time_constant = 0\.0 s: must be positive"):
         PointContact(frame="FL_foot", time_constant=0.0)
     with pytest.raises(ConfigurationError, match="time_constant = nan"):
         JointCoupling(coefficients={}, time_constant=math.nan)
@@ -233,14 +233,14 @@ def test_mistakes_are_named():
         (PointContact(frame="FL_foto"), "did you mean 'FL_foot'"),
         (JointCoupling(coefficients={"FL_hip": 1.0}), "did you mean 'FL_hip_joint'"),
         (JointCoupling(coefficients={"root_joint": 1.0}), "6 degrees of freedom in 7"),
-        (PlaneContact(frame="FL_foot", normal=np.zeros(3)), "must have a length"),
+        (PlaneContact(frame="FL_foot", normal=np.zeros(3)), "must not be zero"),
         (Rolling(frame="FL_foot", radius=0.1, axis=np.array([0.0, 0.0, 1.0])), "lies flat"),
     ):
         with pytest.raises(ConfigurationError, match=words):
             constrained_dynamics(model, q, v, v, [constraint])
 
 
-def test_a_constraint_that_asks_for_nothing_new_changes_nothing():
+def test_inactive_constraint_has_no_effect():
     model, rng = robot("g1"), np.random.default_rng(2)
     q, v = random_state(model, rng)
     frame = links(model)[-1]

@@ -1,4 +1,4 @@
-"""The docstrings say what a reader of the note needs, and every snippet of the docs page runs."""
+"""Docstrings of the mechanics, and snippets of docs/mechanics.md."""
 
 import ast
 import dataclasses
@@ -13,14 +13,14 @@ from wbc_controller import mechanics
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "mechanics.md"
-#: A reference to the note: an equation number, or a section.
+#: Equation or section of the note.
 REFERENCE = re.compile(r"\(\d{1,2}\)|equations? \(\d|section \d|Lemma 1|\(S\d+\)")
 SHAPE = re.compile(r"\((?:\d|n|k|m|nv|nq|na|rods)[^()]*,[^()]*\)")
 UNIT = re.compile(r"\b(m|kg|s|N|J|W|rad|m/s|m/s²|rad/s|N·m|N·s|N·m·s|units)\b")
-#: Functions that raise on behalf of who calls them.
+#: Functions that raise for their callers.
 RAISING = {"as_array", "frame_index", "joint_index", "single_joint", "duration", "_unit", "_check", "_consistent"}
 
-#: Arguments that the package describes once for all functions.
+#: Arguments described by the package.
 COMMON = set(re.findall(r"``(\w+)``", mechanics.__doc__))
 
 functions = sorted(name for name in mechanics.__all__ if inspect.isfunction(getattr(mechanics, name)))
@@ -35,7 +35,7 @@ def the(name):
 
 
 def raises_itself(function):
-    """Whether the body raises, or calls one of the small functions that do."""
+    """Return True if the body raises, or calls one of `RAISING`."""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
     calls = {
         getattr(node.func, "id", getattr(node.func, "attr", ""))
@@ -45,7 +45,7 @@ def raises_itself(function):
     return any(isinstance(node, ast.Raise) for node in ast.walk(tree)) or bool(calls & RAISING)
 
 
-def test_what_is_exported_is_what_is_there():
+def test_exported_names():
     assert mechanics.__all__ == sorted(mechanics.__all__)
     assert len(functions) > 40
     public = {name for name in vars(mechanics) if not name.startswith("_") and not inspect.ismodule(the(name))}
@@ -67,7 +67,7 @@ def test_functions_name_the_equation_shapes_units_and_errors(name):
 
 
 @pytest.mark.parametrize("name", classes)
-def test_classes_name_what_they_hold(name):
+def test_classes_describe_their_fields(name):
     item, text = the(name), inspect.getdoc(the(name))
     for field in dataclasses.fields(item) if dataclasses.is_dataclass(item) else ():
         own = field.name in vars(item).get("__annotations__", {})
@@ -81,7 +81,7 @@ def snippets():
 
 
 def test_the_page_runs():
-    """From top to bottom in one namespace, as a reader would; its assertions are its promises."""
+    """Run all snippets in one namespace."""
     namespace = {}
     found = snippets()
     assert len(found) >= 10

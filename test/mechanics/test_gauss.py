@@ -1,4 +1,4 @@
-"""Gauss's principle: acceptance 1. Against Udwadia–Kalaba, against Pinocchio, and against its own definition."""
+"""Gauss's principle compared with Udwadia–Kalaba, Pinocchio and its definition."""
 
 import decimal
 import itertools
@@ -31,10 +31,10 @@ from wbc_controller.mechanics import (
 
 seeds = st.integers(0, 2**32 - 1)
 names = st.sampled_from(sorted(ROBOTS))
-#: Condition number of A above which answers are compared to 1e-6 instead of 1e-8.
+#: Condition number of A above which the tolerance is 1e-6 in place of 1e-8.
 ILL_CONDITIONED = 1.0e3
-#: Singular values of A below this share of the largest are neither zero nor not, unless they are rounding: the rank
-#: depends on its tolerance, and there is nothing to compare. Hypothesis finds some: romeo 5281 and 632485.
+#: Relative singular values of A between rounding and this share make the rank ambiguous: not compared (romeo 5281 and
+#: 632485).
 UNDECIDED, ROUNDING = 1.0e-9, 1.0e-13
 
 
@@ -43,7 +43,7 @@ def relative(a, b):
 
 
 def problem(name, seed):
-    """M, v̇ᵤ, A, b of a random robot, state, torque and set of constraints that agree with each other."""
+    """M, v̇ᵤ, A, b of a random robot, state, torque and consistent constraints."""
     model, rng = robot(name), np.random.default_rng(seed)
     np.random.seed(seed % 2**32)  # pin.SE3.Random
     pin.seed(seed % 2**31)
@@ -51,7 +51,7 @@ def problem(name, seed):
     force = 20.0 * rng.normal(size=model.nv)
     equation = constraint_equation(random_constraints(model, rng), Kinematics(model, q, v, rng.uniform(0, 2)))
     A, b = equation.A, equation.b
-    # Constraints drawn at random may ask for what cannot be, such as one link in two places.
+    # Random constraints may be inconsistent.
     U, s, _ = np.linalg.svd(A)
     if ((s > ROUNDING * s[0]) & (s < UNDECIDED * s[0])).any():
         reject()
@@ -71,7 +71,7 @@ def test_gauss_is_udwadia_kalaba_and_pinocchio(name, seed):
     tolerance = 1e-6 if motion.condition > ILL_CONDITIONED else 1e-8
     assert relative(udwadia_kalaba(M, free, A, b), motion.v_dot) < tolerance, f"condition {motion.condition:.3g}"
     if motion.rank == len(A):
-        # Pinocchio factors A M⁻¹Aᵀ, which has the square of the condition number: below, it is Pinocchio that is off.
+        # Pinocchio factors A M⁻¹Aᵀ with the squared condition number, and is less accurate.
         tolerance = max(tolerance, 1e-15 * motion.condition**2)
         model = robot(name)
         data = model.createData()
@@ -98,7 +98,7 @@ def test_constraints_hold_and_their_forces_do_no_work(name, seed):
         size = max(1.0, np.linalg.norm(motion.constraint_force))
         assert np.abs(motion.constraint_force @ directions).max() < 1e-10 * size
     assert relative(M @ motion.v_dot, M @ free + motion.constraint_force) < 1e-9
-    # Where constraints are nearly redundant, the product of large multipliers cancels, and keeps their rounding.
+    # With nearly redundant constraints, products of large multipliers contain rounding errors.
     rounding = max(A.shape) * np.finfo(float).eps * np.linalg.norm(np.abs(A).T @ np.abs(motion.multipliers))
     rounding /= max(1.0, np.linalg.norm(motion.constraint_force))
     assert relative(A.T @ motion.multipliers, motion.constraint_force) < max(1e-9, rounding)
@@ -122,7 +122,7 @@ def test_redundancy_changes_no_motion_and_the_multipliers_are_shortest(name, see
     M, free, A, b, rng = problem(name, seed)
     once = gauss(M, free, A, b)
     if not once.rank:
-        return  # a link welded to itself: nothing but rounding, of which there is no shortest multiplier
+        return  # a link welded to itself: rounding errors only
     mix = rng.normal(size=(3, len(A)))
     more = gauss(M, free, np.vstack([A, mix @ A, A[:1]]), np.concatenate([b, mix @ b, b[:1]]))
     tolerance = 1e-6 if once.condition > ILL_CONDITIONED else 1e-8
@@ -134,7 +134,7 @@ def test_redundancy_changes_no_motion_and_the_multipliers_are_shortest(name, see
 
 
 def exactly(M, free, A, b):
-    """The accelerations that solve (32), with sixty digits."""
+    """Solve (32) with sixty digits."""
     with decimal.localcontext() as context:
         context.prec = 60
         n, k = len(M), len(A)
@@ -158,7 +158,7 @@ def exactly(M, free, A, b):
         return np.array([float(value) for value in x[:n]])
 
 
-def test_close_to_singular_gauss_is_right_where_squaring_the_condition_is_not():
+def test_nearly_singular_constraints():
     """Condition number 3e8, found by Hypothesis, against a solution with sixty digits."""
     M, free, A, b, _ = problem("talos", 3000534)
     motion = gauss(M, free, A, b)
@@ -167,13 +167,13 @@ def test_close_to_singular_gauss_is_right_where_squaring_the_condition_is_not():
     truth = exactly(M, free, A, b)
     assert relative(motion.v_dot, truth) < 1e-6, f"condition {motion.condition:.3g}"
     assert relative(udwadia_kalaba(M, free, A, b), truth) < 1e-6, f"condition {motion.condition:.3g}"
-    minimal = A @ np.linalg.solve(M, A.T)  # what Pinocchio, and many a textbook, inverts
+    minimal = A @ np.linalg.solve(M, A.T)  # inverted by Pinocchio
     by_squares = free + np.linalg.solve(M, A.T @ np.linalg.solve(minimal, b - A @ free))
     assert relative(by_squares, truth) > 1e-3
 
 
-def test_a_constraint_that_no_motion_enters_is_none():
-    """A link welded to itself makes rows of rounding, which must not count as constraints."""
+def test_constraint_independent_of_the_motion():
+    """A link welded to itself yields rounding errors, not constraints."""
     A = 1e-15 * np.random.default_rng(0).normal(size=(6, 5))
     free = np.arange(5.0)
     motion = gauss(np.eye(5), free, A, np.zeros(6))
@@ -228,7 +228,7 @@ def test_the_same_answer_solves_the_equations_that_a_program_gets():
 
 def test_contradicting_constraints_are_named():
     A = np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    with pytest.raises(NoSolution, match=r"row \d asks for .* and gets 0\.5 at best") as caught:
+    with pytest.raises(NoSolution, match=r"row \d requires .*, best value 0\.5") as caught:
         gauss(np.eye(3), np.zeros(3), A, np.array([0.0, 1.0]))
     assert caught.value.problem[0] is not None
     with pytest.raises(NoSolution):
@@ -237,11 +237,11 @@ def test_contradicting_constraints_are_named():
         )
 
 
-def test_what_is_no_problem_is_refused():
+def test_invalid_problems_are_refused():
     good = (np.eye(2), np.zeros(2), np.ones((1, 2)), np.zeros(1))
     for index, bad, words in (
         (1, np.array([0.0, np.nan]), "v_dot_u is not finite at"),
-        (2, np.ones((1, 3)), r"A has the shape \(1, 3\); expected \(1, 2\)"),
+        (2, np.ones((1, 3)), r"A has shape \(1, 3\), expected \(1, 2\)"),
         (0, -np.eye(2), "not positive definite"),
     ):
         arguments = list(good)
@@ -250,17 +250,17 @@ def test_what_is_no_problem_is_refused():
             gauss(*arguments)
 
 
-def test_without_constraints_motion_is_free_and_with_all_of_them_it_is_given():
+def test_no_constraints_and_full_constraints():
     free = np.array([1.0, 2.0])
     assert np.allclose(gauss(np.eye(2), free, np.zeros((0, 2)), np.zeros(0)).v_dot, free)
     assert np.allclose(gauss(np.eye(2), free, np.eye(2), np.array([3.0, 4.0])).v_dot, [3.0, 4.0])
 
 
-# --- contacts that only push --------------------------------------------------------------------------------------
+# --- unilateral contacts  --------------------------------------------------------------------------------------
 
 
 def by_enumeration(M, free, A, b, C, d):
-    """Try every set of contacts that hold; the right one pushes everywhere and breaks nothing."""
+    """Find the active set by trying all sets."""
     for count in range(len(d) + 1):
         for held in itertools.combinations(range(len(d)), count):
             rows = list(held)
@@ -302,7 +302,7 @@ def test_pushing_contacts_are_least_constraint_too(name, seed):
 def resting(extra):
     model, corners = box()
     q, v = pin.neutral(model), np.zeros(model.nv)
-    return constrained_dynamics(model, q, v, np.array(extra, dtype=float), pushing=corners)
+    return constrained_dynamics(model, q, v, np.array(extra, dtype=float), unilateral=corners)
 
 
 def test_a_box_rests_lifts_and_tips():
@@ -310,10 +310,10 @@ def test_a_box_rests_lifts_and_tips():
     rest = resting([0, 0, 0, 0, 0, 0])
     assert np.abs(rest.v_dot).max() < 1e-9
     assert rest.push.sum() == pytest.approx(weight)
-    lifted = resting([0, 0, weight + 20.0, 0, 0, 0])  # pulled harder than it weighs: the floor does not hold it down
+    lifted = resting([0, 0, weight + 20.0, 0, 0, 0])  # lifted by more than its weight
     assert lifted.v_dot[2] == pytest.approx(2.0)
     assert np.abs(lifted.push).max() < 1e-9
-    # Half of the base is 0.15 m along y: up to that moment it stands, over it, it turns about one edge.
+    # Half width 0.15 m: above this moment the box tips about an edge.
     standing = resting([0, 0, 0, 0.9 * weight * 0.15, 0, 0])
     assert np.abs(standing.v_dot).max() < 1e-9
     tipping = resting([0, 0, 0, 1.5 * weight * 0.15, 0, 0])
@@ -330,7 +330,7 @@ def test_a_two_sided_constraint_and_a_pushing_one_together():
     push = np.zeros(model.nv)
     for sign, held in ((-200.0, True), (200.0, False)):
         push[3] = sign
-        motion = constrained_dynamics(model, q, 0.0 * v, push, [coupling], pushing=[stop])
+        motion = constrained_dynamics(model, q, 0.0 * v, push, [coupling], unilateral=[stop])
         assert motion.v_dot[0] == pytest.approx(-motion.v_dot[1])
         assert (abs(motion.v_dot[3]) < 1e-9) == held
         assert (motion.push[0] > 1.0) == held

@@ -1,4 +1,4 @@
-"""Conservation over long motions: acceptance 3. What free flight, a closed loop and rolling keep, and how well."""
+"""Conserved quantities over long motions: free flight, closed loop, rolling."""
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +19,7 @@ from wbc_controller.mechanics import (
 
 
 def tumbling(name):
-    """A robot thrown into the air, its joints free."""
+    """Robot in free flight with free joints."""
     model, rng = robot(name), np.random.default_rng(1)
     q = pin.neutral(model)
     q[3:7] = pin.Quaternion(pin.exp3(rng.normal(size=3))).coeffs()
@@ -36,7 +36,7 @@ def free_flight(model, q, v, step, duration):
 
 
 def drifts(model, q, v, step, duration):
-    """Relative drift of energy, linear and angular momentum; gravity accounted for."""
+    """Relative drift of energy and momenta, without the effect of gravity."""
     q1, v1 = free_flight(model, q, v, step, duration)
     before, after = centroidal_momentum(model, q, v), centroidal_momentum(model, q1, v1)
     fall = pin.computeTotalMass(model) * np.array(model.gravity.linear) * duration
@@ -62,7 +62,7 @@ def test_the_drift_falls_at_the_order_of_the_integrator(name):
     coarse, fine = drifts(model, q, v, 8e-3, 0.4), drifts(model, q, v, 4e-3, 0.4)
     order = np.log2(coarse / fine)
     assert (order > 3.5).all(), (coarse, fine, order)
-    # The motion itself, too, and not its invariants alone.
+    # Also compare the motion.
     ends = [free_flight(model, q, v, step, 0.4) for step in (8e-3, 4e-3, 2e-3)]
     errors = [
         np.linalg.norm(pin.difference(model, end[0], ends[2][0])) + np.linalg.norm(end[1] - ends[2][1])
@@ -98,13 +98,13 @@ def test_a_four_bar_stays_closed_for_ten_seconds():
     model, loop, q = four_bar()
     A = constraint_equation(loop, Kinematics(model, q, np.zeros(3))).A
     free = admissible_directions(A)
-    assert free.shape == (3, 1)  # three rows, two of them independent: the plane is there twice
+    assert free.shape == (3, 1)  # three rows, two independent
     v = free[:, 0] * 5.0 / free[0, 0]
     position, velocity, energy, qs, _ = follow(model, loop, q, v, 5e-3, 10.0)
     assert position < 1e-6, position
     assert velocity < 1e-6, velocity
     assert energy < 1e-6, energy
-    assert qs[-1, 0] > 5.0 * 2.0 * np.pi  # it went round and round
+    assert qs[-1, 0] > 5.0 * 2.0 * np.pi  # several turns
 
 
 def rolling_start(lean=0.03, speed=6.0, yaw_rate=0.15, swing=0.5):
@@ -124,7 +124,7 @@ def test_a_pendulum_on_a_rolling_wheel_rolls_for_ten_seconds():
     assert position < 1e-6, position
     assert velocity < 1e-6, velocity
     assert energy < 1e-6, energy
-    # It went somewhere, and along a curve: what it did not do is slide.
+    # The wheel moves along a curve without slip.
     assert np.linalg.norm(qs[-1, :2]) > 1.0
     assert np.abs(qs[:, 1]).max() > 0.1
 

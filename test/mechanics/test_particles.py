@@ -27,7 +27,7 @@ NOTHING = (np.zeros((0, 6)), np.zeros(0))
 
 
 def double_pendulum(masses=(1.2, 0.7), lengths=(0.5, 0.8)):
-    """The same double pendulum as particles on rods, kept in the plane y = 0, and as a model in joint angles."""
+    """Double pendulum as particles on rods in the plane y = 0, and as a model in joint angles."""
     system = ParticleSystem(np.array(masses), [Rod(0, np.zeros(3), lengths[0]), Rod(1, 0, lengths[1])])
     model = pin.Model()
     parent, before = 0, 0.0
@@ -56,7 +56,7 @@ def positions(model, q, v):
 
 
 def in_the_plane(system, x, x_dot):
-    """The rods, and the plane y = 0."""
+    """Rods and plane y = 0."""
     A, b = rod_constraints(system, x, x_dot)
     plane = np.zeros((2, 6))
     plane[0, 1] = plane[1, 4] = 1.0
@@ -73,7 +73,7 @@ def test_one_stage_two_stages_and_generalized_coordinates_agree(seed):
     structure = in_the_plane(system, x, x_dot)
     forces = 3.0 * rng.normal(size=(2, 3))
     forces[:, 1] = 0.0
-    # The last bob slides along a line in the plane: a contact.
+    # Contact: the last bob slides along a line.
     normal = np.concatenate([np.zeros(3), [np.cos(0.4), 0.0, np.sin(0.4)]])[None, :]
     for contact in (NOTHING, (normal, np.array([0.7]))):
         one = solve_in_one_stage(system, structure, contact, forces)
@@ -91,7 +91,7 @@ def test_one_stage_two_stages_and_generalized_coordinates_agree(seed):
 @settings(max_examples=40, deadline=None)
 @given(seeds)
 def test_with_the_generalized_basis_the_reduction_is_the_equations_of_motion(seed):
-    """M = (∂φ/∂q)ᵀ M_x ∂φ/∂q, and the structure's forces are gone from it: (19) and section 4.2.1."""
+    """M = (∂φ/∂q)ᵀ M_x ∂φ/∂q, without structural forces: (19) and section 4.2.1."""
     rng = np.random.default_rng(seed)
     system, model = double_pendulum()
     q, v = rng.uniform(-3, 3, 2), rng.normal(size=2)
@@ -99,13 +99,13 @@ def test_with_the_generalized_basis_the_reduction_is_the_equations_of_motion(see
     reduced = reduce_structure(system, in_the_plane(system, x, x_dot), basis=J)
     assert np.allclose(reduced.M, mass_matrix(model, q), atol=1e-10)
     assert np.allclose(J.T @ particle_mass_matrix(system) @ J, reduced.M, atol=1e-12)
-    # ẍ = J q̈ + J̇ q̇ = particular + J a: the same acceleration, once the particular part is taken to J's coordinates.
+    # ẍ = J q̈ + J̇ q̇ = particular + J a.
     q_ddot = np.linalg.solve(mass_matrix(model, q), -bias_force(model, q, v))
     assert np.allclose(reduced.particular + J @ reduced.a_u, J @ q_ddot + drift, atol=1e-7)
 
 
 def test_the_motion_is_the_same_over_time():
-    """Integrated as particles and as joint angles, two seconds."""
+    """Integrate two seconds as particles and in joint angles."""
     system, model = double_pendulum()
     q, v = np.array([0.9, -0.4]), np.array([0.3, 1.0])
     x, x_dot, _, _ = positions(model, q, v)
@@ -133,7 +133,7 @@ def test_the_motion_is_the_same_over_time():
 
 
 def test_a_rigid_tetrahedron_is_a_rigid_body():
-    """Four particles, six rods: twelve coordinates less six, as a rigid body has. Weightless, it keeps its momentum."""
+    """Four particles and six rods are a rigid body; without gravity momentum is conserved."""
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     rods = [Rod(i, j, float(np.linalg.norm(corners[i] - corners[j]))) for i in range(4) for j in range(i)]
     system = ParticleSystem(np.array([1.0, 2.0, 3.0, 4.0]), rods, np.zeros(3))
@@ -154,18 +154,18 @@ def test_a_rigid_tetrahedron_is_a_rigid_body():
 
 
 def test_mistakes_are_named():
-    with pytest.raises(ConfigurationError, match="all must be positive"):
+    with pytest.raises(ConfigurationError, match="kg: must be positive"):
         ParticleSystem(np.array([1.0, np.nan]), [])
-    with pytest.raises(ConfigurationError, match="particle 2; valid: 0 to 1"):
+    with pytest.raises(ConfigurationError, match="unknown particle 2 of a rod; valid: 0 to 1"):
         ParticleSystem(np.ones(2), [Rod(0, 2, 1.0)])
-    with pytest.raises(ConfigurationError, match="length 0"):
+    with pytest.raises(ConfigurationError, match="length = 0"):
         ParticleSystem(np.ones(2), [Rod(0, 1, 0.0)])
     system = ParticleSystem(np.ones(2), [Rod(0, 1, 1.0)])
     x = np.array([[0.0, 0, 0], [1.0, 0, 0]])
     structure = rod_constraints(system, x, 0 * x)
-    with pytest.raises(ConfigurationError, match="breaks the structure"):
+    with pytest.raises(ConfigurationError, match="violates the structure"):
         reduce_structure(system, structure, basis=np.eye(6))
-    with pytest.raises(InputRefused, match="forces has the shape"):
+    with pytest.raises(InputRefused, match="forces has shape"):
         solve_in_one_stage(system, structure, NOTHING, np.zeros(6))
-    with pytest.raises(InputRefused, match="x has the shape"):
+    with pytest.raises(InputRefused, match="x has shape"):
         rod_constraints(system, x[0], x)

@@ -193,7 +193,7 @@ class TestSetpoints:
             (["hip", "knee", "ankle"], [0, 0], "position has 2 values for 3 names"),
             (["hip", "knee", "ankle"], [], "position has 0 values for 3 names"),
             (["hip", "knee", "ankle", "hip"], [0] * 4, "duplicate joint 'hip'"),
-            (["hip", "knee", "ankle"], [0, NAN, 0], "position holds a value that is not finite: [0, nan, 0]"),
+            (["hip", "knee", "ankle"], [0, NAN, 0], "position is not finite: [0, nan, 0]"),
         ],
     )
     def test_joint_setpoints_that_are_refused(self, make, names, values, said):
@@ -201,11 +201,11 @@ class TestSetpoints:
             read("setpoint", "posture", make.joint_state(names, values))
 
     def test_values_that_are_refused(self, make):
-        with refused("the point holds a value that is not finite: [1, nan, 3]"):
+        with refused("the point is not finite: [1, nan, 3]"):
             read("setpoint", "com", make.point([1, NAN, 3]))
         with refused("[0, 0, 0, 0.9] is not a unit quaternion (norm 0.9)"):
             read("setpoint", "hand", make.pose([1, 2, 3], [0, 0, 0, 0.9]))
-        with refused("the position holds a value that is not finite"):
+        with refused("the position is not finite"):
             read("setpoint", "hand", make.pose([1, INF, 3]))
 
 
@@ -228,7 +228,7 @@ class TestSwitchesAndWeights:
             assert read("weight", "com", make.float64(good)) == (SetWeight("com", good),)
 
     def test_a_wrench_that_is_not_finite(self, make):
-        with refused("the wrench holds a value that is not finite: [0, 0, 0, 0, nan, 0]"):
+        with refused("the wrench is not finite: [0, 0, 0, 0, nan, 0]"):
             read("external_wrench", "pelvis", make.wrench([0, 0, 0, 0, NAN, 0]))
 
 
@@ -247,7 +247,7 @@ class TestVelocities:
             read("cmd_vel", "", make.velocity("cmd_vel", [0.3, 0.0, 0.2, 0.0, 0.0, 0.0]))
 
     def test_a_velocity_that_is_not_finite_is_refused(self, make):
-        with refused("the velocity holds a value that is not finite"):
+        with refused("the velocity is not finite"):
             read("cmd_vel", "", make.velocity("cmd_vel", [NAN, 0.0, 0.0, 0.0, 0.0, 0.0]))
 
 

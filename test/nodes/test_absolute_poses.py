@@ -88,7 +88,7 @@ def test_activation_requires_a_first_pose_only(robot):
         ({"pose": THERE * np.nan}, "the pose holds a value that is not finite"),
         ({"pose": [2e4, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}, "the position is [20000.0, 0.0, 0.0] m (limit 10000 m from"),
         ({"pose": [0.0] * 7}, "the orientation"),
-        ({"variance": np.inf}, "the covariance holds a value that is not finite"),
+        ({"variance": np.inf}, "the covariance is not finite"),
         ({"variance": -1e-6}, "the covariance has the variances [-1e-06, "),
         ({"variance": 1e3}, "(limit 100 m² and rad² for position and heading)"),
         ({"covariance": np.ones(36) + np.diag([-0.5] * 6).ravel()}, "has the negative eigenvalue -0.5"),

@@ -156,11 +156,11 @@ def test_an_imu_without_a_fixed_contact_is_refused(robot_of, changed):
     settings, model = robot_of("go2")
     settings = changed(settings, IMU)
     with pytest.raises(
-        ConfigurationError, match=r"no contact of the configuration .*take estimation.base_state = 'odom'"
+        ConfigurationError, match=r"no contact is fixed to the world .*use estimation.base_state = 'odom'"
     ):
         make_estimator(settings, model, {})
     fixed = SimpleNamespace(floating_base=False)
-    with pytest.raises(ConfigurationError, match="there is no base to estimate"):
+    with pytest.raises(ConfigurationError, match="base estimation requires 'floating'"):
         make_estimator(settings, fixed, {})
     assert estimates_base(settings, model)
     assert not estimates_base(settings, fixed)
@@ -386,5 +386,5 @@ def test_the_normal_is_known_in_the_frames_in_which_forces_are_measured(robot_of
 
 
 def test_a_force_that_lets_go_above_the_one_that_takes_hold_is_refused():
-    with pytest.raises(ConfigurationError, match=r"contact_force_off = 0.2: it is at most contact_force_on, 0.1"):
+    with pytest.raises(ConfigurationError, match=r"contact_force_off = 0.2: must not exceed contact_force_on = 0.1"):
         load("go2").replace({"estimation.contact_force_on": 0.1, "estimation.contact_force_off": 0.2})

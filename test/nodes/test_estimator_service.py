@@ -229,5 +229,5 @@ def test_refusals_are_reported(robot, make):
 def test_a_robot_on_a_fixed_base_is_refused(robot, robot_of):
     settings, model = robot_of("go2")
     model = type("Fixed", (), {"floating_base": False, "base_link": model.base_link, "name": model.name})
-    with pytest.raises(ConfigurationError, match="there is no base to estimate; Valid: floating"):
+    with pytest.raises(ConfigurationError, match="base estimation requires 'floating'"):
         EstimatorService(settings.model_copy(update={"contacts": {}}), model, [], MemoryTransport(MemoryBus()), None)

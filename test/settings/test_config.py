@@ -1,4 +1,4 @@
-"""Configurations for Python users: loaded, changed by dotted keys, validated, never changed in place."""
+"""Configurations for Python users: loading, changes, validation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_dotted_and_nested_keys_say_the_same():
     assert dotted.settings == wbc.load(SMALL).settings
 
 
-def test_replace_leaves_the_old_one_alone():
+def test_replace_returns_a_copy():
     old = wbc.load(SMALL)
     new = old.replace({"tasks.com.weight": 20.0, "robot.posture.b": 0.5, "tasks.posture": None})
     assert (new["tasks.com.weight"], new["robot.posture"]) == (20.0, [0.0, 0.5])
@@ -50,11 +50,11 @@ def test_a_new_task_and_another_urdf_can_be_put_in():
         ({"tasks.com.wieght": 1.0}, "tasks.com.wieght: unknown key; did you mean 'weight'"),
         ({"tasks.com.weight": -1.0}, r"tasks\.com\.weight = -1\.0"),
         ({"tasks.com.weight": np.float64("nan")}, r"tasks\.com\.weight = nan"),
-        ({"tasks.torso": None}, "tasks.torso = None: there is none to remove; .*Valid: com, posture"),
-        ({"robot.posture.c": 0.0}, "robot.posture.c: 'c' is not one of robot.joints; .*Valid: a, b"),
+        ({"tasks.torso": None}, "tasks.torso = None: unknown entry, cannot be removed; .*Valid: com, posture"),
+        ({"robot.posture.c": 0.0}, "robot.posture.c: 'c' is not in robot.joints; .*Valid: a, b"),
         ({"robot.posture.a": "x"}, r"robot\.posture\.0 = 'x'"),
         ({"tasks": None}, r"tasks"),
-        ({"robot.joints": "a", "robot.joints.b": 1}, "there is a parameter robot.joints.b too"),
+        ({"robot.joints": "a", "robot.joints.b": 1}, "conflict with parameter robot.joints.b"),
     ],
 )
 def test_an_error_names_the_key_and_the_valid_ones(changes, sentence):
@@ -69,7 +69,7 @@ def test_a_key_that_is_not_there_names_its_neighbours():
     assert config["control.rate"] == 500.0
 
 
-def test_it_prints_itself_as_a_file():
+def test_repr_is_a_file():
     said = repr(wbc.load(SMALL))
     assert said.startswith("<Config of a dictionary>\nwbc_controller:\n  ros__parameters:\n")
     assert "posture: [0.0, 0.1]" in said

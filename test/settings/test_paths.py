@@ -1,4 +1,4 @@
-"""Where the paths in a configuration start: at the folder of the file that names them."""
+"""Relative paths in a configuration start at the folder of its file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MODEL = "models/go2.urdf"
 
 @pytest.fixture
 def written(tmp_path, monkeypatch):
-    """Writes a configuration of Go2 with a path for its URDF, beside a copy of it; the working directory is another."""
+    """Write a configuration of Go2 with a URDF path, and a copy of the URDF; the working directory differs."""
     folder, elsewhere = tmp_path / "mine", tmp_path / "elsewhere"
     (folder / "models").mkdir(parents=True)
     elsewhere.mkdir()
@@ -42,7 +42,7 @@ def test_a_relative_path_starts_at_the_folder_of_the_file(written):
     assert wbc.check(path)[0].subject == "joints"
 
 
-def test_so_does_one_of_a_file_that_is_named_relative_to_the_working_directory(written, tmp_path, monkeypatch):
+def test_relative_path_of_a_file_with_a_relative_name(written, tmp_path, monkeypatch):
     path = written(MODEL)
     monkeypatch.chdir(path.parent)
     config = wbc.load("go2.yaml")
@@ -50,7 +50,7 @@ def test_so_does_one_of_a_file_that_is_named_relative_to_the_working_directory(w
     assert locate(config.settings.robot.urdf) == path.parent / MODEL
 
 
-def test_it_stays_there_when_other_values_are_replaced(written):
+def test_paths_survive_replace(written):
     config = wbc.load(written(MODEL)).replace({"tasks.com.weight": 20.0})
     assert locate(config.settings.robot.urdf).is_file()
 
@@ -76,13 +76,13 @@ def test_a_dictionary_has_no_folder_and_starts_at_the_working_directory(written,
     values["robot"]["urdf"] = MODEL
     config = wbc.load(values)
     assert config.settings.robot.urdf == MODEL
-    with pytest.raises(ConfigurationError, match=r"robot.urdf = 'models/go2.urdf': there is no file"):
+    with pytest.raises(ConfigurationError, match=r"robot.urdf = 'models/go2.urdf': file .* does not exist"):
         locate(config.settings.robot.urdf)
     monkeypatch.chdir(path.parent)
     assert locate(config.settings.robot.urdf).is_file()
 
 
-def test_what_is_no_path_is_refused_as_before(written):
+def test_invalid_path_is_refused(written):
     path = written(5)
     with pytest.raises(ConfigurationError, match=r"robot.urdf = 5: input should be a valid string"):
         load_settings(path)

@@ -1,4 +1,4 @@
-"""The configuration file: defaults, ranges, and what is said about files that are wrong."""
+"""Configuration files: defaults, ranges, error messages."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FOLDER = Path(__file__).parent / "configurations"
 
 MINIMAL = {"robot": {"joints": ["a"], "posture": [0.0]}, "tasks": {"posture": {"type": "posture"}}}
 
-#: Of every broken file: the parts that its one error must have, beside its path.
+#: Required parts of the error of each broken file.
 BROKEN = {
     "unknown_key": ("tasks.posture.stifness: unknown key", "did you mean 'stiffness'?", "Valid: damping, enabled"),
     "unknown_joint": ("robot.joints: 'RR_claf_joint'", "did you mean 'RR_calf_joint'?", "FL_hip_joint"),
@@ -36,12 +36,12 @@ BROKEN = {
     "unknown_solver": ("solver.name = 'dapq'", "did you mean 'daqp'?", "osqp"),
     "unknown_type": ("tasks.posture.type: unknown type 'postur'", "did you mean 'posture'?", "frame_pose"),
     "negative_weight": ("tasks.com.weight = -50.0", "greater than or equal to 0"),
-    "contact_without_frame": ("contacts.front_right_foot.frame: this key is missing", "A frame of the URDF"),
-    "missing_urdf": ("robot.urdf = 'package://example-robot-data/", "there is no file /", "go3.urdf"),
+    "contact_without_frame": ("contacts.front_right_foot.frame: missing key", "URDF frame on the link"),
+    "missing_urdf": ("robot.urdf = 'package://example-robot-data/", "go3.urdf does not exist"),
     "malformed": (":9: not valid YAML", "expected ',' or ']'"),
     "millimetres": ("contacts.left_foot.half_length = 85.0", "less than or equal to 1 ", ", m)"),
-    "duplicate_key": (":18: tasks.com: the key 'com' stands twice", "first in line 16"),
-    "duplicate_joint": ("robot.joints: 'RL_calf_joint' stands more than once",),
+    "duplicate_key": (":18: tasks.com: duplicate key 'com'", "first in line 16"),
+    "duplicate_joint": ("robot.joints: duplicate 'RL_calf_joint'",),
     "posture_too_short": ("robot.posture has 11 values for 12 joints",),
     "infeasible_stance": ("robot.posture on front_left_foot, front_right_foot", "229 mm outside the support"),
 }
@@ -56,7 +56,7 @@ def test_check_refuses_a_broken_file_with_one_readable_error(name):
     path = FOLDER / f"{name}.yaml"
     result = CliRunner().invoke(main, ["check", str(path)])
     assert result.exit_code == 2
-    assert isinstance(result.exception, SystemExit)  # and nothing else
+    assert isinstance(result.exception, SystemExit)  # no other exception
     lines = result.stderr.strip().splitlines()
     assert len(lines) == 1
     assert lines[0].startswith(f"error: {path}:")
@@ -87,7 +87,7 @@ def test_a_file_that_does_not_exist_is_named(command, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["run", "mock"])
-def test_a_node_names_the_file_whose_values_it_cannot_use(command, monkeypatch):
+def test_node_names_the_invalid_file(command, monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
     path = FOLDER / "unknown_joint.yaml"
@@ -202,32 +202,32 @@ def test_ranges(key, low, high):
         ("contacts.toe.half_length", 0.1, "contacts.toe.half_length: unknown key; Valid: against, damping"),
         ("tasks.com.maks", [], "tasks.com.maks: unknown key; did you mean 'mask'?"),
         ("tasks.com.mask", [True], "tasks.com.mask = [True]: list should have at least 3 items"),
-        ("contacts.foot.vertices", [[0, 0], [0.1, 0], [0, 0.1]], "contacts.foot.half_length = 0.1: a surface takes"),
-        ("contacts.foot.half_width", None, "contacts.foot.half_width = None: a surface takes half_length and half_wid"),
+        ("contacts.foot.vertices", [[0, 0], [0.1, 0], [0, 0.1]], "contacts.foot.half_length = 0.1: a surface requires"),
+        ("contacts.foot.half_width", None, "contacts.foot.half_width = None: a surface requires either half_l"),
         ("contacts.foot.vertices", [[0.0, 2.0]], "contacts.foot.vertices.0.1 = 2.0: input should be less than or equa"),
-        ("contacts.toe.normal", [0, 0, 0], "contacts.toe.normal = [0, 0, 0]: must have a length (Outward normal of th"),
+        ("contacts.toe.normal", [0, 0, 0], "contacts.toe.normal = [0, 0, 0]: must not be zero (Outward normal of th"),
         ("contacts.toe.normal", [0, 0], "contacts.toe.normal = [0, 0]: list should have at least 3 items"),
-        ("contacts.grip.mask", [False] * 6, "contacts.grip.mask = [False, False, False, False, False, False]: it hold"),
-        ("contacts.grip.max_moment", None, "contacts.grip.max_moment = None: it is required, as the mask holds a rot"),
-        ("contacts.wheel.axis", [0, 0, 0], "contacts.wheel.axis = [0, 0, 0]: must have a length (Direction"),
+        ("contacts.grip.mask", [False] * 6, "contacts.grip.mask = [False, False, False, False, False, False]: requ"),
+        ("contacts.grip.max_moment", None, "contacts.grip.max_moment = None: required, as the mask contains a rot"),
+        ("contacts.wheel.axis", [0, 0, 0], "contacts.wheel.axis = [0, 0, 0]: must not be zero (Direction"),
         ("loops.bar.stifness", 1.0, "loops.bar.stifness: unknown key; did you mean 'stiffness'?"),
         ("loops.bar.stiffness", -1.0, "loops.bar.stiffness = -1.0: input should be greater than or equal to 0 ("),
-        ("loops.bar.mask", [False] * 6, "loops.bar.mask = [False, False, False, False, False, False]: it holds no axi"),
-        ("loops.foot", {"frame_a": "f", "frame_b": "g"}, "loops: 'foot' is the name of a contact too; take another on"),
-        ("mock.floor_normal", [0, 0, 0], "mock.floor_normal = [0, 0, 0]: must have a length (Normal of the floor"),
+        ("loops.bar.mask", [False] * 6, "loops.bar.mask = [False, False, False, False, False, False]: requires at le"),
+        ("loops.foot", {"frame_a": "f", "frame_b": "g"}, "loops: 'foot' is also the name of a contact; use differ"),
+        ("mock.floor_normal", [0, 0, 0], "mock.floor_normal = [0, 0, 0]: must not be zero (Normal of the floor"),
         ("contacts.foot.type", "sufrace", "contacts.foot.type: unknown type 'sufrace'; did you mean 'surface'?"),
-        ("contacts.foot.type", None, "contacts.foot.type: this key is missing; Valid: fixed, point, rolling, surface"),
-        ("tasks.hand.frame", 3, "tasks.hand.frame = 3: input should be a valid string (A frame of the URDF)"),
+        ("contacts.foot.type", None, "contacts.foot.type: missing key; Valid: fixed, point, rolling, surface"),
+        ("tasks.hand.frame", 3, "tasks.hand.frame = 3: input should be a valid string (URDF frame)"),
         (
             "tasks.com.stiffness",
             [1.0, 2.0],
-            "tasks.com.stiffness = [1.0, 2.0]: has 2 values; it takes one number, or a list",
+            "tasks.com.stiffness = [1.0, 2.0]: 2 values; expected one number, or",
         ),
         ("tasks.spin.stiffness", 1.0, "tasks.spin.stiffness: unknown key; Valid: damping, enabled, level, mask"),
-        ("tasks.spin.damping", [1.0], "tasks.spin.damping = [1.0]: has 1 values; it takes one number, or a list with"),
-        ("tasks.steady.gain", [1.0] * 3, "tasks.steady.gain = [1.0, 1.0, 1.0]: has 3 values; it takes one number, or"),
+        ("tasks.spin.damping", [1.0], "tasks.spin.damping = [1.0]: 1 values; expected one number, or"),
+        ("tasks.steady.gain", [1.0] * 3, "tasks.steady.gain = [1.0, 1.0, 1.0]: 3 values; expected one number, or"),
         ("tasks.steady.mask", [True] * 3, "tasks.steady.mask = [True, True, True]: list should have at most 2 items"),
-        ("tasks.hand.damping", [], "tasks.hand.damping = []: has 0 values; it takes one number, or a list with one"),
+        ("tasks.hand.damping", [], "tasks.hand.damping = []: 0 values; expected one number, or"),
         ("tasks.hand.damping", [1.0] * 5 + [-1.0], "tasks.hand.damping.5 = -1.0: input should be greater than or"),
         ("tasks.com.stiffness", [1.0, "x", 1.0], "tasks.com.stiffness.1 = 'x': input should be a valid number"),
         ("robot.posture", [float("nan")], "robot.posture.0 = nan: must be finite (Nominal position of each joint"),
@@ -235,11 +235,11 @@ def test_ranges(key, low, high):
         ("limits.torque_speed.cornr", 0.5, "limits.torque_speed.cornr: unknown key; did you mean 'corner'? Valid: ac"),
         ("limits.torque_speed.corner", 1.2, "limits.torque_speed.no_load = 1.0: must be above corner = 1.2"),
         (CURVE, {"corner": 3.0, "no_load": 2.0}, f"{CURVE}.no_load = 2.0: must be above corner = 3.0"),
-        (f"{CURVE}.corner", 3.0, f"{CURVE}.no_load: this key is missing (Speed at which no torque is"),
+        (f"{CURVE}.corner", 3.0, f"{CURVE}.no_load: missing key (Speed of zero torque"),
         (CURVE, {"corner": 3.0, "no_load": 5.0, "x": 1}, f"{CURVE}.x: unknown key; Valid: corner, no_load"),
     ],
 )
-def test_each_error_names_the_whole_key_the_value_and_what_is_valid(key, value, said):
+def test_errors_name_key_value_and_valid_values(key, value, said):
     with pytest.raises(ConfigurationError) as error:
         parse_settings(_with(key, value), "file.yaml")
     assert str(error.value).startswith(f"file.yaml: {said}")
@@ -260,7 +260,7 @@ def test_gains_of_all_joints_are_counted_when_the_robot_is_known(robot_of, chang
         make_qp(changed(settings, {"tasks": {"posture": {"stiffness": [50.0] * 2}}}), model)
 
 
-def test_every_error_of_a_file_is_said_at_once():
+def test_all_errors_of_a_file_are_reported():
     content = _with("control.rate", 0.0)
     content["tasks"]["com"]["weight"] = -1.0
     with pytest.raises(ConfigurationError) as error:
@@ -271,18 +271,18 @@ def test_every_error_of_a_file_is_said_at_once():
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "holds NoneType, not a mapping"),
-        ("- 1", "holds list, not a mapping"),
-        ("wbc: {}", "has no key 'wbc_controller' (found: 'wbc')"),
-        ("wbc_controller: {robot: {}}", "no mapping 'ros__parameters'"),
+        ("", "contains NoneType, expected a mapping"),
+        ("- 1", "contains list, expected a mapping"),
+        ("wbc: {}", "missing key 'wbc_controller' (found: 'wbc')"),
+        ("wbc_controller: {robot: {}}", "missing mapping 'ros__parameters'"),
         (b"\xff\xfe\x00", "cannot be read"),
         ("a: \x00", "not valid YAML"),
         ("[1, 2]: 3", "not valid YAML"),
         ("a: 2001-99-99", "not valid YAML: month must be in 1..12"),
         ("[" * 20000, "not valid YAML"),
         ("a: &a {b: *a}", "not valid YAML"),
-        ("a: {b: &b {c: 1, c: 2}}", "the key 'c' stands twice"),
-        ("wbc_controller: {ros__parameters: {}}", "robot: this key is missing"),
+        ("a: {b: &b {c: 1, c: 2}}", "duplicate key 'c'"),
+        ("wbc_controller: {ros__parameters: {}}", "robot: missing key"),
         ("wbc_controller: {ros__parameters: {robot: }}", "robot = None"),
     ],
 )
@@ -310,7 +310,7 @@ def test_settings_cannot_be_changed():
         settings.control.rate = 1.0
 
 
-def test_every_setting_says_what_it_is():
+def test_all_settings_have_descriptions():
     def sections(model):
         yield model
         for field in model.model_fields.values():
@@ -331,28 +331,28 @@ TASKS = "wbc_controller: {ros__parameters: {robot: {joints: [a], posture: [0.0]}
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (BOMB, "more than 20000 values, each alias counted as what it stands for"),
+        (BOMB, "more than 20000 values with aliases expanded"),
         (MERGES, "more than 20000 values"),
         ("a: [" + ", ".join(["1"] * 20000) + "]", "more than 20000 values"),
-        ("a: &a [*a]", ":1: not valid YAML: an alias stands within what it stands for"),
+        ("a: &a [*a]", ":1: not valid YAML: recursive alias"),
         (
             f"{TASKS}, control: {{rate: 0x{'f' * 5000}}}}}}}",
-            "control.rate: a whole number of 5002 characters; it has at",
+            "control.rate: integer with 5002 characters; at most",
         ),
         (
             f"{TASKS}, solver: {{name: {'x' * 5000}}}}}}}",
-            "solver.name: a value of 5000 characters; it has at most 4096",
+            "solver.name: value with 5000 characters; at most 4096",
         ),
         ("a: " + "[" * 5000, "not valid YAML: maximum recursion depth exceeded"),
-        (" " * 2_000_000, "is longer than 1000000 characters"),
-        ("a: [{b: 1, b: 2}]", ":1: a.b: the key 'b' stands twice"),
+        (" " * 2_000_000, "longer than 1000000 characters"),
+        ("a: [{b: 1, b: 2}]", ":1: a.b: duplicate key 'b'"),
     ],
     ids=["aliases", "merges", "values", "alias in itself", "number", "string", "deep", "long", "twice in a list"],
 )
-def test_a_text_that_is_too_large_is_refused_before_it_is_read(tmp_path, text, said):
+def test_too_large_texts_are_refused_before_construction(tmp_path, text, said):
     path = tmp_path / "large.yaml"
     path.write_text(text)
-    faulthandler.dump_traceback_later(20.0, exit=True)  # a text that is read for ever ends the tests
+    faulthandler.dump_traceback_later(20.0, exit=True)  # an endless read ends the tests
     try:
         result = CliRunner().invoke(main, ["check", str(path)])
     finally:
@@ -377,11 +377,11 @@ def test_the_fast_loader_reads_and_refuses_the_same():
 @pytest.mark.parametrize(
     ("urdf", "said"),
     [
-        ("x" * 5000, "there is no file xxx"),
+        ("x" * 5000, ": file xxx"),
         ("package://" + "x" * 5000 + "/y.urdf", "package 'xxx"),
-        ("package://example-robot-data/" + "x" * 5000, "there is no file /"),
+        ("package://example-robot-data/" + "x" * 5000, ": file /"),
         ("~nosuchuser/x.urdf", "robot.urdf = '~nosuchuser/x.urdf': could not determine home directory"),
-        ("nul\0l.urdf", "there is no file"),
+        ("nul\0l.urdf", "does not exist"),
     ],
     ids=["long", "long package", "long in a package", "user", "zero"],
 )
@@ -411,7 +411,7 @@ def test_a_file_that_is_no_text_or_too_long_is_refused_in_words(tmp_path):
     with pytest.raises(ConfigurationError, match=r"^limits\.x = 'y': cannot be read: 'utf-8' codec"):
         read_text(path, "limits.x = 'y'", 100)
     path.write_text("x" * 101)
-    with pytest.raises(ConfigurationError, match=r"^limits\.x = 'y': is longer than 100 characters"):
+    with pytest.raises(ConfigurationError, match=r"^limits\.x = 'y': longer than 100 characters"):
         read_text(path, "limits.x = 'y'", 100)
     assert read_text(path, "limits.x = 'y'", 101) == "x" * 101
 
@@ -425,7 +425,7 @@ def test_a_name_that_no_topic_can_hold_is_refused(section, name):
         parse_settings(content, "file.yaml")
     shown = repr(name) if len(name) <= 100 else "of 101 characters"
     assert str(error.value).startswith(f"file.yaml: {section}: ")
-    assert f"name {shown} cannot be part of a ROS topic's: it takes letters, digits and underscores" in str(error.value)
+    assert f"name {shown} is not valid in a ROS topic: use letters, digits and underscores" in str(error.value)
     assert len(str(error.value).splitlines()) == 1
 
 

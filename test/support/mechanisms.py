@@ -14,7 +14,7 @@ from wbc_controller.mechanics import (
     Rolling,
     SurfaceContact,
     WeldedFrames,
-    shaken,
+    oscillating_support,
 )
 from wbc_controller.settings.resources import locate
 
@@ -59,7 +59,7 @@ def random_constraint(model: pin.Model, rng: np.random.Generator) -> Constraint:
     offset = 0.2 * rng.normal(size=3)
     joints = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nq == 1]
     pair = rng.choice(joints, 2, replace=False)
-    shaking = shaken(rng.normal(size=6), 0.1, 3.0)
+    shaking = oscillating_support(rng.normal(size=6), 0.1, 3.0)
     kinds = [
         lambda: PointContact(frame=first, offset=offset),
         lambda: PointContact(frame=first, offset=offset, target=offset, support=shaking, time_constant=0.1),

@@ -1,1 +1,1 @@
-"""The controller as one object: references, quadratic program, supervisor, and settings that change while it runs."""
+"""Controller of one robot: references, quadratic program, supervisor, live settings."""

@@ -1,4 +1,4 @@
-"""The whole-body controller of one robot, as a Python user runs it."""
+"""Whole-body controller of one robot for Python users."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from wbc_controller.arguments import finite, name_of, number, shortened, sized, str_of
+from wbc_controller.arguments import finite, number, require_choice, shortened, sized, str_of
 from wbc_controller.controller.check.preflight import stance
 from wbc_controller.controller.cycle import ControlCycle, seconds
 from wbc_controller.controller.report import CycleInputs
@@ -34,41 +34,34 @@ from wbc_controller.records import REQUESTS, Array, Fault, Reference, RobotState
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings.nesting import nested
 
-#: Latest time on the user's clock, s, and largest value of a state, m, rad or per s: larger ones overflow.
+#: Latest time of the user's clock, s, and largest value of a state, SI units.
 _LATEST, _LARGEST = 1.0e10, 1.0e9
 
 
 class Controller(ControlCycle):
-    """Turns states into torques: references, quadratic program and supervisor in one object.
+    """Whole-body controller: computes torques from states.
 
     ::
 
         controller = Controller(load("g1"))
         controller.reset(q, v)
         while True:
-            result = controller.step(q, v, t)     # result.tau are the torques
+            result = controller.step(q, v, t)     # result.tau: torques
 
-    The supervisor is part of it: torques ramp in after `reset`, hold their limits and their rate, and where something
-    is wrong the mode goes from active to holding, damping and fault, as docs/safety.md says. The ROS 2 service runs
-    this same object; what `set`, `enable` and the like do, it does by topic.
-
-    States are Pinocchio's: for a floating base ``q = [position in the world, quaternion (x, y, z, w), joints]`` and
-    ``v = [linear velocity, angular velocity, joint velocities]`` with the base's velocities in its own axes.
-    `state_from_joints` and `MujocoInterface` make them from other conventions.
-
-    Its attributes are those of `ControlCycle`.
+    The supervisor ramps and limits torques, and damps the robot on faults (docs/safety.md). States have Pinocchio's
+    form (`wbc_controller.records`); `state_from_joints` and `MujocoInterface` convert other forms.
     """
 
-    _time: float | None = None  # of the last step or reset
+    _time: float | None = None  # time of the last step or reset
 
     def reset(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float = 0.0) -> None:
-        """Start anew from a state: references are where the robot is, and the torques ramp in from zero.
+        """Activate the controller at a state q (nq,), v (nv,), with any time t, s.
 
-        The ramp takes ``safety.activation_ramp``. Faults are cleared, commands forgotten; settings that were changed by
-        `update` stay. The next `step` is active. The time t, s, on your clock may be earlier than before.
+        References start there, and torques ramp up from zero in ``safety.activation_ramp``. Faults and commands are
+        cleared, changes by `update` are kept.
 
         Raises:
-            InputRefused: if the state has another shape than q (nq,), v (nv,), or a value is not finite.
+            InputRefused: if the state is invalid.
         """
         state = self._state(q, v, t)
         problem = self._invalid(state)
@@ -77,8 +70,8 @@ class Controller(ControlCycle):
         self._time = seconds(state)
         self.qp.forget()
         self._commands, self._streamed = [], {}
-        self._failure, self._explained = None, -np.inf
-        self.supervisor = Supervisor(self.model, self._parts.supervisor)
+        self._failure, self._explained_at = None, -np.inf
+        self.supervisor = Supervisor(self.model, self._live.supervisor)
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, self._time)
         self.model_error.restart()
@@ -87,23 +80,19 @@ class Controller(ControlCycle):
         self.supervisor.request("activate", self._time, None)
 
     def stance(self) -> Array:
-        """The nominal posture with the base upright and the lowest contact on the floor z = 0, q (nq,): a start."""
+        """Return the nominal posture with upright base and the lowest contact on the floor z = 0, q (nq,)."""
         active = [name for name, contact in self.board.contact_plans.items() if contact.enabled]
         return stance(self.model, self.qp, active)
 
     def step(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> CycleResult:
-        """Run one control cycle; the time t, s, on your clock is not before that of the last step.
-
-        Returns:
-            The torques, and all that led to them. A state that is not finite, or has no unit quaternion, leads to
-            damping, with a fault.
+        """Run one control cycle at time t, s. A state with NaN or without a unit quaternion leads to damping.
 
         Raises:
-            InputRefused: if the state has another shape, the time goes back, or there was no `reset`.
+            InputRefused: if the state has another shape, the time decreases, or `reset` was not called.
         """
         state = self._state(q, v, t)
         if seconds(state) < self._now():
-            raise InputRefused(f"t = {t!r} s is before the last step, which was at {self._now():.9g} s")
+            raise InputRefused(f"t = {t!r} s is before the last step at {self._now():.9g} s")
         invalid = self._invalid(state)
         problem = None if invalid is None else Fault("BAD_STATE", invalid)
         self._time = seconds(state)
@@ -129,34 +118,36 @@ class Controller(ControlCycle):
         *,
         duration: float | None = None,
     ) -> None:
-        """Give a task a reference.
+        """Set the reference of a task.
 
-        With a position alone the reference moves there along a quintic. With a velocity or acceleration it is streamed:
-        the next step uses it unchanged, and without another one it stays at the position.
+        A position alone is reached along a quintic. With a velocity or acceleration the reference is streamed: it
+        applies to the next step; later steps stay at the position.
 
         Args:
-            position: in the form of the task (docs/tasks.md): m, rad, unit quaternions (x, y, z, w). For tasks on
-                joints it may be a dictionary of some of them, for poses a `pinocchio.SE3`.
-            velocity: feed-forward, with as many values as the task has axes; world axes, linear part first.
+            position: in the form of the task (docs/tasks.md); joint tasks accept a dictionary of some joints, pose
+                tasks a `pinocchio.SE3`.
+            velocity: feed-forward, one value per axis of the task; world axes, linear part first.
             acceleration: feed-forward, in the same form.
-            duration: time in which the position is reached, s; by default the task's ``setpoint_duration``.
+            duration: time to reach the position, s; by default the task's ``setpoint_duration``.
 
         Raises:
-            InputRefused: if there is no such task, or a value cannot be used.
+            InputRefused: if the task is unknown or a value is invalid.
         """
         values = self._position(task, position, f"the position of task {task!r}")
         streamed = velocity is not None or acceleration is not None
         if duration is not None:
             duration = number(duration, f"the duration of task {task!r}", 0.0, LONGEST)
             if streamed:
-                raise InputRefused(f"duration = {duration!r} s of task {task!r}: a streamed reference has none")
+                raise InputRefused(
+                    f"duration = {duration!r} s of task {task!r}: not valid with velocity or acceleration"
+                )
         if not streamed:
             self._command(SetSetpoint(task, values, duration))
             return
         size = len(self.board.present(task, self._now()).velocity)
         rates = [
-            _finite(given, size, f"the {what} of task {task!r}")
-            for what, given in (("velocity", velocity), ("acceleration", acceleration))
+            _finite(given, size, f"the {subject} of task {task!r}")
+            for subject, given in (("velocity", velocity), ("acceleration", acceleration))
         ]
         reference = Reference(frozen(values), *map(frozen, rates))
         check_rates(self.qp.tasks[task], reference, self.model)
@@ -171,26 +162,27 @@ class Controller(ControlCycle):
         velocities: npt.ArrayLike | None = None,
         accelerations: npt.ArrayLike | None = None,
     ) -> None:
-        """Let a task follow a trajectory from now on, interpolated by quintics; at its end it stays.
+        """Set a trajectory of a task, interpolated by quintics; the reference stays at its end.
 
         Args:
-            times: of the points, counted from now, rising, (n,) in s.
-            positions: n of them, each as in `set`.
-            velocities: at the points, (n, m); by default zero, as the accelerations.
+            times: increasing times of the points from now, (n,) in s.
+            positions: n positions, each as in `set`.
+            velocities: velocities at the points, (n, m); by default zero.
+            accelerations: accelerations at the points, (n, m); by default zero.
 
         Raises:
-            InputRefused: if there is no such task, or a value cannot be used.
+            InputRefused: if the task is unknown or a value is invalid.
         """
         self._task(task)
         seconds = finite(times, f"times of task {task!r}")
         if seconds.ndim != 1 or not len(seconds) or not (seconds[0] >= 0.0) or not (np.diff(seconds) > 0.0).all():
-            raise InputRefused(f"times of task {task!r} must rise from 0 or more, not {np.asarray(times)!r}")
+            raise InputRefused(f"times of task {task!r} must increase from at least 0, not {np.asarray(times)!r}")
         points = [self._position(task, each, f"a position of task {task!r}") for each in _rows(positions, seconds)]
         size = len(self.board.present(task, self._now()).velocity)
         still = np.zeros((len(seconds), size))
         rates = [
-            [_finite(each, size, f"{what} of task {task!r}") for each in _rows(given, seconds)]
-            for what, given in (
+            [_finite(each, size, f"{subject} of task {task!r}") for each in _rows(given, seconds)]
+            for subject, given in (
                 ("a velocity", still if velocities is None else velocities),
                 ("an acceleration", still if accelerations is None else accelerations),
             )
@@ -199,15 +191,15 @@ class Controller(ControlCycle):
         self._command(SetTrajectory(task, None, knots))
 
     def enable(self, name: str, enabled: bool = True) -> None:
-        """Switch a task or contact on or off, along a ramp: a weight rises, a contact is loaded.
+        """Enable or disable a task or contact along a ramp of its weight or load.
 
-        If both have the name, it is ``tasks.<name>`` or ``contacts.<name>``.
+        Ambiguous names are prefixed: ``tasks.<name>``, ``contacts.<name>``.
 
         Raises:
-            InputRefused: if nothing has the name.
+            InputRefused: if the name is unknown or ambiguous.
         """
         if not isinstance(enabled, bool | np.bool_):
-            raise InputRefused(f"enabled = {reprlib.repr(enabled)}: it must be True or False")
+            raise InputRefused(f"enabled = {reprlib.repr(enabled)}: must be True or False")
         section, _, inner = str_of(name).rpartition(".")
         kinds: dict[str, tuple[Mapping[str, Any], type[EnableTask | EnableContact]]] = {
             "tasks": (self.board.plans, EnableTask),
@@ -218,29 +210,27 @@ class Controller(ControlCycle):
             names = [*self.board.plans, *self.board.contact_plans]
             raise InputRefused(f"unknown task or contact {reprlib.repr(name)}; {valid_choices(str_of(name), names)}")
         if len(found) > 1:
-            raise InputRefused(f"{name!r} is a task and a contact: say tasks.{name} or contacts.{name}")
+            raise InputRefused(f"{name!r} is a task and a contact; use tasks.{name} or contacts.{name}")
         self._command(found[0](inner, bool(enabled)))
 
     def disable(self, name: str) -> None:
-        """Switch a task or contact off, along a ramp; as `enable`."""
+        """Disable a task or contact along a ramp, as `enable`."""
         self.enable(name, False)
 
     def set_weight(self, task: str, weight: float) -> None:
-        """Give a task another weight, reached along a ramp of ``control.weight_ramp``.
+        """Set the weight of a task, along a ramp of ``control.weight_ramp``.
 
         Raises:
-            InputRefused: where there is no such task, or the weight is negative or above 1e6.
+            InputRefused: if the task is unknown, or the weight is not within 0 to 1e6.
         """
         self._task(task)
         self._command(SetWeight(task, number(weight, f"the weight of task {task!r}", 0.0, 1.0e6)))
 
     def set_external_wrench(self, frame: str, wrench: npt.ArrayLike) -> None:
-        """State a known external wrench; it stays until it is replaced.
-
-        The wrench, (6,) in N and N·m in world axes, acts at the origin of a frame of the URDF.
+        """Set a known external wrench, (6,) in N and N·m, world axes, at the origin of a URDF frame.
 
         Raises:
-            InputRefused: if there is no such frame, or a value cannot be used.
+            InputRefused: if the frame is unknown or a value is invalid.
         """
         try:
             self.model.frame_id(str_of(frame), "frame")
@@ -249,43 +239,43 @@ class Controller(ControlCycle):
         self._command(SetExternalWrench(frame, frozen(finite(sized(wrench, 6, "the wrench"), "the wrench"))))
 
     def walk(self, forward: float = 0.0, sideways: float = 0.0, turning: float = 0.0) -> None:
-        """Walk at a velocity until `stand`: in the robot's heading, m/s, and about the vertical, rad/s; 0 is in place.
+        """Walk at a velocity in the axes of the robot's heading, m/s and rad/s, until `stand`; 0 is in place.
 
-        The velocity is limited to the speeds of the section ``walking``, and reached at a limited acceleration.
+        Speeds are limited by the section ``walking``, accelerations too.
 
         Raises:
             InputRefused: if a value is not finite, or the configuration has no section ``walking``.
         """
         velocity = finite([forward, sideways, turning], "the walking velocity")
         if self.walker is None:
-            raise InputRefused(f"{self.model.name} does not walk: its configuration has no section 'walking'")
+            raise InputRefused(f"{self.model.name} cannot walk: its configuration has no section 'walking'")
         self._command(Walk(frozen(velocity)))
 
     def stand(self) -> None:
-        """Stop walking: step until the feet are side by side, then stand."""
+        """Stop walking after the step that brings the feet side by side."""
         self._command(Walk(None))
 
     def update(self, changes: Mapping[str, Any]) -> None:
         """Change live settings (docs/configuration.md) by dotted key, such as ``{"tasks.com.stiffness": 200.0}``.
 
-        All are applied, or none. They are reached along a ramp, and outlive `reset`.
+        All or none are applied, along a ramp. `reset` keeps them.
 
         Raises:
-            ConfigurationError: if a value is not valid, or the key is read only at the start.
+            ConfigurationError: if a value is invalid, or a key is not live.
         """
         self.live.accept(nested(changes), "update")
-        self._take_live(self._time)
+        self._apply_live_settings(self._time)
 
     def request(self, word: str) -> None:
-        """Ask the supervisor for a mode: ``deactivate`` ramps the torques out, ``damp`` damps, ``estop`` stops at once.
+        """Request a mode: ``deactivate`` (torques ramp down), ``damp``, or ``estop`` (zero torque at once).
 
         Raises:
-            InputRefused: where the word is unknown, or not possible in the present mode.
+            InputRefused: if the request is unknown, or invalid in the present mode.
         """
         if not isinstance(word, str):
-            raise InputRefused(f"command {reprlib.repr(word)} is not a text; {valid_choices('', REQUESTS)}")
+            raise InputRefused(f"command {reprlib.repr(word)} is not a string; {valid_choices('', REQUESTS)}")
         if word == "activate":
-            raise InputRefused("command 'activate' needs a state: call reset(q, v, t)")
+            raise InputRefused("command 'activate' requires a state; call reset(q, v, t)")
         self._request(word, self._now(), None)
 
     def __repr__(self) -> str:
@@ -296,16 +286,16 @@ class Controller(ControlCycle):
         )
 
     def _state(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> RobotState:
-        """Copy a state, and see that it is one."""
+        """Copy a state and check its shape."""
         stamp = round(1.0e9 * number(t, "t", -_LATEST, _LATEST))
         return RobotState(stamp, frozen(sized(q, self.model.nq, "q")), frozen(sized(v, self.model.nv, "v")))
 
     def _invalid(self, state: RobotState) -> str | None:
-        """Return a sentence if a value of a state is not finite, or absurd, or it has no unit quaternion."""
+        """Return a sentence if a state contains NaN, too large values or no unit quaternion, else None."""
         for name, values in (("q", state.q), ("v", state.v)):
             if not (np.abs(values) <= _LARGEST).all():
                 kind = "not finite" if not np.isfinite(values).all() else f"above {_LARGEST:g}"
-                return f"{name} holds a value that is {kind}: {shortened(values)}"
+                return f"{name} is {kind}: {shortened(values)}"
         try:
             if self.model.floating_base:
                 unit_quaternion(state.q[3:7], "the quaternion of q ")
@@ -315,34 +305,33 @@ class Controller(ControlCycle):
 
     def _now(self) -> float:
         if self._time is None:
-            raise InputRefused("the controller has no state yet; call reset(q, v, t) first")
+            raise InputRefused("the controller has no state; call reset(q, v, t) first")
         return self._time
 
     def _command(self, change: Change) -> None:
-        """Have a change applied in the next cycle, as one that comes by topic."""
+        """Check a change, and apply it in the next cycle."""
         check_change(change, self.qp.tasks, self.model)
         self.board.check(change, self.qp.dynamics, self._now())
         self._commands.append(change)
         if isinstance(change, SetSetpoint | SetTrajectory):
             self._streamed.pop(change.task, None)
 
-    def _position(self, task: str, position: Any, what: str) -> Array:
-        """Read a position in the form of its task."""
+    def _position(self, task: str, position: Any, subject: str) -> Array:
         form = self._task(task).form
         if isinstance(position, Mapping):
             position = self._joint_positions(task, position)
         elif isinstance(position, pin.SE3):
             position = pin.SE3ToXYZQUAT(position)
-        return form.position(position, what)
+        return form.position(position, subject)
 
     def _task(self, name: str) -> Task:
-        return self.qp.tasks[name_of(name, self.qp.tasks, "task")]
+        return self.qp.tasks[require_choice(name, self.qp.tasks, "task")]
 
     def _joint_positions(self, task: str, given: Mapping[str, float]) -> Array:
-        """The present reference of a task on joints, with some of them elsewhere."""
+        """Return the present reference of a joint task with changed positions of some joints."""
         joints: tuple[str, ...] | None = getattr(self.qp.tasks[task], "joints", None)
         if joints is None:
-            raise InputRefused(f"task {task!r} is not about joints; its position is an array")
+            raise InputRefused(f"task {task!r} has no joints; its position must be an array")
         for name in given:
             if name not in joints:
                 raise InputRefused(
@@ -356,16 +345,15 @@ class Controller(ControlCycle):
         return np.array([number(given.get(name, value), f"the position of {name!r}") for name, value in values])
 
 
-def _finite(values: npt.ArrayLike | None, size: int, what: str) -> Array:
-    """See that an array has its size, and only finite values; zeros where there is none."""
-    return finite(sized(np.zeros(size) if values is None else values, size, what), what)
+def _finite(values: npt.ArrayLike | None, size: int, subject: str) -> Array:
+    """Return a finite array of a size; zeros for None."""
+    return finite(sized(np.zeros(size) if values is None else values, size, subject), subject)
 
 
 def _rows(values: Any, times: Array) -> Sequence[Any]:
-    """Return one entry for each time."""
     if isinstance(values, np.ma.MaskedArray) or not isinstance(values, Sequence | np.ndarray):
-        raise InputRefused(f"points = {reprlib.repr(values)}: it must be a list with one entry for each time")
+        raise InputRefused(f"points = {reprlib.repr(values)}: must be a list with one entry per time")
     rows = [] if isinstance(values, np.ndarray) and values.ndim == 0 else list(values)
     if len(rows) != len(times):
-        raise InputRefused(f"there are {len(rows)} points for {len(times)} times")
+        raise InputRefused(f"{len(rows)} points for {len(times)} times; expected one per time")
     return rows

@@ -1,4 +1,4 @@
-"""One control cycle: requests, changes, quadratic program, supervisor."""
+"""Control cycle: requests, changes, quadratic program, supervisor."""
 
 from __future__ import annotations
 
@@ -38,26 +38,19 @@ from wbc_controller.walking.footsteps import Velocity
 
 _log = logging.getLogger(__name__)
 
-#: Least time between two explanations of why there is no solution, s: each takes several periods.
+#: Shortest time between two searches for conflicting constraints, s.
 _EXPLAIN_PAUSE = 1.0
 
 
 class ControlCycle:
-    """References, quadratic program and supervisor of one robot, called once per control period.
-
-    It is called by `Controller`, for Python users, and by the service behind the topics.
+    """References, quadratic program and supervisor of one robot, called once per period.
 
     Attributes:
-        config: the configuration that it was made from.
-        qp: the quadratic program.
-        board: the references that the commands have set.
-        supervisor: makes the commands, and holds the modes.
-        walker: decides on steps; None if the configuration has no section ``walking``.
+        walker: step planner, or None without a section ``walking``.
         model_error: compensation of friction and disturbances.
-        live: the settings with all changes since.
-        tape: records of the cycles, for a recorder that empties the list; None without a recorder.
-        holding: names of the loaded contacts that were active in the last cycle; if none was solved, of those that are
-            active when the controller is activated.
+        live: current settings.
+        cycle_records: records for a recorder, which empties the list; None without a recorder.
+        holding: loaded active contacts of the last cycle; without a solution the contacts enabled at activation.
     """
 
     def __init__(
@@ -71,21 +64,20 @@ class ControlCycle:
         model: RobotModel | None = None,
         timer: Callable[[], float] = time.perf_counter,
     ) -> None:
-        """Build everything.
+        """Build all objects.
 
         Args:
-            config: the configuration, or what `load` takes.
-            tasks: your own classes, or functions, each called with the robot's model to make a `Task`. Its attributes
-                ``weight``, ``enabled``, ``level`` and ``setpoint_duration`` count.
-            contacts: likewise; their attributes ``enabled`` and ``ramp`` count.
-            limits: likewise.
-            preflight: also check that the robot can stand as configured, as ``wbc check`` does.
-            model: the robot's model, if it has been built already.
-            timer: gives seconds, for the stage times.
+            config: a configuration, or an argument of `load`.
+            tasks: classes or functions that return a user's `Task` for the model; its attributes ``weight``,
+                ``enabled``, ``level`` and ``setpoint_duration`` apply.
+            contacts: the same for a `Contact`; its attributes ``enabled`` and ``ramp`` apply.
+            limits: the same for a `RowLimit`.
+            preflight: check that the robot can stand.
+            model: model of the robot, by default from the configuration.
+            timer: clock of the stage times, s.
 
         Raises:
-            ConfigurationError: if the configuration cannot be used, with the value and the valid ones; or if a method
-                of your own objects fails or returns an invalid array, with the class and the method.
+            ConfigurationError: if the configuration is invalid, or a method of a user object fails.
         """
         self.config = load(config)
         settings = self.config.settings
@@ -97,52 +89,49 @@ class ControlCycle:
             if preflight:
                 check_qp(settings, self.qp, ReferenceBoard(self.live.newest.board))
         except ConfigurationError as error:
-            raise ConfigurationError(self.config.named(str(error))) from error
-        self._parts = self.live.newest
-        self.board = ReferenceBoard(self._parts.board)
-        self.supervisor = Supervisor(model, self._parts.supervisor)
+            raise ConfigurationError(self.config.with_source(str(error))) from error
+        self._live = self.live.newest
+        self.board = ReferenceBoard(self._live.board)
+        self.supervisor = Supervisor(model, self._live.supervisor)
         self.walker = make_walker(settings, self.qp)
         self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
-        self.holding = self._at_activation()
+        self.holding = self._enabled_contacts()
         self._timer = timer
-        self._commands: list[Change] = []  # by call, for the next cycle
-        self._streamed: dict[str, Reference] = {}  # references that count as they are, in the next cycle
-        # It takes several periods to explain a failure: another thread does, and the commands go on.
+        self._commands: list[Change] = []  # applied in the next cycle
+        self._streamed: dict[str, Reference] = {}  # streamed references of the next cycle
+        # The search for conflicting constraints takes several periods.
         self._explaining = ThreadPoolExecutor(max_workers=1, thread_name_prefix="explain")
         self._explanation: Future[NoSolution] | None = None
-        self._explained = -np.inf
+        self._explained_at = -np.inf
         self._failure: NoSolution | None = None
-        self._defect: Fault | None = None  # of what stands around the cycle
-        self.tape: list[CycleRecord] | None = None
-        self._held: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # what `holding` was made from
-        self._apart = False  # True if something has changed between the last cycle and the next
+        self._defect: Fault | None = None  # fault outside the cycle
+        self.cycle_records: list[CycleRecord] | None = None
+        self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # inputs of `holding`
+        self._changed_outside = False  # state changed between two cycles
 
     @property
     def model(self) -> RobotModel:
-        """The robot's model."""
+        """Model of the robot."""
         return self.qp.model
 
     @property
     def dynamics(self) -> Dynamics:
-        """The terms of the equations of motion at the state of the last cycle; the next one overwrites them.
-
-        Before the first one they are those of the nominal posture, with the base in the world's origin.
-        """
+        """Terms of the equations of motion in the last cycle; at first in the nominal posture with the base at 0."""
         return self.qp.dynamics
 
     @property
     def tasks(self) -> Mapping[str, Task]:
-        """The tasks, by name."""
+        """Tasks by name."""
         return self.qp.tasks
 
     @property
     def contacts(self) -> Mapping[str, Contact]:
-        """The contacts, by name."""
+        """Contacts by name."""
         return self.qp.contacts
 
     @property
     def limits(self) -> Mapping[str, RowLimit]:
-        """The limits on combinations of accelerations, by kind: ``self_collision`` and a user's own."""
+        """Row limits by kind: ``self_collision`` and the user's limits."""
         return {limit.kind: limit for limit in self.qp.formulation.row_limits}
 
     @property
@@ -152,18 +141,18 @@ class ControlCycle:
 
     @property
     def fault(self) -> Fault | None:
-        """Why the mode active was left, where it was."""
+        """Latched fault, or None."""
         return self.supervisor.fault
 
     @property
     def period(self) -> float:
-        """Time between two steps that the configuration asks for (``control.rate``), s."""
+        """Configured period, 1 / ``control.rate``, s."""
         return self.qp.formulation.period
 
     @property
     def state_timeout(self) -> float:
-        """Oldest state that torques may be computed from, s."""
-        return self._parts.state_timeout
+        """Largest age of a state, s."""
+        return self._live.state_timeout
 
     def cycle(self, inputs: CycleInputs) -> CycleResult:
         """Run one cycle: requests, changes, quadratic program, supervisor."""
@@ -171,18 +160,18 @@ class ControlCycle:
         now, state, problem = inputs.now, inputs.state, inputs.problem or self._defect
         self._defect = None
         refused: list[str] = []
-        starts = self._take_requests(inputs.requests, now, problem, refused) if inputs.requests else False
-        left: list[tuple[Change, ...]] = []
+        starts = self._handle_requests(inputs.requests, now, problem, refused) if inputs.requests else False
+        remaining: list[tuple[Change, ...]] = []
         supervisor = self.supervisor
-        if inputs.changes or self.live.newest is not self._parts:
+        if inputs.changes or self.live.newest is not self._live:
             try:
-                left = self._take_changes(inputs.changes, state, refused)
+                remaining = self._accept_changes(inputs.changes, state, refused)
             except Exception as error:
                 problem = _defect(error)
         outcome: Solution | NoSolution | Fault | None = None
         references: References | None = None
         if problem is None and supervisor.solving:
-            outcome, references = self._compute(state, left, now, starts, refused)
+            outcome, references = self._compute(state, remaining, now, starts, refused)
         computed = self._timer()
         was_active = supervisor.mode is Mode.ACTIVE
         command = supervisor.step(now, state, inputs.joint_velocity, problem, outcome)
@@ -191,29 +180,33 @@ class ControlCycle:
             whole = command is not None and supervisor.torques_before(now) is not None
             tau = command.tau if command is not None and whole else None
             self.model_error.record_command(state, solution, tau, self.qp.dynamics, self.qp.contact_jacobian)
-        if left and outcome is None:
-            words = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
+        if remaining and outcome is None:
+            requests = "'activate'" if self.mode is Mode.INACTIVE else "'reset' and 'activate'"
             refused.append(
-                f"{len(left)} task or contact commands: the controller is {self.mode.value}; send {words} first"
+                f"{len(remaining)} task or contact commands: the controller is {self.mode.value}; send {requests} first"
             )
         if references is not None and supervisor.solving:
             activations, unloaded = references.contacts, self.model_error.unloaded_contacts
-            if self._held is None or self._held[0] is not activations or self._held[1] is not unloaded:
-                self._held = activations, unloaded
+            if (
+                self._holding_inputs is None
+                or self._holding_inputs[0] is not activations
+                or self._holding_inputs[1] is not unloaded
+            ):
+                self._holding_inputs = activations, unloaded
                 active = [name for name, activation in activations.items() if activation > 0.0]
                 self.holding = tuple(name for name in active if name not in unloaded)
         else:
-            self.holding, self._held = self._at_activation(), None
+            self.holding, self._holding_inputs = self._enabled_contacts(), None
         self._failure = outcome if isinstance(outcome, NoSolution) and was_active else None
         if self._explanation is not None:
-            self._take_explanation()
+            self._report_explanation()
         stages = {"compute": computed - started, "supervise": self._timer() - computed}
-        of_it = None if solution is None else solution.stage_seconds
-        if of_it:
+        solution_stages = None if solution is None else solution.stage_seconds
+        if solution_stages:
             stages |= {
-                "compute/build": of_it["build"],
-                "compute/solve": of_it["solve"],
-                "compute/unpack": of_it["unpack"],
+                "compute/build": solution_stages["build"],
+                "compute/solve": solution_stages["solve"],
+                "compute/unpack": solution_stages["unpack"],
             }
         result = CycleResult(
             qp=self.qp,
@@ -227,17 +220,16 @@ class ControlCycle:
             refused=tuple(refused),
             stage_seconds=stages,
         )
-        if self.tape is not None:
+        if self.cycle_records is not None:
             given = inputs if problem is inputs.problem else replace(inputs, problem=problem)
-            self.tape.append(CycleRecord(inputs=given, live=self._parts, result=result, apart=self._apart))
-            self._apart = False
+            self.cycle_records.append(
+                CycleRecord(inputs=given, live=self._live, result=result, changed_outside=self._changed_outside)
+            )
+            self._changed_outside = False
         return result
 
     def memory(self) -> dict[str, Any]:
-        """State that the next cycles depend on, by part.
-
-        ``qp`` is None if the solver hides its warm start: a cycle from here then does not repeat the same bits.
-        """
+        """Return the state between cycles, by part; ``qp`` is None if the solver's warm start is not accessible."""
         return {
             "walker": None if self.walker is None else save_state(self.walker),
             "qp": self.qp.memory(),
@@ -247,68 +239,58 @@ class ControlCycle:
         }
 
     def recall(self, memory: Mapping[str, Any], settings: Settings) -> None:
-        """Continue from the `memory` of a controller of the same configuration, with the settings of that time.
-
-        Raises:
-            ConfigurationError: if the settings do not fit the model.
-        """
-        self.live.adopt(settings)
-        self._parts = self.live.newest
-        self.board = ReferenceBoard(self._parts.board)
-        self.supervisor = Supervisor(self.model, self._parts.supervisor)
+        """Restore the result of `memory` of a controller with the same configuration, and its settings."""
+        self.live.replace_all(settings)
+        self._live = self.live.newest
+        self.board = ReferenceBoard(self._live.board)
+        self.supervisor = Supervisor(self.model, self._live.supervisor)
         restore_state(self.board, memory["board"])
         restore_state(self.supervisor, memory["supervisor"])
-        self.model_error.observer.limits = self._parts.disturbance
+        self.model_error.observer.limits = self._live.disturbance
         restore_state(self.model_error, memory["model_error"])
         if self.walker is not None:
             restore_state(self.walker, memory["walker"])
         if memory["qp"] is not None:
             self.qp.recall(memory["qp"])
 
-    def _at_activation(self) -> tuple[str, ...]:
-        """Names of the contacts that are active when the controller is activated."""
-        return tuple(name for name, contact in self._parts.board.contacts.items() if contact.enabled)
+    def _enabled_contacts(self) -> tuple[str, ...]:
+        return tuple(name for name, contact in self._live.board.contacts.items() if contact.enabled)
 
     def fail(self, error: Exception) -> None:
-        """Damp from the next cycle on: something around the cycle has failed."""
-        self._apart = True
+        """Damp from the next cycle on, after an error outside the cycle."""
+        self._changed_outside = True
         self._defect = _defect(error)
 
     def shut_down(self, now: float) -> CycleResult:
-        """Leave the joints without torque when the process ends, at `now` in s: the last result."""
-        self._apart = True
+        """Return a last result with zero torque; `now` in s."""
+        self._changed_outside = True
         command = self.supervisor.shut_down(now)
         return CycleResult(qp=self.qp, time=now, mode=self.mode, fault=self.fault, command=command)
 
     def explain_failure(self, now: float) -> None:
-        """Begin to search for the constraints that conflict, if the last cycle had no solution: the torques are out.
-
-        A thread searches, and a later cycle's fault names the result. Once per failure: while holding, the sentence of
-        its first cycle stays in force.
-        """
+        """Start a thread that searches conflicting constraints after the first failure; a later cycle reports them."""
         failure, self._failure = self._failure, None
-        if failure is not None and self._explanation is None and now - self._explained >= _EXPLAIN_PAUSE:
-            self._explained = now
+        if failure is not None and self._explanation is None and now - self._explained_at >= _EXPLAIN_PAUSE:
+            self._explained_at = now
             self._explanation = self._explaining.submit(failure.explained)
 
-    def _take_explanation(self) -> None:
-        """Report the constraints that conflict, when they have been found."""
+    def _report_explanation(self) -> None:
         if self._explanation is None or not self._explanation.done():
             return
         explanation, self._explanation = self._explanation, None
         try:
             failure = explanation.result()
         except Exception:
-            _log.exception("why there was no solution could not be found out")
+            _log.exception("the search for conflicting constraints failed")
             return
         self.supervisor.explain(failure)
         _log.warning("NO_SOLUTION: %s", failure)
 
-    def _take_requests(self, words: Sequence[str], now: float, problem: Fault | None, refused: list[str]) -> bool:
-        """Hand the requests to the supervisor; return whether the controller starts from the present state."""
+    def _handle_requests(self, requests: Sequence[str], now: float, problem: Fault | None, refused: list[str]) -> bool:
+        """Pass requests to the supervisor; return True if the controller starts from the present state."""
         starts = False
-        for i, word in enumerate(words):
-            if "estop" in words[:i]:  # silence may only follow zeros that were sent
+        for i, word in enumerate(requests):
+            if "estop" in requests[:i]:  # zero torque must be sent before the torques stop
                 refused.append(f"command {word!r} is refused in the cycle of an emergency stop; send it again")
                 continue
             try:
@@ -320,20 +302,20 @@ class ControlCycle:
         return starts
 
     def _request(self, word: str, now: float, problem: Fault | None) -> bool:
-        """Hand a request to the supervisor, as `Supervisor.request`; a robot that walks stops before it deactivates."""
+        """Pass a request to the supervisor; a walking robot stops before it deactivates."""
         if word == "deactivate" and self.walker is not None and self.walker.moves and self.supervisor.solving:
             self.walker.leave()
             return False
         return self.supervisor.request(word, now, problem)
 
-    def _take_changes(
+    def _accept_changes(
         self, changes: Iterable[Sequence[Change | ChangeSettings]], state: RobotState | None, refused: list[str]
     ) -> list[tuple[Change, ...]]:
-        """Take over changed settings; return the changes of references that remain to be applied."""
-        left = []
+        """Apply changed settings; return the changes of references."""
+        remaining = []
         for each in changes:
             references = tuple(change for change in each if not isinstance(change, ChangeSettings))
-            if not references or self.supervisor.solving:  # all or nothing: references need an active controller
+            if not references or self.supervisor.solving:  # references require an active controller
                 try:
                     for change in each:
                         if isinstance(change, ChangeSettings):
@@ -342,18 +324,18 @@ class ControlCycle:
                     refused.append(str(error))
                     continue
             if references:
-                left.append(references)
-        self._take_live(seconds(state) if state is not None else None)
-        return left
+                remaining.append(references)
+        self._apply_live_settings(seconds(state) if state is not None else None)
+        return remaining
 
-    def _take_live(self, time: float | None) -> None:
-        """Take over the newest settings, along ramps if the references are followed."""
+    def _apply_live_settings(self, time: float | None) -> None:
+        """Apply the newest settings, along ramps if the controller is active."""
         newest = self.live.newest
-        if newest is not self._parts:
+        if newest is not self._live:
             self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
             self.supervisor.limits = newest.supervisor
             self.model_error.observer.limits = newest.disturbance
-            self._parts = newest
+            self._live = newest
 
     def _compute(
         self,
@@ -363,20 +345,12 @@ class ControlCycle:
         starts: bool,
         refused: list[str],
     ) -> tuple[Solution | NoSolution | Fault, References | None]:
-        """Apply the changes of references, sample the references, and solve the quadratic program.
+        """Apply sets of changes, sample the references, and solve the quadratic program.
 
-        Args:
-            state: the latched state; None before the first one.
-            changes: sets of changes, in order.
-            now: time on the clock of the loop, s.
-            starts: whether the controller starts from this state.
-            refused: receives a sentence for each refused change.
-
-        Returns:
-            The solution, or the reason why there is none; and the sampled references.
+        Returns the solution or failure, and the references. `starts`: the controller starts from this state.
         """
         if state is None:
-            return Fault("NO_STATE", "no state has arrived"), None
+            return Fault("NO_STATE", "no state received"), None
         references = None
         try:
             if starts:
@@ -408,27 +382,18 @@ class ControlCycle:
             return _defect(error), references
 
     def _apply(self, changes: Sequence[Change], time: float) -> None:
-        """Apply a set of changes of references at a time in s.
-
-        Raises:
-            InputRefused: if one of them cannot be applied; then none of the set is.
-        """
+        """Apply a set of changes of references, all or none, or raise `InputRefused`."""
         walks = [change for change in changes if isinstance(change, Walk)]
         if walks and self.walker is None:
-            raise InputRefused("this robot does not walk: its configuration has no section 'walking'")
-        for walk in walks:  # first: a set with a command to walk contains nothing that the board refuses
+            raise InputRefused("this robot cannot walk: its configuration has no section 'walking'")
+        for walk in walks:  # first: the board refuses no change of a set with a walking command
             if self.walker is not None:
                 until = time + self._command_timeout if walk.streamed else np.inf
                 self.walker.ask(None if walk.velocity is None else Velocity.of(walk.velocity), until)
         self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
 
     def _walk(self, now: float, time: float) -> Mapping[str, Reference]:
-        """Let the walker decide at the present state; return the references of its tasks.
-
-        Args:
-            now: time on the clock of the loop, s.
-            time: of the state, s.
-        """
+        """Update the walker at the time of the state, s; return the references of its tasks."""
         walker, board, dynamics = self.walker, self.board, self.qp.dynamics
         if walker is None:
             return {}
@@ -446,7 +411,7 @@ class ControlCycle:
         disturbance = self.model_error.update(state)
         if self.model_error.unloaded_contacts is not unloaded:
             refused += [
-                f"contact {name!r} carries nothing, by how the robot moves: the base's estimate leaves it out"
+                f"contact {name!r} is unloaded according to the robot's motion: excluded from the base estimate"
                 for name in self.model_error.unloaded_contacts
                 if name not in unloaded
             ]
@@ -454,7 +419,7 @@ class ControlCycle:
 
 
 def _defect(error: Exception) -> Fault:
-    """The fault of an exception: it ends in damping with a reason, never in a dead process with torques applied."""
+    """Convert an exception to a fault, so that the robot is damped."""
     _log.exception("the controller failed")
     if isinstance(error, MethodError):
         return Fault("METHOD_FAILED", str(error))
@@ -462,5 +427,5 @@ def _defect(error: Exception) -> Fault:
 
 
 def seconds(state: RobotState) -> float:
-    """Time of a state on the clock of the states, s."""
+    """Return the timestamp of a state, s."""
     return state.stamp * 1.0e-9

@@ -1,4 +1,4 @@
-"""Settings that are changed while the controller runs: held to the schema, and applied by the loop between cycles."""
+"""Live settings: validated changes, applied by the loop between cycles."""
 
 from __future__ import annotations
 
@@ -27,94 +27,76 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class LivePart:
-    """The part of the settings that a running loop uses.
+    """Objects derived from the settings that can change in a running loop."""
 
-    Attributes:
-        settings: all of the settings.
-        board: plans of references, gains and limits.
-        supervisor: times and limits of the supervisor.
-        state_timeout: oldest state that torques may be computed from, s.
-        disturbance: speed and size of the disturbance estimate.
-    """
-
-    settings: Settings
-    board: BoardPlan
-    supervisor: SupervisorLimits
-    state_timeout: float
-    disturbance: DisturbanceLimits
+    settings: Settings  # all settings
+    board: BoardPlan  # plans of references, gains and limits
+    supervisor: SupervisorLimits  # times and limits of the supervisor
+    state_timeout: float  # largest age of a state, s
+    disturbance: DisturbanceLimits  # time constant and bound of the disturbance estimate
 
 
 class LiveSettings:
-    """Takes changes of the settings, from any thread; the loop takes over the newest result, whole, between two cycles.
-
-    Attributes:
-        settings: the settings with all changes that were accepted.
-        newest: their live part; another object after each change.
-        changed: called after each change, on the thread that brought it.
-    """
+    """Settings that any thread may change; the loop applies `newest`, their live part, between two cycles."""
 
     def __init__(self, settings: Settings, derive: Callable[[Settings], LivePart]) -> None:
-        """Begin with the settings of the controller; `derive` makes their live part, or raises `ConfigurationError`."""
-        self.settings = settings
+        """Start with the configured settings; `derive` builds their live part."""
+        self.settings = settings  # with all accepted changes
         self.newest = derive(settings)
-        self.changed: Callable[[], None] = lambda: None
+        self.changed: Callable[[], None] = lambda: None  # called after each change, in its thread
         self._configured = settings
         self._derive = derive
         self._lock = threading.Lock()
-        #: The change that was prepared last, the settings that it was prepared for, and the result.
+        #: Last prepared change, its base settings, and the result.
         self._prepared: tuple[Any, Settings, Any] = (None, settings, None)
 
     def check(self, change: Mapping[str, Any], source: str) -> None:
-        """Check whether a change, a part of a configuration nested as in its file, would be accepted.
+        """Check a change: part of a configuration, nested as in the file.
 
         Raises:
-            ConfigurationError: if it would not, with its source and the reason.
+            ConfigurationError: if the change is invalid; the message begins with the source.
         """
-        self._result(change, source)
+        self._validated(change, source)
 
     def prepare(self, change: Mapping[str, Any], source: str) -> None:
-        """Do the work of `accept` ahead, on another thread than the one that will accept; as `check` otherwise."""
+        """Precompute `accept` in another thread; errors as in `check`."""
         base = self.settings
-        self._prepared = (change, base, self._result(change, source))
+        self._prepared = (change, base, self._validated(change, source))
 
     def accept(self, change: Mapping[str, Any], source: str) -> None:
-        """Take a change, whole or not at all; arguments and errors as for `check`."""
+        """Apply a change completely, or raise an error as in `check`."""
         prepared, base, result = self._prepared
         with self._lock:
             ready = prepared is change and base is self.settings
-            settings, live, differences = result if ready else self._result(change, source)
+            settings, live, differences = result if ready else self._validated(change, source)
             if not differences:
                 return
             self.settings, self.newest = settings, live
         _log.info("%s: %s", source, ", ".join(differences))
         self.changed()
 
-    def adopt(self, settings: Settings) -> None:
-        """Take over settings that another controller of the same configuration had, as its recording says.
-
-        Raises:
-            ConfigurationError: if they do not fit the model.
-        """
+    def replace_all(self, settings: Settings) -> None:
+        """Replace all settings, for example by recorded ones."""
         live = self._derive(settings)
         with self._lock:
             self.settings, self.newest = settings, live
 
-    def _result(self, change: Mapping[str, Any], source: str) -> tuple[Settings, LivePart, tuple[str, ...]]:
+    def _validated(self, change: Mapping[str, Any], source: str) -> tuple[Settings, LivePart, tuple[str, ...]]:
         settings = parse_settings(merged(self.settings.model_dump(exclude_unset=True), change), source)
         differences = list(_differences(self.settings, settings))
         fixed = [key for key, live, *_ in differences if not live]
         if fixed:
             raise ConfigurationError(
-                f"{source}: {', '.join(fixed)}: read only when the controller is configured; configure it anew for that"
+                f"{source}: {', '.join(fixed)}: read only when the controller is configured; reconfigure it"
             )
-        beyond = list(_beyond(self._configured, self.settings, settings))
+        beyond = list(_out_of_live_range(self._configured, self.settings, settings))
         if beyond:
             raise ConfigurationError(f"{source}: {'; '.join(beyond)}")
         return settings, self._derive(settings), tuple(f"{key}: {old} -> {new}" for key, _, old, new in differences)
 
 
 def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[tuple[str, bool, Any, Any]]:
-    """Each key with another value: dotted, whether it may change live, the old and the new value."""
+    """Yield each changed key: dotted key, True if live, old value, new value."""
     live: tuple[str, ...] = getattr(old, "live", ())
     for name in type(old).model_fields:
         before, after, key = getattr(old, name), getattr(new, name), f"{prefix}{name}"
@@ -131,26 +113,22 @@ def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[t
                 yield key, name in live, a, b
 
 
-def _beyond(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
-    """A sentence for each value that changes to one that is out of its range while the controller runs."""
+def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
+    """Yield a sentence for each changed value outside its live range."""
     for name in type(new).model_fields:
         parts = getattr(configured, name), getattr(old, name), getattr(new, name)
         if all(isinstance(part, BaseModel) for part in parts):
-            yield from _beyond(*parts, f"{prefix}{name}.")
+            yield from _out_of_live_range(*parts, f"{prefix}{name}.")
     for name, (lower, upper) in getattr(new, "live_ranges", {}).items():
-        at_first, value = getattr(configured, name), getattr(new, name)
-        low = at_first if lower is None else min(lower, at_first)
-        high = at_first if upper is None else max(upper, at_first)
+        configured_value, value = getattr(configured, name), getattr(new, name)
+        low = configured_value if lower is None else min(lower, configured_value)
+        high = configured_value if upper is None else max(upper, configured_value)
         if value != getattr(old, name) and not (low <= value <= high):
-            yield f"{prefix}{name} = {value:g}: while the controller runs it may be from {low:g} to {high:g}"
+            yield f"{prefix}{name} = {value:g}: valid in a running controller: {low:g} to {high:g}"
 
 
 def live_part(settings: Settings, qp: WholeBodyQP) -> LivePart:
-    """Collect the settings that can change while a controller runs.
-
-    Raises:
-        ConfigurationError: if settings and model do not fit.
-    """
+    """Derive the live part of the settings."""
     supervisor = make_supervisor_limits(settings, qp.model)
     plan = make_board_plan(settings, qp)
     return LivePart(settings, plan, supervisor, settings.safety.state_timeout, disturbance_limits(settings))

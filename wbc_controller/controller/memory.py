@@ -1,8 +1,7 @@
-"""State that a controller keeps between cycles: saved in recordings, and restored for replay.
+"""State of a controller between cycles: saved in recordings, restored for replay.
 
-A class lists the attributes that outlive a cycle in ``STATE_FIELDS``; values with such a list are saved likewise. An
-array is either read-only in all cycles, and replaced, or writable in all cycles, and then no other attribute refers to
-it: compiled code may be bound to it, and it is restored in place.
+``STATE_FIELDS`` of a class lists its state attributes, recursively. Read-only arrays are replaced. Writable arrays are
+restored in place, as compiled code may be bound to them, and must not be shared by attributes.
 """
 
 from __future__ import annotations
@@ -20,26 +19,18 @@ from wbc_controller.controller.report import CycleInputs
 from wbc_controller.controller.result import CycleResult
 
 
-@dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
+@dataclass(slots=True)  # not frozen: faster construction
 class CycleRecord:
-    """Inputs and result of one cycle, for a recording.
+    """Inputs and result of one cycle, for a recording."""
 
-    Attributes:
-        inputs: the inputs of the controller.
-        live: the part of the settings that was in force.
-        result: the result of the cycle.
-        apart: whether the state of the controller changed outside of its cycles since the last one: a cycle failed, or
-            the loop ended, and may have started again.
-    """
-
-    inputs: CycleInputs
-    live: LivePart
-    result: CycleResult
-    apart: bool
+    inputs: CycleInputs  # inputs of the controller
+    live: LivePart  # live settings of the cycle
+    result: CycleResult  # result of the cycle
+    changed_outside: bool  # True if the state changed between this and the last cycle: a failed cycle, the loop's end
 
 
 def save_state(owner: Any) -> dict[str, Any]:
-    """State of an object, by attribute; arrays that are written in place are copied."""
+    """Return the state of an object by attribute; writable arrays are copied."""
     return {name: _copied(getattr(owner, name)) for name in owner.STATE_FIELDS}
 
 
@@ -47,7 +38,7 @@ def restore_state(owner: Any, memory: Mapping[str, Any]) -> None:
     """Restore the state of an object from `save_state`.
 
     Raises:
-        TypeError: if a record of the state is to become a value of another type.
+        TypeError: if a record has the wrong type.
     """
     for name in owner.STATE_FIELDS:
         present, value = getattr(owner, name), memory[name]
@@ -56,18 +47,18 @@ def restore_state(owner: Any, memory: Mapping[str, Any]) -> None:
             if value is not None:
                 restore_state(present, value)
         elif isinstance(present, np.ndarray) and present.flags.writeable:
-            present[...] = value  # in place: compiled code may be bound to it
+            present[...] = value
         else:
             setattr(owner, name, type(present)(value) if isinstance(present, deque | dict | tuple) else value)
 
 
 def _require_record(name: str, present: Any, value: Any) -> None:
-    """Raise `TypeError` if a record, or one in a mapping by the same key, is to become a value of another type."""
+    """Raise a TypeError if a record, also within a mapping, would get a value of another type."""
     if isinstance(present, Mapping) and isinstance(value, Mapping):
         for key in present.keys() & value.keys():
             _require_record(f"{name}[{key!r}]", present[key], value[key])
     elif is_dataclass(present) and value is not None and type(value) is not type(present):
-        raise TypeError(f"{name} is {reprlib.repr(value)}, not a {type(present).__name__}")
+        raise TypeError(f"{name} = {reprlib.repr(value)}: expected {type(present).__name__}")
 
 
 def _copied(value: Any) -> Any:

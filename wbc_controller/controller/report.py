@@ -1,4 +1,4 @@
-"""Records of one control cycle: its latched inputs, the inputs of the controller, and the report of its results."""
+"""Records of one control cycle: latched inputs, controller inputs, report."""
 
 from __future__ import annotations
 
@@ -11,96 +11,61 @@ from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.records import Array, AuditReport, ChangeSettings, Fault, JointCommand, Mode, RobotState, Solution
 
 
-class TakenRequests(NamedTuple):
-    """Requests of users that one cycle takes.
+class UserRequests(NamedTuple):
+    """Requests of users for one cycle."""
 
-    Attributes:
-        commands: words on the command topic, in order of arrival.
-        changes: sets of changes, in order of arrival; each set is applied whole or not at all.
-        refused: one sentence for each refused request.
-        total: number of requests that were read, refused or turned away.
-    """
-
-    commands: tuple[str, ...] = ()
+    commands: tuple[str, ...] = ()  # words on the command topic, in order of arrival
+    #: sets of changes, in order of arrival; each set is applied completely or not at all
     changes: tuple[tuple[Change | ChangeSettings, ...], ...] = ()
-    refused: tuple[str, ...] = ()
-    total: int = 0
+    refused: tuple[str, ...] = ()  # one sentence per refused request
+    total: int = 0  # number of received requests
 
 
-@dataclass(slots=True)  # not frozen, which would take three times as long to make, in every cycle
+@dataclass(slots=True)  # not frozen: faster construction
 class LatchedInputs:
-    """All inputs, latched at the start of one cycle.
+    """Inputs latched at the start of one cycle."""
 
-    Attributes:
-        state: the newest state; None until all of its parts have arrived (joint states, and for a floating base its
-            odometry, or IMU data from which it has been estimated).
-        joint_velocity: newest joint velocities, (nj,) in rad/s; None until they have arrived.
-        ages: age of each part of the state, s; infinite if it has never arrived.
-        clock_stall: advance of the timestamps during a stall of the clock, s.
-        refused_states: one sentence for each refused message of a sensor.
-        requests: requests of users.
-        estimate: diagnostics of the base's estimate, by key.
-    """
-
+    #: newest state; None until all parts have arrived (joint states; for a floating base odometry or IMU)
     state: RobotState | None
-    joint_velocity: Array | None
-    ages: Mapping[str, float]
-    clock_stall: float = 0.0
-    refused_states: tuple[str, ...] = ()
-    requests: TakenRequests = field(default_factory=TakenRequests)
-    estimate: Mapping[str, str] = field(default_factory=dict)
+    joint_velocity: Array | None  # newest joint velocities, (nj,) in rad/s; None before the first message
+    ages: Mapping[str, float]  # age of each part of the state, s; infinite before the first message
+    clock_stall: float = 0.0  # advance of the timestamps during a clock stall, s
+    refused_states: tuple[str, ...] = ()  # one sentence per refused sensor message
+    requests: UserRequests = field(default_factory=UserRequests)  # requests of users
+    estimate: Mapping[str, str] = field(default_factory=dict)  # diagnostics of the base estimate, by key
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """One sentence for each refused message, of sensors and users."""
+        """One sentence per refused message of sensors and users."""
         return self.refused_states + self.requests.refused
 
 
 @dataclass(slots=True)
 class CycleInputs:
-    """The inputs of the controller in one cycle.
+    """Inputs of the controller in one cycle."""
 
-    Attributes:
-        now: time on the clock of the loop, s.
-        state: the latched state; None before the first one.
-        joint_velocity: joint velocities, (nj,) in rad/s; None if stale.
-        problem: fault of the inputs, or None.
-        requests: words for the supervisor, in order.
-        changes: sets of changes, in order; each set is applied whole or not at all.
-    """
-
-    now: float
-    state: RobotState | None
-    joint_velocity: Array | None
-    problem: Fault | None = None
-    requests: tuple[str, ...] = ()
+    now: float  # time on the loop's clock, s
+    state: RobotState | None  # latched state; None before the first one
+    joint_velocity: Array | None  # joint velocities, (nj,) in rad/s; None if stale
+    problem: Fault | None = None  # fault of the inputs, or None
+    requests: tuple[str, ...] = ()  # requests to the supervisor, in order
+    #: sets of changes, in order; each set is applied completely or not at all
     changes: tuple[Sequence[Change | ChangeSettings], ...] = ()
 
 
 @dataclass(slots=True)
 class CycleReport:
-    """Inputs and results of one cycle, for diagnostics and recordings; observers do not change it.
+    """Inputs and results of one cycle, for diagnostics and recordings. Read-only."""
 
-    Attributes:
-        cycle: running number of the cycle.
-        inputs: the latched inputs.
-        result: mode, fault, command and solution.
-        refused: one sentence for each input that was refused since the last cycle.
-        stage_seconds: time spent in each stage, s.
-        deadlines_missed: count of missed deadlines since the start.
-        audit: comparison of the model with the measured motion; None if it could not be evaluated.
-        contested: one sentence for each topic on which other nodes publish that exclude the controller or each other.
-        shared: node names of all publishers of an input with several publishers, by the topic's name.
-    """
-
-    cycle: int
-    inputs: LatchedInputs
-    result: CycleResult
-    refused: tuple[str, ...]
-    stage_seconds: Mapping[str, float]
-    deadlines_missed: int
-    audit: AuditReport | None = None
-    contested: tuple[str, ...] = ()
+    cycle: int  # number of the cycle
+    inputs: LatchedInputs  # latched inputs
+    result: CycleResult  # mode, fault, command and solution
+    refused: tuple[str, ...]  # one sentence per refused input since the last cycle
+    stage_seconds: Mapping[str, float]  # time of each stage, s
+    deadlines_missed: int  # missed deadlines since the start
+    audit: AuditReport | None = None  # comparison of model and measured motion, or None
+    contested: tuple[str, ...] = ()  # one sentence per topic with conflicting publishers
+    #: publishers of each input with several publishers, by topic
     shared: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -110,17 +75,17 @@ class CycleReport:
 
     @property
     def fault(self) -> Fault | None:
-        """The latched fault, or None."""
+        """Latched fault, or None."""
         return self.result.fault
 
     @property
     def command(self) -> JointCommand | None:
-        """The command that was sent, or None."""
+        """Sent command, or None."""
         return self.result.command
 
     @property
     def solution(self) -> Solution | None:
-        """The solution of the quadratic program, or None if none was computed."""
+        """Solution of the quadratic program, or None."""
         return self.result.solution
 
     @property

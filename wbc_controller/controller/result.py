@@ -1,4 +1,4 @@
-"""What one cycle of the controller led to, and how a person reads it."""
+"""Result of one control cycle, with tables and plots."""
 
 from __future__ import annotations
 
@@ -20,49 +20,36 @@ from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array, Fault, JointCommand, Mode, References, RobotState, Solution
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
-#: Actuators in the table: those with the largest torques, as shares of their limits.
-_MOST = 5
+#: Number of actuators in the table.
+_LARGEST_SHOWN = 5
 
 
-@dataclass(slots=True, repr=False)  # not frozen, which would take three times as long to make, in every cycle
+@dataclass(slots=True, repr=False)  # not frozen: faster construction
 class CycleResult:
-    """The outcome of one control cycle: what goes to the joints, and why.
+    """Result of one control cycle. Prints as tables in terminals and notebooks.
 
-    It prints itself as tables, in a terminal and in a notebook, and `plot` draws it. What is read from the solution of
-    the quadratic program is empty, or NaN, in cycles that have none.
-
-    Attributes:
-        qp: the program that was solved: the robot's model, tasks and contacts by name. Its dynamics go on.
-        time: of the state, s.
-        mode: mode of the supervisor after the cycle.
-        fault: why the mode active was left, where it was.
-        command: what goes to the joints; None where nothing is to be sent.
-        solution: the answer of the quadratic program, before the supervisor; None where there is none.
-        state: the state that was answered; None where none has arrived.
-        references: what was asked for, in a cycle that was solved.
-        refused: a sentence for each request that was refused in this cycle.
-        stage_seconds: time spent in each stage, s.
+    Without a solution of the quadratic program, its values are empty or NaN.
     """
 
-    qp: WholeBodyQP
-    time: float
-    mode: Mode
-    fault: Fault | None
-    command: JointCommand | None
-    solution: Solution | None = None
-    state: RobotState | None = None
-    references: References | None = None
-    refused: tuple[str, ...] = ()
-    stage_seconds: Mapping[str, float] = field(default_factory=lambda: _NOTHING)
+    qp: WholeBodyQP  # quadratic program with model, tasks and contacts; its dynamics are those of the newest cycle
+    time: float  # time of the state, s
+    mode: Mode  # mode of the supervisor after the cycle
+    fault: Fault | None  # latched fault, or None
+    command: JointCommand | None  # command to the joints; None if nothing is sent
+    solution: Solution | None = None  # solution before the supervisor, or None
+    state: RobotState | None = None  # state of the cycle, or None
+    references: References | None = None  # sampled references, or None without a solve
+    refused: tuple[str, ...] = ()  # one sentence per refused request
+    stage_seconds: Mapping[str, float] = field(default_factory=lambda: _NOTHING)  # time of each stage, s
 
     @property
     def tau(self) -> Array:
-        """Torques of the actuators after the supervisor, (na,) in N·m; zero where nothing is to be sent."""
+        """Torques of the actuators after the supervisor, (na,) in N·m; zero without a command."""
         return np.zeros(self.qp.model.na) if self.command is None else self.command.tau
 
     @property
     def torques(self) -> dict[str, float]:
-        """The same by name of the actuator, N·m."""
+        """Torques by actuator, N·m."""
         return dict(zip(self.qp.model.actuators, self.tau.tolist(), strict=True))
 
     @property
@@ -72,17 +59,17 @@ class CycleResult:
 
     @property
     def forces(self) -> Mapping[str, Array]:
-        """What each active contact bears, in its own coordinates, (k,) in N and N·m: 3 of a point, 6 of a surface."""
+        """Contact forces of active contacts in contact coordinates, (3,) for points, (6,) for surfaces, N and N·m."""
         return _NOTHING if self.solution is None else self.solution.forces
 
     @property
     def wrenches(self) -> dict[str, Array]:
-        """The same as wrenches, (6,) in N and N·m, force first, in the axes in which they are published."""
+        """Contact wrenches, (6,) in N and N·m, in the axes of the published messages."""
         return {name: self.qp.contacts[name].basis @ force for name, force in self.forces.items()}
 
     @property
     def task_errors(self) -> Mapping[str, float]:
-        """Norm of each task's error, in the unit of its reference."""
+        """Norm of each task error, in the unit of the reference."""
         return _NOTHING if self.solution is None else self.solution.task_errors
 
     @property
@@ -92,36 +79,28 @@ class CycleResult:
 
     @property
     def binding(self) -> Mapping[str, float]:
-        """The binding constraints, each with its multiplier: by how much the cost would fall per unit of its bound."""
+        """Multiplier of each binding constraint: decrease of the cost per unit of relaxation."""
         return _NOTHING if self.solution is None else self.solution.binding
 
     @property
     def relaxed(self) -> tuple[str, ...]:
-        """Groups of constraints that were relaxed so that a solution exists; normally empty."""
+        """Relaxed groups of constraints; normally empty."""
         return () if self.solution is None else self.solution.relaxed
 
     @property
     def shapes(self) -> list[Shape]:
-        """What can be drawn of the cycle: contacts, forces, friction cones, support, centre of mass, references.
-
-        Raises:
-            InputRefused: if no state has arrived.
-        """
+        """Shapes of contacts, forces, friction cones, support, centre of mass and references; requires a state."""
         if self.state is None:
-            raise InputRefused("there is nothing to draw: no state has arrived")
-        dynamics = Dynamics(self.qp.model)  # that of the program has gone on
+            raise InputRefused("cannot draw: no state has arrived")
+        dynamics = Dynamics(self.qp.model)  # the program's dynamics belong to a newer cycle
         dynamics.update(self.state.q, self.state.v)
         return list(draw(dynamics, self.qp.tasks, self.qp.contacts, self.references, self.forces))
 
     def plot(self) -> Any:
-        """Draw contact forces, friction cones, support, centre of mass, and the torques as shares of their limits.
-
-        Returns:
-            A plotly Figure; a notebook shows it, `show()` opens it in a browser.
+        """Return a plotly Figure of `shapes` and largest torques.
 
         Raises:
-            ConfigurationError: where plotly is not installed.
-            InputRefused: if no state has arrived.
+            ConfigurationError: if plotly is not installed.
         """
         from wbc_controller.controller.visualization.plots import plot_cycle
 
@@ -130,10 +109,7 @@ class CycleResult:
         return plot_cycle(self.shapes, shares, self._heading(), self.binding)
 
     def friction_used(self) -> dict[str, float]:
-        """Of each active contact with a friction cone the tangential force, as a share of what friction allows.
-
-        NaN where a contact bears next to nothing.
-        """
+        """Return the tangential force of each active contact as a share of its friction limit; NaN if unloaded."""
         return friction_used(self.qp.contacts, self.forces, self.qp.model.mass * self.qp.model.gravity)
 
     def __repr__(self) -> str:
@@ -143,11 +119,11 @@ class CycleResult:
         return as_html(self._heading(), self._tables())
 
     def _heading(self) -> str:
-        said = f"{self.mode.value} at {self.time:.3f} s"
+        heading = f"{self.mode.value} at {self.time:.3f} s"
         if self.fault is not None:
-            said += f": {self.fault.code}: {self.fault.sentence}"
-        said += "".join(f"; refused {sentence}" for sentence in self.refused)
-        return said + (f"; relaxed {', '.join(self.relaxed)}" if self.relaxed else "")
+            heading += f": {self.fault.code}: {self.fault.sentence}"
+        heading += "".join(f"; refused {sentence}" for sentence in self.refused)
+        return heading + (f"; relaxed {', '.join(self.relaxed)}" if self.relaxed else "")
 
     def _tables(self) -> list[Table]:
         return [
@@ -179,29 +155,23 @@ class CycleResult:
     def _torque_rows(self) -> list[tuple[str, ...]]:
         model, tau = self.qp.model, self.tau
         shares = np.abs(tau) / model.effort_limits
-        order = np.argsort(-shares)[:_MOST].tolist()
+        order = np.argsort(-shares)[:_LARGEST_SHOWN].tolist()
         return [(model.actuators[i], f"{tau[i]:.2f} N·m", f"{100.0 * shares[i]:.0f} %") for i in order if tau[i]]
 
 
 def plot(results: Sequence[CycleResult]) -> Any:
-    """Draw a run over time: task errors, normal forces, friction used, the largest torque, and what was binding when.
-
-    Args:
-        results: of the cycles, such as `Simulation.run` gives them.
-
-    Returns:
-        A plotly Figure; a notebook shows it, `show()` opens it in a browser.
+    """Return a plotly Figure of a run: task errors, normal forces, friction, largest torque, binding constraints.
 
     Raises:
-        ConfigurationError: where plotly is not installed.
-        InputRefused: if there is no result.
+        ConfigurationError: if plotly is not installed.
+        InputRefused: if `results` is empty or invalid.
     """
     from wbc_controller.controller.visualization.plots import Line, Panel, line_panels
 
     if not isinstance(results, Sequence) or not all(isinstance(each, CycleResult) for each in results):
-        raise InputRefused(f"results is {reprlib.repr(results)}; it must be a list of results of cycles")
+        raise InputRefused(f"results = {reprlib.repr(results)}: must be a list of results of cycles")
     if not results:
-        raise InputRefused("there is nothing to plot: no results")
+        raise InputRefused("cannot plot: no results")
     contacts = results[0].qp.contacts
     normals = [
         {
@@ -233,6 +203,6 @@ def plot(results: Sequence[CycleResult]) -> Any:
 
 
 def _columns(rows: Sequence[Mapping[str, float]], scale: float = 1.0) -> dict[str, Array]:
-    """Series by name from the values of each cycle; NaN where there is none."""
+    """Return series by name from the values of each cycle; missing values are NaN."""
     names = dict.fromkeys(name for row in rows for name in row)
     return {name: scale * np.array([row.get(name, math.nan) for row in rows]) for name in names}

@@ -1,22 +1,21 @@
-"""The physics of the note as plain functions that evaluate its equations.
+"""Equations S1 to S11 of Nathan Ratliff's note "Analytical Dynamics and Contact Analysis" as functions.
 
-The note is Nathan Ratliff, "Analytical Dynamics and Contact Analysis"; this package holds the equations S1 to S11 of
-the design. Every function takes Pinocchio models and NumPy arrays and returns new arrays; none depends on the
-controller. Conventions are those of `wbc_controller.records`; ``docs/mechanics.md`` walks through the equations.
+The functions take Pinocchio models and arrays, return new arrays, and do not depend on the controller. Numbers in
+parentheses are equations of the note (docs/mechanics.md). Common arguments:
 
-These arguments have the same meaning in all functions, and are not described again:
-
-- ``model``: the mechanism, a `pinocchio.Model`; ``data``: workspace to compute in, by default a new one.
+- ``model``: `pinocchio.Model`; ``data``: workspace, by default a new one.
 - ``q`` (nq,), ``v`` (nv,), ``v_dot`` (nv,): configuration, generalized velocity and acceleration; ``t``: time, s.
-- ``M`` (nv, nv): mass matrix, symmetric positive definite; ``h`` (nv,): bias force, in N and N·m.
-- ``constraints``: bilateral constraints, also redundant ones.
+- ``M`` (nv, nv): mass matrix; ``h`` (nv,): bias force, N and N·m; ``force`` (nv,): generalized force, N and N·m.
 - ``A`` (k, nv), ``b`` (k,): constraints A v̇ = b in m/s² and rad/s², of any rank; k may be 0.
-- ``v_dot_u`` (nv,): acceleration without the constraints, in m/s² and rad/s².
-- ``wrenches``: contacts and other external wrenches; ``before``, ``after``: two consecutive states.
-- ``perturbation``: δq (nv,) as a function of q.
-- ``system``: particles with positions ``x`` and velocities ``x_dot``, (n, 3) in m and m/s, under ``forces`` besides
-  gravity, (n, 3) in N; ``structure`` and ``contact``: the rows A_s (k, 3n), b_s (k,) and A_c (m, 3n), b_c (m,) of (33).
-- ``acceleration``: v̇(q, v, t), (nv,); ``step``: step of the integration, s; ``steps``: number of steps.
+- ``v_dot_u`` (nv,): unconstrained acceleration, m/s² and rad/s².
+- ``constraints``: bilateral, possibly redundant; ``kinematics``: their state.
+- ``wrenches``: contacts and other external wrenches; ``before``, ``after``: consecutive states.
+- ``perturbation``: δq (nv,) as a function of q; ``joint``: a joint with one degree of freedom.
+- ``system``: particles with positions ``x`` and velocities ``x_dot``, (n, 3) in m and m/s, and ``forces`` besides
+  gravity, (n, 3) in N; ``structure`` and ``contact``: rows A_s (k, 3n), b_s (k,) and A_c (m, 3n), b_c (m,) of (33).
+- ``acceleration``: v̇(q, v, t), (nv,); ``step``: integration step, s; ``steps``: number of steps.
+
+`ConfigurationError`: unknown frame or joint, invalid parameter. `InputRefused`: wrong shape, NaN, order of states.
 """
 
 from wbc_controller.mechanics.constraints import (
@@ -34,9 +33,10 @@ from wbc_controller.mechanics.constraints import (
     WeldedFrames,
     constraint_equation,
     ground,
-    shaken,
+    oscillating_support,
 )
 from wbc_controller.mechanics.contact_dynamics import constrained_dynamics, contact_dynamics_equations
+from wbc_controller.mechanics.coordinate_change import CoordinateChange, change_coordinates
 from wbc_controller.mechanics.energy import (
     EnergyBalance,
     energy_residual,
@@ -84,7 +84,6 @@ from wbc_controller.mechanics.particles import (
     solve_in_one_stage,
     solve_in_two_stages,
 )
-from wbc_controller.mechanics.recoordinate import Recoordinated, recoordinate
 from wbc_controller.mechanics.symmetry import (
     SymmetryReport,
     check_symmetry,
@@ -100,6 +99,7 @@ __all__ = [
     "Constraint",
     "ConstraintEquation",
     "ConstraintTerms",
+    "CoordinateChange",
     "EnergyBalance",
     "ExternalWrench",
     "JointCoupling",
@@ -110,7 +110,6 @@ __all__ = [
     "PinnedFrames",
     "PlaneContact",
     "PointContact",
-    "Recoordinated",
     "ReducedProblem",
     "Rod",
     "Rolling",
@@ -123,6 +122,7 @@ __all__ = [
     "centroidal_momentum",
     "centroidal_momentum_rate",
     "centroidal_wrench",
+    "change_coordinates",
     "check_symmetry",
     "conserved_quantity",
     "constrained_dynamics",
@@ -147,15 +147,14 @@ __all__ = [
     "lagrangian_variation",
     "mass_matrix",
     "momentum_residual",
+    "oscillating_support",
     "particle_mass_matrix",
     "potential_energy",
     "power",
-    "recoordinate",
     "reduce_structure",
     "rod_constraints",
     "rotation",
     "runge_kutta_step",
-    "shaken",
     "simulate",
     "solve_in_one_stage",
     "solve_in_two_stages",

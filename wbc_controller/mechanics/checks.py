@@ -1,4 +1,4 @@
-"""Argument checks shared by the functions of this package."""
+"""Argument checks."""
 
 from __future__ import annotations
 
@@ -13,14 +13,10 @@ from wbc_controller.records import Array
 
 
 def as_array(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return an array of the expected shape with finite values; `name` is for the error message.
-
-    Raises:
-        InputRefused: if the shape differs, or a value is not finite.
-    """
+    """Return a finite array of a shape, or raise `InputRefused` with its name."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != shape:
-        raise InputRefused(f"{name} has the shape {array.shape}; expected {shape}")
+        raise InputRefused(f"{name} has shape {array.shape}, expected {shape}")
     if not np.isfinite(array).all():
         where = [tuple(int(i) for i in index) for index in np.argwhere(~np.isfinite(array))[:5]]
         raise InputRefused(f"{name} is not finite at {where}; expected finite values")
@@ -28,40 +24,28 @@ def as_array(name: str, values: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
 
 
 def frame_index(model: pin.Model, name: str) -> int:
-    """Look up a frame by name: of a link, or where no link has this name of a joint, as a URDF may use it for both.
-
-    Raises:
-        ConfigurationError: where the model has no such frame.
-    """
+    """Return the index of a frame, of a link rather than of a joint, or raise `ConfigurationError`."""
     if model.existFrame(name, pin.BODY):
         return int(model.getFrameId(name, pin.BODY))
     if not model.existFrame(name):
         names = [frame.name for frame in model.frames if frame.type == pin.BODY]
-        raise ConfigurationError(f"the model has no frame {name!r}; {valid_choices(name, names)}")
+        raise ConfigurationError(f"unknown frame {name!r}; {valid_choices(name, names)}")
     return int(model.getFrameId(name))
 
 
 def joint_index(model: pin.Model, name: str) -> int:
-    """Look up a joint by name.
-
-    Raises:
-        ConfigurationError: where the model has no such joint.
-    """
+    """Return the index of a joint, or raise `ConfigurationError`."""
     if not model.existJointName(name) or name == "universe":
-        raise ConfigurationError(f"the model has no joint {name!r}; {valid_choices(name, list(model.names)[1:])}")
+        raise ConfigurationError(f"unknown joint {name!r}; {valid_choices(name, list(model.names)[1:])}")
     return int(model.getJointId(name))
 
 
 def single_joint(model: pin.Model, name: str) -> Any:
-    """Look up a joint with one degree of freedom in one coordinate.
-
-    Raises:
-        ConfigurationError: where the model has no such joint, or it has more or less than one degree of freedom.
-    """
+    """Return a joint with one degree of freedom in one coordinate, or raise `ConfigurationError`."""
     joint = model.joints[joint_index(model, name)]
     if joint.nq != 1 or joint.nv != 1:
         raise ConfigurationError(
-            f"joint {name!r} ({joint.shortname()}) has {joint.nv} degrees of freedom in {joint.nq} coordinates; "
-            "one of each is needed"
+            f"joint {name!r} ({joint.shortname()}) has {joint.nv} degrees of freedom in {joint.nq} coordinates, "
+            "expected one of each"
         )
     return joint

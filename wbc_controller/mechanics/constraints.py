@@ -1,13 +1,8 @@
-"""General constraints A(q, v, t) v̇ = b (equation (30); S7).
+"""Constraints A(q, v, t) v̇ = b (equation (30); S7): contacts, couplings, closed loops, rolling, moving supports.
 
-Contacts, couplings of joints, closed loops, rolling without slipping, moving supports.
-
-A constraint keeps a quantity at zero: a position g(q, t) (holonomic), or a velocity γ(q, v, t) that is not the rate of
-any position (non-holonomic). There is one class per kind; the base class computes A and b for all of them.
-
-A constraint on accelerations does not correct position errors, so that numerical errors drift. Baumgarte
-("Stabilization of constraints and integrals of motion in dynamical systems", 1972) adds a spring and damper: with the
-time constant T, errors decay as g̈ + (2/T) ġ + g/T² = 0 (critically damped) and γ̇ + γ/T = 0.
+A constraint keeps a position g(q, t) (holonomic) or a velocity γ(q, v, t) (non-holonomic) at zero. Baumgarte
+("Stabilization of constraints and integrals of motion in dynamical systems", 1972): with the time constant T, errors
+decay as g̈ + (2/T) ġ + g/T² = 0 and γ̇ + γ/T = 0.
 """
 
 from __future__ import annotations
@@ -28,17 +23,17 @@ from wbc_controller.records import Array
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product a × b; much faster than `numpy.cross` for one pair."""
+    """Return a × b; faster than `numpy.cross`."""
     return np.asarray(pin.skew(a) @ b)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Placement and motion of a rigid support at one instant.
+    """Motion of a rigid support at one instant.
 
     Attributes:
         placement: support in the world.
-        twist: velocity of the support, in its own axes, (6,) in m/s and rad/s.
+        twist: velocity in its own axes, (6,) in m/s and rad/s.
         acceleration: time derivative of the twist, (6,).
     """
 
@@ -47,20 +42,20 @@ class Motion:
     acceleration: Array = field(default_factory=lambda: np.zeros(6))
 
 
-#: A support's motion as a function of time in s.
+#: Motion of a support as a function of time in s.
 Support = Callable[[float], Motion]
 
 
 def ground(t: float) -> Motion:
-    """The world as the support of a constraint (30) at any time t, s: it does not move."""
+    """Return the motion of the world as support of (30) at t, s: at rest."""
     return Motion(pin.SE3.Identity())
 
 
-def shaken(direction: Array, amplitude: float, angular_frequency: float) -> Support:
-    """A support that shakes along a direction, x = amplitude · sin(ω t), so that (30) depends on time.
+def oscillating_support(direction: Array, amplitude: float, angular_frequency: float) -> Support:
+    """Return a support of (30) that moves by amplitude · sin(ω t).
 
     Args:
-        direction: unit vector in the world, (3,); or unit twist (6,), whose angular part rotates the support.
+        direction: unit vector, (3,), or unit twist, (6,), in the world.
         amplitude: m, or rad.
         angular_frequency: ω, rad/s.
     """
@@ -80,16 +75,7 @@ def shaken(direction: Array, amplitude: float, angular_frequency: float) -> Supp
 
 
 class Kinematics:
-    """Positions, velocities and drifts at one state, computed once for all constraints (the q, v, t of (30)).
-
-    A drift is the value of an acceleration at v̇ = 0, the J̇v of the note.
-
-    Attributes:
-        model: the mechanism.
-        q: configuration, (nq,).
-        v: generalized velocity, (nv,).
-        t: time, s.
-    """
+    """Positions, velocities and drifts J̇v at one state q, v, t of (30), shared by constraints."""
 
     def __init__(self, model: pin.Model, q: Array, v: Array, t: float = 0.0, *, data: pin.Data | None = None) -> None:
         self.model, self.q, self.v, self.t = model, q, v, t
@@ -99,15 +85,11 @@ class Kinematics:
         pin.updateFramePlacements(model, self._data)
 
     def placement(self, frame: str) -> pin.SE3:
-        """Placement of a frame in the world."""
+        """Return the placement of a frame in the world."""
         return self._data.oMf[frame_index(self.model, frame)]
 
     def point(self, frame: str, offset: Array) -> tuple[Array, Array, Array, Array]:
-        """Motion of a point fixed to a link, at `offset` (3,) in m in its frame, in world axes.
-
-        Returns:
-            Position (3,), velocity (3,), Jacobian (3, nv), drift (3,).
-        """
+        """Return position (3,), velocity (3,), Jacobian (3, nv), drift (3,) of a point on a link, world axes."""
         index = frame_index(self.model, frame)
         axes = pin.LOCAL_WORLD_ALIGNED
         placement: Any = self._data.oMf[index]
@@ -123,7 +105,7 @@ class Kinematics:
         )
 
     def angular(self, frame: str) -> tuple[Array, Array, Array]:
-        """Rotation of a link, in world axes: angular velocity (3,), its Jacobian (3, nv), its drift (3,)."""
+        """Return angular velocity (3,), Jacobian (3, nv), drift (3,) of a link, world axes."""
         index = frame_index(self.model, frame)
         axes = pin.LOCAL_WORLD_ALIGNED
         J = pin.getFrameJacobian(self.model, self._data, index, axes)[3:]
@@ -131,11 +113,7 @@ class Kinematics:
         return J @ self.v, J, np.array(drift)
 
     def body(self, frame: str, offset: pin.SE3) -> tuple[pin.SE3, Array, Array, Array]:
-        """Motion of a frame fixed to a link, at the placement `offset` in its frame, in its own axes.
-
-        Returns:
-            Placement in the world, twist (6,), Jacobian (6, nv), drift of the twist (6,).
-        """
+        """Return placement in the world, twist (6,), Jacobian (6, nv), drift (6,) of a frame on a link, in its axes."""
         index = frame_index(self.model, frame)
         change = offset.inverse().action
         J = change @ pin.getFrameJacobian(self.model, self._data, index, pin.LOCAL)
@@ -145,14 +123,14 @@ class Kinematics:
 
 @dataclass(frozen=True, slots=True)
 class ConstraintTerms:
-    """A constraint at one state.
+    """Constraint at one state.
 
     Attributes:
         jacobian: A, (k, nv).
-        drift: d/dt(velocity) at v̇ = 0, (k,); the constraint's acceleration is A v̇ plus the drift.
-        velocity: ġ or γ, (k,); zero if the velocity satisfies the constraint.
-        position: g, (k,); zero if the position satisfies the constraint, and in non-holonomic rows.
-        holonomic: whether each row has a position, (k,).
+        drift: acceleration at v̇ = 0, (k,).
+        velocity: ġ or γ, (k,).
+        position: g, (k,); zero in non-holonomic rows.
+        holonomic: True for holonomic rows, (k,).
     """
 
     jacobian: Array
@@ -164,40 +142,32 @@ class ConstraintTerms:
 
 @dataclass(frozen=True, kw_only=True)
 class Constraint(ABC):
-    """One constraint of the form (30).
+    """Constraint of the form (30).
 
     Attributes:
-        time_constant: T of Baumgarte's stabilization, s; infinite for none. It should be several integration steps.
+        time_constant: T of Baumgarte's stabilization, s, several integration steps; infinite for none.
 
     Raises:
-        ConfigurationError: where the time constant is not positive.
+        ConfigurationError: if the time constant is not positive.
     """
 
     time_constant: float = math.inf
 
     def __post_init__(self) -> None:
         if not self.time_constant > 0.0:
-            raise ConfigurationError(f"time_constant = {self.time_constant} s; it must be positive (infinite: none)")
+            raise ConfigurationError(f"time_constant = {self.time_constant} s: must be positive (infinite for none)")
 
     @abstractmethod
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """Evaluate the constraint at one state.
-
-        Raises:
-            ConfigurationError: where the model has no such frame or joint.
-        """
+        """Evaluate the constraint at one state."""
 
     def equation(self, kinematics: Kinematics) -> tuple[Array, Array]:
-        """A, (k, nv), and b, (k,), of equation (30): b = -drift less the stabilization.
-
-        Raises:
-            ConfigurationError: where the model has no such frame or joint.
-        """
+        """Return A, (k, nv), and b, (k,), of equation (30)."""
         terms = self.terms(kinematics)
         return terms.jacobian, self.right_side(terms)
 
     def right_side(self, terms: ConstraintTerms) -> Array:
-        """The right-hand side b, (k,): -drift less the stabilization, which removes errors with the time constant."""
+        """Return b, (k,): -drift minus Baumgarte's stabilization."""
         rate = 1.0 / self.time_constant
         damping = np.where(terms.holonomic, 2.0 * rate, rate)
         return np.asarray(-terms.drift - damping * terms.velocity - rate**2 * terms.position)
@@ -209,14 +179,12 @@ def _holonomic(jacobian: Array, drift: Array, velocity: Array, position: Array) 
 
 @dataclass(frozen=True, kw_only=True)
 class PointContact(Constraint):
-    """A point of a link held at a point of a support (three rows, world axes; (30), holonomic).
-
-    λ is the force of the support on the link, in N, world axes.
+    """Point of a link fixed to a point of a support (three rows, world axes; (30), holonomic); λ is the force, N.
 
     Attributes:
         frame: frame of the link.
-        offset: the point in that frame, (3,) in m.
-        target: the point in the support's frame, (3,) in m.
+        offset: point in this frame, (3,) in m.
+        target: point in the support's frame, (3,) in m.
         support: motion of the support.
     """
 
@@ -226,27 +194,25 @@ class PointContact(Constraint):
     support: Support = ground
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The motion of the point relative to the support."""
+        """Return the motion of the point relative to the support."""
         position, velocity, jacobian, drift = kinematics.point(self.frame, self.offset)
         motion = self.support(kinematics.t)
         R, target = motion.placement.rotation, np.asarray(self.target)
         linear, angular = motion.twist[:3], motion.twist[3:]
         speed = linear + _cross(angular, target)
-        # The support's twist is in its own axes, which rotate.
+        # The axes of the twist rotate.
         change = motion.acceleration[:3] + _cross(motion.acceleration[3:], target) + _cross(angular, speed)
         return _holonomic(jacobian, drift - R @ change, velocity - R @ speed, position - motion.placement.act(target))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceContact(Constraint):
-    """A frame of a link that neither translates nor rotates relative to a support (six rows; (30), holonomic).
-
-    Rows and λ are in the axes of the contact frame: λ is the wrench of the support on the link about its origin.
+    """Frame of a link fixed to a support (six rows, axes of the contact frame; (30), holonomic); λ is the wrench.
 
     Attributes:
         frame: frame of the link.
-        placement: contact frame in that frame.
-        target: placement at which the contact frame is held, in the support's frame.
+        placement: contact frame in this frame.
+        target: contact frame in the support's frame.
         support: motion of the support.
     """
 
@@ -256,7 +222,7 @@ class SurfaceContact(Constraint):
     support: Support = ground
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The motion of the contact frame relative to the support."""
+        """Return the motion of the contact frame relative to the support."""
         body = kinematics.body(self.frame, self.placement)
         motion = self.support(kinematics.t)
         to_target = self.target.inverse().action
@@ -274,27 +240,25 @@ _Body = tuple[pin.SE3, Array, Array, Array]
 
 
 def _weld(first: _Body, second: _Body) -> ConstraintTerms:
-    """Relative motion of two frames, in the axes of the first."""
+    """Return the motion of the first frame relative to the second, in axes of the first."""
     between = second[0].inverse() * first[0]
     change = between.inverse().action
     carried = change @ second[1]
     relative = first[1] - carried
-    # The axes rotate with the first frame: d/dt of the change is -(relative ×) change.
+    # The axes rotate: d/dt change = -(relative ×) change.
     turning = np.array(pin.Motion(relative).cross(pin.Motion(carried)).vector)
     drift = first[3] - change @ second[3] + turning
-    # ġ equals the relative twist only to first order in the error g; that is enough for the stabilization.
+    # ġ is the relative twist to first order in g, sufficient for the stabilization.
     return _holonomic(first[2] - change @ second[2], drift, relative, np.array(pin.log6(between).vector))
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointCoupling(Constraint):
-    """A gear or tendon between joints, Σ cᵢ qᵢ = offset (one row; (30), holonomic).
-
-    λ is in N·m or N per unit of c.
+    """Gear or tendon between joints, Σ cᵢ qᵢ = offset (one row; (30), holonomic).
 
     Attributes:
-        coefficients: cᵢ by joint; each joint with one degree of freedom.
-        offset: right-hand side, in the units of c q.
+        coefficients: cᵢ by joint, each with one degree of freedom.
+        offset: right-hand side.
     """
 
     coefficients: Mapping[str, float]
@@ -305,7 +269,7 @@ class JointCoupling(Constraint):
         object.__setattr__(self, "coefficients", MappingProxyType(dict(self.coefficients)))
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The weighted sum of the joints."""
+        """Return the weighted sum of the joints."""
         jacobian = np.zeros((1, kinematics.model.nv))
         position = -self.offset
         for name, coefficient in self.coefficients.items():
@@ -317,15 +281,13 @@ class JointCoupling(Constraint):
 
 @dataclass(frozen=True, kw_only=True)
 class PinnedFrames(Constraint):
-    """Two points of two links held together, such as a ball joint that closes a loop (three rows, world axes; (30)).
-
-    λ is the force of the second link on the first, in N, world axes; the opposite force acts on the second.
+    """Two coincident points of two links (three rows, world axes; (30)); λ is the force on the first link, N.
 
     Attributes:
         first: frame of the first link.
         second: frame of the second link.
-        first_offset: the point in the first frame, (3,) in m.
-        second_offset: the point in the second frame, (3,) in m.
+        first_offset: point in the first frame, (3,) in m.
+        second_offset: point in the second frame, (3,) in m.
     """
 
     first: str
@@ -334,7 +296,7 @@ class PinnedFrames(Constraint):
     second_offset: Array = field(default_factory=lambda: np.zeros(3))
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The motion of the first point relative to the second."""
+        """Return the motion of the first point relative to the second."""
         a = kinematics.point(self.first, self.first_offset)
         b = kinematics.point(self.second, self.second_offset)
         return _holonomic(a[2] - b[2], a[3] - b[3], a[1] - b[1], a[0] - b[0])
@@ -342,15 +304,13 @@ class PinnedFrames(Constraint):
 
 @dataclass(frozen=True, kw_only=True)
 class WeldedFrames(Constraint):
-    """Two frames of two links held together, position and orientation (six rows; (30), holonomic).
-
-    Rows and λ are in the axes of the first; λ is the wrench of the second link on the first about its origin.
+    """Two coincident frames of two links (six rows, axes of the first; (30), holonomic); λ is the wrench on the first.
 
     Attributes:
         first: frame of the first link.
         second: frame of the second link.
-        first_placement: the welded frame in the first frame.
-        second_placement: the welded frame in the second frame.
+        first_placement: welded frame in the first frame.
+        second_placement: welded frame in the second frame.
     """
 
     first: str
@@ -359,7 +319,7 @@ class WeldedFrames(Constraint):
     second_placement: pin.SE3 = field(default_factory=pin.SE3.Identity)
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The relative motion of the two frames."""
+        """Return the relative motion of the two frames."""
         return _weld(
             kinematics.body(self.first, self.first_placement), kinematics.body(self.second, self.second_placement)
         )
@@ -369,27 +329,23 @@ def _unit(name: str, vector: Array) -> Array:
     values = as_array(name, vector, (3,))
     length = float(np.linalg.norm(values))
     if not length > 1.0e-9:
-        raise ConfigurationError(f"{name} = {values.tolist()}; it must have a length")
+        raise ConfigurationError(f"{name} = {values.tolist()}: must not be zero")
     return np.asarray(values / length)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rolling(Constraint):
-    """A ball or wheel that rolls on a plane without slipping (three rows, world axes; (30)).
+    """Ball or wheel rolling on a plane without slip, ṗ + ω × r = 0 with r from centre to contact point (30).
 
-    The contact point of the link has no velocity, ṗ + ω × r = 0, where r leads from the centre to the contact point.
-    Along the plane this is non-holonomic: no function of q stays constant. Along the normal it is holonomic and keeps
-    the height. λ is the force of the plane on the link, in N.
-
-    Rows are rotated so that the last is along the normal, and the first two span the plane.
+    Two non-holonomic rows along the plane, one holonomic row along the normal; λ is the force on the link, N.
 
     Attributes:
         frame: frame of the link.
         radius: m.
-        centre: of the ball or wheel, in that frame, (3,) in m.
-        axis: the wheel's axle in that frame, (3,); None for a ball.
-        normal: of the plane, in the world, (3,), pointing to the side of the wheel.
-        height: of the plane along its normal, m.
+        centre: centre in this frame, (3,) in m.
+        axis: axle in this frame, (3,); None for a ball.
+        normal: normal of the plane in the world, (3,), towards the wheel.
+        height: height of the plane along its normal, m.
     """
 
     frame: str
@@ -400,10 +356,10 @@ class Rolling(Constraint):
     height: float = 0.0
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The velocity of the contact point, and its height.
+        """Return velocity and height of the contact point.
 
         Raises:
-            ConfigurationError: where the normal or the axis is zero, or the wheel lies flat on the plane.
+            ConfigurationError: if normal or axis is zero, or the wheel lies flat on the plane.
         """
         normal = _unit("normal", self.normal)
         position, velocity, jacobian, drift = kinematics.point(self.frame, self.centre)
@@ -420,23 +376,23 @@ class Rolling(Constraint):
         )
 
     def _arm(self, normal: Array, R: Array, omega: Array) -> tuple[Array, Array]:
-        """From the centre to the lowest point, and its rate of change, in world axes; both (3,)."""
+        """Return the vector from the centre to the lowest point and its rate, (3,), world axes."""
         if self.axis is None:
             return -self.radius * normal, np.zeros(3)
         axle = R @ _unit("axis", self.axis)
         turning = _cross(omega, axle)
-        # The lowest point of a disc lies along the projection of the normal onto the plane of the disc.
+        # The lowest point is along the normal projected onto the disc.
         up = normal - (normal @ axle) * axle
         length = float(np.linalg.norm(up))
         if not length > 1.0e-6:
-            raise ConfigurationError(f"the wheel {self.frame!r} lies flat on its plane: no single point touches")
+            raise ConfigurationError(f"wheel {self.frame!r} lies flat on the plane: no unique contact point")
         up_rate = -(normal @ turning) * axle - (normal @ axle) * turning
         unit = up / length
         return -self.radius * unit, -self.radius * (up_rate - unit * (unit @ up_rate)) / length
 
 
 def _axes_with_normal(normal: Array) -> Array:
-    """Two directions in the plane and its normal, as rows, (3, 3); the world axes for a horizontal plane."""
+    """Return two directions in the plane and its normal as rows, (3, 3)."""
     if normal[2] > 1.0 - 1.0e-12:
         return np.eye(3)
     first = _cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
@@ -446,15 +402,13 @@ def _axes_with_normal(normal: Array) -> Array:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneContact(Constraint):
-    """A point of a link on a frictionless plane (one row; (30), holonomic).
-
-    Meant for the unilateral form, in which the plane can only push: λ ≥ 0 is the normal force, in N.
+    """Point of a link on a frictionless plane, also unilateral (one row; (30), holonomic); λ is the normal force, N.
 
     Attributes:
         frame: frame of the link.
-        offset: the point in that frame, (3,) in m.
-        normal: of the plane, in the world, (3,), pointing away from it.
-        height: of the plane along its normal, m.
+        offset: point in this frame, (3,) in m.
+        normal: outward normal of the plane in the world, (3,).
+        height: height of the plane along its normal, m.
     """
 
     frame: str
@@ -463,10 +417,10 @@ class PlaneContact(Constraint):
     height: float = 0.0
 
     def terms(self, kinematics: Kinematics) -> ConstraintTerms:
-        """The point's height above the plane.
+        """Return the height above the plane.
 
         Raises:
-            ConfigurationError: where the normal is zero.
+            ConfigurationError: if the normal is zero.
         """
         normal = _unit("normal", self.normal)
         position, velocity, jacobian, drift = kinematics.point(self.frame, self.offset)
@@ -480,14 +434,14 @@ class PlaneContact(Constraint):
 
 @dataclass(frozen=True, slots=True)
 class ConstraintEquation:
-    """Several constraints stacked to one equation (30).
+    """Stacked constraints (30).
 
     Attributes:
         A: (k, nv).
         b: (k,).
-        position: g of all constraints, (k,).
-        velocity: ġ and γ of all constraints, (k,).
-        rows: rows of each constraint, in order.
+        position: g, (k,).
+        velocity: ġ and γ, (k,).
+        rows: rows of each constraint.
     """
 
     A: Array
@@ -498,14 +452,7 @@ class ConstraintEquation:
 
 
 def constraint_equation(constraints: Sequence[Constraint], kinematics: Kinematics) -> ConstraintEquation:
-    """Stack constraints, which may be redundant, to one equation A v̇ = b (30), (k, nv) and (k,) in m/s² and rad/s².
-
-    Args:
-        kinematics: the state, with nv velocities.
-
-    Raises:
-        ConfigurationError: if the model has no such frame or joint.
-    """
+    """Return stacked constraints A v̇ = b (30), (k, nv) and (k,) in m/s² and rad/s²."""
     A, b = [np.zeros((0, kinematics.model.nv))], [np.zeros(0)]
     position, velocity, rows, start = [np.zeros(0)], [np.zeros(0)], [], 0
     for constraint in constraints:

@@ -1,7 +1,4 @@
-"""Floating-base dynamics under constraints, M v̇ + h = Sᵀτ + Aᵀλ and A v̇ = b (section 4.2.2; S10).
-
-As forward dynamics for given torques, and as the equality constraints of a quadratic program that chooses the torques.
-"""
+"""Floating-base dynamics with constraints, M v̇ + h = Sᵀτ + Aᵀλ and A v̇ = b (section 4.2.2; S10)."""
 
 from __future__ import annotations
 
@@ -24,24 +21,18 @@ def constrained_dynamics(
     force: Array,
     constraints: Sequence[Constraint] = (),
     *,
-    pushing: Sequence[Constraint] = (),
+    unilateral: Sequence[Constraint] = (),
     t: float = 0.0,
     data: pin.Data | None = None,
 ) -> ConstrainedMotion:
-    """Acceleration under constraints, given the applied forces (section 4.2.2, through (31) and (32); S10).
-
-    The unconstrained acceleration is v̇ᵤ = M⁻¹(f - h), with f = Sᵀτ + Jᵀw. The multipliers are in the order of the
-    constraints.
+    """Return the constrained motion (section 4.2.2, by (31) and (32); S10) with v̇ᵤ = M⁻¹(f - h), f = Sᵀτ + Jᵀw.
 
     Args:
-        force: applied generalized force, (nv,) in N and N·m.
-        constraints: bilateral constraints; they may be redundant.
-        pushing: unilateral constraints, with λ ≥ 0, such as contacts; those whose λ would be negative detach.
+        force: applied generalized force f, (nv,) in N and N·m.
+        unilateral: constraints with λ ≥ 0, such as contacts that may detach.
 
     Raises:
-        ConfigurationError: if the model has no such frame or joint.
-        InputRefused: if the force has another shape, or is not finite.
-        NoSolution: if the constraints contradict each other.
+        NoSolution: if the constraints are inconsistent.
     """
     data = data if data is not None else model.createData()
     f = as_array("force", force, (model.nv,))
@@ -49,22 +40,21 @@ def constrained_dynamics(
     v_dot_u = np.asarray(np.linalg.solve(M, f - bias_force(model, q, v, data=data)), dtype=np.float64)
     kinematics = Kinematics(model, q, v, t, data=data)
     both = constraint_equation(constraints, kinematics)
-    if not pushing:
+    if not unilateral:
         return gauss(M, v_dot_u, both.A, both.b)
-    one = constraint_equation(pushing, kinematics)
+    one = constraint_equation(unilateral, kinematics)
     return gauss_unilateral(M, v_dot_u, both.A, both.b, one.A, one.b)
 
 
 def contact_dynamics_equations(M: Array, h: Array, S: Array, A: Array, b: Array) -> tuple[Array, Array]:
-    """Section 4.2.2 as equality constraints E x = e with x = [v̇, τ, λ], for a program that chooses the torques (S10).
+    """Return the equality constraints E x = e of section 4.2.2, x = [v̇, τ, λ], for a quadratic program (S10).
 
     Args:
-        h: bias force less external generalized forces, (nv,).
-        S: actuation matrix, (na, nv); the generalized force of the torques is Sᵀτ (34).
-        b: right-hand side of (30), (k,) in m/s² and rad/s².
+        h: bias force minus external generalized forces, (nv,).
+        S: actuation matrix, (na, nv), see (34).
 
     Returns:
-        E, (nv + k, nv + na + k), and e, (nv + k,): rows of forces in N and N·m, then rows of accelerations.
+        E, (nv + k, nv + na + k), and e, (nv + k,): forces in N and N·m, then accelerations.
     """
     (k, nv), na = A.shape, len(S)
     E = np.zeros((nv + k, nv + na + k))

@@ -16,45 +16,33 @@ from wbc_controller.records import Array, RobotState
 
 
 def kinetic_energy(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
-    """Kinetic energy T = ½ vᵀM v of equation (5) in generalized coordinates, J, including the rotors.
-
-    `pinocchio.computeKineticEnergy` is not used: in 4.1 it omits the rotors of joints with a slanted axis.
-    """
+    """Return the kinetic energy T = ½ vᵀM v of equation (5), J, with rotors."""
+    # pinocchio.computeKineticEnergy (4.1) omits the rotors of joints with a slanted axis.
     return float(0.5 * v @ mass_matrix(model, q, data=data) @ v)
 
 
 def potential_energy(model: pin.Model, q: Array, *, data: pin.Data | None = None) -> float:
-    """Potential energy V = -Σ mᵢ gᵀxᵢ of equations (2) and (3), J; zero if the centre of mass is level with the origin.
-
-    ``model.gravity`` points down, so the sign is the opposite of the note's g.
-    """
+    """Return the potential energy V = -Σ mᵢ gᵀxᵢ of equations (2) and (3), J; g points down, unlike the note's."""
     return float(pin.computePotentialEnergy(model, data if data is not None else model.createData(), q))
 
 
 def lagrangian(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
-    """Lagrangian L = T - V of equation (6), J, from which (7) derives the equations of motion."""
+    """Return the Lagrangian L = T - V of equation (6), J."""
     return kinetic_energy(model, q, v, data=data) - potential_energy(model, q, data=data)
 
 
 def hamiltonian(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> float:
-    """Hamiltonian H = pᵀv - L of equation (29), J, which is T + V for a mechanical system."""
+    """Return the Hamiltonian H = pᵀv - L = T + V of equation (29), J."""
     return kinetic_energy(model, q, v, data=data) + potential_energy(model, q, data=data)
 
 
 def hamiltonian_rate(model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None) -> float:
-    """Rate of change dH/dt of equation (29) along a motion, W: vᵀ(M v̇ + h), since gyroscopic forces do no work."""
+    """Return dH/dt = vᵀ(M v̇ + h) of equation (29), W = J/s."""
     return float(v @ inverse_dynamics(model, q, v, v_dot, data=data))
 
 
 def power(v: Array, force: Array) -> float:
-    """Power of a generalized force, fᵀv, W; for the joint torques τᵀS v (section 3.2; S6).
-
-    If no other force acts, dH/dt of equation (29) equals this power: constraint forces do no work (equation (19)),
-    unless the constraint itself moves.
-
-    Args:
-        force: generalized force, (nv,) in N and N·m.
-    """
+    """Return the power fᵀv of a generalized force, (nv,), W; τᵀS v for joint torques (section 3.2; S6)."""
     return float(force @ v)
 
 
@@ -64,8 +52,8 @@ class EnergyBalance:
 
     Attributes:
         rate: mean dH/dt, W.
-        supplied: mean power of the torques and of the external wrenches, W.
-        throughput: sum of the absolute mean powers of all torques and wrenches, W: the scale for the residual.
+        supplied: mean power of torques and external wrenches, W.
+        throughput: sum of their absolute mean powers, W, the scale of the residual.
     """
 
     rate: float
@@ -74,19 +62,15 @@ class EnergyBalance:
 
     @property
     def residual(self) -> float:
-        """Power that no known force accounts for, W; zero if model and measurements agree."""
+        """Unexplained power, W."""
         return self.rate - self.supplied
 
 
 def duration(before: RobotState, after: RobotState) -> float:
-    """Time between two states, s, for the balances of equations (26) and (29).
-
-    Raises:
-        InputRefused: where the second state is not later than the first.
-    """
+    """Return the time between two states, s, or raise `InputRefused` if it is not positive."""
     seconds = (after.stamp - before.stamp) * 1.0e-9
     if not seconds > 0.0:
-        raise InputRefused(f"a state of {after.stamp} ns follows one of {before.stamp} ns; expected a later stamp")
+        raise InputRefused(f"stamp {after.stamp} ns of the second state is not after {before.stamp} ns of the first")
     return seconds
 
 
@@ -99,18 +83,16 @@ def energy_residual(
     *,
     data: pin.Data | None = None,
 ) -> EnergyBalance:
-    """Check dH/dt = τᵀS v + external power (equation (29), S6) between two consecutive states.
+    """Return the balance dH/dt = τᵀS v + external power (equation (29), S6) between two states.
 
-    For torques that are constant between the states their work, f · (q₁ ⊖ q₀), is exact. For wrenches that are constant
-    in their own axes the work is accurate to second order in the time between the states.
+    Work of constant torques, f · (q₁ ⊖ q₀), is exact; work of constant wrenches is second-order accurate.
 
     Args:
-        force: generalized force Sᵀτ between the states, (nv,) in N and N·m.
-        wrenches: all other forces between the states, contacts included; forces that do no work may be omitted.
+        force: constant generalized force Sᵀτ, (nv,) in N and N·m.
+        wrenches: all other forces that do work.
 
     Raises:
-        InputRefused: if the second state is not later, or the force has another shape or is not finite.
-        ConfigurationError: if a wrench's frame is unknown.
+        InputRefused: if the second state is not later, or the force is invalid.
     """
     seconds = duration(before, after)
     data = data if data is not None else model.createData()

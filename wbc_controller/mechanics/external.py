@@ -1,4 +1,4 @@
-"""External wrenches in any frame, and their generalized forces (section 2.2, equations (20)–(22); S4)."""
+"""External wrenches and their generalized forces (section 2.2, equations (20)–(22); S4)."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _AXES = {"LOCAL": pin.LOCAL, "LOCAL_WORLD_ALIGNED": pin.LOCAL_WORLD_ALIGNED, "WO
 
 @dataclass(frozen=True)
 class ExternalWrench:
-    """A force and a torque that the world exerts on the link of a frame: the τ of equation (22), before transformation.
+    """External wrench on a link, the τ of equation (22).
 
     Attributes:
-        frame: frame of the model whose link the wrench acts on.
-        wrench: force in N, then torque in N·m about the point of application, (6,).
-        axes: ``LOCAL``: in the frame's axes, at the frame's origin; ``LOCAL_WORLD_ALIGNED``: in world axes, at the
-            frame's origin; ``WORLD``: in world axes, at the world's origin. As `pinocchio.ReferenceFrame`.
-        point: point of application, measured from that origin and in those axes, (3,) in m; by default the origin.
+        frame: frame of the link.
+        wrench: force in N and torque in N·m about the point of application, (6,).
+        axes: `pinocchio.ReferenceFrame`. ``LOCAL``: frame's axes and origin; ``LOCAL_WORLD_ALIGNED``: world axes,
+            frame's origin; ``WORLD``: world's axes and origin.
+        point: point of application relative to this origin, in these axes, (3,) in m.
 
     Raises:
-        ConfigurationError: where `axes` has another value.
-        InputRefused: where the wrench or the point has another shape, or is not finite.
+        ConfigurationError: if `axes` is unknown.
+        InputRefused: if an array is invalid.
     """
 
     frame: str
@@ -39,13 +39,13 @@ class ExternalWrench:
 
     def __post_init__(self) -> None:
         if self.axes not in _AXES:
-            raise ConfigurationError(f"axes = {self.axes!r} of an external wrench; valid: {', '.join(_AXES)}")
+            raise ConfigurationError(f"unknown axes {self.axes!r} of an external wrench; valid: {', '.join(_AXES)}")
         as_array("an external wrench", self.wrench, (6,))
         as_array("an external wrench's point", self.point, (3,))
 
     @property
     def at_origin(self) -> Array:
-        """The wrench about the origin, (6,): point × force is added to the torque."""
+        """Wrench about the origin, (6,)."""
         wrench = np.array(self.wrench, dtype=np.float64)
         wrench[3:] += np.cross(self.point, wrench[:3])
         return wrench
@@ -54,9 +54,7 @@ class ExternalWrench:
 def generalized_force(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Generalized force Σ Jᵀw of external wrenches (equation (22)), (nv,) in N and N·m.
-
-    J is in the axes of each wrench. The work is the same in all coordinates, (Jᵀw)ᵀv = wᵀ(J v), as (21) requires.
+    """Return the generalized force Σ Jᵀw of external wrenches (equation (22)), (nv,) in N and N·m.
 
     Raises:
         ConfigurationError: if a frame is unknown.
@@ -76,7 +74,7 @@ def generalized_force(
 def world_wrench(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Sum of external wrenches about the world's origin, (6,) in N and N·m, world axes (equation (22) before its Jᵀ).
+    """Return the sum of external wrenches of (22) about the world's origin, (6,) in N and N·m, world axes.
 
     Raises:
         ConfigurationError: if a frame is unknown.

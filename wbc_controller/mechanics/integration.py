@@ -1,8 +1,7 @@
-"""Fourth-order integration of motions on a configuration manifold.
+"""Fourth-order integration on the configuration manifold.
 
-v is the rate of q in the tangent space. Near a configuration q₀ the motion is q = q₀ ⊕ θ with a vector θ, whose rate is
-θ̇ = D(θ)⁻¹ v, where D is the derivative of ⊕ with respect to θ. A Runge–Kutta step in (θ, v) keeps its full order
-(Munthe-Kaas, "High order Runge-Kutta methods on manifolds", 1999).
+q = q₀ ⊕ θ with θ̇ = D(θ)⁻¹ v and D = ∂(q₀ ⊕ θ)/∂θ, by Runge–Kutta steps in (θ, v) (Munthe-Kaas, "High order
+Runge-Kutta methods on manifolds", 1999).
 """
 
 from __future__ import annotations
@@ -14,19 +13,15 @@ import pinocchio as pin
 
 from wbc_controller.records import Array
 
-#: v̇ as a function of q, (nq,), v, (nv,), and t in s.
+#: v̇(q, v, t), t in s.
 Acceleration = Callable[[Array, Array, float], Array]
 
 
 def runge_kutta_step(
     model: pin.Model, acceleration: Acceleration, q: Array, v: Array, t: float, step: float
 ) -> tuple[Array, Array]:
-    """One step, in s, of the classical fourth-order Runge–Kutta method for the motion given by (7) or (32).
-
-    Returns:
-        q, (nq,), and v, (nv,), one step later.
-    """
-    curved = model.nq != model.nv  # only then is the derivative of ⊕ not the identity
+    """Return q, (nq,), and v, (nv,), after one Runge–Kutta step, s, of the motion of (7) or (32)."""
+    curved = model.nq != model.nv  # otherwise D is the identity
 
     def rates(theta: Array, v_now: Array, t_now: float) -> tuple[Array, Array]:
         q_now = pin.integrate(model, q, theta)
@@ -47,11 +42,7 @@ def runge_kutta_step(
 def simulate(
     model: pin.Model, acceleration: Acceleration, q: Array, v: Array, step: float, steps: int
 ) -> tuple[Array, Array]:
-    """Integrate the motion given by (7) or (32).
-
-    Returns:
-        Configurations, (k + 1, nq), and velocities, (k + 1, nv) in m/s and rad/s, for k steps, with the initial ones.
-    """
+    """Integrate the motion of (7) or (32); return q, (k + 1, nq), and v, (k + 1, nv) in m/s and rad/s, for k steps."""
     qs, vs = np.empty((steps + 1, model.nq)), np.empty((steps + 1, model.nv))
     qs[0], vs[0] = q, v
     for k in range(steps):

@@ -1,4 +1,4 @@
-"""Generalized and centroidal momentum, and the balance of centroidal momentum (section 3.1; S5)."""
+"""Generalized and centroidal momentum, momentum balance (section 3.1; S5)."""
 
 from __future__ import annotations
 
@@ -15,15 +15,14 @@ from wbc_controller.records import Array, RobotState
 
 
 def generalized_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
-    """Generalized momentum p = ∂L/∂v = M v of equations (25) and (26), (nv,) in N·s and N·m·s."""
+    """Return the generalized momentum p = ∂L/∂v = M v of equations (25) and (26), (nv,) in N·s and N·m·s."""
     return np.asarray(mass_matrix(model, q, data=data) @ v)
 
 
 def centroidal_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data | None = None) -> Array:
-    """Linear momentum, and angular momentum about the centre of mass: (28) for translations and rotations of space.
+    """Return linear and angular momentum about the centre of mass, (28), (6,) in N·s and N·m·s, world axes.
 
-    After Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot" (2013). Rotor inertias (``model.armature``) do
-    not contribute, as they act on the relative rotation of the joints only. (6,) in world axes, N·s and N·m·s.
+    Without rotors. Orin, Goswami, Lee, "Centroidal dynamics of a humanoid robot" (2013).
     """
     data = data if data is not None else model.createData()
     return np.array(pin.computeCentroidalMomentum(model, data, q, v).vector)
@@ -32,7 +31,7 @@ def centroidal_momentum(model: pin.Model, q: Array, v: Array, *, data: pin.Data 
 def centroidal_momentum_rate(
     model: pin.Model, q: Array, v: Array, v_dot: Array, *, data: pin.Data | None = None
 ) -> Array:
-    """Time derivative of `centroidal_momentum` along a motion, the ṗ of equation (26), (6,) in N and N·m."""
+    """Return the time derivative of `centroidal_momentum`, ṗ of equation (26), (6,) in N and N·m."""
     data = data if data is not None else model.createData()
     return np.array(pin.computeCentroidalMomentumTimeVariation(model, data, q, v, v_dot).vector)
 
@@ -40,13 +39,9 @@ def centroidal_momentum_rate(
 def centroidal_wrench(
     model: pin.Model, q: Array, wrenches: Sequence[ExternalWrench] = (), *, data: pin.Data | None = None
 ) -> Array:
-    """Wrench of gravity and external forces about the centre of mass; equals `centroidal_momentum_rate` (S5).
+    """Return the wrench of gravity and external forces about the centre of mass, (6,) in N and N·m, world axes (S5).
 
-    Internal forces, including joint torques, do not appear: they are the symmetric part of equation (27). (6,) in world
-    axes, N and N·m.
-
-    Raises:
-        ConfigurationError: if a wrench's frame is unknown.
+    It equals `centroidal_momentum_rate`; internal forces (27) cancel.
     """
     data = data if data is not None else model.createData()
     total = world_wrench(model, q, wrenches, data=data)
@@ -62,7 +57,7 @@ class MomentumBalance:
 
     Attributes:
         rate: mean rate of change, (6,) in N and N·m, world axes.
-        supplied: mean wrench of gravity and external forces about the centre of mass, (6,) in N and N·m.
+        supplied: mean wrench of gravity and external forces, (6,) in N and N·m.
     """
 
     rate: Array
@@ -70,7 +65,7 @@ class MomentumBalance:
 
     @property
     def residual(self) -> Array:
-        """Wrench that no known force accounts for, (6,) in N and N·m; zero if model and measurements agree."""
+        """Unexplained wrench, (6,) in N and N·m."""
         return self.rate - self.supplied
 
 
@@ -82,15 +77,13 @@ def momentum_residual(
     *,
     data: pin.Data | None = None,
 ) -> MomentumBalance:
-    """Check that only gravity and external forces change the centroidal momentum (equation (26), S5), N and N·m.
+    """Return the balance of centroidal momentum between two states (equation (26), S5), N and N·m.
 
-    Joint torques are internal forces, so this detects wrong masses, unknown pushes and wrong contact forces, but not
-    wrong torques; `energy.energy_residual` detects these. For a fixed base the wrenches must include the support force.
-    The wrenches count as constant in their own axes.
+    Detects wrong masses, contact forces and unknown pushes; `energy_residual` detects wrong torques. Wrenches are
+    constant in their axes, and include the support force of a fixed base.
 
     Raises:
         InputRefused: if the second state is not later.
-        ConfigurationError: if a wrench's frame is unknown.
     """
     seconds = duration(before, after)
     data = data if data is not None else model.createData()

@@ -1,8 +1,4 @@
-"""Particles connected by rigid rods: the system from which the note derives generalized coordinates (4.2.1; S9).
-
-The note models a robot as particles with structural constraints A_s ẍ = b_s and contact constraints A_c ẍ = b_c (33).
-Both can be solved at once, or the structure first, which leaves (31) in fewer coordinates.
-"""
+"""Particles connected by rigid rods, with structure A_s ẍ = b_s and contact A_c ẍ = b_c (33) (section 4.2.1; S9)."""
 
 from __future__ import annotations
 
@@ -19,11 +15,11 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True)
 class Rod:
-    """A massless rigid rod between two particles, or from a particle to a fixed point.
+    """Massless rigid rod between two particles, or between a particle and the world.
 
     Attributes:
         first: index of a particle.
-        second: index of another particle, or a point in the world, (3,) in m.
+        second: index of another particle, or point in the world, (3,) in m.
         length: m.
     """
 
@@ -34,15 +30,15 @@ class Rod:
 
 @dataclass(frozen=True)
 class ParticleSystem:
-    """Point masses and the rods between them.
+    """Point masses and rods.
 
     Attributes:
         masses: (n,) in kg.
-        rods: the structure.
+        rods: structure.
         gravity: (3,) in m/s².
 
     Raises:
-        ConfigurationError: where a mass is not positive, or a rod has an unknown particle or no positive length.
+        ConfigurationError: if a mass or length is not positive, or a particle is unknown.
     """
 
     masses: Array
@@ -52,36 +48,35 @@ class ParticleSystem:
     def __post_init__(self) -> None:
         n = len(self.masses)
         if not np.all(np.asarray(self.masses) > 0.0):
-            raise ConfigurationError(f"masses = {np.asarray(self.masses).tolist()} kg; all must be positive")
+            raise ConfigurationError(f"masses = {np.asarray(self.masses).tolist()} kg: must be positive")
         for rod in self.rods:
             ends = [rod.first, rod.second] if isinstance(rod.second, int) else [rod.first]
             for end in ends:
                 if not 0 <= end < n:
-                    raise ConfigurationError(f"a rod ends at particle {end}; valid: 0 to {n - 1}")
+                    raise ConfigurationError(f"unknown particle {end} of a rod; valid: 0 to {n - 1}")
             if not rod.length > 0.0:
-                raise ConfigurationError(f"a rod at particle {rod.first} has the length {rod.length} m; not positive")
+                raise ConfigurationError(
+                    f"length = {rod.length} m of the rod at particle {rod.first}: must be positive"
+                )
 
 
 def particle_mass_matrix(system: ParticleSystem) -> Array:
-    """Mass matrix of equation (1) and of (33), (3n, 3n) in kg: each mass appears three times on the diagonal."""
+    """Return the diagonal mass matrix of equations (1) and (33), (3n, 3n) in kg."""
     return np.diag(np.repeat(np.asarray(system.masses, dtype=np.float64), 3))
 
 
 def rod_constraints(
     system: ParticleSystem, x: Array, x_dot: Array, *, time_constant: float = np.inf
 ) -> ConstrainedRows:
-    """Structural constraints A_s ẍ = b_s of (33): each rod keeps g = ½(‖d‖² - length²) = 0, in the form (30).
+    """Return A_s, (rods, 3n), and b_s, (rods,), of (33), from g = ½(‖d‖² - length²) = 0 for the vector d of each rod.
 
-    With d the vector from one end to the other, ġ = dᵀḋ and g̈ = dᵀd̈ + ḋᵀḋ.
+    ġ = dᵀḋ and g̈ = dᵀd̈ + ḋᵀḋ, in the form (30).
 
     Args:
-        time_constant: of Baumgarte's stabilization, s.
-
-    Returns:
-        A_s, (rods, 3n), and b_s, (rods,).
+        time_constant: time constant of Baumgarte's stabilization, s.
 
     Raises:
-        InputRefused: if positions or velocities have another shape, or are not finite.
+        InputRefused: if an array is invalid.
     """
     n = len(system.masses)
     x, x_dot = as_array("x", x, (n, 3)), as_array("x_dot", x_dot, (n, 3))
@@ -98,12 +93,12 @@ def rod_constraints(
     return A.reshape(len(system.rods), 3 * n), b
 
 
-#: A and b of equation (30) for particles: (k, 3n) and (k,).
+#: A, (k, 3n), and b, (k,), of equation (30) for particles.
 ConstrainedRows = tuple[Array, Array]
 
 
 def _free_acceleration(system: ParticleSystem, forces: Array | None) -> Array:
-    """ẍᵤ from gravity and other forces, (3n,) in m/s²; equations (1) and (3)."""
+    """Return ẍᵤ of gravity and other forces, (3n,) in m/s²; equations (1) and (3)."""
     n = len(system.masses)
     acceleration = np.tile(np.asarray(system.gravity, dtype=np.float64), (n, 1))
     if forces is not None:
@@ -114,13 +109,9 @@ def _free_acceleration(system: ParticleSystem, forces: Array | None) -> Array:
 def solve_in_one_stage(
     system: ParticleSystem, structure: ConstrainedRows, contact: ConstrainedRows, forces: Array | None = None
 ) -> ConstrainedMotion:
-    """Accelerations of all particles, (3n,) in m/s², under structure and contact at once (33).
+    """Return the accelerations of all particles, (3n,) in m/s², with structure and contact at once (33).
 
     The multipliers of the structure come first.
-
-    Raises:
-        InputRefused: if shapes do not fit or a value is not finite.
-        NoSolution: if the constraints contradict each other.
     """
     A, b = np.vstack([structure[0], contact[0]]), np.concatenate([structure[1], contact[1]])
     return gauss(particle_mass_matrix(system), _free_acceleration(system, forces), A, b)
@@ -128,13 +119,13 @@ def solve_in_one_stage(
 
 @dataclass(frozen=True, slots=True)
 class ReducedProblem:
-    """Problem (33) with the structure eliminated: (31) in d coordinates, with ẍ = particular + basis · a.
+    """Problem (33) with eliminated structure: (31) in d coordinates a, ẍ = particular + basis · a.
 
     Attributes:
-        basis: (3n, d); it takes the place of ∂φ/∂q in (15) and (17).
-        particular: (3n,), an acceleration that satisfies the structural constraints.
-        M: mass matrix in the reduced coordinates, (d, d).
-        a_u: acceleration without contact in the reduced coordinates, (d,).
+        basis: (3n, d), as ∂φ/∂q in (15) and (17).
+        particular: acceleration that satisfies the structure, (3n,).
+        M: reduced mass matrix, (d, d).
+        a_u: reduced acceleration without contact, (d,).
     """
 
     basis: Array
@@ -146,26 +137,24 @@ class ReducedProblem:
 def reduce_structure(
     system: ParticleSystem, structure: ConstrainedRows, forces: Array | None = None, *, basis: Array | None = None
 ) -> ReducedProblem:
-    """First stage of section 4.2.1: eliminate A_s ẍ = b_s, so that (33) becomes (31) in the remaining coordinates.
+    """Eliminate A_s ẍ = b_s from (33), the first stage of section 4.2.1.
 
-    Any basis of the null space of A_s can be used; with ∂φ/∂q of generalized coordinates the result is exactly their
-    mass matrix, M = (∂φ/∂q)ᵀ M_x (∂φ/∂q), in kg for coordinates in m.
+    With basis ∂φ/∂q of generalized coordinates, M = (∂φ/∂q)ᵀ M_x (∂φ/∂q) is their mass matrix, in kg for coordinates
+    in m.
 
     Args:
-        basis: (3n, d) with A_s basis = 0; by default an orthonormal one.
+        basis: (3n, d) with A_s basis = 0; by default orthonormal.
 
     Raises:
-        InputRefused: if shapes do not fit or a value is not finite.
-        ConfigurationError: if the basis violates the structural constraints.
-        NoSolution: if the constraints contradict each other.
+        ConfigurationError: if the basis violates the structure.
     """
     A, b = structure
     if basis is None:
         basis = admissible_directions(A)
     elif not np.max(np.abs(A @ basis), initial=0.0) <= 1.0e-8 * max(1.0, float(np.max(np.abs(basis)))):
-        raise ConfigurationError("the basis breaks the structure: A_s basis must be zero")
+        raise ConfigurationError("the basis violates the structure: A_s basis must be zero")
     M_x = particle_mass_matrix(system)
-    # Any acceleration that satisfies the structural constraints will do; here by Gauss with a unit metric.
+    # Any acceleration that satisfies the structure; here by Gauss with unit metric.
     particular = gauss(np.eye(len(M_x)), np.zeros(len(M_x)), A, b).v_dot
     M = basis.T @ M_x @ basis
     a_u = np.linalg.solve(M, basis.T @ M_x @ (_free_acceleration(system, forces) - particular))
@@ -175,13 +164,9 @@ def reduce_structure(
 def solve_in_two_stages(
     system: ParticleSystem, structure: ConstrainedRows, contact: ConstrainedRows, forces: Array | None = None
 ) -> ConstrainedMotion:
-    """Accelerations of all particles, (3n,) in m/s²: eliminate the structure first, then solve (31) (section 4.2.1).
+    """Return the accelerations of all particles, (3n,) in m/s², by `reduce_structure` and (31) (section 4.2.1).
 
-    All other fields are those of the second stage: the multipliers of the contacts, (m,), and their generalized force
-    in the reduced coordinates. Errors are those of `reduce_structure`.
-
-    Raises:
-        NoSolution: if the constraints contradict each other.
+    The other fields belong to the contacts, in reduced coordinates.
     """
     reduced = reduce_structure(system, structure, forces)
     A, b = contact

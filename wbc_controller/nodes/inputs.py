@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from wbc_controller.controller.report import LatchedInputs, TakenRequests
+from wbc_controller.controller.report import LatchedInputs, UserRequests
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.absolute_pose import PoseSample
 from wbc_controller.estimation.base_estimator import BaseEstimator, ImuSample

@@ -13,7 +13,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from wbc_controller.controller.report import TakenRequests
+from wbc_controller.controller.report import UserRequests
 from wbc_controller.errors import ConfigurationError, InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change
 from wbc_controller.middleware import decoding
@@ -124,7 +124,7 @@ class Requests:
             refused += read.refused
         refused += [f"{name}: {count} messages dropped: {why}" for (name, why), count in dropped.items()]
         total = stopped + len(taken) + sum(dropped.values())
-        return TakenRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
+        return UserRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
 
     def _run_reader(self) -> None:
         """Decode requests within the time share of the thread."""

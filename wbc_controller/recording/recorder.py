@@ -173,7 +173,7 @@ class Recorder:
         at = self._stamp()
         for number, text in ((about_topic, json.dumps(about)), (urdf_topic, urdf)):
             self._process.send(frame(PINNED, at, number.to_bytes(2, "little") + _string(text)))
-        controller.tape = []
+        controller.cycle_records = []
         self._live = controller.live.newest
         self._yaml = [(self._live.settings, "")]
         self._thread.start()
@@ -226,11 +226,11 @@ class Recorder:
         except Exception:  # must not end the run
             _log.exception("the recorder failed: nothing is recorded any more")
             if self._controller is not None:
-                self._controller.tape = None
+                self._controller.cycle_records = None
 
     def _observe(self, report: CycleReport) -> None:
         controller = self._controller
-        if controller is None or controller.tape is None:
+        if controller is None or controller.cycle_records is None:
             return
         if controller.tape:
             self._cycles.append((controller.tape, report, self._stamp(), len(self._messages)))
@@ -246,11 +246,11 @@ class Recorder:
         batch: list[bytes] = []
         cycles, self._cycles = self._cycles, []
         begin, number = 0, self._number
-        for tape, report, at, end in cycles:
+        for cycle_records, report, at, end in cycles:
             self._add_messages(batch, begin, end, at)
             begin, self._last = end, at
-            for taped in tape:
-                self._add_cycle(batch, taped, report if taped is tape[-1] else None, at)
+            for taped in cycle_records:
+                self._add_cycle(batch, taped, report if taped is cycle_records[-1] else None, at)
         end = len(self._messages)  # other threads append more
         self._add_messages(batch, begin, end, self._last)
         del self._messages[:end]
@@ -298,7 +298,9 @@ class Recorder:
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
         dropped = self._dropped
-        if same and not (taped.apart or inputs.requests or inputs.changes or refused or inputs.problem or dropped):
+        if same and not (
+            taped.changed_outside or inputs.requests or inputs.changes or refused or inputs.problem or dropped
+        ):
             return False
         self._dropped = Counter()
         event: dict[str, Any] = {"cycle": self._number, "mode": result.mode.value}
@@ -308,7 +310,7 @@ class Recorder:
             event["fault"] = result.fault
         if taped.live is not self._live:
             event["settings"] = taped.live.settings
-        if taped.apart:
+        if taped.changed_outside:
             event["apart"] = True
             self._snapshot_due = 0
         parts = {
@@ -356,7 +358,7 @@ class Recorder:
             self._send()
         self._process.close()
         if self._controller is not None:
-            self._controller.tape = None
+            self._controller.cycle_records = None
 
 
 def start_recorder(

@@ -1,6 +1,6 @@
-"""The schema of a robot's configuration file: names, types, units, ranges and defaults.
+"""Schema of a robot's configuration file: keys, types, units, ranges and defaults.
 
-The file is a ROS 2 parameter file: ``wbc_controller: ros__parameters: …``. Unknown keys are errors.
+The file is a ROS 2 parameter file. Unknown keys are errors.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ NODE_NAME = "wbc_controller"
 
 
 class Settings(Section):
-    """One robot's whole configuration."""
+    """Configuration of one robot."""
 
     robot: RobotSettings
     control: ControlSettings = ControlSettings()
@@ -75,7 +75,7 @@ class Settings(Section):
     def _distinct(self) -> Settings:
         both = sorted(set(self.contacts) & set(self.loops))
         if both:
-            raise ValueError(f"loops: {', '.join(map(repr, both))} is the name of a contact too; take another one")
+            raise ValueError(f"loops: {', '.join(map(repr, both))} is also the name of a contact; use different names")
         return self
 
 

@@ -1,4 +1,4 @@
-"""A robot's configuration for Python users: loaded by name, from a file or a dictionary, and changed by dotted keys."""
+"""Configuration of a robot for Python users."""
 
 from __future__ import annotations
 
@@ -15,41 +15,35 @@ from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 from wbc_controller.settings.nesting import merged, nested
 
-#: Sections whose entries have names, and can be removed one by one.
-_NAMED = ("tasks", "contacts", "loops")
+#: Sections of named entries, which can be removed.
+_SECTIONS_BY_NAME = ("tasks", "contacts", "loops")
 
 
 class UnknownKey(ConfigurationError, KeyError):
-    """A configuration has no such key."""
+    """Unknown key of a configuration."""
 
     __str__ = Exception.__str__
 
 
 @dataclass(frozen=True)
 class Config:
-    """One robot's configuration: validated, and never changed in place.
+    """Validated, immutable configuration of one robot."""
 
-    Attributes:
-        settings: the values, as docs/configuration.md lists them.
-        source: the file that they came from, or ``"a dictionary"``; stands before every error where it is not empty.
-        urdf: the URDF's text, where ``robot.urdf`` names no file.
-    """
-
-    settings: Settings
-    source: str = "a dictionary"
-    urdf: str | None = None
+    settings: Settings  # the values (docs/configuration.md)
+    source: str = "a dictionary"  # path of the file, or ``"a dictionary"``; prefix of error messages, if not empty
+    urdf: str | None = None  # URDF text, if ``robot.urdf`` is not used
 
     def replace(self, changes: Mapping[str, Any], *, urdf: str | None = None) -> Config:
-        """Return a configuration with some values changed.
+        """Return a configuration with changed values.
 
         Args:
-            changes: new values by dotted key, such as ``{"tasks.com.weight": 20.0}``, or nested as in a file. What is
-                not named stays. None removes a task, contact or loop: ``{"tasks.torso": None}``. Single joints of the
-                posture are named as ``{"robot.posture.left_knee_joint": 0.6}``, in rad.
-            urdf: another URDF, as text.
+            changes: values by dotted key, such as ``{"tasks.com.weight": 20.0}``, or nested as in a file. None removes
+                a task, contact or loop: ``{"tasks.torso": None}``. A single joint of the posture, in rad:
+                ``{"robot.posture.left_knee_joint": 0.6}``.
+            urdf: URDF text.
 
         Raises:
-            ConfigurationError: with one line per problem: the key, its value and the valid ones.
+            ConfigurationError: with one line per problem: key, value, valid values.
         """
         _require_text(urdf)
         values = self.settings.model_dump(exclude_unset=True)
@@ -57,51 +51,47 @@ class Config:
         robot = tree.get("robot")
         posture = robot.get("posture") if isinstance(robot, Mapping) else None
         if isinstance(posture, Mapping):
-            tree["robot"]["posture"] = _posed(self.settings, posture)
-        for section in _NAMED:
+            tree["robot"]["posture"] = _updated_posture(self.settings, posture)
+        for section in _SECTIONS_BY_NAME:
             for name, entry in tree.get(section, {}).items() if isinstance(tree.get(section), Mapping) else ():
                 if entry is None and name not in values.get(section, {}):
                     raise ConfigurationError(
-                        self.named(
-                            f"{section}.{name} = None: there is none to remove; "
+                        self.with_source(
+                            f"{section}.{name} = None: unknown entry, cannot be removed; "
                             f"{valid_choices(str(name), values.get(section, {}))}"
                         )
                     )
         result = merged(values, tree)
-        for section in _NAMED:
+        for section in _SECTIONS_BY_NAME:
             if isinstance(result.get(section), Mapping):
                 result[section] = {name: entry for name, entry in result[section].items() if entry is not None}
         settings = parse_settings(result, self.source)
         return replace(self, settings=settings, urdf=self.urdf if urdf is None else urdf)
 
-    def named(self, error: str) -> str:
-        """An error about these values, with their source before it."""
+    def with_source(self, error: str) -> str:
+        """Prefix an error message with the source."""
         return f"{self.source}: {error}" if self.source else error
 
     def to_dict(self) -> dict[str, Any]:
-        """The values that were given, without defaults: what stands below ``ros__parameters`` in a file."""
+        """Return the values without defaults, as below ``ros__parameters`` in a file."""
         return self.settings.model_dump(exclude_unset=True)
 
     def to_yaml(self) -> str:
-        """The same as the text of a ROS 2 parameter file."""
+        """Return the text of a ROS 2 parameter file without defaults."""
         content = {NODE_NAME: {"ros__parameters": self.to_dict()}}
         return str(yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120))
 
     def __getitem__(self, key: str) -> Any:
-        """The value of a dotted key, such as ``config["tasks.com.weight"]``; a section is given as a dictionary.
-
-        Raises:
-            UnknownKey: if there is no such key; it is a `KeyError`, too.
-        """
+        """Return a value or section by dotted key, such as ``config["tasks.com.weight"]``, or raise `UnknownKey`."""
         value: Any = self.settings.model_dump()
         if not isinstance(key, str):
-            raise UnknownKey(f"{reprlib.repr(key)}: a key is a text with dots, such as 'tasks.com.weight'")
+            raise UnknownKey(f"{reprlib.repr(key)}: a key must be a string with dots, such as 'tasks.com.weight'")
         for depth, part in enumerate(key.split("."), 1):
             if not isinstance(value, Mapping) or part not in value:
-                where = ".".join(key.split(".")[: depth - 1])
+                section = ".".join(key.split(".")[: depth - 1])
                 choices = value if isinstance(value, Mapping) else ()
                 raise UnknownKey(
-                    f"{key!r}: {where or 'the configuration'} has no {part!r}; {valid_choices(part, choices)}"
+                    f"{key!r}: {section or 'the configuration'} has no {part!r}; {valid_choices(part, choices)}"
                 )
             value = value[part]
         return value
@@ -114,14 +104,12 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
     """Load a robot's configuration.
 
     Args:
-        source: the name of a robot that is shipped (``"g1"``, ``"talos"``, ``"go2"``), the path of a .yaml file, or
-            the values as a dictionary, nested or with dotted keys, in place of a file. In a dictionary the posture may
-            be given by joint.
-        urdf: the URDF's text, where ``robot.urdf`` names no file.
+        source: name of a shipped robot (``"g1"``, ``"talos"``, ``"go2"``), path of a .yaml file, or a dictionary,
+            nested or with dotted keys, in which ``robot.posture`` may be a dictionary by joint.
+        urdf: URDF text, in place of ``robot.urdf``.
 
     Raises:
-        ConfigurationError: where there is no such file, or a value is not valid: one line per problem with the file,
-            the key, the value and the valid ones.
+        ConfigurationError: if the file does not exist or values are invalid, with one line per problem.
     """
     _require_text(urdf)
     if isinstance(source, Config):
@@ -132,12 +120,11 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
         tree = nested(source)
         robot = tree.get("robot")
         if isinstance(robot, dict) and isinstance(robot.get("posture"), Mapping):
-            robot["posture"] = _whole_posture(robot.get("joints"), robot["posture"])
+            robot["posture"] = _posture_by_joint(robot.get("joints"), robot["posture"])
         return Config(parse_settings(tree, "a dictionary"), urdf=urdf)
     if not isinstance(source, str | Path):
         raise ConfigurationError(
-            f"{reprlib.repr(source)} is not a configuration; valid: a robot's name, the path of a .yaml file, or a "
-            "dictionary"
+            f"{reprlib.repr(source)} is not a configuration; valid: name of a robot, path of a .yaml file, dictionary"
         )
     path = find_configuration(str(source))
     return Config(load_settings(path), str(path), urdf)
@@ -145,27 +132,25 @@ def load(source: str | Path | Mapping[str, Any] | Settings | Config, *, urdf: st
 
 def _require_text(urdf: Any) -> None:
     if urdf is not None and not isinstance(urdf, str):
-        raise ConfigurationError(f"urdf = {reprlib.repr(urdf)}: it must be the text of a URDF")
+        raise ConfigurationError(f"urdf = {reprlib.repr(urdf)}: must be the text of a URDF")
 
 
-def _whole_posture(joints: Any, posture: Mapping[str, Any]) -> list[Any]:
-    """A posture by joint, in the order of the joints."""
+def _posture_by_joint(joints: Any, posture: Mapping[str, Any]) -> list[Any]:
     names = list(joints) if isinstance(joints, list) else list(posture)
     for name in (*names, *posture):
         if name not in posture or name not in names:
-            what = "has no value for" if name in names else "has a value for"
+            problem = "missing" if name in names else "unknown"
             raise ConfigurationError(
-                f"a dictionary: robot.posture {what} {name!r}; it takes one for each of: {', '.join(names)}"
+                f"a dictionary: robot.posture: {problem} joint {name!r}; required: {', '.join(names)}"
             )
     return [posture[name] for name in names]
 
 
-def _posed(settings: Settings, changes: Mapping[str, Any]) -> list[Any]:
-    """The posture with some joints elsewhere."""
+def _updated_posture(settings: Settings, changes: Mapping[str, Any]) -> list[Any]:
     joints: Sequence[str] = settings.robot.joints
     for name in changes:
         if name not in joints:
             raise ConfigurationError(
-                f"robot.posture.{name}: {name!r} is not one of robot.joints; {valid_choices(name, joints)}"
+                f"robot.posture.{name}: {name!r} is not in robot.joints; {valid_choices(name, joints)}"
             )
     return [changes.get(name, value) for name, value in zip(joints, settings.robot.posture, strict=True)]

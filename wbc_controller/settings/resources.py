@@ -1,4 +1,4 @@
-"""Finding and reading files: robot models, and this package's own configurations."""
+"""Files of robot models: search by path or package, reading."""
 
 from __future__ import annotations
 
@@ -9,23 +9,22 @@ from pathlib import Path
 from wbc_controller.errors import ConfigurationError
 
 PACKAGE_SCHEME = "package://"
-#: Longest name that an error shows in full, in characters.
+#: Longest name shown in full in messages, characters.
 _LONGEST_NAME = 300
 
 
 def locate(uri: str, key: str = "robot.urdf") -> Path:
-    """Find a file given by path, or as ``package://<distribution>/<path below its share folder>``.
+    """Find a file by path, or by ``package://<package>/<path in its share folder>``.
 
-    The distribution is a Python one, such as ``example-robot-data``, with its files below ``share/<distribution>/``, or
-    a ROS 2 package on ``AMENT_PREFIX_PATH``. Errors name the configuration key of the file.
+    The package is a ROS 2 package on ``AMENT_PREFIX_PATH``, or a Python distribution such as ``example-robot-data``.
 
     Raises:
-        ConfigurationError: if there is no such file.
+        ConfigurationError: if the file does not exist; the message begins with the configuration key.
     """
     if not uri.startswith(PACKAGE_SCHEME):
         try:
             path = Path(uri).expanduser()
-        except RuntimeError as error:  # there is no such user
+        except RuntimeError as error:  # unknown user
             raise ConfigurationError(f"{key} = {shown(uri)}: {error}") from error
     else:
         package, _, rest = uri.removeprefix(PACKAGE_SCHEME).partition("/")
@@ -34,28 +33,24 @@ def locate(uri: str, key: str = "robot.urdf") -> Path:
         except ConfigurationError as error:
             raise ConfigurationError(f"{key} = {shown(uri)}: {error}") from error
     if not is_file(path):
-        raise ConfigurationError(f"{key} = {shown(uri)}: there is no file {shown(path)}")
+        raise ConfigurationError(f"{key} = {shown(uri)}: file {shown(path)} does not exist")
     return path
 
 
 def read_text(path: Path, subject: str, largest: int) -> str:
-    """Read a text file of at most `largest` characters; errors begin with the subject.
-
-    Raises:
-        ConfigurationError: if the file cannot be read, is no UTF-8, or is longer.
-    """
+    """Read a UTF-8 file of at most `largest` characters; `ConfigurationError` begins with the subject."""
     try:
         with path.open(encoding="utf-8") as file:
             text = file.read(largest + 1)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{subject}: cannot be read: {error}") from error
     if len(text) > largest:
-        raise ConfigurationError(f"{subject}: is longer than {largest} characters")
+        raise ConfigurationError(f"{subject}: longer than {largest} characters")
     return text
 
 
 def is_file(path: Path) -> bool:
-    """Return True if there is such a file; False also for a name that the system refuses, such as a very long one."""
+    """Return True if a file exists; False also for names that the system refuses."""
     try:
         return path.is_file()
     except OSError:
@@ -63,17 +58,13 @@ def is_file(path: Path) -> bool:
 
 
 def shown(name: str | Path) -> str:
-    """Return a name for an error message, in quotes if it is a string, without its middle if it is very long."""
+    """Quote a name for a message; long names are shortened in the middle."""
     text = repr(name) if isinstance(name, str) else str(name)
     return text if len(text) <= _LONGEST_NAME else f"{text[:100]}…{text[-100:]} ({len(text)} characters)"
 
 
 def share_folder(package: str) -> Path:
-    """Find the share folder of a Python distribution or of a ROS 2 package.
-
-    Raises:
-        ConfigurationError: if neither is installed.
-    """
+    """Find the share folder of an installed ROS 2 package or Python distribution, or raise `ConfigurationError`."""
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         folder = Path(prefix) / "share" / package
         try:
@@ -86,7 +77,7 @@ def share_folder(package: str) -> Path:
     except (importlib.metadata.PackageNotFoundError, ValueError):  # ValueError: the name is empty
         raise ConfigurationError(
             f"package {shown(package)} is not installed, neither as a ROS 2 package on AMENT_PREFIX_PATH nor as a "
-            "Python distribution; example-robot-data comes with: pip install 'wbc_controller[robots]'"
+            "Python distribution; example-robot-data: pip install 'wbc_controller[robots]'"
         ) from None
     marker = f"share/{package}/"
     for file in distribution.files or ():

@@ -1,4 +1,4 @@
-"""Settings of the robot: its model, its joints and its actuators."""
+"""Settings of the robot."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from wbc_controller.settings.values import Finite, NonNegative, Positive, Sectio
 
 
 def _joined(values: Any, is_value: Callable[[Any], bool], above: str = "") -> Any:
-    """Join the parts of joint names with dots, which are nested in a configuration: ``{a: {b: 1}}`` to ``{a.b: 1}``."""
+    """Join nested keys to joint names with dots: ``{a: {b: 1}}`` to ``{a.b: 1}``."""
     if not isinstance(values, Mapping):
         return values
     joined: dict[str, Any] = {}
@@ -24,7 +24,7 @@ def _joined(values: Any, is_value: Callable[[Any], bool], above: str = "") -> An
 
 
 def _by_joint(*keys: str) -> BeforeValidator:
-    """Join names in a dictionary by joint, with values or with sections that have some of the keys."""
+    """Return a validator that joins the names of a dictionary by joint, with values or with sections of these keys."""
 
     def is_section(value: Any) -> bool:
         return isinstance(value, Mapping) and not value.keys().isdisjoint(keys)
@@ -33,29 +33,27 @@ def _by_joint(*keys: str) -> BeforeValidator:
 
 
 class PassiveJointSettings(Section):
-    """Spring and damper of a joint without a motor of its own: torque = stiffness · (rest - q) - damping · q̇."""
+    """Spring and damper of a joint without a motor: torque = stiffness · (rest - q) - damping · q̇."""
 
-    stiffness: NonNegative = Field(0.0, le=1.0e6, description="Stiffness of the spring, N·m/rad.")
-    damping: NonNegative = Field(0.0, le=1.0e5, description="Coefficient of the damper, N·m·s/rad.")
-    rest: Finite = Field(0.0, description="Joint position at which the spring is at rest, rad.")
+    stiffness: NonNegative = Field(0.0, le=1.0e6, description="Stiffness, N·m/rad.")
+    damping: NonNegative = Field(0.0, le=1.0e5, description="Damping, N·m·s/rad.")
+    rest: Finite = Field(0.0, description="Joint position of zero spring torque, rad.")
 
 
 class TransmissionSettings(Section):
-    """An actuator other than the motor of a single joint, such as one that drives several joints."""
+    """Actuator that drives several joints, or one joint through a gear."""
 
     ratios: Annotated[dict[str, Finite], _by_joint()] = Field(
         min_length=1,
-        description="Ratio by joint name: turns of the actuator per turn of the joint. The actuator's speed is the sum "
-        "of ratio times joint speed, and its torque acts at each of these joints as ratio times torque.",
+        description="Ratio by joint: actuator turns per joint turn. Actuator speed = Σ ratio · joint speed, "
+        "joint torque = ratio · actuator torque.",
     )
     effort_limit: Positive = Field(description="Largest torque of the actuator, N·m.")
-    rotor_inertia: NonNegative = Field(
-        0.0, le=10.0, description="Inertia of the parts that turn at the actuator's speed, kg·m²."
-    )
+    rotor_inertia: NonNegative = Field(0.0, le=10.0, description="Inertia at the speed of the actuator, kg·m².")
 
 
 class JointLimitSettings(Section):
-    """Limits of one joint in place of those of the URDF; a value that is not given stays the URDF's."""
+    """Limits of one joint that replace the values of the URDF."""
 
     effort: Positive | None = Field(None, le=1.0e6, description="Largest torque, N·m; of a prismatic joint, N.")
     velocity: Positive | None = Field(None, le=1.0e4, description="Largest speed, rad/s or m/s.")
@@ -65,7 +63,7 @@ class JointLimitSettings(Section):
     @model_validator(mode="after")
     def _some(self) -> JointLimitSettings:
         if all(value is None for value in (self.effort, self.velocity, self.lower, self.upper)):
-            raise ValueError("gives no limit; it takes effort, velocity, lower or upper")
+            raise ValueError("no limit given; valid: effort, velocity, lower, upper")
         if self.lower is not None and self.upper is not None and not (self.lower < self.upper):
             raise ValueError(f"lower = {self.lower}: must be below upper = {self.upper}")
         return self
@@ -79,64 +77,60 @@ class FrictionSettings(Section):
 
 
 class RobotSettings(Section):
-    """The robot: its model, its joints, their actuators, and the nominal posture."""
+    """Model, joints, actuators and nominal posture."""
 
     urdf: str = Field(
         "",
-        description="Path, or package://<package>/<path in its share folder> of a ROS 2 package on AMENT_PREFIX_PATH "
-        "or a Python distribution. A relative path starts at the configuration file's folder. Empty: the URDF "
-        "comes from the topic robot_description.",
+        description="Path, relative to the configuration file, or `package://<package>/<path in its share folder>` of "
+        "a ROS 2 package or Python distribution. Empty: from the topic `robot_description`.",
     )
-    base: Literal["floating", "fixed"] = Field("floating", description="How the root link is attached to the world.")
+    base: Literal["floating", "fixed"] = Field("floating", description="Attachment of the root link to the world.")
     joints: list[str] = Field(
         min_length=1,
-        description="Joints that move and are measured. A joint that mimics one of them in the URDF follows it; all "
-        "other joints are locked.",
+        description="Moving, measured joints. URDF joints that mimic one of them follow; all other joints are locked.",
     )
     actuators: list[str] = Field(
         default_factory=list,
-        description="Actuators in the order of the effort command: names of joints with a motor of their own, and "
-        "names in `transmission`. Empty: one motor at each joint that is not passive, in the order of `joints`.",
+        description="Actuators in the order of the effort command: joints with their own motor, and names in "
+        "`transmission`. Empty: one motor per non-passive joint, in the order of `joints`.",
     )
     transmission: dict[str, TransmissionSettings] = Field(
-        default_factory=dict, description="Actuators other than the motor of a single joint, by name."
+        default_factory=dict, description="Actuators that drive joints through transmissions, by name."
     )
     command: Literal["actuators", "joints"] = Field(
         "actuators",
-        description="Content of the effort command: torques of the actuators; or, for a robot whose drivers handle the "
-        "transmissions, torques at the driven joints in the order of `joints`.",
+        description="Effort command: torques of the actuators, or (if the drivers handle the transmissions) of the "
+        "driven joints in the order of `joints`.",
     )
     passive_joints: Annotated[dict[str, PassiveJointSettings], _by_joint(*PassiveJointSettings.model_fields)] = Field(
-        default_factory=dict, description="The joints in `joints` that have no motor of their own."
+        default_factory=dict, description="Joints in `joints` without their own motor."
     )
     locked_joints: Annotated[dict[str, Finite], _by_joint()] = Field(
-        default_factory=dict, description="Positions of joints that are locked at a position other than zero, rad."
+        default_factory=dict, description="Positions of locked joints, rad; default zero."
     )
     joint_limits: Annotated[dict[str, JointLimitSettings], _by_joint(*JointLimitSettings.model_fields)] = Field(
         default_factory=dict,
-        description="Limits of single joints that replace those of the URDF, by joint: for the controller, the guard "
-        "and the mock robot.",
+        description="Limits that replace the values of the URDF, by joint: for controller, guard and mock robot.",
     )
     friction: Annotated[dict[str, FrictionSettings], _by_joint(*FrictionSettings.model_fields)] = Field(
-        default_factory=dict,
-        description="Friction of single joints, which the controller makes up for, by joint; `wbc identify` finds it.",
+        default_factory=dict, description="Friction to be compensated, by joint; identified by `wbc identify`."
     )
     posture: list[Finite] = Field(description="Nominal position of each joint, rad.")
     effort_limit_scale: Annotated[Positive, Field(le=1.0)] = Field(
-        1.0, description="Usable share of the effort limits in the URDF, `joint_limits` and `transmission`."
+        1.0, description="Usable share of all effort limits."
     )
     armature: NonNegative = Field(
-        0.0, le=10.0, description="Reflected rotor inertia of every joint that has a motor of its own, kg·m²."
+        0.0, le=10.0, description="Reflected rotor inertia of each joint with its own motor, kg·m²."
     )
 
     @model_validator(mode="after")
     def _consistent(self) -> RobotSettings:
         twice = sorted({name for name in self.joints if self.joints.count(name) > 1})
         if twice:
-            raise ValueError(f"joints: {', '.join(map(repr, twice))} stands more than once; name it once")
+            raise ValueError(f"joints: duplicate {', '.join(map(repr, twice))}; name each joint once")
         again = sorted({name for name in self.actuators if self.actuators.count(name) > 1})
         if again:
-            raise ValueError(f"actuators: {', '.join(map(repr, again))} stands more than once; each has one command")
+            raise ValueError(f"actuators: duplicate {', '.join(map(repr, again))}; name each actuator once")
         if len(self.posture) != len(self.joints):
             raise ValueError(
                 f"posture has {len(self.posture)} values for {len(self.joints)} joints; "

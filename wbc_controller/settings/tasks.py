@@ -1,4 +1,4 @@
-"""Settings of the tasks: one class per kind."""
+"""Settings of the tasks."""
 
 from __future__ import annotations
 
@@ -11,27 +11,19 @@ from wbc_controller.settings.values import Finite, Gains, NonNegative, Section, 
 
 
 class _Task(Section):
-    #: Number of axes, masked or not; 0 if it depends on the robot.
+    #: Number of axes before masking; 0 if it depends on the robot.
     axes: ClassVar[int] = 3
 
     live = ("weight", "enabled", "setpoint_duration", "stiffness", "damping", "gain")
 
     weight: NonNegative = Field(1.0, le=1.0e6, description="Weight in the cost.")
-    enabled: bool = Field(True, description="Whether the task is enabled at activation.")
+    enabled: bool = Field(True, description="Enabled when the controller is activated.")
     level: int = Field(
-        0,
-        ge=0,
-        le=15,
-        description="Priority level: 0 is the highest, and no task worsens a task of a smaller level. Tasks of one "
-        "level compete by weight.",
+        0, ge=0, le=15, description="Strict priority level, 0 is the highest. Weights apply within a level."
     )
-    tolerance: Gains | None = Field(
-        None,
-        description="Task error up to which there is no cost, in the unit of the error; one number, or a list with one "
-        "per axis.",
-    )
+    tolerance: Gains | None = Field(None, description="Error without cost, in the unit of the error; per axis.")
     setpoint_duration: NonNegative = Field(
-        1.0, le=600.0, description="Time in which the reference reaches a new setpoint, s; 0 for streamed setpoints."
+        1.0, le=600.0, description="Time to reach a new setpoint, s; 0 for streamed setpoints."
     )
 
     @model_validator(mode="after")
@@ -40,18 +32,15 @@ class _Task(Section):
             value = getattr(self, key, None)
             if isinstance(value, list) and self.axes and len(value) != self.axes:
                 raise ValueError(
-                    f"{key} = {reprlib.repr(value)}: has {len(value)} values; it takes one number, or a list with one "
-                    f"for each of the task's {self.axes} axes"
+                    f"{key} = {reprlib.repr(value)}: {len(value)} values; expected one number, or {self.axes} values "
+                    "(one per axis)"
                 )
         return self
 
 
 class _MotionTask(_Task):
-    stiffness: Gains = Field(100.0, description="Proportional gain, 1/s²; one number, or a list with one per axis.")
-    damping: Gains | None = Field(
-        None,
-        description="Derivative gain, 1/s; one number, or a list with one per axis; default 2·√stiffness (critical).",
-    )
+    stiffness: Gains = Field(100.0, description="Proportional gain, 1/s²; per axis.")
+    damping: Gains | None = Field(None, description="Derivative gain, 1/s; per axis; default 2·√stiffness (critical).")
 
 
 class PostureTask(_MotionTask):
@@ -60,7 +49,7 @@ class PostureTask(_MotionTask):
     axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["posture"]
-    joints: list[str] = Field(default_factory=list, description="Joints of the task; empty for all driven joints.")
+    joints: list[str] = Field(default_factory=list, description="Joints of the task; empty for all driven ones.")
 
 
 class ComTask(_MotionTask):
@@ -71,7 +60,7 @@ class ComTask(_MotionTask):
 
 
 class _FrameTask(_MotionTask):
-    frame: str = Field(description="A frame of the URDF.")
+    frame: str = Field(description="URDF frame.")
 
 
 class FramePoseTask(_FrameTask):
@@ -98,38 +87,35 @@ class FrameOrientationTask(_FrameTask):
 
 
 class RelativePoseTask(_FrameTask):
-    """Position and orientation of a frame relative to a second frame on the robot, in the axes of the second frame."""
+    """Position and orientation of a frame relative to a second frame of the robot, in the axes of the second frame."""
 
     axes: ClassVar[int] = 6
 
     type: Literal["relative_pose"]
-    reference_frame: str = Field(description="The frame of the URDF in whose axes the pose of `frame` is given.")
-    mask: list[bool] = axes_mask(6, "Axes of `reference_frame` used by the task: position, then orientation.")
+    reference_frame: str = Field(description="URDF frame that `frame` is relative to.")
+    mask: list[bool] = axes_mask(6, "Axes of `reference_frame` in the task: position, then orientation.")
 
 
 class _AlignmentTask(_FrameTask):
     axes: ClassVar[int] = 2
 
-    axis: Vector3 = Field(description="An axis fixed in the frame, of any non-zero length.")
+    axis: Vector3 = Field(description="Axis in `frame`; any length.")
 
 
 class AxisAlignmentTask(_AlignmentTask):
-    """An axis fixed in a frame points along a direction in the world; the rotation about it is free."""
+    """Direction in the world of an axis fixed to a frame; the rotation about it is free."""
 
     type: Literal["axis_alignment"]
 
 
 class GazeTask(_AlignmentTask):
-    """An axis through a frame's origin, fixed in it, points at a point in the world; the rotation about it is free."""
+    """Axis through a frame's origin, pointing at a point in the world; the rotation about it is free."""
 
     type: Literal["gaze"]
 
 
 class _MomentumTask(_Task):
-    damping: Gains = Field(
-        10.0,
-        description="Decay rate of the error, 1/s; one number, or a list with one per axis. There is no stiffness.",
-    )
+    damping: Gains = Field(10.0, description="Decay rate of the error, 1/s; per axis.")
     mask: list[bool] = axes_mask(3, "World axes of the task.")
 
 
@@ -146,38 +132,38 @@ class AngularMomentumTask(_MomentumTask):
 
 
 class CapturePointTask(_Task):
-    """Capture point (divergent component of motion), m, x and y in the world; its error in the cost is in m/s."""
+    """Capture point (divergent component of motion), m, x and y in the world; the error in the cost is in m/s."""
 
     axes: ClassVar[int] = 2
 
     type: Literal["capture_point"]
-    gain: Gains = Field(4.0, description="Decay rate of the error, 1/s; one number, or a list with one per axis.")
+    gain: Gains = Field(4.0, description="Decay rate of the error, 1/s; per axis.")
     support_height: Finite = Field(0.0, description="Height of the supporting surface in the world, m.")
     mask: list[bool] = axes_mask(2, "World axes of the task: x, y.")
 
 
 class ContactWrenchTask(_Task):
-    """Wrench of a contact in the contact's axes, N and N·m; without effect while the contact is inactive."""
+    """Wrench of an active contact in its axes, N and N·m."""
 
     axes: ClassVar[int] = 6
 
     type: Literal["contact_wrench"]
     contact: str = Field(description="Name of the contact in `contacts`.")
     target: list[Finite] = Field(
-        [0.0] * 6, min_length=6, max_length=6, description="Wrench until a setpoint is commanded: force, then moment."
+        [0.0] * 6, min_length=6, max_length=6, description="Initial setpoint: force, then moment."
     )
     mask: list[bool] = axes_mask(6, "Contact axes of the task: force, then moment.")
 
 
 class TorqueTask(_Task):
-    """Joint torques, N·m; the default target of zero keeps them small."""
+    """Joint torques, N·m; by default zero, for small torques."""
 
     axes: ClassVar[int] = 0  # as many as joints
 
     type: Literal["torque"]
-    joints: list[str] = Field(default_factory=list, description="Joints of the task; empty for all driven joints.")
+    joints: list[str] = Field(default_factory=list, description="Joints of the task; empty for all driven ones.")
     target: list[Finite] = Field(
-        default_factory=list, description="Torque of each joint until a setpoint is commanded, N·m; empty for zero."
+        default_factory=list, description="Initial setpoint of each joint, N·m; empty for zero."
     )
 
 

@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.controller.build.robot_description import inertia_tensor, some_body_has
-from wbc_controller.controller.check.model_plausibility import bare_links
+from wbc_controller.controller.build.robot_description import are_possible_moments, inertia_tensor
+from wbc_controller.controller.check.model_plausibility import massless_links
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import placement_of
 from wbc_controller.inverse_dynamics.robot.bare_mechanism import bare_mechanism
@@ -160,7 +160,7 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
             "robot uses the mean of the three",
             ", ".join(balanced),
         )
-    for name in bare_links(model):
+    for name in massless_links(model):
         body = spec.body(_body_name(name))
         body.explicitinertial = True
         body.mass = _BARE_MASS * model.mass

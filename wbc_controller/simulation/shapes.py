@@ -16,7 +16,7 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from wbc_controller.controller.build.collision_elements import enclosing_points, read_collision_elements
-from wbc_controller.controller.build.footprint import fewer_corners, fitted_ball, outline
+from wbc_controller.controller.build.footprint import fit_sphere, outline, simplify_polygon
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 

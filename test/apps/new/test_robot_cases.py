@@ -103,7 +103,7 @@ def test_joints_without_effort_beside_motors_are_reported(drafted):
     draft = drafted(spring)
     assert any("left_ankle_pitch have no effort in the URDF, and other" in line for line in draft.doubts)
     found = {finding.subject: finding.text for finding in wbc.check(draft.settings)}
-    assert found["no motor?"].startswith("left_ankle_pitch: their effort in the URDF is 0")
+    assert found["no motor?"].startswith("left_ankle_pitch: effort 0 in the URDF")
     all_idle = drafted(biped().replace(effort, effort.replace("100", "0")))
     assert not any("belong in `passive_joints`" in line for line in all_idle.doubts)
     assert "no motor?" not in {finding.subject for finding in wbc.check(all_idle.settings)}

@@ -1,4 +1,4 @@
-"""A robot with transmissions, a spring and a follower through the whole service: by joint in, by actuator out."""
+"""The service with transmissions, a spring and a mimic joint: joint states in, actuator torques out."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Of the joints; the ankle has no motor, and is no part of the posture task.
+#: Joint goals; the passive ankle is not part of the posture task.
 GOAL = np.array([-0.3, 0.5, -0.6, 0.4, 0.0, -0.2])
 
 
 class Robot(Lockstep):
-    """The controller and the mock robot on one thread, and a user who hears everything."""
+    """Controller and mock robot in one thread, and a user of all topics."""
 
     def __init__(self, *, lockstep: bool = False, **changes) -> None:
         settings = menagerie(**changes)
@@ -42,7 +42,7 @@ class Robot(Lockstep):
 
 @pytest.fixture(scope="module")
 def moved() -> Robot:
-    """The posture task has moved every joint that a motor moves, in one second."""
+    """The posture task moves all motor joints in one second."""
     robot = Robot()
     robot.user.say("command", "activate")
     robot.run(1.2)
@@ -84,7 +84,7 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
     np.testing.assert_allclose(applied[1], applied[0], rtol=1e-9, atol=1e-9)
 
 
-def test_in_lockstep_the_torques_at_the_joints_are_taken_back_to_the_actuators():
+def test_joint_torques_are_converted_to_actuators_in_lockstep():
     robot = Robot(lockstep=True)
     robot.user.say("command", "activate")
     for _ in range(20):
@@ -153,7 +153,7 @@ def test_the_curve_of_an_actuator_needs_speeds_of_its_own():
 
     own = {name: {"corner": 20.0, "no_load": 60.0} for name in settings.robot.transmission}
     np.testing.assert_array_equal(curve(own).no_load, [12.0, 60.0, 12.0, 60.0, 12.0])
-    with pytest.raises(ConfigurationError, match=r"'knee_motor' of robot.transmission needs a corner"):
+    with pytest.raises(ConfigurationError, match=r"'knee_motor' of robot.transmission requires corner and no_load"):
         curve({"both": own["both"]})
-    with pytest.raises(ConfigurationError, match="actuators: 'hip' is no actuator; Valid"):
+    with pytest.raises(ConfigurationError, match="actuators: unknown actuator 'hip'; Valid"):
         curve({"hip": own["both"]})

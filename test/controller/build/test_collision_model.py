@@ -1,4 +1,4 @@
-"""Which links are kept apart, from URDF, SRDF and settings; and what is said where that is not possible."""
+"""Pairs of links from URDF, SRDF and settings, and errors."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def link(name, *elements):
 
 
 def star(**elements):
-    """Arms of one joint each on a base, with collision elements."""
+    """Single-joint arms on a base, with collision elements."""
     arms = [name for name in elements if name != "base"]
     body = link("base", *elements.get("base", ())) + "".join(link(name, *elements[name]) for name in arms)
     body += "".join(JOINT.format(child=name, parent="base", at=f"0 {i} 0") for i, name in enumerate(arms))
@@ -74,7 +74,7 @@ def test_pairs_that_are_near_in_the_nominal_posture_are_left_out_and_named():
     collision = build_collision_model(star(a=(big,), b=(BALL,), c=(BALL,)), margin=0.1)
     assert collision.near == (("a", "b"),)
     assert names(collision) == {("a", "c"), ("b", "c")}
-    assert collision.summary.endswith("not those nearer than the margin in robot.posture: a/b")
+    assert collision.summary.endswith("excluded, nearer than the margin in robot.posture: a/b")
 
 
 def test_named_pairs_take_the_place_of_all_others():
@@ -85,22 +85,22 @@ def test_named_pairs_take_the_place_of_all_others():
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"pairs": ["a/d"]}, "pairs: 'a/d': 'd' is not a link with a collision element; Valid: a, b"),
-        ({"pairs": ["a"]}, "pairs: 'a': '' is not a link with a collision element"),
-        ({"pairs": ["a/a"]}, "pairs: 'a/a' pairs a link with itself"),
-        ({"pairs": ["a/b"], "margin": 0.9}, "pairs: in robot.posture a/b are nearer than 0.9 m"),
-        ({"margin": 0.9}, "no pair of links is left to be kept apart"),
+        ({"pairs": ["a/d"]}, "pairs: 'a/d': 'd' is not a link with collision elements; Valid: a, b"),
+        ({"pairs": ["a"]}, "pairs: 'a': '' is not a link with collision elements"),
+        ({"pairs": ["a/a"]}, "pairs: 'a/a': the links must differ"),
+        ({"pairs": ["a/b"], "margin": 0.9}, "pairs: a/b are nearer than margin = 0.9 m in robot.posture"),
+        ({"margin": 0.9}, "all pairs of links are excluded"),
         ({"srdf": "<robot>"}, "srdf: not a usable SRDF"),
     ],
 )
-def test_what_cannot_be_kept_apart_is_said(changes, said):
+def test_invalid_pairs_are_refused(changes, said):
     with pytest.raises(ConfigurationError) as error:
         build_collision_model(star(a=(BALL,), b=(BALL,)), **{"margin": 0.01} | changes)
     assert said in str(error.value)
 
 
 def test_a_robot_without_collision_elements_is_refused():
-    with pytest.raises(ConfigurationError, match="no link of the URDF has a <collision> element; disable it"):
+    with pytest.raises(ConfigurationError, match="the URDF has no <collision> elements; add them"):
         build_collision_model(star(a=(), b=()), margin=0.01)
 
 
@@ -134,18 +134,20 @@ def changed(settings, **own):
     return Settings.model_validate(values)
 
 
-def test_the_srdf_of_the_settings_counts_and_the_check_says_what_is_kept_apart(robot_of):
+def test_srdf_of_the_settings_and_finding_of_the_check(robot_of):
     settings, model = robot_of("talos")
     without, with_srdf = (make_self_collision(changed(settings, srdf=srdf), model).summary for srdf in ("", TALOS_SRDF))
     assert int(with_srdf.split()[0]) < int(without.split()[0])
     (line,) = [found.text for found in check(changed(settings, srdf=TALOS_SRDF)) if found.subject == "self-collision"]
     assert line == with_srdf
     assert "leg_left_3_link/leg_right_3_link" in line
-    with pytest.raises(ConfigurationError, match=r"limits.self_collision.srdf = '/no/such.srdf': there is no file"):
+    with pytest.raises(
+        ConfigurationError, match=r"limits.self_collision.srdf = '/no/such.srdf': file .* does not exist"
+    ):
         make_self_collision(changed(settings, srdf="/no/such.srdf"), model)
 
 
-def test_nothing_is_kept_apart_unless_asked_for(robot_of):
+def test_self_collision_is_disabled_by_default(robot_of):
     settings, _ = robot_of("g1")
     assert not settings.limits.self_collision.enabled
     with pytest.raises(ConfigurationError, match=r"limits.self_collision.marjin: unknown key; did you mean 'margin'"):
@@ -157,7 +159,7 @@ RIM = np.column_stack([np.cos(AROUND), np.sin(AROUND), np.zeros(400)])
 
 
 def mesh(folder, name, points):
-    """Write points as an OBJ mesh of arbitrary faces; what counts is their convex hull."""
+    """Write points as an OBJ mesh with arbitrary faces."""
     faces = [f"f {i} {i + 1} {i + 2}" for i in range(1, len(points) - 1)]
     lines = [f"v {x} {y} {z}" for x, y, z in points] + faces
     (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -175,13 +177,13 @@ def test_a_mesh_without_a_usable_hull_does_not_end_all(tmp_path, points, boxed):
     model = star(a=(mesh(tmp_path, "odd.obj", 0.1 * points),), b=(BALL,), c=(BALL,))
     collision = build_collision_model(model, margin=0.01)
     assert collision.replaced == (("a",) if boxed else ())
-    assert ("a box in place of the mesh of a" in collision.summary) is boxed
+    assert ("bounding box in place of an unusable convex hull: a" in collision.summary) is boxed
     shape = next(shape for shape in collision.geometry.geometryObjects if shape.name == "a")
     shape.geometry.computeLocalAABB()
     assert shape.geometry.aabb_local.max_[:2] == pytest.approx([0.1, 0.1], abs=1e-3)
 
 
-def test_the_shape_of_a_link_of_no_asked_pair_is_not_made(tmp_path, monkeypatch):
+def test_links_without_pairs_have_no_shape(tmp_path, monkeypatch):
     made = []
     monkeypatch.setattr(collision_model, "_hull", lambda points: made.append(len(points)))
     odd = mesh(tmp_path, "odd.obj", 0.1 * RIM)

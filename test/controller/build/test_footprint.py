@@ -1,4 +1,4 @@
-"""Footprints of boxes, balls, cylinders and the shipped robots' feet on planes."""
+"""Footprints of boxes, balls, cylinders and feet of shipped robots on planes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LIMIT = '<limit effort="10" velocity="10" lower="-2" upper="2"/>'
 
 
 def on_a_shank(*shapes, foot=()):
-    """A base, a shank on a joint at its origin, and a foot fixed 0.5 m below the joint: the model and its elements."""
+    """Model and elements of a base, a shank, and a foot fixed 0.5 m below the joint."""
 
     def collisions(own):
         return "".join(
@@ -83,7 +83,7 @@ def test_balls_at_the_corners_of_a_sole_touch_at_their_lowest_points():
 
 
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (0.4, -0.3, 0.2)])
-def test_a_ball_has_its_lowest_point_below_its_centre_whatever_the_plane(turn):
+def test_lowest_point_of_a_ball_on_tilted_planes(turn):
     model, elements, joint = on_a_shank(foot=(("0 0 0", "0 0 0", '<sphere radius="0.03"/>'),))
     plane = below(-0.5, turn)
     found = footprint(model, elements, joint, plane, layer=1e-6)

@@ -1,4 +1,4 @@
-"""Every kind of task from its YAML to its torques: what docs/tasks.md shows runs, every topic reaches its task."""
+"""Each kind of task from YAML to torques, with the snippets of docs/tasks.md and all topics."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wbc_controller.settings.files import _members, _tags_of
 TASKS = _members("tasks")
 
 PAGE = (Path(__file__).parents[3] / "docs" / "tasks.md").read_text(encoding="utf-8")
-#: The tasks of the page, and its updates by the task that they set.
+#: Tasks of the page, and its updates by task.
 SHOWN = {
     name: task
     for block in re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
@@ -28,7 +28,7 @@ UPDATES = {
     for text in re.findall(r"`(\{tasks: \{.*?\}\}\})`", PAGE)
     for name in yaml.safe_load(text)["tasks"]
 }  # fmt: skip
-#: Tasks that are shown together.
+#: Tasks in one snippet.
 TOGETHER = {"inside", "reach", "rest"}
 
 
@@ -37,13 +37,13 @@ def test_the_page_has_a_section_and_an_example_for_each_kind():
     for kind in _tags_of("tasks"):
         assert f"`{kind}`" in headings
     shown = {task["type"] for task in SHOWN.values()}
-    assert _tags_of("tasks") - shown == {"linear_momentum"}  # shown with the angular one
-    assert set(SHOWN) - set(UPDATES) == {"com", "height", "rest"}  # what only shows gains, or stands beside another
+    assert _tags_of("tasks") - shown == {"linear_momentum"}  # in the snippet of the angular momentum
+    assert set(SHOWN) - set(UPDATES) == {"com", "height", "rest"}  # snippets of gains only
     assert set(TASK_TYPES) == _tags_of("tasks")
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_what_the_page_shows_runs(bench, make, name):
+def test_snippets_of_the_page(bench, make, name):
     shown = {name: SHOWN[name]} if name not in TOGETHER else {other: SHOWN[other] for other in TOGETHER}
     robot = bench("g1", {"tasks": shown})
     assert robot.activate().solution is not None
@@ -55,7 +55,7 @@ def test_what_the_page_shows_runs(bench, make, name):
     assert not report.solution.relaxed
 
 
-#: Of each newer kind: a configuration, a setpoint, a trajectory of two points half a second apart, and its frame.
+#: Configuration, setpoint, trajectory of two points, and frame of each kind.
 HALF = float(np.sqrt(0.5))
 COMMANDED = {
     "relative_pose": (
@@ -103,7 +103,7 @@ def test_a_setpoint_and_a_trajectory_by_topic_move_the_reference_there(bench, ma
 
 
 @pytest.mark.parametrize("kind", ["contact_wrench", "torque"])
-def test_a_setpoint_of_an_effort_by_topic_moves_what_the_answer_has(bench, make, kind):
+def test_effort_setpoint_by_topic(bench, make, kind):
     keys, goal = {
         "contact_wrench": (
             {"contact": "left_foot", "mask": [False, False, True, False, False, False]},

@@ -1,4 +1,4 @@
-"""What users get wrong, in the configuration and in the URDF: each is refused by one sentence with place and cure."""
+"""Mistakes in configuration and URDF: each is refused by one sentence with location and remedy."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def joint(name, parent, child, below, axis):
     )
 
 
-#: A body of 5 kg on one leg with a foot of 200 × 100 mm, whose sole is 60 mm below the ankle.
+#: A body of 5 kg on one leg, with a sole of 200 × 100 mm, 60 mm below the ankle.
 URDF = (
     '<robot name="hopper">\n'
     + link("body", 5, 0.1, "0.2 0.2 0.2")
@@ -63,17 +63,17 @@ def checked(changes=None, urdf=URDF):
     return {finding.subject: finding.text for finding in wbc.check(config.replace(changes or {}))}
 
 
-def test_without_a_mistake_it_is_ok():
+def test_valid_configuration():
     found = checked()
     assert found["contact shapes"] == "foot 200 × 100 mm on a sole of 200 × 100 mm"
     assert found["posture"].endswith("centre of mass at [0.000, 0.000, 0.434] m")
     assert found["tilt of soles"] == "against the floor: foot 0.0°"
 
 
-def test_a_sole_that_reaches_a_little_beyond_the_true_one_is_said():
+def test_small_overhang_is_reported():
     found = checked({"contacts.foot.half_length": 0.1025})
     assert found["contact shapes"] == (
-        "foot 205 × 100 mm on a sole of 200 × 100 mm, 2.5 mm beyond its edge: on it the foot rocks"
+        "foot 205 × 100 mm on a sole of 200 × 100 mm, 2.5 mm beyond its edge: the foot may tip"
     )
 
 
@@ -114,7 +114,7 @@ IN_THE_CONFIGURATION = {
     "a diameter in the wrong unit": ({"contacts.foot": None, "contacts.ball": {**BALL, "radius": 0.31}},
         ["contacts.ball: its lowest point (radius = 0.31) is 290 mm below the lowest point"]),
     "a ball beside the foot": ({"contacts.foot": None, "contacts.ball": {**BALL, "translation": [0.2, 0.0, 0.02]}},
-        ["contacts.ball: its lowest point", "is 100 mm beside what of 'sole' touches the floor"]),
+        ["contacts.ball: its lowest point", "is 100 mm beside the footprint of 'sole'"]),
     "friction of ice": ({"contacts.foot.friction": 0.02}, ["contacts.foot.friction = 0.02", "rubber on a floor"]),
     "a force too small": ({"contacts.foot.max_normal_force": 30.0},
         ["max_normal_force adds up to 30 N, and the robot weighs"]),
@@ -128,7 +128,7 @@ IN_THE_CONFIGURATION = {
     "a margin without room": ({"limits.position_margin": 1.0},
         ["limits.position_margin = 1 leaves no range for 'hip'", "-1 and 1 rad"]),
     "a file that is not there": ({"robot.urdf": "/robots/hopper.urdf"},
-        ["robot.urdf = '/robots/hopper.urdf': there is no file"]),
+        ["robot.urdf = '/robots/hopper.urdf': file /robots/hopper.urdf does not exist"]),
     "a package that is not there": ({"robot.urdf": "package://hopper_description/hopper.urdf"},
         ["robot.urdf = 'package://hopper_description/hopper.urdf'", "AMENT_PREFIX_PATH", "Python distribution"]),
 }  # fmt: skip
@@ -153,9 +153,9 @@ IN_THE_URDF = {
     "xacro that is not expanded": (MASS, '<mass value="${m}"/>',
         ["link 'thigh': <mass value='${m}'> is not a number", "expand the file with xacro"]),
     "mass without inertia": (f"{MASS}{INERTIA}", MASS + INERTIA.replace("0.01", "0"),
-        ["link 'thigh', which joint 'hip' moves, has 1 kg", "three positive moments", "mock robot refuses it"]),
+        ["link 'thigh', moved by joint 'hip', has 1 kg", "requires a mass", "three positive moments"]),
     "a massless thigh": (f'<inertial><origin xyz="0 0 -0.1"/>{MASS}{INERTIA}</inertial>', "",
-        ["link 'thigh', which joint 'hip' moves, has 0 kg", "needs a mass"]),
+        ["link 'thigh', moved by joint 'hip', has 0 kg", "requires a mass"]),
     "no velocity limit": (LIMIT, LIMIT.replace('velocity="10"', 'velocity="0"'),
         ["joint 'hip' has the velocity limit 0.0", "robot.joint_limits.hip.velocity"]),
     "no effort limit": (LIMIT, LIMIT.replace('effort="60"', 'effort="0"'),
@@ -165,7 +165,7 @@ IN_THE_URDF = {
     "limits the wrong way round": (LIMIT, LIMIT.replace('lower="-1"', 'lower="2"'),
         ["joint 'hip': the lower limit 2 is above the upper limit 1"]),
     "millimetres": ('<origin xyz="0 0 -0.2"/>', '<origin xyz="0 0 -200"/>',
-        ["joint 'knee' is 200 m from the joint before it", "metres"]),
+        ["joint 'knee' is 200 m from its parent joint", "metres"]),
     "an inertial far away": ('<origin xyz="0 0 0.1"/><mass', '<origin xyz="1e20 0 0.1"/><mass',
         ["the centre of mass is 6.49e+19 m outside the support", "origins of the <inertial>"]),
     "an entity": ("<robot", "<!DOCTYPE robot [<!ENTITY m '1'>]><robot", ["<!DOCTYPE", "entities"]),
@@ -182,7 +182,7 @@ def test_a_mistake_in_the_urdf(mistake):
     assert [part for part in said if part not in sentence] == [], sentence
 
 
-def test_limits_that_no_motor_has_are_said_and_can_be_given():
+def test_implausible_limits_are_reported_and_can_be_replaced():
     wild = URDF.replace('effort="60" velocity="10"', 'effort="1e4" velocity="2000"', 1)
     effort, velocity = [finding.text for finding in wbc.check(wbc.load(VALUES, urdf=wild))
                         if finding.subject == "implausible"]  # fmt: skip
@@ -195,26 +195,26 @@ def test_limits_that_no_motor_has_are_said_and_can_be_given():
     assert found["effort limits"] == "40 to 60 N·m"
 
 
-def test_a_joint_that_no_task_holds_and_one_that_is_locked_are_named():
-    assert "held by no task" not in checked()
+def test_uncontrolled_and_locked_joints_are_reported():
+    assert "uncontrolled" not in checked()
     found = checked({"tasks.posture": None})
-    assert found["held by no task"].startswith("hip, knee, ankle_pitch")
+    assert found["uncontrolled"].startswith("hip, knee, ankle_pitch")
     changes = {"robot.joints": ["hip", "knee", "ankle_pitch"], "robot.posture": [0.0, 0.0, 0.0]}
-    assert checked(changes)["locked joints"] == "ankle_roll (at zero where nothing is said)"
+    assert checked(changes)["locked joints"] == "ankle_roll (at 0 by default)"
 
 
 def test_a_joint_that_floats_in_the_urdf_is_named_as_locked():
     aside = '<joint name="ball" type="floating"><parent link="PARENT"/><child link="load"/></joint></robot>'
     load = URDF.replace("</robot>", link("load", 1, 0, "0.1 0.1 0.1") + aside)
     assert checked({"contacts.foot.half_length": 0.1}, load.replace("PARENT", "foot"))["locked joints"] == (
-        "ball (floating in the URDF: a robot has one floating base, its root link)"
+        "ball (floating in the URDF; only the root link can float)"
     )
     assert "locked joints" not in checked({}, load.replace("PARENT", "body"))
 
 
 def test_a_link_without_mass_between_two_joints_at_one_place_is_right():
     inertial = f'<inertial><origin xyz="0 0 0"/><mass value="0.2"/>{INERTIA}</inertial>'
-    assert inertial in URDF  # the ankle's: pitch and roll are at one place
+    assert inertial in URDF  # ankle: pitch and roll are coincident
     assert checked({}, URDF.replace(inertial, ""))["mass"].startswith("7.50 kg")
 
 
@@ -228,16 +228,16 @@ def test_a_body_without_shapes_is_not_compared():
         '<collision><origin xyz="0 0 -0.04"/><geometry><box size="0.2 0.1 0.04"/></geometry></collision>', ""
     )
     assert bare != URDF
-    assert checked({}, bare)["not compared"].startswith("foot with the URDF: no link that moves with them has a <coll")
+    assert checked({}, bare)["not compared"].startswith("foot with the URDF: no readable <collision> on their")
 
 
-def test_a_tilted_posture_says_how_far_the_soles_turn_on_release():
+def test_tilt_of_soles_is_reported():
     text = checked({"robot.posture.ankle_roll": 0.06})["tilt of soles"]
-    assert text.startswith("against the floor: foot 3.4°; on release they turn flat")
+    assert text.startswith("against the floor: foot 3.4°; the robot will tilt on release")
 
 
-def test_the_reserves_are_those_of_statics():
-    """Upright on a flat foot: weight × lever of the sole's edge, over the height of the centre of mass."""
+def test_reserves_agree_with_statics():
+    """Upright: push = weight × lever of the sole's edge / height of the centre of mass."""
     found = checked()
     height = 0.434
     weight = 7.7 * 9.81

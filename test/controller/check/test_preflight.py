@@ -1,4 +1,4 @@
-"""What `wbc check` finds, and why a stance is not possible."""
+"""Findings and refusals of `wbc check`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def findings(settings):
 
 
 @pytest.mark.parametrize(("name", "joints", "contacts"), [("g1", 29, 2), ("talos", 30, 2), ("go2", 12, 4)])
-def test_what_is_found_for_each_shipped_robot(robot_of, name, joints, contacts):
+def test_findings_of_shipped_robots(robot_of, name, joints, contacts):
     settings, model = robot_of(name)
     found = findings(settings)
     flat, talos = name != "go2", name == "talos"
@@ -42,11 +42,11 @@ SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"
 
 @pytest.mark.parametrize(("leans", "sideways"), [(False, range(3)), (True, range(10, 40))])
 def test_redundant_contacts_are_named_and_limit_the_sway(changed, leans, sideways):
-    """Solo 8 has no hip abduction: it sways to the side only if its base leans, until its feet would slip."""
+    """Solo 8 has no hip abduction: it sways sideways only with a leaning base."""
     settings = new_configuration(SOLO_8).settings
     found = findings(changed(settings, {"tasks": {"base": {"enabled": not leans}}}))
     feet = "FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT"
-    assert found["redundant contacts"].startswith(f"2 of the 12 directions that are held, at {feet}: no joint moves")
+    assert found["redundant contacts"].startswith(f"2 of 12 constrained directions, at {feet}: no joint moves")
     sway = {side: int(mm) for mm, side in re.findall(r"(\d+) mm (\w+)", found["sway"])}
     assert sway["left"] in sideways
     assert sway["right"] in sideways
@@ -92,7 +92,7 @@ def test_feet_on_different_heights(robot_of, changed):
 
 
 def arm(name, settings, changed, scale):
-    """The robot hung up by its base: legs and arms stand out against gravity."""
+    """Robot with fixed base, limbs loaded by gravity."""
     return changed(
         settings.model_copy(update={"contacts": {}, "walking": None}),
         {"robot": {"base": "fixed", "effort_limit_scale": scale}},
@@ -156,12 +156,12 @@ def test_a_posture_that_leaves_a_loop_open(robot_of, changed):
     settings, _ = robot_of("g1")
     loop = {"frame_a": "left_rubber_hand", "frame_b": "right_rubber_hand", "mask": [True] * 3 + [False] * 3}
     sentence = refusal(changed(settings, {"loops": {"bar": loop}}))
-    assert sentence.startswith("robot.posture: it leaves the loop 'bar' open by [-0.069 m, -0.438 m, 0.0576 m] along")
+    assert sentence.startswith("robot.posture: position error of the loop 'bar': [-0.069 m, -0.438 m, 0.0576 m] along")
     closing = {"translation_a": [-0.06902, -0.43850, 0.05761]}
     assert findings(changed(settings, {"loops": {"bar": loop | closing}}))["loops"] == "bar: closed in the posture"
 
 
-def test_feet_on_a_slope_stand_on_a_floor_that_is_tilted_too(robot_of, changed):
+def test_feet_on_a_slope(robot_of, changed):
     settings, _ = robot_of("g1")
     posture = list(settings.robot.posture)
     for side in ("left", "right"):
@@ -172,7 +172,7 @@ def test_feet_on_a_slope_stand_on_a_floor_that_is_tilted_too(robot_of, changed):
     assert found["centre of mass"].endswith("inside the edge of the support")
 
 
-def test_a_hand_on_a_rail_or_a_wall_does_not_count_as_standing_on_the_floor(robot_of, changed):
+def test_hand_on_rail_or_wall_is_no_floor_contact(robot_of, changed):
     settings, _ = robot_of("g1")
     rail = {"type": "fixed", "frame": "left_rubber_hand", "max_force": 50.0, "max_moment": 5.0}
     wall = {"type": "point", "frame": "right_rubber_hand", "normal": [-1.0, 0.0, 0.0], "max_normal_force": 50.0}
@@ -187,7 +187,7 @@ def test_a_hand_on_a_rail_or_a_wall_does_not_count_as_standing_on_the_floor(robo
 ARMS = ("left_elbow_joint", "right_elbow_joint")
 
 
-def test_what_drives_the_joints_is_said(robot_of, changed):
+def test_finding_of_joints_and_actuators(robot_of, changed):
     settings, _ = robot_of("g1")
 
     def sprung(axis):
@@ -196,12 +196,12 @@ def test_what_drives_the_joints_is_said(robot_of, changed):
 
     found = findings(sprung("roll"))
     assert found["joints"].startswith("29, 27 actuators, 2 passive, base floating")
-    assert "passive joints" not in found  # the ground can bear what their springs do not
-    # In pitch the centre of pressure has to be under the centre of mass, and the springs decide where it is.
+    assert "passive joints" not in found  # the ground carries the remaining load
+    # The springs determine the centre of pressure in pitch.
     assert "and the springs of left_ankle_pitch_joint, right_ankle_pitch_joint" in refusal(sprung("pitch"))
 
 
-def test_a_spring_that_does_not_hold_its_joint_in_the_posture_is_said_with_the_one_that_does(robot_of, changed):
+def test_unbalanced_springs_are_reported_with_balanced_rest(robot_of, changed):
     settings, _ = robot_of("g1")
 
     def sprung(rests):
@@ -209,9 +209,9 @@ def test_a_spring_that_does_not_hold_its_joint_in_the_posture_is_said_with_the_o
         return findings(changed(settings, {"robot": {"passive_joints": springs}}))
 
     found = sprung(dict.fromkeys(ARMS, 0.6))["passive joints"]
-    said = re.findall(r"(\w+_elbow_joint) by (\S+) N·m \(stays with rest: (\S+)\)", found)
+    said = re.findall(r"(\w+_elbow_joint) by (\S+) N·m \(balanced by rest: (\S+)\)", found)
     assert [name for name, *_ in said] == list(ARMS)
-    assert all(float(torque) > 0.0 for _, torque, _ in said)  # gravity stretches the bent arms
+    assert all(float(torque) > 0.0 for _, torque, _ in said)  # gravity extends the bent arms
     assert "passive joints" not in sprung({name: float(rest) for name, _, rest in said})
 
 

@@ -59,7 +59,7 @@ def test_hulls_are_closed_and_small(name):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_bounding_boxes_are_those_of_the_meshes(name):
     _, model = robot(name)
-    # The full model, which has every joint of the URDF: its geometry is placed without our help.
+    # Reference: geometry of the full model with all joints.
     full = pin.buildModelFromXML(model.urdf, pin.JointModelFreeFlyer())
     folder = str(share_folder("example-robot-data").parent)
     geometry = pin.buildGeomFromUrdfString(full, model.urdf, pin.VISUAL, package_dirs=[folder])

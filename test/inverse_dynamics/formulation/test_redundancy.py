@@ -133,7 +133,7 @@ def test_mobilities_do_not_depend_on_the_coordinates():
     q = robot.leaning(0.2)
     robot.qp.dynamics.update(q, np.zeros(robot.model.nv))
     J = np.vstack([contact.jacobian(robot.qp.dynamics) for contact in robot.qp.contacts.values()])
-    other = recoordinate(robot.model.pinocchio, root="HR_HFE", flip=["FL_KFE"], shuffle=2)
+    other = change_coordinates(robot.model.pinocchio, root="HR_HFE", flip=["FL_KFE"], shuffle=2)
     units = np.eye(robot.model.nv)
     T = np.column_stack([other.velocity(q, unit) for unit in units])  # velocities here = T times velocities there
     M = np.linalg.inv(T).T @ robot.qp.dynamics.M @ np.linalg.inv(T)

@@ -354,5 +354,5 @@ def test_weak_actuator_is_named():
 
 def test_passive_joint_without_equilibrium_is_named():
     found = {finding.subject: finding.text for finding in check(menagerie(), MENAGERIE)}
-    assert found["joints"].startswith("6, 5 actuators, 1 passive, 1 that follow others, base fixed")
-    assert found["passive joints"].startswith("not in balance in the posture: ankle by ")
+    assert found["joints"].startswith("6, 5 actuators, 1 passive, 1 mimic joints, base fixed")
+    assert found["passive joints"].startswith("out of balance in robot.posture: ankle by ")

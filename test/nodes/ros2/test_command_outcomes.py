@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from wbc_controller.controller.report import LatchedInputs, TakenRequests
+from wbc_controller.controller.report import LatchedInputs, UserRequests
 from wbc_controller.nodes.ros2 import command_outcomes
 from wbc_controller.nodes.ros2.command_outcomes import CommandOutcomes
 from wbc_controller.records import Fault, Mode
@@ -25,7 +25,7 @@ def send(word):
 
 
 def report(mode=Mode.INACTIVE, requests=(), refused=(), fault=None):
-    inputs = LatchedInputs(state=None, joint_velocity=None, ages={}, requests=TakenRequests(commands=requests))
+    inputs = LatchedInputs(state=None, joint_velocity=None, ages={}, requests=UserRequests(commands=requests))
     return SimpleNamespace(mode=mode, inputs=inputs, refused=refused, fault=fault)
 
 

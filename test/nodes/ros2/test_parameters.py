@@ -58,7 +58,7 @@ def test_a_node_without_a_section_takes_the_controllers_section_of_the_parameter
         ({"robot": 1}, "robot = 1: must be a string"),
         ({"robot": "g1", "tasks.com.weight": -1.0}, "tasks.com.weight = -1.0: "),
         ({"robot": "g1", "contorl.rate": 1.0}, "contorl: unknown key; did you mean 'control'?"),
-        ({"control": 1, "control.rate": 1.0}, "parameter control = 1: there is a parameter control.rate too"),
+        ({"control": 1, "control.rate": 1.0}, "parameter control = 1: conflict with parameter control.rate"),
     ],
 )
 def test_invalid_parameters_are_refused(parameters, said):

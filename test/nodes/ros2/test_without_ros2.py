@@ -16,7 +16,7 @@ def test_the_executables_say_how_to_do_without(main):
     code = f"import sys; sys.modules['rclpy'] = None; from wbc_controller.node import {main}; {main}()"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 2
-    assert "finds no ROS 2" in ended.stderr
+    assert "ROS 2 not found" in ended.stderr
     assert f"wbc {COMMANDS[main]} g1" in ended.stderr
     assert "Traceback" not in ended.stderr
 

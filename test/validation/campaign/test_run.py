@@ -102,7 +102,7 @@ def test_results_of_another_version_are_said_not_to_be_used(bench, tmp_path, mon
     ("options", "said"),
     [
         ({"kinds": ("kik",)}, "kind 'kik' is unknown; did you mean 'kick'"),
-        ({"robots": ("go3",)}, "no configuration is named 'go3'"),
+        ({"robots": ("go3",)}, "unknown configuration 'go3'"),
         ({"backend": "threads"}, "backend 'threads' is unknown; Valid: dask, loky, ray"),
         ({"address": "tcp://x:1"}, "address 'tcp://x:1': the backend loky is this machine"),
     ],

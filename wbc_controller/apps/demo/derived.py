@@ -11,8 +11,8 @@ import pinocchio as pin
 from wbc_controller.apps.demo.hand import Hand
 from wbc_controller.apps.demo.scenario import Reach, Scenario, shoves, squat, sway
 from wbc_controller.controller.build.program import make_qp
-from wbc_controller.controller.check.preflight import hanging_joints, stance, support_margin
-from wbc_controller.controller.check.reserves import com_reach
+from wbc_controller.controller.check.preflight import stance, support_margin, unsupported_passive_joints
+from wbc_controller.controller.check.reserves import com_distance
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts import UnilateralContact
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -40,7 +40,7 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     """Make a scenario for a robot on legs, or for arms on a fixed base.
 
     On legs the robot sways and squats as far as its support, the height of its centre of mass and the pre-flight
-    check's figures (`com_reach`) allow, reaches with the first hand that has a disabled task, and is shoved by a share
+    check (`com_distance`) allow, reaches with the first hand that has a disabled task, and is shoved by a share
     of m ω d: the impulse that takes the capture point to the edge of its support, with ω² = g/h for the height h of the
     centre of mass, and its distance d from the edge.
 
@@ -158,6 +158,6 @@ class _Stance:
         """Return the way of the centre of mass in a direction, m: `most`, or the safe share of what is possible."""
         limits = self._settings.limits
         margin = limits.position_margin if limits.position else 0.0
-        hanging = hanging_joints(self._qp, self._enabled)
-        found = com_reach(self._qp, self._enabled, self._q, hanging, direction, most / _SAFE, margin)
+        hanging = unsupported_passive_joints(self._qp, self._enabled)
+        found = com_distance(self._qp, self._enabled, self._q, hanging, direction, most / _SAFE, margin)
         return most if found is None else _SAFE * found.distance

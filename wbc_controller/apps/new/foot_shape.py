@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
-from wbc_controller.controller.build.footprint import fewer_corners, fitted_ball, footprint, outline
+from wbc_controller.controller.build.footprint import fit_sphere, footprint, outline, simplify_polygon
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
@@ -190,7 +190,7 @@ def _sole(
     corners = (
         half * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
         if rectangle
-        else fewer_corners(found.polygon - middle, _MOST_CORNERS)
+        else simplify_polygon(found.polygon - middle, _MOST_CORNERS)
     )
     return Foot(joint, link, "surface", placement, corners, rectangle, known="the foot's shape near its sole")
 
@@ -210,7 +210,7 @@ def _ball(points: Array, down: Array) -> tuple[Array, float] | None:
     chosen = np.unique(hull.simplices[hull.equations[:, :3] @ down > _CAP])
     if len(chosen) < 6:
         return None
-    ball = fitted_ball(points[chosen])
+    ball = fit_sphere(points[chosen])
     if ball is None or not ball[1] < _LARGEST_BALL:
         return None
     centre, radius = ball

@@ -11,7 +11,7 @@ import pinocchio as pin
 from wbc_controller.apps.new.feet import Limb
 from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.notes import Draft
-from wbc_controller.controller.build.footprint import fewer_corners
+from wbc_controller.controller.build.footprint import simplify_polygon
 from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
@@ -161,7 +161,7 @@ def _rounded_polygon(corners: Array) -> Array:
     """Round the corners of a polygon, (n, 2) in m, and leave out those that are then on an edge."""
     corners = np.round(corners, 4)
     while len(corners) > 3 and not all(are_corners(corners)):
-        corners = fewer_corners(corners, len(corners) - 1)
+        corners = simplify_polygon(corners, len(corners) - 1)
     return corners
 
 

@@ -1,1 +1,4 @@
-"""Builds the objects of a robot from its settings, and checks the configuration before the robot moves."""
+"""Construction of a robot's objects from its settings.
+
+Invalid settings raise `ConfigurationError` with key, value and valid values.
+"""

@@ -1,4 +1,4 @@
-"""Reads the collision elements of a URDF: the shapes that a robot touches others and the ground with."""
+"""Collision elements of a URDF."""
 
 from __future__ import annotations
 
@@ -15,20 +15,17 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, share_folder
 
-#: Keeps the meshes that were read, by file, scale and time of change: a robot is built more than once in a process.
+#: Cache of meshes by file, scale and modification time.
 _MESHES = coal.CachedMeshLoader()
 
 
 def read_collision_elements(
     model: RobotModel, urdf: str, key: str, folder: Path | None = None
 ) -> dict[int, list[pin.GeometryObject]]:
-    """Read the collision elements of a URDF with their meshes, those of relative paths from a folder.
+    """Read the collision elements of a URDF and their meshes; `folder` is that of relative paths.
 
     Returns:
-        By the number of the link's frame in the model: its elements, placed in the frame of the joint that moves them.
-
-    Raises:
-        ConfigurationError: if a mesh cannot be found or read; the message begins with the key that asks for it.
+        Elements by frame number of the link, placed in the joint's frame.
     """
     packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
     folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
@@ -37,7 +34,7 @@ def read_collision_elements(
             model.pinocchio, shapes_only(urdf, "collision"), pin.COLLISION, None, folders, _MESHES
         )
     except (ValueError, RuntimeError) as error:
-        reason = " ".join(str(error).rpartition("message:")[2].split())  # a sentence after the place in the library
+        reason = " ".join(str(error).rpartition("message:")[2].split())
         raise ConfigurationError(f"{key}: a collision element cannot be read: {reason}") from error
     elements: dict[int, list[pin.GeometryObject]] = {}
     for element in read.geometryObjects:
@@ -46,7 +43,7 @@ def read_collision_elements(
 
 
 def enclosing_points(element: pin.GeometryObject) -> Array:
-    """Points, (n, 3) in m in its joint's frame, whose hull encloses an element: mesh vertices, or corners of a box."""
+    """Return mesh vertices, or corners of the bounding box, of an element, (n, 3) in m in the joint's frame."""
     geometry = element.geometry
     if isinstance(geometry, coal.BVHModelBase):
         points = np.array(geometry.vertices())

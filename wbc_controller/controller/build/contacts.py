@@ -1,4 +1,4 @@
-"""Builds contacts and loop closures from the settings."""
+"""Construction of contacts and loop closures."""
 
 from __future__ import annotations
 
@@ -41,11 +41,7 @@ def _surface(name: str, contact: schema.SurfaceContact, model: RobotModel, **pus
 
 
 def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) -> Contact:
-    """Build one contact.
-
-    Raises:
-        ConfigurationError: if a frame is unknown, or a value cannot be used.
-    """
+    """Build one contact."""
     if isinstance(contact, schema.FixedContact):
         return FixedContact(
             name,
@@ -76,17 +72,13 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
 
 
 def make_contact_plan(contact: Contact, enabled: bool, ramp: float) -> ContactPlan:
-    """Make the plan of one contact: whether it is active at first, its ramp, and its anchor if it has one."""
+    """Return the plan of a contact: initial state, ramp, anchor."""
     anchored = contact if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0 else None
     return ContactPlan(enabled, ramp, anchored)
 
 
 def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> LoopClosure:
-    """Build the closure of a kinematic loop.
-
-    Raises:
-        ConfigurationError: if a frame is unknown, or there is no joint between the two frames.
-    """
+    """Build a loop closure."""
     return LoopClosure(
         name,
         model,

@@ -1,4 +1,4 @@
-"""Builds the estimators from the settings: base, contacts, joint velocities, disturbance, friction."""
+"""Construction of the estimators: base, contacts, joint velocities, disturbance, friction."""
 
 from __future__ import annotations
 
@@ -32,39 +32,35 @@ from wbc_controller.settings import Settings
 
 
 def imu_frame(settings: Settings, model: RobotModel) -> str:
-    """Return the frame of the robot's IMU."""
+    """Return the IMU frame."""
     return settings.estimation.imu_frame or model.base_link
 
 
 def pose_frame(settings: Settings, model: RobotModel) -> str:
-    """Return the frame of the robot whose absolute poses are measured."""
+    """Return the frame of absolute poses."""
     return settings.estimation.pose_frame or model.base_link
 
 
 def torque_filter(settings: Settings) -> float:
     """Return the time constant of the torque filter, s; 0 without a filter."""
     known = settings.estimation
-    asked = known.torque_filter == "always" or (known.torque_filter == "imu" and known.base_state == "imu")
-    return known.torque_filter_time if asked else 0.0
+    enabled = known.torque_filter == "always" or (known.torque_filter == "imu" and known.base_state == "imu")
+    return known.torque_filter_time if enabled else 0.0
 
 
 def disturbance_limits(settings: Settings) -> DisturbanceLimits:
-    """Return speed and size of the disturbance estimate."""
+    """Return time constant and bound of the disturbance estimate."""
     known = settings.estimation
-    asked = known.disturbance == "always" or (known.disturbance == "imu" and known.base_state == "imu")
-    return DisturbanceLimits(known.disturbance_time, known.disturbance_share, asked)
+    enabled = known.disturbance == "always" or (known.disturbance == "imu" and known.base_state == "imu")
+    return DisturbanceLimits(known.disturbance_time, known.disturbance_share, enabled)
 
 
 def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ModelErrorCompensation:
-    """Make the compensation of known friction and of the observed disturbance.
-
-    Raises:
-        ConfigurationError: if a joint with friction is unknown.
-    """
+    """Build the compensation of friction and disturbance."""
     friction = settings.robot.friction
     for joint in friction:
         if joint not in model.joints:
-            raise ConfigurationError(f"robot.friction.{joint}: {valid_choices(joint, model.joints)}")
+            raise ConfigurationError(f"robot.friction.{joint}: unknown joint; {valid_choices(joint, model.joints)}")
     known = (
         FrictionCompensation(
             model,
@@ -84,7 +80,7 @@ def make_model_error(settings: Settings, model: RobotModel, contacts: Mapping[st
 
 
 def make_velocity_filter(settings: Settings) -> VelocityFilter | None:
-    """Make the filter of joint velocities; None if they are measured."""
+    """Build the filter of differentiated joint velocities; None if they are measured."""
     known = settings.estimation
     return VelocityFilter(known.joint_velocity_time) if known.joint_velocity == "differentiated" else None
 
@@ -96,18 +92,14 @@ def velocity_delay(settings: Settings) -> float:
 
 
 def estimates_base(settings: Settings, model: RobotModel) -> bool:
-    """Return whether the controller estimates its floating base itself."""
+    """Return True if the controller estimates its floating base."""
     return settings.estimation.base_state == "imu" and model.floating_base
 
 
 def make_leg_kinematics(
     settings: Settings, model: RobotModel, contacts: Mapping[str, Contact], frame: str
 ) -> LegKinematics:
-    """Make the kinematics from a frame of a sensor to the contacts of the configuration.
-
-    Raises:
-        ConfigurationError: if the robot has no such frame.
-    """
+    """Build the kinematics from a sensor frame to the contacts."""
     return LegKinematics(
         model,
         contacts,
@@ -121,7 +113,7 @@ def make_leg_kinematics(
 def make_odometry_agreement(
     settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]
 ) -> OdometryAgreement | None:
-    """Make the comparison of odometry with the legs; None without odometry, or without contacts to compare with."""
+    """Build the comparison of odometry and leg kinematics; None without odometry or contacts."""
     if not model.floating_base or estimates_base(settings, model):
         return None
     legs = make_leg_kinematics(settings, model, contacts, model.base_link)
@@ -129,19 +121,15 @@ def make_odometry_agreement(
 
 
 def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> BaseEstimator:
-    """Make the estimator of a floating base.
-
-    Raises:
-        ConfigurationError: if the base is fixed, the IMU has no frame, or no contact has fixed points.
-    """
+    """Build the estimator of a floating base."""
     known = settings.estimation
     if not model.floating_base:
-        raise ConfigurationError(f"robot.base = {settings.robot.base!r}: there is no base to estimate; Valid: floating")
+        raise ConfigurationError(f"robot.base = {settings.robot.base!r}: base estimation requires 'floating'")
     legs = make_leg_kinematics(settings, model, contacts, imu_frame(settings, model))
     if not legs.points:
         raise ConfigurationError(
-            "the base cannot be estimated: no contact of the configuration stays where it is (surface, point, fixed; "
-            "not wheels, and not contacts between two links); take estimation.base_state = 'odom'"
+            "the base cannot be estimated: no contact is fixed to the world (surface, point or fixed; not rolling, and "
+            "not between two links); use estimation.base_state = 'odom'"
         )
     noise = ImuNoise(
         known.gyroscope_noise,
@@ -160,21 +148,21 @@ def make_estimator(settings: Settings, model: RobotModel, contacts: Mapping[str,
 
 
 def detection_limits(settings: Settings, model: RobotModel) -> DetectionLimits:
-    """Return the limits of forces at the contacts that hold."""
+    """Return the force thresholds of contact detection."""
     known, weight = settings.estimation, model.mass * model.gravity
     return DetectionLimits(known.contact_force_on * weight, known.contact_force_off * weight, known.contact_timeout)
 
 
 def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, Contact]) -> ContactSensing:
-    """Make the parameters of the sensors at the contacts."""
+    """Build the parameters of contact force sensors."""
     return ContactSensing(contact_normals(model, contacts), detection_limits(settings, model))
 
 
 def contact_normals(model: RobotModel, contacts: Mapping[str, Contact]) -> dict[str, dict[str, Array]]:
-    """Return the normal of each contact in the axes of each frame in which its force may be measured, (3,) each.
+    """Return the normal of each contact, (3,), in the axes of each frame in which its force may be measured.
 
-    These frames are the contact's own (named after it, or unnamed); for soles and held links all frames of the link;
-    for balls and wheels, which rotate against the ground, the world.
+    Frames: the contact's own (its name, or unnamed); for surface and fixed contacts all frames of the link; for points
+    and wheels, which rotate, the world.
     """
     dynamics, frames = Dynamics(model), model.pinocchio.frames
     normals: dict[str, dict[str, Array]] = {}

@@ -1,4 +1,4 @@
-"""The footprint of a body: what of its collision shapes is near a plane, such as the floor below a sole."""
+"""Footprint of a body: contact region of its collision shapes on a plane, such as a sole on the floor."""
 
 from __future__ import annotations
 
@@ -14,48 +14,40 @@ from wbc_controller.controller.build.collision_elements import enclosing_points
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, frozen
 
-#: Thickness of the layer above a body's lowest point that counts as its footprint, m: the edges of soles are rounded by
-#: about this much, and rubber gives way by less.
+#: Thickness of the footprint's layer above the lowest point, m: about the radius of rounded sole edges.
 LAYER = 0.005
-#: Points around a circle: the lowest of a wheel's is within 0.03 % of the radius of the true one.
+#: Points on a circle.
 _AROUND = 128
-#: Points around a sphere, and rings between its poles: few, as hulls of balls take most of the time.
+#: Points around a sphere, and rings between its poles.
 _MERIDIANS, _RINGS = 24, 12
-#: Cosine of the largest angle between a plane and the flat underside that is meant to lie on it, 45°.
+#: Cosine of the largest angle between a plane and the underside of a body, 45°.
 _UNDERSIDE = np.cos(np.pi / 4.0)
-#: Facets of a hull whose normals differ by less than this, as the cosine of 1°, belong to one flat face.
+#: Cosine of the largest angle between facets of one flat face, 1°.
 _FLAT = np.cos(np.pi / 180.0)
-#: Least share of a body's underside that is a flat face: a ball's facets are all alike.
+#: Smallest share of the underside that counts as a flat face.
 _FACE = 0.25
-#: Decimals that count in a footprint, m: points nearer than a micrometre are one.
+#: Decimals of footprint coordinates in m.
 _DIGITS = 6
-#: Number of facets, the largest ones, around which a flat face is looked for.
+#: Number of largest facets in the search of a flat face.
 _CANDIDATES = 50
 
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Where a body touches a plane that is moved along its normal until they meet.
+    """Contact region of a body on a plane, moved along its normal until they touch."""
 
-    Attributes:
-        polygon: corners of the convex footprint, counterclockwise, (n, 2) in m, in the x and y axes of the plane's
-            frame; a single point or a line where the body has no more.
-        height: of the body's lowest point above the plane, m; negative where the body reaches through it.
-        tilt: angle between the plane and the largest flat face of the body's underside, rad; None for a body without
-            one, such as a ball.
-    """
-
-    polygon: Array
-    height: float
+    polygon: Array  # corners of the convex footprint, counterclockwise, (n, 2) in m; also a point or a line
+    height: float  # height of the body's lowest point above the plane, m
+    #: angle between the plane and the largest flat face of the underside, rad; None without a flat face
     tilt: float | None
 
     @property
     def size(self) -> Array:
-        """Sides of the smallest rectangle along x and y around the polygon, (2,) in m."""
+        """Sides of the bounding rectangle along x and y, (2,) in m."""
         return np.asarray(np.ptp(self.polygon, axis=0))
 
     def outside(self, points: Array) -> Array:
-        """Distance of points, (k, 2) in m in the plane's frame, from the polygon, (k,) in m; 0 for those within it."""
+        """Return the distance of points, (k, 2) in m, from the polygon, (k,) in m; 0 inside."""
         ends = np.roll(self.polygon, -1, axis=0)
         edges = ends - self.polygon  # (n, 2)
         lengths = np.maximum((edges**2).sum(axis=1), 1.0e-18)
@@ -74,17 +66,13 @@ def footprint(
     plane: pin.SE3,
     layer: float = LAYER,
 ) -> Footprint | None:
-    """Find the footprint of a body on a plane; None if no link of the body has a collision element.
-
-    The body is all links that one joint moves: a foot that is fixed to its shank belongs to the shank's body. Its
-    shapes count as their convex hull, as a plane meets nothing else.
+    """Return the footprint on a plane of all links moved by one joint; None without collision elements.
 
     Args:
-        elements: the collision elements by the number of the link's frame, of `read_collision_elements`.
-        joint: number of the joint in the Pinocchio model; 1 is that of a floating base, 0 the world.
-        plane: placement in the joint's frame of the plane's own frame: x and y span the plane, and z is its normal,
-            which points to the body's side.
-        layer: thickness of the layer above the body's lowest point that counts, m.
+        elements: collision elements by frame number, from `read_collision_elements`.
+        joint: joint number in the Pinocchio model.
+        plane: placement of the plane in the joint's frame; its z axis is the normal towards the body.
+        layer: thickness of the layer above the body's lowest point, m.
     """
     shapes = [
         element
@@ -106,10 +94,9 @@ def footprint(
 
 
 def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
-    """Points on the surface of an element, (n, 3) in m in its joint's frame, whose convex hull is that of the element.
+    """Return points on an element's surface that span its convex hull, (n, 3) in m in the joint's frame.
 
-    The poles of spheres are along the last of the axes, (3, 3) as columns in that frame, by default its own, so that
-    the lowest point along it is exact.
+    Poles of spheres lie on the third of the axes, (3, 3) as columns, by default the joint's axes.
     """
     geometry, placement = element.geometry, element.placement
     if isinstance(geometry, coal.Sphere | coal.Capsule):
@@ -123,8 +110,8 @@ def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
     return enclosing_points(element)
 
 
-def fewer_corners(polygon: Array, most: int) -> Array:
-    """Leave out of a convex polygon, (n, 2) or (n, 3), the corners that cut off the least area, until it has few."""
+def simplify_polygon(polygon: Array, most: int) -> Array:
+    """Remove corners of a convex polygon, (n, 2) or (n, 3), with the smallest area first, until `most` remain."""
     corners = np.pad(polygon, ((0, 0), (0, 3 - polygon.shape[1])))
     while len(corners) > most:
         before, after = np.roll(corners, 1, axis=0) - corners, np.roll(corners, -1, axis=0) - corners
@@ -132,10 +119,10 @@ def fewer_corners(polygon: Array, most: int) -> Array:
     return np.asarray(corners[:, : polygon.shape[1]])
 
 
-def fitted_ball(points: Array) -> tuple[Array, float] | None:
-    """Centre, (3,), and radius of the ball that fits points, (n, 3), best; None if they are in one plane.
+def fit_sphere(points: Array) -> tuple[Array, float] | None:
+    """Return centre, (3,), and radius of the least-squares sphere of points, (n, 3); None for coplanar points.
 
-    |p - c|² = r² is linear in c and in r² - |c|².
+    |p - c|² = r² is linear in c and r² - |c|².
     """
     origin = points.mean(axis=0)
     around = points - origin
@@ -145,7 +132,7 @@ def fitted_ball(points: Array) -> tuple[Array, float] | None:
 
 
 def _touching(element: pin.GeometryObject, axes: Array) -> Array:
-    """Points of an element's outline that may touch a plane with these axes, (n, 3): of a ball the lowest one alone."""
+    """Return outline points that may touch a plane with these axes, (n, 3); of a ball the lowest one only."""
     geometry = element.geometry
     if not isinstance(geometry, coal.Sphere | coal.Capsule):
         return outline(element, axes)
@@ -153,14 +140,14 @@ def _touching(element: pin.GeometryObject, axes: Array) -> Array:
 
 
 def _centres(element: pin.GeometryObject) -> Array:
-    """Centres of a sphere, or of the two at the ends of a capsule, (n, 3) in m."""
+    """Return the centres of a sphere, or of the ends of a capsule, (n, 3) in m."""
     half = element.geometry.halfLength if isinstance(element.geometry, coal.Capsule) else 0.0
     ends = [np.array([0.0, 0.0, side * half]) for side in ((1.0, -1.0) if half else (1.0,))]
     return np.array([element.placement.act(end) for end in ends])
 
 
 def _sphere() -> Array:
-    """Points on the unit sphere, rings between the two poles on z."""
+    """Return points on the unit sphere with poles on z."""
     polar, turn = np.meshgrid(
         np.linspace(0.0, np.pi, _RINGS + 1), np.linspace(0.0, 2.0 * np.pi, _MERIDIANS, endpoint=False)
     )
@@ -169,17 +156,17 @@ def _sphere() -> Array:
 
 
 def _convex(points: Array) -> Array:
-    """Corners of the convex hull of points in a plane, (n, 2); of points on a line its ends, or one."""
+    """Return the convex hull of points, (n, 2); for collinear points the ends."""
     points = np.unique(np.round(points, _DIGITS), axis=0)
     try:
         return np.asarray(points[ConvexHull(points).vertices])
-    except QhullError:  # fewer than three, or all on one line
+    except QhullError:  # fewer than three, or collinear
         along = points @ (points[np.argmax(np.linalg.norm(points - points[0], axis=1))] - points[0])
         return np.asarray(points[np.unique([np.argmin(along), np.argmax(along)])])
 
 
 def _tilt(points: Array, height: float) -> float | None:
-    """Angle between z and the largest flat face of the underside of a body at some height, rad; None without one."""
+    """Return the angle between z and the largest flat face of the underside, rad; None without a flat face."""
     try:
         hull = ConvexHull(points)
     except QhullError:  # a flat body
@@ -188,12 +175,12 @@ def _tilt(points: Array, height: float) -> float | None:
     normals, corners = hull.equations[down, :3], points[hull.simplices[down]]  # (k, 3), (k, 3, 3)
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     candidates = np.argsort(areas)[-_CANDIDATES:]
-    alike = normals[candidates] @ normals.T > _FLAT  # (c, k) the facets that lie flat with each candidate
-    faces = alike @ areas
+    parallel = normals[candidates] @ normals.T > _FLAT  # (c, k) facets parallel to each candidate
+    faces = parallel @ areas
     if not faces.size or not faces.max() > _FACE * float(areas.sum()):
         return None
-    members = alike[int(np.argmax(faces))]
-    if not corners[members, :, 2].min() <= height + LAYER:  # the face is another one, above what touches
+    members = parallel[int(np.argmax(faces))]
+    if not corners[members, :, 2].min() <= height + LAYER:  # the face is above the touching layer
         return None
     mean = areas[members] @ normals[members]
     return float(np.arccos(np.clip(-mean[2] / np.linalg.norm(mean), -1.0, 1.0)))

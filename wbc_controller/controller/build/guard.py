@@ -1,4 +1,4 @@
-"""Computes the guard's damping from the settings and the model; it needs no compiled kernels."""
+"""Damping of the guard, without compiled kernels."""
 
 from __future__ import annotations
 
@@ -10,10 +10,7 @@ from wbc_controller.settings import Settings
 
 
 def make_guard_damping(settings: Settings, model: RobotModel) -> Array:
-    """Compute K, (na, nj), of the guard's damping torques -K v.
-
-    The guard's period begins at any time between two joint states, so that these are up to one period old.
-    """
+    """Return K, (na, nj), of the guard's damping torques -K v, for joint states that are up to one period old."""
     known, period = settings.estimation, 1.0 / settings.control.rate
     filtered = delay(known.joint_velocity_time, period) if known.joint_velocity == "differentiated" else 0.0
     D = stable_damping(model, settings.guard.damping, 2.0 * period + filtered)

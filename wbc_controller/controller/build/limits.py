@@ -1,4 +1,4 @@
-"""Builds limits from the settings: the motors' torque-speed curve, and self-collision avoidance."""
+"""Construction of the torque-speed curve and of the self-collision limit."""
 
 from __future__ import annotations
 
@@ -17,18 +17,14 @@ _log = logging.getLogger(__name__)
 
 
 def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve | None:
-    """Build the torque-speed curve of the motors; None if it is disabled.
-
-    Raises:
-        ConfigurationError: if an actuator is unknown, or an actuator of a transmission has no speeds.
-    """
+    """Build the torque-speed curve of the motors; None if it is disabled."""
     curve = settings.limits.torque_speed
     if not curve.enabled:
         return None
     for name in curve.actuators:
         if name not in model.actuators:
             raise ConfigurationError(
-                f"limits.torque_speed.actuators: {name!r} is no actuator; {valid_choices(name, model.actuators)}"
+                f"limits.torque_speed.actuators: unknown actuator {name!r}; {valid_choices(name, model.actuators)}"
             )
     limits = dict(zip(model.joints, model.velocity_limits.tolist(), strict=True))
     corner, no_load = [], []
@@ -36,8 +32,8 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
         own = curve.actuators.get(name)
         if own is None and name in settings.robot.transmission:
             raise ConfigurationError(
-                f"limits.torque_speed.actuators: {name!r} of robot.transmission needs a corner and a no_load of its "
-                "own, as the URDF's velocity limits are those of joints"
+                f"limits.torque_speed.actuators: {name!r} of robot.transmission requires corner and no_load, as the "
+                "URDF has no velocity limit for it"
             )
         corner.append(own.corner if own is not None else curve.corner * limits[name])
         no_load.append(own.no_load if own is not None else curve.no_load * limits[name])
@@ -45,11 +41,7 @@ def make_torque_speed(settings: Settings, model: RobotModel) -> TorqueSpeedCurve
 
 
 def make_self_collision(settings: Settings, model: RobotModel) -> SelfCollisionLimit:
-    """Build the self-collision limit; logs the pairs of links that it leaves out.
-
-    Raises:
-        ConfigurationError: if the URDF, its meshes or the SRDF cannot be used.
-    """
+    """Build the self-collision limit, and log the excluded pairs of links."""
     own = settings.limits.self_collision
     srdf = None
     if own.srdf:

@@ -1,4 +1,4 @@
-"""Builds the quadratic program from the settings and a user's own tasks, contacts and limits."""
+"""Construction of the quadratic program."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 
 from wbc_controller.controller.build.contacts import make_contact, make_loop_closure
 from wbc_controller.controller.build.limits import make_self_collision, make_torque_speed
-from wbc_controller.controller.build.own_objects import check_attributes, evaluate_methods, make_own
 from wbc_controller.controller.build.references import make_tuning
 from wbc_controller.controller.build.tasks import make_task
+from wbc_controller.controller.build.user_objects import check_attributes, evaluate_methods, make_user_objects
 from wbc_controller.controller.build.walking import make_walking_tasks
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.formulation.formulation import Formulation
@@ -30,27 +30,20 @@ def make_qp(
     contacts: Iterable[Callable[[RobotModel], Contact]] = (),
     limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
 ) -> WholeBodyQP:
-    """Build the quadratic program of a robot, with a user's own tasks, contacts and limits after those of the settings.
-
-    Each of these is a class or function that takes the model. The timer returns seconds, for the stage times.
-
-    Raises:
-        ConfigurationError: if settings and model do not fit together, or a name is already used.
-        MethodError: if a method of the user's own tasks, contacts or limits fails in the nominal posture.
-    """
+    """Build the quadratic program; arguments as in `ControlCycle`."""
     require_solver(settings.solver.name)
     own = settings.limits
     configured = {name: make_contact(name, contact, model) for name, contact in settings.contacts.items()}
     all_tasks = [make_task(name, task, model, configured) for name, task in settings.tasks.items()]
     all_tasks += make_walking_tasks(settings, model)
-    own_tasks = make_own(tasks, model, Task, "tasks", [task.name for task in all_tasks])
+    own_tasks = make_user_objects(tasks, model, Task, "tasks", [task.name for task in all_tasks])
     all_tasks += own_tasks
     loops = [make_loop_closure(name, loop, model) for name, loop in settings.loops.items()]
     all_contacts = [*configured.values(), *loops]
-    own_contacts = make_own(contacts, model, Contact, "contacts", [contact.name for contact in all_contacts])
+    own_contacts = make_user_objects(contacts, model, Contact, "contacts", [contact.name for contact in all_contacts])
     all_contacts += own_contacts
     row_limits: list[RowLimit] = [make_self_collision(settings, model)] if own.self_collision.enabled else []
-    own_limits = make_own(limits, model, RowLimit, "limits", [])
+    own_limits = make_user_objects(limits, model, RowLimit, "limits", [])
     row_limits += own_limits
     check_attributes(model, own_tasks, own_contacts, own_limits)
     formulation = Formulation(

@@ -1,4 +1,4 @@
-"""Builds the board of references, and the tuning that can change while the controller runs, from the settings."""
+"""Construction of the reference board and of the live tuning."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from wbc_controller.settings import Settings
 
 
 def make_tuning(settings: Settings, tasks: Iterable[Task]) -> Tuning:
-    """Collect the gains and limits that can be changed while the controller runs."""
+    """Return the live gains and limits."""
     limits = settings.limits
     return Tuning(
         gains={task.name: task.gains for task in tasks},
@@ -28,18 +28,14 @@ def make_tuning(settings: Settings, tasks: Iterable[Task]) -> Tuning:
 
 
 def make_board(settings: Settings, qp: WholeBodyQP) -> ReferenceBoard:
-    """Build the board that holds the references set by commands."""
+    """Build the board of commanded references."""
     return ReferenceBoard(make_board_plan(settings, qp))
 
 
 def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
-    """Collect initial values and ramp times of references, weights, contacts, gains and limits.
+    """Return initial values and ramp times of references, weights, contacts, gains and limits.
 
-    The values come from the settings, which may have changed since the program was built, and for a user's own tasks
-    and contacts from the objects themselves.
-
-    Raises:
-        ConfigurationError: if settings and model do not fit together.
+    Values are from the (live) settings; for user objects from their attributes.
     """
     limits, model = settings.limits, qp.model
     own_tasks = [task for name, task in qp.tasks.items() if name not in settings.tasks]

@@ -1,4 +1,4 @@
-"""Builds the robot's model from the settings."""
+"""Construction of the robot's model."""
 
 from __future__ import annotations
 
@@ -10,11 +10,7 @@ from wbc_controller.settings import Settings
 
 
 def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
-    """Build the robot's model from a URDF's text; None to read the file named in the settings.
-
-    Raises:
-        ConfigurationError: if the URDF and the settings do not fit together.
-    """
+    """Build the robot's model from a URDF text, by default from ``robot.urdf``."""
     robot = settings.robot
     return build_model(
         read_urdf(robot.urdf) if urdf is None else urdf,

@@ -1,4 +1,4 @@
-"""Reads actuators and inertias from the URDF's text and the settings, without Pinocchio."""
+"""Actuators and inertias from the URDF text and the settings, without Pinocchio."""
 
 from __future__ import annotations
 
@@ -21,35 +21,25 @@ _log = logging.getLogger(__name__)
 
 
 def read_urdf(urdf: str) -> str:
-    """Read the URDF that ``robot.urdf`` names.
-
-    Raises:
-        ConfigurationError: if no file is named, or it cannot be read.
-    """
+    """Read the file ``robot.urdf``."""
     if not urdf:
         raise ConfigurationError(
-            "robot.urdf is empty and no URDF came on the topic robot_description; name a file, or publish it latched"
+            "robot.urdf is empty and no URDF arrived on the topic robot_description; name a file, or publish it latched"
         )
     return read_text(locate(urdf), f"robot.urdf = {urdf!r}", LARGEST_URDF)
 
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """A robot's actuators, as described by the URDF and the settings.
+    """Actuators of a robot."""
 
-    Attributes:
-        name: name of the robot.
-        drive: the actuators.
-        effort_limits: largest torque of each actuator that may be used, (na,) in N·m.
-    """
-
-    name: str
-    drive: Drive
-    effort_limits: Array
+    name: str  # name of the robot
+    drive: Drive  # actuators
+    effort_limits: Array  # usable torque of each actuator, (na,) in N·m
 
 
 def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
-    """A robot's actuators other than the motors of single joints, by name."""
+    """Return the transmissions of a robot by name."""
     return {
         name: Transmission(given.ratios, given.effort_limit, given.rotor_inertia)
         for name, given in robot.transmission.items()
@@ -57,7 +47,7 @@ def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
 
 
 def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
-    """Limits of a robot's joints that replace those of the URDF, by joint."""
+    """Return the joint limits that replace URDF values, by joint."""
     return {
         name: JointLimits(given.effort, given.velocity, given.lower, given.upper)
         for name, given in robot.joint_limits.items()
@@ -65,11 +55,7 @@ def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
 
 
 def describe(urdf: str, robot: RobotSettings) -> Description:
-    """Read a robot's actuators from a URDF's text.
-
-    Raises:
-        ConfigurationError: if the text is no URDF, a joint or its limit is missing, or the actuators cannot be used.
-    """
+    """Read the actuators from a URDF text."""
     tree, _ = read_robot(urdf, joint_limits(robot))
     limits = {str(joint.get("name")): joint.find("limit") for joint in tree.findall("joint")}
     efforts = []
@@ -94,19 +80,19 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
     return Description(tree.get("name", ""), drive, frozen(robot.effort_limit_scale * drive.effort_limits))
 
 
-def some_body_has(moments: Array) -> bool:
-    """Whether principal moments of inertia, (3,) in rising order, are possible: none exceeds the sum of the others."""
+def are_possible_moments(moments: Array) -> bool:
+    """Return True if principal moments of inertia, (3,) in rising order, satisfy the triangle inequality."""
     return bool(moments[2] <= (moments[0] + moments[1]) * (1.0 + 1.0e-9))
 
 
 def impossible_inertias(urdf: str) -> list[str]:
-    """Names of the links with a physically impossible inertia; Pinocchio does not check it, and MuJoCo refuses it."""
+    """Return the links with a physically impossible inertia, which MuJoCo refuses."""
     links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - checked when the model was made
     names = []
     for link in links:
         inertia = link.find("inertial/inertia")
         if inertia is not None:
             moments: Array = np.asarray(np.linalg.eigvalsh(inertia_tensor(inertia)), dtype=np.float64)
-            if not some_body_has(moments):
+            if not are_possible_moments(moments):
                 names.append(str(link.get("name")))
     return names

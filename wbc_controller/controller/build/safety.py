@@ -1,4 +1,4 @@
-"""Collects the times and limits of the safety supervisor from the settings."""
+"""Times and limits of the safety supervisor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from wbc_controller.settings import Settings
 
 
 def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorLimits:
-    """Collect the times and limits that the supervisor enforces."""
+    """Return the times and limits of the supervisor."""
     safety = settings.safety
     return SupervisorLimits(
         activation_ramp=safety.activation_ramp,
@@ -32,7 +32,7 @@ def make_supervisor_limits(settings: Settings, model: RobotModel) -> SupervisorL
 
 
 def make_plausibility(settings: Settings) -> PlausibilityLimits:
-    """Collect the limits of plausible states."""
+    """Return the limits of plausible states."""
     safety = settings.safety
     return PlausibilityLimits(
         magnitude=safety.max_magnitude,
@@ -43,6 +43,6 @@ def make_plausibility(settings: Settings) -> PlausibilityLimits:
         base_mismatch=safety.base_mismatch,
         base_turn_mismatch=safety.base_turn_mismatch,
         frozen_motion=safety.frozen_motion,
-        # Odometry that repeats for less than this is slow, and not stale yet.
+        # Odometry may repeat until it is stale.
         frozen_time=max(safety.frozen_time, safety.state_timeout),
     )

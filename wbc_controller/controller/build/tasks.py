@@ -1,4 +1,4 @@
-"""Builds tasks from their settings."""
+"""Construction of tasks."""
 
 from __future__ import annotations
 
@@ -29,19 +29,15 @@ from wbc_controller.inverse_dynamics.tasks import (
 
 
 def make_task(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Mapping[str, Contact]) -> Task:
-    """Build one task.
-
-    Raises:
-        ConfigurationError: if a frame, joint or contact is unknown, or the tolerance has a wrong size.
-    """
+    """Build one task."""
     made = _make(name, task, model, contacts)
     made.level = task.level
     if task.tolerance is not None:
         made.tolerance = np.array(task.tolerance, dtype=np.float64)
         if made.tolerance.shape not in ((), (made.size,)):
             raise ConfigurationError(
-                f"tasks.{name}.tolerance has {made.tolerance.size} values; it takes one number, or a list with one for "
-                f"each of the task's {made.size} axes"
+                f"tasks.{name}.tolerance: {made.tolerance.size} values; expected one number, or {made.size} values "
+                "(one per axis)"
             )
     return made
 
@@ -54,7 +50,7 @@ def _make(name: str, task: schema.TaskSettings, model: RobotModel, contacts: Map
     if isinstance(task, schema.ContactWrenchTask):
         if task.contact not in contacts:
             raise ConfigurationError(
-                f"tasks.{name}.contact = {task.contact!r}: no such contact; {valid_choices(task.contact, contacts)}"
+                f"tasks.{name}.contact: unknown contact {task.contact!r}; {valid_choices(task.contact, contacts)}"
             )
         return ContactWrenchTask(name, contacts[task.contact], task.mask, task.target)
     if isinstance(task, schema.ComTask):

@@ -1,1 +1,1 @@
-"""The pre-flight check of a configuration."""
+"""Pre-flight check of a configuration."""

@@ -1,4 +1,4 @@
-"""Compares the contacts of a configuration with the collision shapes that the URDF gives the same bodies."""
+"""Comparison of configured contacts with collision shapes of the URDF."""
 
 from __future__ import annotations
 
@@ -19,35 +19,28 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings import SurfaceContact as SurfaceSettings
 from wbc_controller.settings.resources import locate
 
-#: Largest distance between a contact and the lowest point of its body's shapes, m: shapes are simplified and padded by
-#: up to a centimetre or two, and a mistaken frame is further off.
+#: Largest distance between a contact and the lowest point of its body's shapes, m: padded shapes differ by less.
 _HEIGHT = 0.02
-#: Distance from which on it is worth a word, m: more than the tread of a sole.
-_NOTICED = 0.005
+#: Reported distance, m.
+_REPORTED_HEIGHT = 0.005
 #: Largest angle between a sole and the flat underside of its shapes, rad: 5°.
 _TILT = 0.0873
-#: Largest reach of a support beyond the true one, m, and as a share of its smaller side: a robot that leans on a part
-#: of a sole that is not there falls. Edges of meshes are rounded by less.
+#: Largest overhang of a support, m, and as a share of its smaller side: beyond it the robot would fall.
 _OVERHANG, _OVERHANG_SHARE = 0.01, 0.1
-#: Reach beyond the true support that is worth a word, m: 2.5 mm let G1's foot tip on its corner under a shove, with a
-#: spike of 90 % of a joint's torque limit in place of 54 %.
-_ROCKS = 0.001
-#: Thickness of the layer above the lowest point that the floor touches first, m: the mock robot's soles are as thick.
+#: Reported overhang, m: feet tip on the edge of the true sole.
+_REPORTED_OVERHANG = 0.001
+#: Thickness of the touching layer of soles, m, as in the mock robot.
 _TREAD = 0.002
-#: Longest sole, m, over which a tilt that is allowed raises one end.
+#: Longest sole, m.
 _LONGEST = 0.3
-#: Largest distance of a point of contact from the footprint of its body, m: the simplified ball of a foot is up to this
-#: far from where the frame stands.
-_BESIDE = 0.03
-#: Cosine of the angle between a contact's normal and the floor's beyond which it is upside down, 120°.
+#: Largest horizontal distance of a point contact from the footprint of its body, m.
+_SIDE_OFFSET = 0.03
+#: Cosine of the smallest angle between contact normal and floor normal of an upside-down contact, 120°.
 _UPSIDE_DOWN = -0.5
 
 
 def upside_down(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[str]:
-    """Names of the active flat contacts with the world whose normals point down, in the configuration of the dynamics.
-
-    The normal is that of the floor, a unit vector in the world, (3,).
-    """
+    """Return the active surface contacts with normals that point down; `normal` is the floor's, (3,) in the world."""
     surfaces = {name: contact for name in active if isinstance(contact := qp.contacts[name], SurfaceContact)}
     return [
         name
@@ -56,22 +49,18 @@ def upside_down(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[s
     ]
 
 
-def upside_down_sentence(name: str) -> str:
-    """What is wrong with a contact whose normal points down, and its cure."""
+def upside_down_message(name: str) -> str:
+    """Return the error message for an upside-down contact."""
     return (
-        f"contacts.{name}.rpy: the sole is upside down: its z axis points down in robot.posture, and has to point away "
+        f"contacts.{name}.rpy: the sole is upside down: its z axis points down in robot.posture, but must point away "
         "from the floor; turn it by 3.14159 about x or y"
     )
 
 
 def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> list[Finding]:
-    """Compare the contacts with the world with the collision shapes of their bodies, in the nominal posture.
+    """Compare soles, and enabled balls and wheels, with collision shapes in the nominal posture.
 
-    Soles are always compared; balls and wheels only if enabled, as their lowest point follows from the posture. The
-    normal is that of the floor, a unit vector in the world, (3,).
-
-    Raises:
-        ConfigurationError: if a contact is not where the shapes are, or larger than they are.
+    `normal` is the floor's, (3,) in the world. Large differences raise `ConfigurationError`.
     """
     model, path = qp.model, settings.robot.urdf
     contacts = {
@@ -85,31 +74,31 @@ def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> l
         return []
     try:
         elements = read_collision_elements(model, model.urdf, "collision shapes", locate(path).parent if path else None)
-    except ConfigurationError as error:  # the robot can do without its meshes
-        return [Finding("not compared", f"the contacts with the URDF: {error}")]
+    except ConfigurationError as error:  # the controller needs no meshes
+        return [Finding("not compared", f"contacts with the URDF: {error}")]
     found, without = [], []
     for name, contact in contacts.items():
-        text = _compared(settings, qp, elements, name, contact, normal)
+        text = _compare_contact(settings, qp, elements, name, contact, normal)
         if text is None:
             without.append(name)
         else:
             found.append(f"{name} {text}")
     findings = [Finding("contact shapes", "; ".join(found))] if found else []
     if without:
-        reason = "no link that moves with them has a <collision> that could be read"
+        reason = "no readable <collision> on their links"
         findings.append(Finding("not compared", f"{', '.join(without)} with the URDF: {reason}"))
     return findings
 
 
 def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
-    """Corners, (n, 3) in m, at which the URDF's shapes touch the plane of each contact with the world, by contact.
+    """Return the corners of the URDF's shapes on the plane of each contact, (n, 3) in m, in the world.
 
-    They are in the world, in the configuration of the dynamics; contacts without readable shapes are left out.
+    Contacts without readable shapes are omitted.
     """
     model, path, found = qp.model, settings.robot.urdf, {}
     try:
         elements = read_collision_elements(model, model.urdf, "collision shapes", locate(path).parent if path else None)
-    except ConfigurationError:  # `compare_with_shapes` says so
+    except ConfigurationError:  # reported by `compare_with_shapes`
         return {}
     for name, contact in qp.contacts.items():
         if not isinstance(contact, UnilateralContact) or contact.internal:
@@ -122,14 +111,14 @@ def undersides(settings: Settings, qp: WholeBodyQP) -> dict[str, Array]:
             else pin.SE3(np.eye(3), contact.points(qp.dynamics)[0])
         )
         joint = int(model.pinocchio.frames[frame].parentJoint)
-        seen = footprint(model, elements, joint, body.actInv(plane), _TREAD)
-        if seen is not None:
-            corners = np.column_stack([seen.polygon, np.full(len(seen.polygon), seen.height)])
+        region = footprint(model, elements, joint, body.actInv(plane), _TREAD)
+        if region is not None:
+            corners = np.column_stack([region.polygon, np.full(len(region.polygon), region.height)])
             found[name] = np.asarray(corners @ plane.rotation.T + plane.translation)
     return found
 
 
-def _compared(
+def _compare_contact(
     settings: Settings,
     qp: WholeBodyQP,
     elements: Mapping[int, Sequence[pin.GeometryObject]],
@@ -137,7 +126,7 @@ def _compared(
     contact: UnilateralContact,
     normal: Array,
 ) -> str | None:
-    """Compare one contact; None where its body has no shapes."""
+    """Compare one contact; None without shapes."""
     spec, model = settings.contacts[name], qp.model
     frame = model.frame_id(spec.frame, f"contacts.{name}.frame")
     body = qp.dynamics.placement(frame) * model.pinocchio.frames[frame].placement.inverse()
@@ -148,59 +137,62 @@ def _compared(
 
     if isinstance(contact, SurfaceContact) and isinstance(spec, SurfaceSettings):
         plane = contact.placement(qp.dynamics)
-        seen = on(plane)
-        if seen is None:
+        region = on(plane)
+        if region is None:
             return None
         if name in upside_down(qp, [name], normal):
             turned = on(plane * pin.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3)))
             if turned is not None and abs(turned.height) <= _HEIGHT:
-                raise ConfigurationError(upside_down_sentence(name))
+                raise ConfigurationError(upside_down_message(name))
         up = pin.rpy.rpyToMatrix(np.array(spec.rpy))[:, 2]
-        _require_height(name, "sole", seen.height, _moved(spec.translation, seen.height * up))
-        tilt = seen.tilt or 0.0
+        _require_height(name, "sole", region.height, _corrected_translation(spec.translation, region.height * up))
+        tilt = region.tilt or 0.0
         if not (tilt <= _TILT):
             raise ConfigurationError(
                 f"contacts.{name}.rpy: the sole is tilted by {degrees(tilt):.1f}° against the flat underside of "
-                f"{spec.frame!r} in the URDF (allowed {degrees(_TILT):.0f}°); its z axis has to be normal to it"
+                f"{spec.frame!r} in the URDF (allowed {degrees(_TILT):.0f}°); its z axis must be normal to it"
             )
-        # One end of a tilted underside is off the plane.
-        seen = on(plane, LAYER + _LONGEST * tan(tilt)) or seen
-        _require_size(name, spec, seen)
-        flat = on(plane, _TREAD + _LONGEST * tan(tilt)) or seen
-        over = float(flat.outside(np.array(spec.corners)).max())
+        region = on(plane, LAYER + _LONGEST * tan(tilt)) or region
+        _require_size(name, spec, region)
+        flat = on(plane, _TREAD + _LONGEST * tan(tilt)) or region
+        overhang = float(flat.outside(np.array(spec.corners)).max())
         length, width = 1e3 * np.ptp(np.array(spec.corners), axis=0)
-        beyond = f", {1e3 * over:.1f} mm beyond its edge: on it the foot rocks" if over > _ROCKS else ""
-        return f"{length:.0f} × {width:.0f} mm on a sole of {_size(seen)}" + _off(seen.height, tilt) + beyond
+        beyond = f", {1e3 * overhang:.1f} mm beyond its edge: the foot may tip" if overhang > _REPORTED_OVERHANG else ""
+        return (
+            f"{length:.0f} × {width:.0f} mm on a sole of {_size(region)}"
+            + _describe_offset(region.height, tilt)
+            + beyond
+        )
     if not isinstance(contact, PointContact) or contact.wrench_in_world(qp.dynamics, np.eye(3)[2])[:3] @ normal < 0.5:
-        return "on no floor, not compared"
+        return "not on the floor, not compared"
     point = contact.points(qp.dynamics)[0]
-    seen = on(pin.SE3(contact.axes(qp.dynamics), point))
-    if seen is None:
+    region = on(pin.SE3(contact.axes(qp.dynamics), point))
+    if region is None:
         return None
     radius = f"radius = {contact.radius:g}"
     kind = f"lowest point ({radius})"
-    shift = qp.dynamics.placement(frame).rotation.T @ (seen.height * contact.axes(qp.dynamics)[:, 2])
-    _require_height(name, kind, seen.height, _moved(spec.translation, shift))
-    beside = float(seen.outside(np.zeros((1, 2)))[0])
-    if not (beside <= _BESIDE):
+    shift = qp.dynamics.placement(frame).rotation.T @ (region.height * contact.axes(qp.dynamics)[:, 2])
+    _require_height(name, kind, region.height, _corrected_translation(spec.translation, shift))
+    side_offset = float(region.outside(np.zeros((1, 2)))[0])
+    if not (side_offset <= _SIDE_OFFSET):
         raise ConfigurationError(
-            f"contacts.{name}: its {kind} is {1e3 * beside:.0f} mm beside what of {spec.frame!r} touches the floor in "
-            f"the URDF (allowed {1e3 * _BESIDE:.0f} mm); correct frame or translation"
+            f"contacts.{name}: its {kind} is {1e3 * side_offset:.0f} mm beside the footprint of {spec.frame!r} in the "
+            f"URDF (allowed {1e3 * _SIDE_OFFSET:.0f} mm); correct frame or translation"
         )
-    return f"{radius} m" + (_off(seen.height) or " agrees")
+    return f"{radius} m" + (_describe_offset(region.height) or " agrees")
 
 
-def _moved(translation: Sequence[float], by: Array) -> str:
+def _corrected_translation(translation: Sequence[float], by: Array) -> str:
     return "[" + ", ".join(f"{value:.3f}" for value in np.array(translation) + by + 0.0) + "]"
 
 
-def _size(seen: Footprint) -> str:
-    length, width = 1e3 * seen.size
+def _size(region: Footprint) -> str:
+    length, width = 1e3 * region.size
     return f"{length:.0f} × {width:.0f} mm"
 
 
-def _off(height: float, tilt: float = 0.0) -> str:
-    parts = [f"{abs(1e3 * height):.0f} mm {_side(height)} it"] if abs(height) > _NOTICED else []
+def _describe_offset(height: float, tilt: float = 0.0) -> str:
+    parts = [f"{abs(1e3 * height):.0f} mm {_side(height)} it"] if abs(height) > _REPORTED_HEIGHT else []
     parts += [f"tilted against it by {degrees(tilt):.1f}°"] if degrees(tilt) > 1.0 else []
     return ", " + " and ".join(parts) if parts else ""
 
@@ -218,21 +210,22 @@ def _require_height(name: str, kind: str, height: float, translation: str) -> No
         )
 
 
-def _require_size(name: str, spec: SurfaceSettings, seen: Footprint) -> None:
-    """Refuse a support that reaches far beyond the true one."""
+def _require_size(name: str, spec: SurfaceSettings, region: Footprint) -> None:
+    """Refuse a support with a large overhang."""
     corners = np.array(spec.corners)
-    allowed = min(_OVERHANG, _OVERHANG_SHARE * float(seen.size.min()))
-    over = float(seen.outside(corners).max())
-    if over <= allowed:
+    allowed = min(_OVERHANG, _OVERHANG_SHARE * float(region.size.min()))
+    overhang = float(region.outside(corners).max())
+    if overhang <= allowed:
         return
     key = "vertices" if spec.vertices is not None else "half_length and half_width"
-    if seen.outside(corners[:, ::-1]).max() <= allowed:
+    if region.outside(corners[:, ::-1]).max() <= allowed:
         raise ConfigurationError(
-            f"contacts.{name}: {key} are swapped: the sole of {spec.frame!r} in the URDF is {_size(seen)} along x and y"
+            f"contacts.{name}: {key} are swapped: the sole of {spec.frame!r} in the URDF is {_size(region)} along x "
+            "and y"
         )
-    middle = 0.5 * (seen.polygon.min(axis=0) + seen.polygon.max(axis=0))
+    middle = 0.5 * (region.polygon.min(axis=0) + region.polygon.max(axis=0))
     raise ConfigurationError(
-        f"contacts.{name}: {key} reach {1e3 * over:.0f} mm beyond the sole of {spec.frame!r} in the URDF (allowed "
-        f"{1e3 * allowed:.0f} mm), which is {_size(seen)} about [{middle[0]:.3f}, {middle[1]:.3f}] m of the contact; "
-        "the robot would lean on what is not there"
+        f"contacts.{name}: {key} reach {1e3 * overhang:.0f} mm beyond the sole of {spec.frame!r} in the URDF (allowed "
+        f"{1e3 * allowed:.0f} mm), which is {_size(region)} about [{middle[0]:.3f}, {middle[1]:.3f}] m of the contact; "
+        "the centre of pressure would lie outside the real sole"
     )

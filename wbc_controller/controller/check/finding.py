@@ -1,4 +1,4 @@
-"""What a check of a configuration finds."""
+"""Finding of the pre-flight check."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The subject of a check, and its result in words."""
+    """Subject and result of a check."""
 
     subject: str
     text: str

@@ -1,4 +1,4 @@
-"""Whether masses, limits, sizes and friction are those of a robot, and what of a URDF a simulator refuses."""
+"""Plausibility of masses, inertias, limits, sizes and friction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.controller.build.robot_description import impossible_inertias, inertia_tensor, some_body_has
+from wbc_controller.controller.build.robot_description import are_possible_moments, impossible_inertias, inertia_tensor
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -17,19 +17,19 @@ from wbc_controller.inverse_dynamics.robot.urdf import UNLIMITED
 from wbc_controller.records import Array
 from wbc_controller.settings import FixedContact, Settings
 
-#: Smallest mass, kg, and principal moment of inertia, kg·m², of a body that moves: what is smaller counts as none.
-_LEAST = 1.0e-15
-#: Largest distance between two joints at one place, m.
+#: Smallest mass, kg, and principal moment of inertia, kg·m², of a moving body.
+_SMALLEST = 1.0e-15
+#: Largest distance between coincident joints, m.
 _ONE_PLACE = 1.0e-3
-#: Mass from which on a link without inertia is worth a word, kg.
+#: Reported mass of a link without inertia, kg.
 _NOTICED_MASS = 0.05
-#: Largest distance of a joint from its parent's, m: more was meant in millimetres.
+#: Largest plausible distance between joints, m.
 _LARGEST_LINK = 20.0
-#: Largest effort limit, in weights times sizes of the robot: strong ones reach about 1.
+#: Largest plausible effort limit, in weight times size of the robot; strong motors reach about 1.
 _STRONGEST = 10.0
-#: Largest velocity limit of a joint, rad/s or m/s: fast ones reach 40.
+#: Largest plausible velocity limit, rad/s or m/s; fast joints reach 40.
 _FASTEST = 300.0
-#: Smallest plausible friction: wet ice has 0.1.
+#: Smallest plausible friction: wet ice.
 _SLIPPERY = 0.1
 
 
@@ -48,44 +48,41 @@ def _links(urdf: str) -> Iterator[_Link]:
         yield _Link(str(link.get("name")), 0.0 if mass is None else float(mass.get("value", "0")), moments)
 
 
-def require_bodies(model: RobotModel) -> None:
-    """Refuse a body that moves and has no mass or no inertia: its motion has no equation, and simulators refuse it.
-
-    A body is all links that one joint moves; one of them with a mass and three positive moments of inertia suffices.
-    `bare_links` need none.
+def require_inertia(model: RobotModel) -> None:
+    """Refuse moving bodies without mass or inertia except `massless_links`, and implausible distances between joints.
 
     Raises:
-        ConfigurationError: if there is such a body, or a link is so far from its parent that its unit is mistaken.
+        ConfigurationError: if a body has no inertia, or a distance is too large.
     """
     links = {link.name: link for link in _links(model.urdf)}
     bodies: dict[int, list[_Link]] = {joint: [] for joint in range(1, model.pinocchio.njoints)}
     for frame in model.pinocchio.frames:
         if frame.type == pin.BODY and frame.parentJoint in bodies and frame.name in links:
             bodies[frame.parentJoint].append(links[frame.name])
-    bare = bare_links(model)
+    bare = massless_links(model)
     for joint, own in bodies.items():
         if own[:1] and own[0].name in bare:
             continue
-        if own and not any(link.mass >= _LEAST and _usable(link.moments).min() >= _LEAST for link in own):
+        if own and not any(
+            link.mass >= _SMALLEST and _moments_in_simulator(link.moments).min() >= _SMALLEST for link in own
+        ):
             heaviest = max(own, key=lambda link: link.mass)
             raise ConfigurationError(
-                f"robot.urdf: link {heaviest.name!r}, which {_mover(model, joint)} moves, has {heaviest.mass:g} kg and "
-                f"the moments of inertia {np.array2string(heaviest.moments, precision=3)} kg·m²; a body that moves "
-                "needs a mass and three positive moments, and the mock robot refuses it"
+                f"robot.urdf: link {heaviest.name!r}, moved by {_moving_joint(model, joint)}, has {heaviest.mass:g} kg "
+                f"and moments of inertia {np.array2string(heaviest.moments, precision=3)} kg·m²; a moving body "
+                "requires a mass and three positive moments"
             )
     for joint, placement in enumerate(model.pinocchio.jointPlacements):
         if not (float(np.linalg.norm(placement.translation)) <= _LARGEST_LINK):
             raise ConfigurationError(
                 f"robot.urdf: joint {model.pinocchio.names[joint]!r} is "
-                f"{np.linalg.norm(placement.translation):.4g} m from the joint before it; URDFs are in metres"
+                f"{np.linalg.norm(placement.translation):.4g} m from its parent joint (allowed {_LARGEST_LINK:g} m); "
+                "lengths in URDFs are in metres"
             )
 
 
-def bare_links(model: RobotModel) -> list[str]:
-    """Names of links without mass between two joints at one place, as planar bases and ball joints have them.
-
-    What the second joint moves gives the first one its inertia, so that both have an equation of motion.
-    """
+def massless_links(model: RobotModel) -> list[str]:
+    """Return massless links between two coincident joints, as in planar bases and ball joints."""
     pinocchio, names = model.pinocchio, []
     for joint in range(1, pinocchio.njoints):
         carried = [child for child in range(joint + 1, pinocchio.njoints) if pinocchio.parents[child] == joint]
@@ -97,46 +94,39 @@ def bare_links(model: RobotModel) -> list[str]:
     return names
 
 
-def _usable(moments: Array) -> Array:
-    """The moments as a simulator is given them: the mean where they are impossible."""
-    return moments if some_body_has(moments) else np.full(3, moments.mean())
+def _moments_in_simulator(moments: Array) -> Array:
+    """Return the moments for a simulator: the mean for all three if they are impossible."""
+    return moments if are_possible_moments(moments) else np.full(3, moments.mean())
 
 
-def _mover(model: RobotModel, joint: int) -> str:
+def _moving_joint(model: RobotModel, joint: int) -> str:
     return "the floating base" if model.floating_base and joint == 1 else f"joint {model.pinocchio.names[joint]!r}"
 
 
 def inertias(model: RobotModel) -> list[Finding]:
-    """Report links with an impossible inertia, or with none: if they have a noticeable mass, the URDF is wrong."""
-    parts = [f"no body has that of {', '.join(names)}"] if (names := impossible_inertias(model.urdf)) else []
+    """Report links with impossible inertia, and links with a mass but no inertia."""
+    parts = [f"impossible: {', '.join(names)}"] if (names := impossible_inertias(model.urdf)) else []
     points = [
         f"{link.name} ({link.mass:g} kg)"
         for link in _links(model.urdf)
         if link.mass >= _NOTICED_MASS and not link.moments.any()
     ]
-    parts += [f"none of {', '.join(points)}, which count as point masses"] if points else []
+    parts += [f"zero, treated as point mass: {', '.join(points)}"] if points else []
     return [Finding("inertias", "; ".join(parts))] if parts else []
 
 
 def require_friction(settings: Settings) -> None:
-    """Refuse a contact with less friction than ice.
-
-    Raises:
-        ConfigurationError: if there is one.
-    """
+    """Raise `ConfigurationError` for contacts with less friction than wet ice."""
     for name, contact in settings.contacts.items():
         if not isinstance(contact, FixedContact) and not (contact.friction >= _SLIPPERY):
             raise ConfigurationError(
-                f"contacts.{name}.friction = {contact.friction:g}: wet ice has {_SLIPPERY:g}, and rubber on a "
-                "floor 0.5 to 1"
+                f"contacts.{name}.friction = {contact.friction:g}: must be at least {_SLIPPERY:g} (wet ice); rubber on "
+                "a floor has 0.5 to 1"
             )
 
 
 def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Finding]:
-    """Report limits that no robot of this weight and size has, those of the configuration, and joints without any.
-
-    The placements are the positions of the links and joints in the posture, (n, 3) in m.
-    """
+    """Report implausible, configured and missing limits; `placements` are positions of all frames, (n, 3) in m."""
     size = float(np.linalg.norm(np.ptp(placements, axis=0)))
     reach = model.mass * model.gravity * size
     strong = [
@@ -154,18 +144,19 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
     if strong:
         findings.append(
             Finding(
-                "implausible", f"effort limits of {_some(strong)}: weight times size of the robot is {reach:.3g} N·m; "
-                "give the motors' own by robot.joint_limits, as nothing else limits torques",
+                "implausible", f"effort limits of {_first_names(strong)}: weight times size of the robot is "
+                f"{reach:.3g} N·m; set the limits of the motors in robot.joint_limits",
             )
         )  # fmt: skip
     if fast:
         findings.append(
             Finding(
-                "implausible", f"velocity limits of {_some(fast)}: no joint is as fast; give them by robot.joint_limits"
+                "implausible",
+                f"velocity limits of {_first_names(fast)}: set the limits of the motors in robot.joint_limits",
             )
         )
     if endless:
-        findings.append(Finding("no position limits", _some(endless)))
+        findings.append(Finding("no position limits", _first_names(endless)))
     own = {
         name: ", ".join(f"{key} {value:g}" for key, value in given.model_dump().items() if value is not None)
         for name, given in settings.robot.joint_limits.items()
@@ -176,8 +167,8 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
     return findings
 
 
-def without_effort(settings: Settings, urdf: str) -> list[Finding]:
-    """Report joints with motors that have no effort in the URDF's text, as springs have, if other joints have one."""
+def motors_without_effort(settings: Settings, urdf: str) -> list[Finding]:
+    """Report motor joints with zero effort in the URDF, as for springs, if other joints have an effort."""
     robot = settings.robot
     efforts = {}
     for joint in ElementTree.fromstring(urdf).findall("joint"):  # noqa: S314 - checked when the model was made
@@ -187,21 +178,17 @@ def without_effort(settings: Settings, urdf: str) -> list[Finding]:
     idle = [name for name in driven if efforts.get(name) == 0.0]
     if not idle or (len(idle) == len(driven) and not robot.passive_joints):
         return []
-    text = "their effort in the URDF is 0, and robot.joint_limits gives one; joints with a spring, or without a motor, "
-    return [Finding("no motor?", f"{_some(idle)}: {text}belong in robot.passive_joints")]
+    text = "effort 0 in the URDF, limit from robot.joint_limits; move joints without a motor to robot.passive_joints"
+    return [Finding("no motor?", f"{_first_names(idle)}: {text}")]
 
 
-def _some(names: list[str]) -> str:
-    """Names for a line: the first few, and how many more there are."""
+def _first_names(names: list[str]) -> str:
     shown = ", ".join(names[:4])
     return shown if len(names) <= 4 else f"{shown} and {len(names) - 4} more"
 
 
 def locked_joints(model: RobotModel) -> list[Finding]:
-    """Report the joints of the URDF that neither move nor follow another one, with their positions.
-
-    One of type floating below the root of a robot with a floating base is not worth a word: the base floats.
-    """
+    """Report locked joints with their positions; a floating joint at the root of a floating base is not reported."""
     tree = ElementTree.fromstring(model.urdf)  # noqa: S314 - checked when the model was made
     moving = set(model.moving_joints)
     texts, zero = [], False
@@ -211,11 +198,11 @@ def locked_joints(model: RobotModel) -> list[Finding]:
             continue
         if joint.get("type") == "floating":
             if not (model.floating_base and parent is not None and parent.get("link") == model.base_link):
-                texts.append(f"{name} (floating in the URDF: a robot has one floating base, its root link)")
+                texts.append(f"{name} (floating in the URDF; only the root link can float)")
         elif name in model.locked:
             texts.append(f"{name} at {model.locked[name]:g}")
         else:
             texts.append(name)
             zero = True
-    ending = " (at zero where nothing is said)" if zero else ""
+    ending = " (at 0 by default)" if zero else ""
     return [Finding("locked joints", ", ".join(texts) + ending)] if texts else []

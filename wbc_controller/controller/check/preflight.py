@@ -1,4 +1,4 @@
-"""Checks of a robot's configuration before it moves, as reported by `wbc check`."""
+"""Pre-flight check, `wbc check`: model, contacts and stance of a configuration."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.references import make_board
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
-from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_sentence
+from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_message
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.controller.check.model_plausibility import (
     inertias,
     limits,
     locked_joints,
-    require_bodies,
+    motors_without_effort,
     require_friction,
-    without_effort,
+    require_inertia,
 )
 from wbc_controller.controller.check.reserves import reserves
 from wbc_controller.errors import ConfigurationError
@@ -42,45 +42,41 @@ from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 
-#: Largest height difference of contacts on one floor, with the base upright, m, and as a share of the height of the
-#: centre of mass: a wheel further above the floor spins.
+#: Largest height difference of floor contacts with an upright base, m, and as a share of the centre of mass' height.
 _LEVEL, _LEVEL_SHARE = 0.01, 0.02
-#: Cosine of the largest angle between the floor's normal and that of a contact on the floor, 60°.
+#: Cosine of the largest angle between floor normal and contact normal of a floor contact, 60°.
 _FLOOR = 0.5
 #: Largest position error of a loop in the nominal posture, m or rad.
 _CLOSED = 1.0e-3
-#: Largest torque by which a passive joint may be out of balance, as a share of the smallest effort limit.
+#: Largest unbalanced torque of a passive joint, as a share of the smallest effort limit.
 _BALANCE = 1.0e-3
-#: Largest distance that is said in millimetres, m.
+#: Largest distance reported in millimetres, m.
 _NEAR = 10.0
-#: Tilt of a sole from which on its robot is said to turn on release, rad: 1°.
+#: Reported tilt of a sole, rad: 1°.
 _TILTED = 0.0175
 #: Largest tilt of a sole, rad: 5°.
 _STEEP = 0.0873
 #: Smallest component of a contact in a redundant direction.
 _PART = 0.1
-#: Smallest share of a joint in a motion that tasks and contacts leave free.
+#: Smallest component of a joint in the null space of tasks and contacts.
 _FREE = 1.0e-6
 
 
 def stance(
     model: RobotModel, qp: WholeBodyQP, active: Sequence[str], floor_normal: Sequence[float] | Array = (0.0, 0.0, 1.0)
 ) -> Array:
-    """Return the configuration with the nominal posture, base upright and lowest contact on the floor, (nq,).
-
-    The floor goes through the world's origin; its normal is in the world, (3,).
-    """
+    """Return the nominal posture with upright base and the lowest contact on the floor through 0, (nq,)."""
     q = model.configuration(model.posture)
     qp.dynamics.update(q, np.zeros(model.nv))
     normal = np.array(floor_normal) / np.linalg.norm(floor_normal)
-    heights = [points @ normal for points in _on_the_floor(qp, active, normal).values()]
+    heights = [points @ normal for points in _floor_contacts(qp, active, normal).values()]
     if model.floating_base and heights:
         q[2] -= np.concatenate(heights).min() / normal[2]
     return q
 
 
-def _on_the_floor(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict[str, Array]:
-    """Corners of the active contacts on the floor, in the world; without contacts on a wall, a rail or another link."""
+def _floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict[str, Array]:
+    """Return the corners of active floor contacts in the world, (n, 3); not on walls, rails or links."""
     dynamics, found = qp.dynamics, {}
     for name in active:
         contact = qp.contacts[name]
@@ -92,20 +88,17 @@ def _on_the_floor(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> dict
 
 
 def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
-    """Build all objects of a configuration, and check whether it agrees with the URDF and the robot can stand.
-
-    Unlike `check_qp` this reads the meshes of the URDF, which takes up to seconds. `urdf` is the URDF's text, if
-    ``robot.urdf`` names no file.
+    """Build all objects of a configuration, compare it with URDF and meshes, and check that the robot can stand.
 
     Raises:
-        ConfigurationError: if the robot cannot be controlled, cannot stand still in its nominal posture, or its
-            contacts are not those of the URDF's shapes.
+        ConfigurationError: if the configuration is invalid, the robot cannot stand still in its nominal posture, or
+            contacts differ from the URDF's shapes.
     """
     config = load(config, urdf=urdf)
     settings = config.settings
     try:
         model = make_model(settings, config.urdf)
-        require_bodies(model)
+        require_inertia(model)
         require_friction(settings)
         qp = make_qp(settings, model)
         active = [name for name, contact in settings.contacts.items() if contact.enabled]
@@ -116,25 +109,21 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
         findings = [*check_qp(settings, qp, make_board(settings, qp)), *shapes]
         qp.dynamics.update(q, np.zeros(model.nv))
         findings += _posture(settings, qp, active, normal)
-        findings += [*locked_joints(model), *_unheld(settings, qp, active), *_redundant(qp, active)]
+        findings += [*locked_joints(model), *_uncontrolled_joints(settings, qp, active), *_redundant(qp, active)]
         findings += limits(settings, model, _placements(qp))
-        findings += without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
+        findings += motors_without_effort(settings, config.urdf or read_urdf(settings.robot.urdf))
         if model.floating_base:
             margin = settings.limits.position_margin if settings.limits.position else 0.0
             findings += reserves(
-                qp, active, q, hanging_joints(qp, active), level=_is_kept_level(settings, qp), margin=margin
+                qp, active, q, unsupported_passive_joints(qp, active), level=_is_kept_level(settings, qp), margin=margin
             )
         return findings
     except ConfigurationError as error:
-        raise ConfigurationError(config.named(str(error))) from error
+        raise ConfigurationError(config.with_source(str(error))) from error
 
 
 def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list[Finding]:
-    """Check whether a robot, given its quadratic program, can stand as configured; resets the board's references.
-
-    Raises:
-        ConfigurationError: as in `check`.
-    """
+    """Check that a robot can stand, from its quadratic program, or raise `ConfigurationError`; resets the board."""
     model = qp.model
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
     normal = _floor(settings)
@@ -153,23 +142,22 @@ def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list
     findings += [Finding(limit.kind.replace("_", "-"), limit.summary) for limit in qp.formulation.row_limits]
     qp.dynamics.update(q, np.zeros(model.nv))
     findings += _loops(qp)
-    standing = _on_the_floor(qp, active, normal)
+    standing = _floor_contacts(qp, active, normal)
     if standing and model.floating_base:
         findings.append(_support(qp, standing, normal))
     board.reset(qp.dynamics, 0.0)
     state = RobotState(0, frozen(q), frozen(np.zeros(model.nv)))
-    findings += _balance(qp, hanging_joints(qp, active))
+    findings += _balance(qp, unsupported_passive_joints(qp, active))
     findings += _static(qp, state, board.sample(0.0), active, normal)
     return findings
 
 
 def _floor(settings: Settings) -> Array:
-    """Unit normal of the floor, in the world, (3,)."""
     return np.asarray(np.array(settings.mock.floor_normal) / np.linalg.norm(settings.mock.floor_normal))
 
 
 def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Finding]:
-    """Report where base and centre of mass are, as setpoints are absolute, and how the soles lie on the floor."""
+    """Report positions of base and centre of mass, and tilts of the soles."""
     dynamics, link = qp.dynamics, qp.model.base_link
     base = dynamics.placement(qp.model.frame_id(link, "base")).translation
     findings = [
@@ -177,7 +165,7 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
             "posture", f"in the world: base link {link} at {_point(base)} m, centre of mass at {_point(dynamics.com)} m"
         )
     ]
-    standing = _on_the_floor(qp, active, normal)
+    standing = _floor_contacts(qp, active, normal)
     tilts = {
         name: acos(float(np.clip(contact.placement(dynamics).rotation[:, 2] @ normal, -1.0, 1.0)))
         for name in standing
@@ -186,13 +174,13 @@ def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal:
     steep = [f"{name} {degrees(tilt):.0f}°" for name, tilt in tilts.items() if not (tilt <= _STEEP)]
     if steep:
         raise ConfigurationError(
-            f"robot.posture: with the base upright these soles are tilted against the floor: {', '.join(steep)} "
+            f"robot.posture: tilt of soles against the floor with upright base: {', '.join(steep)} "
             f"(allowed {degrees(_STEEP):.0f}°)"
         )
     if tilts:
         text = ", ".join(f"{name} {degrees(tilt):.1f}°" for name, tilt in tilts.items())
         turns = max(tilts.values()) > _TILTED
-        why = "; on release they turn flat, and the robot with them: correct robot.posture" if turns else ""
+        why = "; the robot will tilt on release until they lie flat: correct robot.posture" if turns else ""
         findings.append(Finding("tilt of soles", f"against the floor: {text}{why}"))
     return findings
 
@@ -202,12 +190,11 @@ def _point(position: Array) -> str:
 
 
 def _placements(qp: WholeBodyQP) -> Array:
-    """Positions of the frames in the world, (n, 3) in m."""
     return np.array([qp.dynamics.placement(i).translation for i in range(1, len(qp.model.pinocchio.frames))])
 
 
-def _unheld(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
-    """Report joints that can move while all enabled tasks and contacts are met: nothing says where they go."""
+def _uncontrolled_joints(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
+    """Report joints in the null space of all enabled tasks and contacts."""
     model, dynamics = qp.model, qp.dynamics
     tasks = [
         task.jacobian(dynamics)[task.rows]
@@ -218,11 +205,11 @@ def _unheld(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[
     rows = np.vstack([np.zeros((1, model.nv)), *tasks, *held, model.actuation.C])
     free = np.abs(null_space(rows)[model.v_index]).max(axis=1, initial=0.0) > _FREE
     names = [name for name, loose in zip(model.joints, free, strict=True) if loose]
-    return [Finding("held by no task", f"{', '.join(names)}: add them to a task of type posture")] if names else []
+    return [Finding("uncontrolled", f"{', '.join(names)}: add them to a task of type posture")] if names else []
 
 
 def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
-    """Whether an enabled task holds the orientation of the base."""
+    """Return True if an enabled task controls the orientation of the base."""
     frames, model = qp.model.pinocchio.frames, qp.model
     base = frames[model.frame_id(model.base_link, "base")].parentJoint
     return any(
@@ -234,7 +221,7 @@ def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
 
 
 def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
-    """Report directions that the contacts hold although the robot cannot move along them."""
+    """Report constrained contact directions without joint mobility."""
     contacts = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     if not contacts:
         return []
@@ -248,9 +235,8 @@ def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
     return [
         Finding(
             "redundant contacts",
-            f"{np.count_nonzero(values < LEAST_MOBILITY)} of the {len(J)} directions that are held, at "
-            f"{', '.join(names)}: no joint moves the contacts along them, so that a motion that needs it is limited "
-            "(sway) or makes them slip",
+            f"{np.count_nonzero(values < LEAST)} of {len(J)} constrained directions, at {', '.join(names)}: no joint "
+            "moves the contacts along them; motions that require it are limited (sway) or cause slip",
         )
     ]
 
@@ -260,20 +246,19 @@ def _joints(model: RobotModel) -> str:
         return f"{model.na} actuated"
     parts = [f"{model.nj}", f"{model.na} actuators"]
     parts += [f"{len(model.passive.joints)} passive"] if model.passive is not None else []
-    parts += [f"{len(model.followers)} that follow others"] if model.followers is not None else []
+    parts += [f"{len(model.followers)} mimic joints"] if model.followers is not None else []
     return ", ".join(parts)
 
 
 def _loops(qp: WholeBodyQP) -> list[Finding]:
-    """Check that the nominal posture closes the loops."""
     loops = [contact for contact in qp.contacts.values() if isinstance(contact, LoopClosure)]
     for loop in loops:
         error = loop.error(qp.dynamics)
         if not (np.abs(error).max() <= _CLOSED):
             parts = [f"{value:.3g} {'rad' if turns else 'm'}" for value, turns in zip(error, loop.moments, strict=True)]
             raise ConfigurationError(
-                f"robot.posture: it leaves the loop {loop.name!r} open by [{', '.join(parts)}] along the axes of "
-                f"frame_a that it holds (allowed {_CLOSED:g})"
+                f"robot.posture: position error of the loop {loop.name!r}: [{', '.join(parts)}] along its constrained "
+                f"axes of frame_a (allowed {_CLOSED:g})"
             )
     return [Finding("loops", ", ".join(loop.name for loop in loops) + ": closed in the posture")] if loops else []
 
@@ -293,16 +278,15 @@ def _support(qp: WholeBodyQP, points: Mapping[str, Array], normal: Array) -> Fin
 
 
 def _length(distance: float) -> str:
-    """The magnitude of a distance in a line, m where millimetres say nothing."""
     size = abs(distance)
     return f"{1e3 * size:.0f} mm" if size < _NEAR else f"{size:.3g} m"
 
 
 def support_margin(points: Array, position: Array) -> float:
-    """Distance from a position, (2,), to the edge of the convex hull of points, (n, 2), in m; negative outside."""
+    """Return the distance of a position, (2,), inside the edge of the hull of points, (n, 2), m; negative outside."""
     try:
         hull = ConvexHull(points)
-    except QhullError:  # points on a line have no interior
+    except QhullError:  # collinear points
         return -float(np.min(np.linalg.norm(points - position, axis=1)))
     return float(-np.max(hull.equations[:, :2] @ position + hull.equations[:, 2]))
 
@@ -310,13 +294,13 @@ def support_margin(points: Array, position: Array) -> float:
 def _static(
     qp: WholeBodyQP, state: RobotState, references: References, active: list[str], normal: Array
 ) -> list[Finding]:
-    """Find torques and forces that hold the robot at rest."""
+    """Find torques and contact forces at rest."""
     model = qp.model
-    layout = qp.formulation.build(state, references).snapshot()  # a copy, as it is changed below
+    layout = qp.formulation.build(state, references).snapshot()
     problem = layout.problem
-    still = np.delete(np.arange(model.nv), model.v_index[hanging_joints(qp, active)])
+    still = np.delete(np.arange(model.nv), model.v_index[unsupported_passive_joints(qp, active)])
     problem.x_lower[still] = problem.x_upper[still] = 0.0
-    problem.b[: layout.mechanism.start] = 0.0  # ignore the small position errors of loops
+    problem.b[: layout.mechanism.start] = 0.0  # ignores small position errors of loops
     solver = make_solver("daqp", problem)
     x = solver.solve(problem).x
     if x is None:
@@ -324,7 +308,7 @@ def _static(
         because = f"; {why.sentence}" if why is not None else ""
         turned = upside_down(qp, active, normal)
         raise ConfigurationError(
-            upside_down_sentence(turned[0]) if turned else _why_not(qp, tuple(active), normal) + because
+            upside_down_message(turned[0]) if turned else _standing_failure(qp, tuple(active), normal) + because
         )
     tau = model.actuation.torques(qp.dynamics.h - FORCE_UNIT * layout.J.T @ x[model.nv :])
     share = np.abs(tau) / model.effort_limits
@@ -336,12 +320,12 @@ def _static(
     ]  # fmt: skip
 
 
-def _why_not(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
+def _standing_failure(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
     model = qp.model
     if model.floating_base and not active:
-        return "contacts: none is enabled, so a robot with a floating base falls"
+        return "contacts: none is enabled; a robot with a floating base falls"
     begin = f"the robot cannot stand still in robot.posture on {', '.join(active) or 'its fixed base'}: "
-    standing = _on_the_floor(qp, active, normal)
+    standing = _floor_contacts(qp, active, normal)
     if set(standing) == set(active) and model.floating_base:
         margin = support_margin(np.vstack(list(standing.values()))[:, :2], qp.dynamics.com[:2])
         if margin < 0.0:
@@ -366,8 +350,8 @@ def _why_not(qp: WholeBodyQP, active: tuple[str, ...], normal: Array) -> str:
     )
 
 
-def hanging_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:
-    """Indices of passive joints without support by a contact or loop: only their springs determine where they rest."""
+def unsupported_passive_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:
+    """Return the indices of passive joints without a contact or loop: only springs hold them."""
     bearing = [contact for name, contact in qp.contacts.items() if name in active or isinstance(contact, LoopClosure)]
     borne = np.zeros(qp.model.nv, dtype=bool)
     for contact in bearing:
@@ -377,12 +361,12 @@ def hanging_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[int]:
 
 
 def _balance(qp: WholeBodyQP, hanging: list[int]) -> list[Finding]:
-    """Report unsupported passive joints that are not in balance in the posture, with the `rest` that balances them."""
+    """Report unsupported passive joints out of balance, with the `rest` that balances them."""
     model, found = qp.model, []
     torques = model.joint_forces(qp.dynamics.h)  # at rest: gravity minus the springs
     for i in hanging:
         if not abs(torques[i]) <= _BALANCE * float(model.effort_limits.min()):
             spring = model.passive.joints[model.joints[i]] if model.passive is not None else PassiveJoint()
-            rest = f" (stays with rest: {spring.rest + torques[i] / spring.stiffness:.6g})" if spring.stiffness else ""
+            rest = f" (balanced by rest: {spring.rest + torques[i] / spring.stiffness:.6g})" if spring.stiffness else ""
             found.append(f"{model.joints[i]} by {-torques[i]:.2g} N·m{rest}")
-    return [Finding("passive joints", "not in balance in the posture: " + ", ".join(found))] if found else []
+    return [Finding("passive joints", "out of balance in robot.posture: " + ", ".join(found))] if found else []

@@ -1,4 +1,4 @@
-"""How far a standing robot could be pushed, sway and squat: forces and torques at rest, motion with held contacts."""
+"""Reserves of a standing robot: largest push, sway and squat at rest, with fixed contacts."""
 
 from __future__ import annotations
 
@@ -15,52 +15,50 @@ from wbc_controller.inverse_dynamics.contacts import AnchoredContact, Contact
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
 
-#: The four directions, in the axes of an upright base.
+#: Directions in the axes of an upright base.
 _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
-#: Share by which the multiple has to grow, per share of an effort limit, for the limit to count as what bounds it.
+#: Smallest relative sensitivity of the multiple to an effort limit that counts as its cause.
 _MATTERS = 1.0e-3
-#: Step of a squat, m, the smallest one, and the largest share of the height of the centre of mass that is tried.
+#: Step of a squat, m, smallest step, m, and deepest squat as a share of the centre of mass' height.
 _STEP, _LEAST_STEP, _DEEPEST = 0.01, 1.0e-6, 0.6
-#: Iterations of Newton's method in each step, the largest error that is left, m and rad, and that of contacts: one that
-#: the controller allows redundant contacts (`formulation.redundancy`).
+#: Newton iterations per step, largest error, m and rad, and largest contact error (`formulation.redundancy`).
 _ITERATIONS, _REACHED, _HELD = 6, 1.0e-3, 5.0e-4
-#: Steps in which the static sway is tried, and halvings to find how far the robot comes if it does not get there.
+#: Steps to the static sway, and halvings of the last one.
 _STEPS, _HALVINGS = 3, 5
-#: Weight of the height, and of a base whose orientation no task holds, while a robot sways: they change if need be.
+#: Weight of the height, and of an uncontrolled base orientation, in a sway.
 _FREE = 0.01
-#: Weight of the joints' own motion: of all ways down the one that moves them least.
+#: Weight of joint motion.
 _LEAST_MOTION = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True)
-class _Balance:
-    """The largest multiple of a disturbance, and the cause that allows no more: an actuator; None for the contacts."""
+class _LoadLimit:
+    """Largest multiple of a load, and the limiting actuator; None for the contacts."""
 
     most: float
     cause: str | None
 
 
 @dataclass(frozen=True, slots=True)
-class ComReach:
-    """The distance that the centre of mass can move, m, and the reason for its end."""
+class ComDistance:
+    """Distance that the centre of mass can move, m, and the limiting cause."""
 
     distance: float
-    why: str
+    reason: str
 
 
 def reserves(
     qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], *, level: bool, margin: float = 0.0
 ) -> list[Finding]:
-    """Find the reserves of a robot with a floating base that stands in a configuration q, where its dynamics are left.
+    """Return the reserves of a standing robot with a floating base in a configuration q, where its dynamics end.
 
-    A push is a steady horizontal force on the base, in line with the centre of mass. Swaying moves the weight
-    sideways, at the posture's own torque arms, as far as the robot can move with its contacts held. Friction, supports,
-    largest forces and effort limits hold.
+    A push is a steady horizontal force at the height of the centre of mass; a sway moves the centre of mass with fixed
+    contacts.
 
     Args:
-        hanging: indices of joints without a motor that nothing supports.
-        level: whether a task holds the orientation of the base, so that it stays level while the robot sways.
-        margin: distance from the position limits, rad.
+        hanging: indices of unsupported passive joints.
+        level: True if a task controls the orientation of the base.
+        margin: distance to the position limits, rad.
     """
     model, dynamics = qp.model, qp.dynamics
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
@@ -68,24 +66,24 @@ def reserves(
     weight = model.mass * np.array(model.pinocchio.gravity.linear)
     pushes, shifts = {}, {}
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
-    all_anchored = len(anchored) == len(bearing)  # nothing says how far a loop is open along the way
+    all_anchored = len(anchored) == len(bearing)  # a loop has no displacement
     for name, direction in _DIRECTIONS.items():
         way = np.array(direction)
-        pushes[name] = _most(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
-        shifts[name] = _most(qp, bearing, hanging, np.concatenate([np.zeros(3), np.cross(way, weight)]))
+        pushes[name] = _largest_multiple(qp, bearing, hanging, np.concatenate([way, np.cross(arm, way)]))
+        shifts[name] = _largest_multiple(qp, bearing, hanging, np.concatenate([np.zeros(3), np.cross(way, weight)]))
         if all_anchored and np.isfinite(shifts[name].most):
-            shifts[name] = _moved(_HeldContacts(qp, anchored, margin), hanging, q, way, level, shifts[name])
+            shifts[name] = _find_sway(_MotionWithContacts(qp, anchored, margin), hanging, q, way, level, shifts[name])
     found = [
-        Finding("push", "steady, at the centre of mass: " + _listed(pushes, 1.0, "N")),
-        Finding("sway", "of the centre of mass: " + _listed(shifts, 1e3, "mm")),
+        Finding("push", "steady, at the centre of mass: " + _format_directions(pushes, 1.0, "N")),
+        Finding("sway", "of the centre of mass: " + _format_directions(shifts, 1e3, "mm")),
     ]
-    squat = com_reach(qp, active, q, hanging, -np.eye(3)[2], _DEEPEST * float(dynamics.com[2]), margin)
+    squat = com_distance(qp, active, q, hanging, -np.eye(3)[2], _DEEPEST * float(dynamics.com[2]), margin)
     if squat is not None:
-        found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down ({squat.why})"))
+        found.append(Finding("squat", f"{1e3 * squat.distance:.0f} mm straight down ({squat.reason})"))
     return found
 
 
-def _listed(found: dict[str, _Balance], scale: float, unit: str) -> str:
+def _format_directions(found: dict[str, _LoadLimit], scale: float, unit: str) -> str:
     parts = []
     for name, balance in found.items():
         size = f"{scale * balance.most:.0f} {unit}" if np.isfinite(balance.most) else "any"
@@ -93,10 +91,10 @@ def _listed(found: dict[str, _Balance], scale: float, unit: str) -> str:
     return ", ".join(parts)
 
 
-def _most(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], wrench: Array) -> _Balance:
-    """The largest multiple of a wrench on the base, about its origin in world axes, (6,), that can be borne at rest.
+def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], wrench: Array) -> _LoadLimit:
+    """Return the largest multiple of a wrench on the base, (6,) about its origin in world axes, possible at rest.
 
-    With S and C of `Actuation`, over contact forces f, torques τ, forces of followers λ and the multiple s:
+    With S and C of `Actuation`, contact forces f, torques τ, forces of followers λ and the multiple s:
 
         maximize s    subject to    Jᵀf + Sᵀτ + Cᵀλ + s J_baseᵀ w = h,    cones and bounds of f,    |τ| ≤ τ_max.
     """
@@ -120,18 +118,18 @@ def _most(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int], w
         method="highs",
     )
     if result.status == 3:
-        return _Balance(np.inf, None)
+        return _LoadLimit(np.inf, None)
     if result.x is None:
-        return _Balance(0.0, None)
+        return _LoadLimit(0.0, None)
     most, torques = float(result.x[-1]), slice(len(J), len(J) + model.na)
-    # Many torques bear the same load; only where the multiplier of a limit is not zero does it bound the multiple.
+    # The torques are not unique: a limit is the cause only if its multiplier is not zero.
     worth = (np.abs(result.lower.marginals) + np.abs(result.upper.marginals))[torques] * model.effort_limits
     worst = int(np.argmax(worth))
-    return _Balance(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
+    return _LoadLimit(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
 
 
-class _HeldContacts:
-    """Motion of a robot whose contacts stay where they are in the present configuration."""
+class _MotionWithContacts:
+    """Motion of a robot with contacts fixed at their present poses."""
 
     def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], margin: float) -> None:
         self.qp, self.bearing = qp, bearing
@@ -145,13 +143,13 @@ class _HeldContacts:
         self._held = [(contact, contact.anchor(dynamics)) for contact in bearing]
 
     def reach(self, goal: Array, start: Array, weights: Array) -> tuple[Array, str]:
-        """Move the centre of mass to a goal, (3,) in m, from a configuration, by Newton's method.
+        """Move the centre of mass to a goal, (3,) in m, by Newton's method.
 
         Args:
-            weights: of the centre of mass and the base's orientation, (6,); 1 if required.
+            weights: weights of centre of mass and base orientation, (6,); 1 if required.
 
         Returns:
-            The configuration, in which the dynamics are left, and the reason if the goal is not reached, else "".
+            The configuration, also of the dynamics, and the limiting cause, or "" if the goal is reached.
         """
         qp, at = self.qp, start
         model, dynamics = qp.model, qp.dynamics
@@ -176,30 +174,30 @@ class _HeldContacts:
         return at, f"position of {model.joints[beyond[0]]}" if beyond.size else ""
 
 
-def _moved(
-    motion: _HeldContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: _Balance
-) -> _Balance:
-    """Find how far the centre of mass can move along a horizontal unit vector, at most as far as statics allow."""
+def _find_sway(
+    motion: _MotionWithContacts, hanging: Sequence[int], q: Array, way: Array, level: bool, static: _LoadLimit
+) -> _LoadLimit:
+    """Return the sway along a horizontal unit vector, at most the static one."""
     qp, bearing = motion.qp, motion.bearing
     done, far, at, cause = 0.0, np.inf, np.array(q), static.cause
     weights = np.repeat([1.0, _FREE, 1.0 if level else _FREE], [2, 1, 3])
     tried = static.most / _STEPS
     for _ in range(_STEPS + _HALVINGS):
-        there, why = motion.reach(motion.com + tried * way, at, weights)
-        if not why and not _stands(qp, bearing, hanging):
-            why = "torques or contacts"
-        if why:
-            far, cause = tried, why
+        there, reason = motion.reach(motion.com + tried * way, at, weights)
+        if not reason and not _can_stand(qp, bearing, hanging):
+            reason = "torques or contacts"
+        if reason:
+            far, cause = tried, reason
         else:
             done, at = tried, there
         if done == static.most:
             break
         tried = min(static.most, done + static.most / _STEPS, 0.5 * (done + far))
     qp.dynamics.update(q, np.zeros(qp.model.nv))
-    return _Balance(done, cause)
+    return _LoadLimit(done, cause)
 
 
-def com_reach(
+def com_distance(
     qp: WholeBodyQP,
     active: Sequence[str],
     q: Array,
@@ -207,37 +205,33 @@ def com_reach(
     direction: Array,
     most: float,
     margin: float = 0.0,
-) -> ComReach | None:
-    """Find how far the centre of mass can move straight at rest, with the base level and the contacts held.
+) -> ComDistance | None:
+    """Return the distance that the centre of mass can move on a line at rest, with level base and fixed contacts.
+
+    None for robots with closed loops. Other arguments as in `reserves`.
 
     Args:
-        q: configuration at the start, in which the dynamics are left.
-        hanging: as in `reserves`, and `margin`.
         direction: unit vector in the world, (3,).
-        most: largest distance that is tried, m.
-
-    Returns:
-        The distance; None if a loop is closed, as its opening along the way is not known.
+        most: largest distance, m.
     """
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]
     if len(anchored) < len(bearing):
         return None
-    motion = _HeldContacts(qp, anchored, margin)
-    distance, why, at = 0.0, "", np.array(q)
-    while not why:
+    motion = _MotionWithContacts(qp, anchored, margin)
+    distance, reason, at = 0.0, "", np.array(q)
+    while not reason:
         step = min(_STEP, most - distance)
         if not (step > _LEAST_STEP):
-            why = "no more was tried"
+            reason = "limit of the search"
             break
-        at, why = motion.reach(motion.com + (distance + step) * direction, at, np.ones(6))
-        if not why and not _stands(qp, anchored, hanging):
-            why = "torques or contacts"
-        distance += 0.0 if why else step
+        at, reason = motion.reach(motion.com + (distance + step) * direction, at, np.ones(6))
+        if not reason and not _can_stand(qp, anchored, hanging):
+            reason = "torques or contacts"
+        distance += 0.0 if reason else step
     qp.dynamics.update(q, np.zeros(qp.model.nv))
-    return ComReach(distance, why)
+    return ComDistance(distance, reason)
 
 
-def _stands(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
-    """Whether the weight can be borne at rest."""
-    return _most(qp, bearing, hanging, np.zeros(6)).most > 0.0
+def _can_stand(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequence[int]) -> bool:
+    return _largest_multiple(qp, bearing, hanging, np.zeros(6)).most > 0.0

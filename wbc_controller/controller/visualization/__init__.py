@@ -1,1 +1,1 @@
-"""Tables, plots and pages of results; shapes and geometry of the robot."""
+"""Tables, plots and pages of results; shapes and geometry of robots."""

@@ -1,7 +1,4 @@
-"""What a robot looks like: the visuals of its URDF, and a light geometry of one small convex hull for each of them.
-
-The replay in a report must also be drawn by a browser without a GPU, which can handle only a few thousand triangles.
-"""
+"""Visual geometry of a robot: visuals of the URDF, and simplified convex hulls for browsers without a GPU."""
 
 from __future__ import annotations
 
@@ -27,64 +24,56 @@ logger = logging.getLogger(__name__)
 
 #: Largest number of triangles of a hull. A hull of n corners has 2n - 4 triangles.
 TRIANGLES = 120
-#: A corner is left out if it would move the hull's surface by less, m.
+#: Largest distance of omitted corners outside the hull, m.
 TOLERANCE = 2.0e-4
-#: Thickness of the bones that replace missing meshes, m.
+#: Thickness of bars in place of missing meshes, m.
 BONE = 0.03
 
-#: A part that protrudes from another part on the same joint by less is not drawn, m: painted from back to front, badges
-#: and sensors would only flicker.
+#: Parts that protrude less from another part of the joint, m, are omitted: they flicker.
 BADGE = 0.015
 
-#: Color of what has none, red, green and blue.
+#: Default color, red, green and blue.
 GREY = (0.62, 0.64, 0.67)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A convex body that moves with one joint."""
+    """Convex body moved by one joint."""
 
     name: str
-    joint: int  # index of the joint of `RobotModel.pinocchio` that moves it; 0 for the world
+    joint: int  # joint number in `RobotModel.pinocchio`; 0 for the world
     vertices: Array  # corners in the joint's frame, (n, 3) in m
-    #: Indices of the corners of each triangle, counter-clockwise seen from outside, (m, 3).
+    #: Corners of each triangle, counter-clockwise seen from outside, (m, 3).
     triangles: npt.NDArray[np.intp]
     color: tuple[float, float, float]  # red, green and blue from 0 to 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visual:
-    """A visual of the URDF, as it is there."""
+    """Visual of the URDF."""
 
     name: str
     joint: int  # as in `Part`
-    placement: pin.SE3  # of the shape in the joint's frame
+    placement: pin.SE3  # shape in the joint's frame
     shape: coal.CollisionGeometry
-    color: tuple[float, float, float] | None  # red, green and blue from 0 to 1; None where the URDF gives none
+    color: tuple[float, float, float] | None  # red, green and blue from 0 to 1; None without a color in the URDF
 
 
 def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]]:
-    """Read the visuals of a robot; a warning is logged for each mesh that is missing.
-
-    Args:
-        model: the robot's model; its URDF may name meshes as ``package://…``, ``file://…`` or by absolute path.
-
-    Returns:
-        The visuals, in the order of the URDF, and the joints that move links whose meshes are missing.
+    """Return the visuals of a robot, and joints of links with missing meshes (logged).
 
     Raises:
-        ConfigurationError: if the visual geometry of the URDF cannot be read.
+        ConfigurationError: if the visual geometry is invalid.
     """
     folders = _package_folders(model.urdf)
     urdf, bare_links = _without_missing_meshes(model.urdf, folders)
     try:
-        # The frames of a reduced model have placements on the remaining joints, so this also places the visuals of
-        # links behind locked joints.
+        # Frames of a reduced model are placed on the remaining joints, also behind locked joints.
         geometry = pin.buildGeomFromUrdfString(
             model.pinocchio, urdf, pin.VISUAL, package_dirs=[str(folder) for folder in folders]
         )
     except (ValueError, RuntimeError) as error:
-        raise ConfigurationError(f"robot.urdf: its visual geometry cannot be used: {error}") from error
+        raise ConfigurationError(f"robot.urdf: invalid visual geometry: {error}") from error
     visuals = []
     for item in geometry.geometryObjects:
         red, green, blue = np.clip(item.meshColor[:3], 0.0, 1.0)
@@ -94,10 +83,7 @@ def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]
 
 
 def build_parts(model: RobotModel) -> tuple[Part, ...]:
-    """Build the light parts of a robot, in the order of the URDF; errors as for `read_visuals`.
-
-    Links whose meshes are missing get a bone to each of the next joints.
-    """
+    """Build the simplified parts of a robot, with bars for missing meshes; errors as in `read_visuals`."""
     visuals, bare = read_visuals(model)
     parts = [part for part in map(hull_of, visuals) if part is not None]
     parts = [part for part in parts if not any(_embedded(part, other) for other in parts)]
@@ -109,7 +95,7 @@ def build_parts(model: RobotModel) -> tuple[Part, ...]:
 
 
 def hull_of(visual: Visual) -> Part | None:
-    """The convex hull of a visual; None, with a warning, for a shape that has none."""
+    """Return the convex hull of a visual; None, with a warning, for unsupported shapes."""
     points = _points(visual.shape)
     if points is None:
         logger.warning("%s: a %s cannot be drawn", visual.name, type(visual.shape).__name__)
@@ -119,22 +105,15 @@ def hull_of(visual: Visual) -> Part | None:
 
 
 def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Enclose points in a closed convex surface with few triangles.
-
-    Corners are added where a point is farthest outside the surface, so that sharp ends stay sharp; the extreme points
-    along each axis come first, so that the bounding box is kept.
-
-    Args:
-        points: (n, 3) in m.
-        triangles: largest number of triangles.
+    """Approximate the convex hull of points, (n, 3) in m, from extreme points and the points farthest outside.
 
     Returns:
-        Corners, (c, 3), and the indices of each triangle's corners, counter-clockwise seen from outside.
+        Corners, (c, 3), and corner indices of each triangle, counter-clockwise seen from outside.
     """
     try:
         candidates = points[ConvexHull(points).vertices]
     except QhullError:
-        # Flat, or nearly so: its bounding box, at least a millimetre thick.
+        # Flat: bounding box of at least 1 mm.
         center, half = (points.max(0) + points.min(0)) / 2.0, np.maximum(np.ptp(points, axis=0) / 2.0, 5.0e-4)
         candidates = center + half * np.array(list(product((-1.0, 1.0), repeat=3)))
     directions = np.vstack([np.eye(3), -np.eye(3), list(product((-1.0, 1.0), repeat=3))])
@@ -158,7 +137,7 @@ def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.N
 
 
 def _points(shape: coal.CollisionGeometry) -> Array | None:
-    """Return points whose convex hull is the shape, (n, 3) in m."""
+    """Return points that span the convex hull of a shape, (n, 3) in m; None for unsupported shapes."""
     corners = np.array(list(product((-1.0, 1.0), repeat=3)))
     angles = np.arange(20) * 2.0 * np.pi / 20
     ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(20)])
@@ -178,17 +157,17 @@ def _points(shape: coal.CollisionGeometry) -> Array | None:
 
 
 def _embedded(part: Part, other: Part) -> bool:
-    """Return True if a part lies within another part of the same joint, or nearly so."""
+    """Return True if a part lies (almost) within another part of its joint."""
     if part is other or part.joint != other.joint:
         return False
     equations = ConvexHull(other.vertices).equations
     outside = (part.vertices @ equations[:, :3].T + equations[:, 3]).max()
-    # Of two parts that are nearly the same, the larger one stays.
+    # Of two similar parts the larger one is kept.
     return bool(outside < BADGE and ConvexHull(part.vertices).volume < ConvexHull(other.vertices).volume)
 
 
 def _sphere() -> Array:
-    """Spread 60 points over the unit sphere: a Fibonacci spiral and the six ends of the axes."""
+    """Return 60 points of the unit sphere: a Fibonacci spiral and the ends of the axes."""
     k = np.arange(54)
     z = 1.0 - (2.0 * k + 1.0) / 54
     angle = k * np.pi * (3.0 - np.sqrt(5.0))
@@ -197,7 +176,6 @@ def _sphere() -> Array:
 
 
 def _package_folders(urdf: str) -> list[Path]:
-    """Find the folders of the packages that a URDF names."""
     folders = []
     for package in sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf))):
         try:
@@ -208,11 +186,7 @@ def _package_folders(urdf: str) -> list[Path]:
 
 
 def _without_missing_meshes(urdf: str, folders: list[Path]) -> tuple[str, list[str]]:
-    """Remove the visuals whose meshes are missing from a URDF, since Pinocchio would fail on them.
-
-    Returns:
-        The URDF's text, and the names of the affected links.
-    """
+    """Remove visuals with missing meshes from a URDF; return its text and the affected links."""
     root = ElementTree.fromstring(urdf)  # noqa: S314  # Pinocchio has read this text before
     bare = []
     for link in root.iter("link"):
@@ -223,7 +197,7 @@ def _without_missing_meshes(urdf: str, folders: list[Path]) -> tuple[str, list[s
             uri = mesh.get("filename", "")
             if _mesh_exists(uri, folders):
                 continue
-            logger.warning("link %r: there is no mesh %s; a plain shape is drawn instead", link.get("name"), uri)
+            logger.warning("link %r: mesh %s does not exist; drawn as a bar", link.get("name"), uri)
             link.remove(visual)
             bare.append(link.get("name", ""))
     return ElementTree.tostring(root, encoding="unicode"), bare
@@ -240,7 +214,7 @@ def _joint_of(model: RobotModel, link: str) -> int:
 
 
 def bones(model: RobotModel, joint: int) -> list[Part]:
-    """Make a knob at a joint, and a bar from it to each of the joints that it carries."""
+    """Return a cube at a joint and a bar to each of its child joints."""
     robot = model.pinocchio
     name = str(robot.names[joint])
     cube = BONE * np.array(list(product((-1.0, 1.0), repeat=3)))

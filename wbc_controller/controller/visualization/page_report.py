@@ -1,4 +1,4 @@
-"""Reports as HTML pages: one file per report with verdict, 3-D motion, table and plots, which needs no network."""
+"""Reports as self-contained HTML pages with verdict, 3-D motion, table and plots."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from wbc_controller.errors import ConfigurationError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plot:
-    """One plot of a page."""
+    """Plot of a page."""
 
-    key: str  # id of its element in the page
+    key: str  # id of the HTML element
     title: str
-    caption: str  # one or two sentences on how to read it
+    caption: str  # explanation
     figure: Any
-    over_time: bool = False  # True if its x axis is the time of the motion
+    over_time: bool = False  # True if the x axis is the time of the motion
 
 
 @dataclass(frozen=True, slots=True)
 class ResultTable:
-    """The table of a page."""
+    """Table of a page."""
 
     title: str
     columns: Sequence[str]  # headings; empty for none
@@ -39,20 +39,20 @@ class ResultTable:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A drawing of a page."""
+    """Drawing of a page."""
 
     title: str
-    caption: str  # its legend, as HTML
-    content: str  # the drawing, as HTML or SVG
+    caption: str  # legend, HTML
+    content: str  # HTML or SVG
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PageReport:
-    """The contents of a page. Absent parts are left out."""
+    """Contents of a page. Absent parts are omitted."""
 
-    title: str  # title, such as the robot's name
+    title: str  # such as the name of the robot
     kind: str  # kind of the report, above the title
-    verdict: str  # the result in one sentence
+    verdict: str  # result in one sentence
     passed: bool | None = None  # True for a good result, False for a bad one, None for neither
     note: str = ""  # text below the verdict
     facts: Mapping[str, str] = field(default_factory=dict)  # short values by name
@@ -67,13 +67,13 @@ def write_page(report: PageReport, path: Path) -> None:
     """Write a report as one HTML file.
 
     Raises:
-        ConfigurationError: if the file cannot be written, or there are plots and plotly is not installed.
+        ConfigurationError: if the file cannot be written, or plotly is missing for plots.
     """
     page = render(report)
     try:
         path.write_text(page, encoding="utf-8")
     except OSError as error:
-        raise ConfigurationError(f"the report {path}: cannot be written: {error.strerror or error}") from error
+        raise ConfigurationError(f"report {path}: cannot be written: {error.strerror or error}") from error
 
 
 def render(report: PageReport) -> str:
@@ -93,7 +93,7 @@ def render(report: PageReport) -> str:
         "footer": html.escape(report.footer),
         "scripts": "\n".join(part if part.startswith("<script") else f"<script>{part}</script>" for part in scripts),
     }
-    # In one pass, so that text like a placeholder within a piece is not replaced.
+    # One pass: placeholders within pieces are not replaced.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: pieces[match.group(1)], resource("report.html"))
 
 
@@ -111,7 +111,6 @@ def _header(report: PageReport) -> str:
 
 
 def _top(report: PageReport) -> str:
-    """Return motion, drawing and table; beside each other if there is a motion."""
     left = resource("motion.html") if report.motion is not None else ""
     if (drawing := report.drawing) is not None:
         left += f'<div class="card plan"><h2>{html.escape(drawing.title)}</h2><p>{drawing.caption}</p>'
@@ -154,18 +153,18 @@ def _figure(plot: Plot) -> str:
 
 
 def _figure_data(plot: Plot) -> Any:
-    """Return a figure for JSON. The page sets its colours and draws its legend, which wraps on narrow screens."""
+    """Return a figure for JSON; the page sets colours and legend."""
     content = json.loads(plot.figure.to_json())
     content["layout"] |= {"template": None, "showlegend": False}
     return content
 
 
 def _data(key: str, value: Any) -> str:
-    """Return JSON in a script element, which its content cannot end."""
+    """Return JSON in a script element; `</` is escaped."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
     return f'<script type="application/json" id="{key}">{text}</script>'
 
 
 def resource(name: str) -> str:
-    """Return a file of the folder ``page``."""
+    """Read a file of the folder ``page``."""
     return (importlib.resources.files(__package__) / "page" / name).read_text(encoding="utf-8")

@@ -1,6 +1,6 @@
-"""Figures with plotly: lines in panels, series by category, and one cycle in the world.
+"""Plotly figures: lines in panels, series by category, one cycle in 3-D.
 
-The functions that draw return a plotly Figure. Without plotly, they raise `ConfigurationError`.
+Without plotly the functions raise `ConfigurationError`.
 """
 
 from __future__ import annotations
@@ -16,46 +16,46 @@ from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_LI
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.records import Array
 
-#: Mid-tones that are legible on white and on black.
+#: Colours legible on white and on black.
 PALETTE = ("#2f7de1", "#e5812b", "#22a06b", "#d6455d", "#8a63d2", "#149eb0", "#b58900", "#7d8794")
 BLUE, ORANGE, GREEN, RED = PALETTE[:4]
 GREY = "#8b95a3"
-#: Largest number of points of a thinned line: more than its pixels.
+#: Largest number of points of a line.
 POINTS = 2400
-#: Actuators in the plot of a cycle: those with the largest torques, as shares of their limits.
+#: Number of actuators in the plot of a cycle.
 _MOST = 12
-#: Length of an arrow's head, as a share of the arrow's length.
+#: Length of an arrowhead, as a share of the arrow.
 _HEAD = 0.2
-#: Heights in pixels: of one category, and of the axis and legend around all categories.
+#: Heights of a category, and of axis and legend, pixels.
 _CATEGORY, _AROUND = 22, 160
 _MARGIN = {"l": 74, "r": 16, "t": 8, "b": 46}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Line:
-    """One line of a panel."""
+    """Line of a panel."""
 
     name: str  # name in the legend
     x: Array  # (n,)
-    y: Array  # (n,); the line is interrupted at NaN
-    color: str = ""  # CSS colour; by default each name has one colour in all panels
+    y: Array  # (n,); NaN interrupts the line
+    color: str = ""  # CSS colour; by default one colour per name
     dash: str = "solid"  # ``solid``, ``dash`` or ``dot``
-    width: float = 1.7  # width in pixels
-    group: str = ""  # lines of a group have one entry in the legend, that of the first line; by default the name
-    filled: bool = False  # fill the area down to zero in grey
+    width: float = 1.7  # pixels
+    group: str = ""  # group with one legend entry; by default the name
+    filled: bool = False  # fill the area to zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
-    """Lines above a common x axis."""
+    """Lines with a common x axis."""
 
     axis: str  # title of the y axis
     lines: Sequence[Line]
     heading: str = ""
-    span: float = 0.0  # smallest span of the y axis, so that noise is not magnified; 0 for the range of the data
+    span: float = 0.0  # smallest span of the y axis; 0 for the range of the data
     range: tuple[float, float] | None = None  # range of the y axis; None for the range of the data
     from_zero: bool = False  # extend the y axis to zero
-    limit: float | None = None  # y of a dotted line that marks a limit, or None
+    limit: float | None = None  # y of a dotted limit line
 
 
 def line_panels(
@@ -67,13 +67,13 @@ def line_panels(
     shaded: Sequence[tuple[float, float]] = (),
     title: str = "",
 ) -> Any:
-    """Draw panels below each other. Lines of many points are thinned out.
+    """Return a figure of panels below each other, with thinned lines.
 
     Args:
-        height: height of the figure in pixels.
+        height: pixels.
         axis: title of the x axis.
-        marks: times of events by name, in s; drawn in a last panel.
-        shaded: times between which the background is shaded, s.
+        marks: times of events by name, s.
+        shaded: shaded intervals, s.
     """
     _, make_subplots = _plotly()
     rows = len(panels) + bool(marks)
@@ -152,20 +152,14 @@ class Series:
     categories: Sequence[str]  # category of each value; they may repeat, except for bars
     values: Sequence[float]
     color: str  # CSS colour
-    symbol: str = "circle"  # ``bar``, or a plotly symbol for points
-    texts: Sequence[str] = ()  # text of each value under the pointer; by default the value
+    symbol: str = "circle"  # ``bar`` or a plotly symbol
+    texts: Sequence[str] = ()  # hover texts; by default the values
 
 
 def by_category(
     series: Sequence[Series], *, axis: str, limit: float | None = None, range: tuple[float, float] | None = None
 ) -> Any:
-    """Draw series with their categories below each other; bars are stacked.
-
-    Args:
-        axis: title of the x axis.
-        limit: x of a dashed line that marks a limit, or None.
-        range: range of the x axis; by default from zero.
-    """
+    """Return a figure of series by category; `axis` and `range` belong to x, `limit` is a dashed line."""
     go, _ = _plotly()
     categories = list(dict.fromkeys(category for each in series for category in each.categories))
     figure = go.Figure()
@@ -202,10 +196,7 @@ def by_category(
 
 
 def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
-    """Thin out a line of more than `POINTS` points so that it looks the same, and halve its precision.
-
-    Each stretch keeps its lowest and its highest sample; at a gap (NaN), one value and the gap.
-    """
+    """Reduce a line to `POINTS` points in single precision: minimum and maximum of each stretch, and gaps (NaN)."""
     if len(time) <= POINTS:
         return time, values
     keep = []
@@ -220,13 +211,7 @@ def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str, binding: Mapping[str, float]) -> Any:
-    """Draw one cycle: shapes in the world, and beside them the largest torques as shares of their limits.
-
-    Args:
-        shapes: from `scene.draw`.
-        shares: torque of each actuator as a share of its limit.
-        binding: the binding constraints with their multipliers.
-    """
+    """Return a figure of one cycle: shapes (`scene.draw`), largest shares of torque limits, binding constraints."""
     go, make_subplots = _plotly()
     figure = make_subplots(
         cols=2, column_widths=[0.68, 0.32], specs=[[{"type": "scene"}, {"type": "bar"}]], horizontal_spacing=0.12
@@ -283,7 +268,6 @@ def _shape_trace(go: Any, shape: Shape, *, in_legend: bool) -> Any:
 
 
 def _arrow(points: Array) -> Array:
-    """Return an arrow as one line: its shaft, and two strokes for its head."""
     tail, tip = points
     along = tip - tail
     side = np.cross(along, [0.0, 1.0, 0.0] if abs(along[1]) < 0.9 * np.linalg.norm(along) else [1.0, 0.0, 0.0])
@@ -292,7 +276,7 @@ def _arrow(points: Array) -> Array:
 
 
 def plotly_script() -> str:
-    """Return the JavaScript of plotly, for a page that needs no network."""
+    """Return the JavaScript of plotly."""
     _plotly()
     from plotly.offline import get_plotlyjs
 
@@ -305,6 +289,6 @@ def _plotly() -> tuple[Any, Any]:
         from plotly.subplots import make_subplots
     except ModuleNotFoundError as error:
         raise ConfigurationError(
-            f"plots need plotly ({error}); install it with: pip install 'wbc_controller[plots]'"
+            f"plots require plotly ({error}); install it: pip install 'wbc_controller[plots]'"
         ) from error
     return go, make_subplots

@@ -1,4 +1,4 @@
-"""Shapes in the world of one cycle: contacts, forces, support, centre of mass, references; for markers and plots."""
+"""Shapes of one cycle for markers and plots: contacts, forces, support, centre of mass, references."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from wbc_controller.inverse_dynamics.tasks import (
 )
 from wbc_controller.records import Array, Reference, References
 
-#: Length of the arrow for a force as large as the robot's weight, m.
+#: Length of the arrow of the robot's weight, m.
 FORCE_LENGTH = 0.5
 #: Height of the friction cones, m.
 CONE_HEIGHT = 0.1
-#: Below this normal force, in weights of the robot, a contact has no centre of pressure.
+#: Smallest normal force of a loaded contact, as a share of the weight.
 _LOADED = 1.0e-3
-#: Below this height of the centre of mass there is no pendulum, m.
+#: Smallest height of the centre of mass for a capture point, m.
 _LOWEST_PENDULUM = 0.1
 
-#: Kinds of shapes: an arrow from a point to another, a line through points, lines between pairs of them, balls.
+#: Kinds of shapes: arrow between two points, polyline, lines between pairs of points, balls.
 ARROW, LINE_STRIP, LINE_LIST, SPHERE_LIST = "arrow", "line_strip", "line_list", "sphere_list"
-#: Red, green, blue and opacity of each group of shapes, each from 0 to 1.
+#: Red, green, blue and opacity of each group, from 0 to 1.
 COLORS = {
     "contact_forces": (0.9, 0.2, 0.2, 1.0),
     "friction_cones": (0.9, 0.6, 0.2, 0.6),
@@ -51,13 +51,13 @@ COLORS = {
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Something to be drawn."""
+    """Shape in the world."""
 
-    group: str  # what it shows, one of `COLORS`
-    number: int  # its place in the group
-    kind: str  # one of the kinds of shapes
-    size: float  # diameter of a ball, width of a line, diameter of an arrow's shaft, m
-    points: Array  # (n, 3) in m, in the world
+    group: str  # one of `COLORS`
+    number: int  # index in the group
+    kind: str  # ``arrow``, ``line_strip``, ``line_list`` or ``sphere_list``
+    size: float  # diameter of balls and arrow shafts, width of lines, m
+    points: Array  # (n, 3) in m, world
 
 
 def draw(
@@ -67,15 +67,7 @@ def draw(
     references: References | None,
     forces: Mapping[str, Array],
 ) -> Iterator[Shape]:
-    """Draw one state with its references and its solution, shape by shape.
-
-    Args:
-        references: references, or None if the controller is not active.
-        forces: contact forces in the form of `Solution.forces`; empty without a solution.
-
-    Yields:
-        The shapes that have points.
-    """
+    """Yield the non-empty shapes of one state; `references` and `forces` (`Solution.forces`) may be empty."""
     for shape in _shapes(dynamics, tasks, contacts, references, forces):
         if len(shape.points):
             yield shape
@@ -110,20 +102,15 @@ def _shapes(
         lines: list[Array] = []
         for name, task in tasks.items():
             if name in references.tasks and references.weights.get(name, 0.0) > 0.0:
-                lines += _from_to(task, dynamics, references.tasks[name], ground)
+                lines += _point_and_reference(task, dynamics, references.tasks[name], ground)
         yield _shape("task_errors", 0, LINE_LIST, 0.006, lines)
         yield _shape("references", 0, SPHERE_LIST, 0.02, lines[1::2])
 
 
 def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], weight: float) -> dict[str, float]:
-    """Return the tangential force of each contact with a friction cone, as a share of its friction limit.
+    """Return the tangential force of contacts as a share of the friction limit; NaN if unloaded.
 
-    Args:
-        forces: of the active ones, in the form of `Solution.forces`.
-        weight: of the robot, N.
-
-    Returns:
-        The shares by name; NaN for an unloaded contact.
+    `forces` is `Solution.forces`, `weight` that of the robot, N.
     """
     used = {}
     for name, force in forces.items():
@@ -140,7 +127,7 @@ def _shape(group: str, number: int, kind: str, size: float, points: Sequence[Arr
 
 
 def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array) -> tuple[list[Array], list[Array]]:
-    """Return the force at its centre of pressure, and the edges of the friction pyramid."""
+    """Return the force arrow at the centre of pressure, and the edges of the friction pyramid."""
     weight, centre = dynamics.model.mass * dynamics.model.gravity, corners.mean(axis=0)
     wrench = array_from(contact, "wrench_in_world", (6,), dynamics, force)
     if not isinstance(contact, UnilateralContact):
@@ -155,14 +142,14 @@ def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array)
     arrow = [origin, origin + FORCE_LENGTH / weight * wrench[:3]]
     x, y = (CONE_HEIGHT * contact.friction * axes[i] for i in range(3) if i != contact.normal)
     above = centre + CONE_HEIGHT * normal
-    # The edges of `contacts.support.friction_pyramid`, or of the pyramids at the corners of a sole.
+    # As in `contacts.support.friction_pyramid`, or at the corners of a sole.
     angles = np.arange(8) * math.pi / 4.0 if contact.size == 3 else (np.arange(4) + 0.5) * math.pi / 2.0
     top = [above + math.cos(angle) * x + math.sin(angle) * y for angle in angles.tolist()]
     return arrow, [point for corner in top for point in (centre, corner)] + _edges(top)
 
 
 def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
-    """The centre of mass, its projection onto the ground, and the capture point there."""
+    """Return centre of mass, its projection onto the ground, and capture point."""
     com = np.array(dynamics.com)
     below = np.array([com[0], com[1], ground])
     shapes = [_shape("com", 0, SPHERE_LIST, 0.04, [com, below]), _shape("com", 1, LINE_LIST, 0.004, [com, below])]
@@ -173,8 +160,8 @@ def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
     return shapes
 
 
-def _from_to(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
-    """Return the positions of a task's point and of its reference in the world; nothing for a task without a point."""
+def _point_and_reference(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
+    """Return the positions of a task's point and of its reference in the world; empty without a point."""
     wanted = reference.position
     if isinstance(task, ComTask | FramePositionTask | FramePoseTask):
         return [task.position(dynamics)[:3], wanted[:3]]
@@ -191,10 +178,9 @@ def _from_to(task: Task, dynamics: Dynamics, reference: Reference, ground: float
 
 
 def _supports(contact: Contact) -> bool:
-    """Return True if a contact supports the robot: not a fixed contact, nor one between two links."""
+    """Return True for unilateral contacts with the world."""
     return isinstance(contact, UnilateralContact) and not contact.internal
 
 
 def _edges(corners: Sequence[Array] | Array) -> list[Array]:
-    """A closed outline as pairs of points."""
     return [corners[j % len(corners)] for i in range(len(corners)) for j in (i, i + 1)]

@@ -1,4 +1,4 @@
-"""Tables for people, in a terminal and in a notebook."""
+"""Tables for terminals and notebooks."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rich.table import Table as RichTable
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of texts."""
+    """Table of strings."""
 
-    columns: tuple[str, ...]  # headings; the first column is aligned to the left, the others to the right
+    columns: tuple[str, ...]  # headings; first column left-aligned, others right-aligned
     rows: tuple[tuple[str, ...], ...]  # cells, each as long as `columns`
 
 
 def as_text(heading: str, tables: Sequence[Table]) -> str:
-    """Write a heading and tables for a terminal; tables without rows are left out."""
+    """Format a heading and non-empty tables for a terminal."""
     out = io.StringIO()
     console = Console(file=out, width=110, color_system=None, soft_wrap=True, force_jupyter=False)
     console.print(heading, markup=False, highlight=False)
@@ -38,7 +38,7 @@ def as_text(heading: str, tables: Sequence[Table]) -> str:
 
 
 def as_html(heading: str, tables: Sequence[Table]) -> str:
-    """Write the same for a notebook."""
+    """Format a heading and non-empty tables as HTML for a notebook."""
     parts = [f"<p>{html.escape(heading)}</p>"]
     for table in tables:
         if table.rows:
@@ -52,5 +52,4 @@ def as_html(heading: str, tables: Sequence[Table]) -> str:
 
 
 def _side(column: int) -> str:
-    """Alignment of a column: text to the left, numbers to the right."""
     return f' style="text-align:{"right" if column else "left"}"'

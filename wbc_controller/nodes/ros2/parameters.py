@@ -12,10 +12,10 @@ from pydantic import BaseModel
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import (
-    beside,
     find_configuration,
     load_settings,
     parse_settings,
+    resolve_paths,
     shipped_configurations,
 )
 from wbc_controller.settings.nesting import merged, nested
@@ -70,7 +70,7 @@ def settings_from(
     overrides = nested(given)
     if path is None:
         source = f"parameters of {node}"
-        return parse_settings(beside(files[-1], overrides) if files else overrides, source), source
+        return parse_settings(resolve_paths(files[-1], overrides) if files else overrides, source), source
     settings = load_settings(path)
     if not overrides:
         return settings, str(path)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from wbc_controller.controller.report import CycleReport, LatchedInputs, TakenRequests
+from wbc_controller.controller.report import CycleReport, LatchedInputs, UserRequests
 from wbc_controller.inverse_dynamics.references.changes import SetTrajectory
 from wbc_controller.middleware.codec import decode, encode, message
 from wbc_controller.middleware.topics import Endpoint
@@ -54,7 +54,7 @@ class _Gate:
         return dataclasses.replace(
             passed[-1],
             refused_states=tuple(sentence for latched in passed for sentence in latched.refused_states),
-            requests=TakenRequests(
+            requests=UserRequests(
                 commands=tuple(word for taken in requests for word in taken.commands),
                 changes=tuple(change for taken in requests for change in taken.changes),
                 refused=tuple(sentence for taken in requests for sentence in taken.refused),

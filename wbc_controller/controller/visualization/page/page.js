@@ -1,7 +1,6 @@
 "use strict";
-/* Wires a page: the view of the motion with its controls, the plots, and the time that both share.
-   A page has a motion, plots, or both; a motion of a single pose has no time bar.
-   The part of the address after # sets: t (s, and stops there), az and el (degrees), zoom, only=replay. */
+/* Connects motion view, controls and plots of a page through a common time. A single pose has no time bar.
+   URL fragment: t (time, s; paused), az and el (camera angles, degrees), zoom, only=replay. */
 (() => {
   const read = id => JSON.parse(document.getElementById(id)?.textContent ?? "null");
   const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -10,7 +9,7 @@
   if (plots) drawPlots(plots);
   window.replay = player;
 
-  /** The phases of the motion, above the slider and above each plot. */
+  /** Phases of the motion above the slider and the plots. */
   function phaseStrip(strip, range) {
     const [low, high] = range;
     strip.replaceChildren(...motion.phases.map(([start, end, name]) => {
@@ -30,7 +29,7 @@
     const canvas = find("canvas"), slider = find("input[type=range]"), play = find(".play"), clock = find(".clock");
     const view = new Replay.View(canvas, new Replay.Scene(data));
     const state = { time: data.start, playing: false, speed: 1, seen: true };
-    const listeners = [];  // of the time
+    const listeners = [];  // called with the time
     const last = (list, t) => list.filter(item => item[0] <= t + 1e-9).pop();
     const moves = data.phases.length > 0 || data.duration - data.start > 2;
 

@@ -1,9 +1,9 @@
 "use strict";
-/* A replay of rigid bodies on a plain 2-D canvas: no GPU is asked for. Convex hulls are culled, lit per triangle, sorted
-   by depth and painted from back to front. World axes: z up; lengths in m; quaternions x, y, z, w. */
+/* Replay of rigid bodies on a 2-D canvas, without a GPU: convex hulls are culled, lit per triangle and painted from back
+   to front. World axes: z up; lengths in m; quaternions x, y, z, w. */
 const Replay = (() => {
   const LIGHT = unit([0.75, -0.25, 1.0]);  // towards the light
-  const FIELD = 0.36;                      // half the height of the picture over its distance
+  const FIELD = 0.36;                      // half picture height / distance
 
   function unit(a) { const n = Math.hypot(...a) || 1; return a.map(x => x / n); }
   function dot(a, b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -11,12 +11,12 @@ const Replay = (() => {
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
   }
 
-  /** Decode base64 of little-endian numbers, which is the order of every machine with a browser. */
+  /** Decode base64 of little-endian numbers. */
   function decode(text, Kind) {
     return new Kind(Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer);
   }
 
-  /** Rotation matrix of a quaternion, by rows. */
+  /** Rotation matrix of a quaternion, row-major. */
   function rotation(x, y, z, w) {
     const s = 2 / (x * x + y * y + z * z + w * w);
     return [1 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w),
@@ -54,7 +54,7 @@ const Replay = (() => {
     return half(sorted).concat(half(sorted.reverse()));
   }
 
-  /** Frame before a time, and the share of the way to the next one. */
+  /** Frame before a time, and interpolation weight of the next one. */
   function locate(times, t) {
     let low = 0, high = times.length - 1;
     if (t >= times[high]) return [high, 0];
@@ -65,7 +65,7 @@ const Replay = (() => {
     return [low, Math.max(0, (t - times[low]) / (times[high] - times[low] || 1))];
   }
 
-  /** Halve the longest edges until all are short: by depth, long triangles cannot be put in order with small ones. */
+  /** Bisect long edges: long triangles cannot be sorted by depth. */
   function subdivide(vertices, triangles, longest) {
     const v = vertices.slice(), open = [], done = [], middles = new Map();
     const length = (i, j) => Math.hypot(v[3 * i] - v[3 * j], v[3 * i + 1] - v[3 * j + 1], v[3 * i + 2] - v[3 * j + 2]);
@@ -103,17 +103,17 @@ const Replay = (() => {
         const [v, t] = subdivide(part.vertices, part.triangles, 0.06 * data.size);
         const at = i => [v[3 * i], v[3 * i + 1], v[3 * i + 2]];
         const normals = new Float32Array(t.length);
-        const reach = new Float32Array(t.length / 3);  // of the triangle's plane along its normal
+        const reach = new Float32Array(t.length / 3);  // distance of the plane along its normal
         for (let k = 0; k < t.length; k += 3) {
           const [a, b, c] = [at(t[k]), at(t[k + 1]), at(t[k + 2])];
           const n = unit(cross(b.map((x, i) => x - a[i]), c.map((x, i) => x - a[i])));
           normals.set(n, k);
           reach[k / 3] = dot(n, a);
         }
-        const outline = part.vertices.length;  // the corners that subdivision added are inside
+        const outline = part.vertices.length;  // without corners of the subdivision
         return { joint: part.joint, color: part.color, v, t, outline, normals, reach, screen: new Float32Array(v.length) };
       });
-      // Camera home: far enough to hold the robot as it is in the first frame.
+      // Initial camera: the whole robot in the first frame.
       const first = this.at(this.times[0]);
       const low = [Infinity, Infinity, 0], high = [-Infinity, -Infinity, 0.3];
       for (const part of this.parts) {
@@ -127,7 +127,7 @@ const Replay = (() => {
       this.center = [(low[0] + high[0]) / 2 - first.com[0], (low[1] + high[1]) / 2 - first.com[1]];
     }
 
-    /** Everything that moves, at a time; poses lie between those of the frames around it. */
+    /** Interpolated poses, forces and centre of mass at a time. */
     at(time) {
       const [frame, share] = locate(this.times, time);
       const next = Math.min(frame + 1, this.times.length - 1);
@@ -161,7 +161,7 @@ const Replay = (() => {
       this.focus = null;
     }
 
-    /** Let the pointer turn and the wheel zoom; `changed` is called after each change. */
+    /** Rotate with the pointer and zoom with the wheel; `changed` is called after each change. */
     steer(changed) {
       const canvas = this.canvas;
       canvas.addEventListener("pointerdown", event => canvas.setPointerCapture(event.pointerId));
@@ -178,7 +178,7 @@ const Replay = (() => {
       }, { passive: false });
     }
 
-    /** Place the camera. It follows the robot's walk, not its sway. */
+    /** Place the camera: it follows large displacements only. */
     aim(com, width, height) {
       const scene = this.scene;
       const goal = [com[0] + scene.center[0], com[1] + scene.center[1]];
@@ -202,7 +202,7 @@ const Replay = (() => {
       this.disc = scene.size * 0.95;
     }
 
-    /** Picture coordinates and depth of a point; null where it is behind the camera. */
+    /** Picture coordinates and depth of a point; null behind the camera. */
     project(a) {
       const d = [a[0] - this.eye[0], a[1] - this.eye[1], a[2] - this.eye[2]];
       const depth = -dot(d, this.back);
@@ -246,7 +246,7 @@ const Replay = (() => {
       if (close) ink.closePath();
     }
 
-    /** Add a flat polygon to the path, cut off where it comes too near. */
+    /** Add a flat polygon, clipped at the near plane, to the path. */
     polygon(corners) {
       const near = 0.06, depth = a => -a.reduce((sum, x, i) => sum + (x - this.eye[i]) * this.back[i], 0);
       const kept = [];
@@ -258,7 +258,7 @@ const Replay = (() => {
       this.path(kept.map(a => this.project(a)), true);
     }
 
-    /** A disc around the robot with lines on whole and quarter metres of the world. */
+    /** Disc around the robot with grid lines at whole and quarter metres. */
     floor(color) {
       const ink = this.ink, r = this.disc, [cx, cy] = this.focus;
       const rim = Array.from({ length: 72 }, (_, i) => {
@@ -286,7 +286,7 @@ const Replay = (() => {
       }
     }
 
-    /** The shadow of each hull is the hull of its corners' shadows; all of them are one path, so that none adds up. */
+    /** Shadows as one path of convex hulls, so that overlaps are not darker. */
     shadow(now, style) {
       const ink = this.ink;
       ink.beginPath();
@@ -304,7 +304,7 @@ const Replay = (() => {
       ink.fill("nonzero");
     }
 
-    /** Hull of the corners of all contacts that bear load. */
+    /** Support polygon of loaded contacts. */
     support(now, style) {
       const ink = this.ink, corners = [];
       this.scene.contacts.forEach((contact, i) => {
@@ -336,7 +336,7 @@ const Replay = (() => {
           screen[k + 1] = middle[1] - s * (x * up[0] + y * up[1] + z * up[2]);
           screen[k + 2] = depth;
         }
-        // Light and eye in the body's frame: the normals need not be turned.
+        // Light and eye in the body's frame, in place of rotated normals.
         const light = inverseRotate(pose, LIGHT), sky = inverseRotate(pose, [0, 0, 1]);
         const from = inverseRotate(pose, [eye[0] - pose.p[0], eye[1] - pose.p[1], eye[2] - pose.p[2]]);
         for (let k = 0; k < t.length; k += 3) {
@@ -353,7 +353,7 @@ const Replay = (() => {
       drawn.sort((a, b) => b.depth - a.depth);
       ink.lineWidth = 0.8;
       for (const { screen, i, j, l, color, shade } of drawn) {
-        // Black plastic is lifted a little, or its shape would be lost.
+        // Black is brightened to show shapes.
         const c = color.map(x => Math.min(255, Math.round((34 + 0.87 * x) * shade)));
         ink.fillStyle = ink.strokeStyle = `rgb(${c[0]},${c[1]},${c[2]})`;
         ink.beginPath();
@@ -362,7 +362,7 @@ const Replay = (() => {
         ink.lineTo(screen[l], screen[l + 1]);
         ink.closePath();
         ink.fill();
-        ink.stroke();  // closes the hairlines between neighbours that anti-aliasing leaves
+        ink.stroke();  // closes gaps of anti-aliasing
       }
     }
 
@@ -389,7 +389,7 @@ const Replay = (() => {
       ink.globalAlpha = 1;
     }
 
-    /** The centre of mass on the floor: a dot, and a ring where its reference is. */
+    /** Centre of mass on the floor (dot), and its reference (ring). */
     plumb(com, style) {
       const ink = this.ink;
       const ring = (x, y, r) => {

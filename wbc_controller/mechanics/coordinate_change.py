@@ -1,8 +1,4 @@
-"""The same robot in other coordinates: re-rooted at another link, joints renumbered and flipped (Lemma 1, 2.1.2; S2).
-
-Physics does not depend on the coordinates, so two models of one robot must give the same physical results. This module
-makes the second model, and the maps between the two.
-"""
+"""Change of coordinates of a robot: other root link, other order and direction of joints (Lemma 1, 2.1.2; S2)."""
 
 from __future__ import annotations
 
@@ -17,23 +13,21 @@ from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.mechanics.checks import joint_index
 from wbc_controller.records import Array
 
-#: Per degree of freedom: quantities that do not depend on the sign of the joint.
+#: Joint parameters independent of the direction.
 _UNSIGNED = ("armature", "rotorInertia", "rotorGearRatio")
-#: Per degree of freedom: pairs of bounds that are negated and swapped when the joint is flipped.
+#: Bounds that are negated and swapped for a flipped joint.
 _VELOCITY_BOUNDS = (("lowerEffortLimit", "upperEffortLimit"), ("lowerVelocityLimit", "upperVelocityLimit"))
 
 
 @dataclass(frozen=True)
-class Recoordinated:
-    """Another model of the same robot, and the map φ of Lemma 1 (equation (14)) for states, motions and forces.
-
-    The arguments of its methods belong to the original model, and the results to the new one.
+class CoordinateChange:
+    """Second model of a robot, and the map φ of Lemma 1 (equation (14)) from the original to the new coordinates.
 
     Attributes:
-        original: the original model.
-        model: the model in the new coordinates; frames and joints keep their names.
-        root: joint of the original model whose link carries the new base; 0 for a fixed base.
-        signs: sign of each joint by name: -1 if the new coordinate has the opposite direction.
+        original: original model.
+        model: new model with the same names.
+        root: original joint of the new base link; 0 for a fixed base.
+        signs: 1, or -1 for flipped joints, by name.
     """
 
     original: pin.Model
@@ -42,7 +36,7 @@ class Recoordinated:
     signs: dict[str, float]
 
     def configuration(self, q: Array) -> Array:
-        """Map a configuration, (nq,), to the new coordinates (φ)."""
+        """Map a configuration, (nq,), by φ."""
         moved = np.array(pin.neutral(self.model))
         if self.root:
             data = self.original.createData()
@@ -56,7 +50,7 @@ class Recoordinated:
         return moved
 
     def jacobian(self, q: Array) -> Array:
-        """Derivative of the map, T = ∂φ/∂q of Lemma 1, (nv, nv): the new velocity is T times the old one."""
+        """Return T = ∂φ/∂q of Lemma 1, (nv, nv)."""
         T = np.zeros((self.model.nv, self.original.nv))
         if self.root:
             data = self.original.createData()
@@ -67,11 +61,11 @@ class Recoordinated:
         return T
 
     def velocity(self, q: Array, v: Array) -> Array:
-        """Map a generalized velocity, (nv,), to the new coordinates."""
+        """Map a generalized velocity, (nv,): T v."""
         return np.asarray(self.jacobian(q) @ v)
 
     def acceleration(self, q: Array, v: Array, v_dot: Array) -> Array:
-        """Map a generalized acceleration, (nv,), to the new coordinates: T v̇ + Ṫ v, with Ṫ as in equation (12)."""
+        """Map a generalized acceleration, (nv,): T v̇ + Ṫ v (equation (12))."""
         moved = self.jacobian(q) @ v_dot
         if self.root:
             data = self.original.createData()
@@ -80,40 +74,39 @@ class Recoordinated:
         return np.asarray(moved)
 
     def force(self, q: Array, force: Array) -> Array:
-        """Map a generalized force, (nv,) in N and N·m, to the new coordinates with the same work (equation (21))."""
+        """Map a generalized force, (nv,) in N and N·m, with equal work (equation (21))."""
         return np.linalg.solve(self.jacobian(q).T, force)
 
     def _joints(self, name: str) -> tuple[Any, Any]:
         return (self.original.joints[self.original.getJointId(name)], self.model.joints[self.model.getJointId(name)])
 
 
-def recoordinate(
+def change_coordinates(
     model: pin.Model, *, root: str | None = None, flip: Iterable[str] = (), shuffle: int | None = None
-) -> Recoordinated:
-    """Make another model of the same robot (section 2.1.2; S2).
+) -> CoordinateChange:
+    """Return a model of the same robot in other coordinates (section 2.1.2; S2), in the same units.
 
     Args:
-        model: the robot; all joints except a floating base have one degree of freedom.
-        root: joint whose link carries the floating base; by default the base stays where it is.
-        flip: names of the joints whose coordinate changes direction.
-        shuffle: seed for a random order of the joints; by default they keep their order as far as the tree allows.
-
-    Returns:
-        The new model (nq and nv as before), and the maps to it; units do not change.
+        model: robot; all joints except a floating base have one degree of freedom.
+        root: joint of the new base link; None for the same base.
+        flip: joints with reversed direction.
+        shuffle: seed of a random joint order, or None.
 
     Raises:
-        ConfigurationError: where a joint is unknown or of another kind, or a fixed base should move.
+        ConfigurationError: if a joint is unknown or unsupported, or the base is fixed and `root` is given.
     """
     floating = model.njoints > 1 and model.joints[1].nq == 7
     if root is not None and not floating:
-        raise ConfigurationError(f"root = {root!r}: the base is fixed to the world and cannot be moved to another link")
+        raise ConfigurationError(
+            f"root = {root!r}: the base is fixed to the world; only a floating base has a new root"
+        )
     names = list(model.names)
     first = 1 if floating else 0
     flipped = set(flip)
     unknown = flipped - set(names[first + 1 :])
     if unknown:
         name = sorted(unknown)[0]
-        raise ConfigurationError(f"flip: {name!r} is no joint to flip; {valid_choices(name, names[first + 1 :])}")
+        raise ConfigurationError(f"flip: unknown joint {name!r}; {valid_choices(name, names[first + 1 :])}")
     new_root = joint_index(model, root) if root is not None else first
     axes = _axes(model, first)
     order = np.random.default_rng(shuffle)
@@ -124,13 +117,13 @@ def recoordinate(
     base = 0
     if floating:
         base = moved.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), names[1])
-    # For each link its new joint, and its old frame in that joint's frame.
+    # New joint of each link, and old frame in the new joint's frame.
     links: dict[int, tuple[int, pin.SE3]] = {new_root: (base, pin.SE3.Identity())}
     if floating:
         links[0] = (0, pin.SE3.Identity())
 
     def attach(link: int) -> None:
-        """Add the joints around a link, away from the root."""
+        """Add the joints of a link, away from the root."""
         at, shift = links[link]
         around = [j for j in range(first + 1, model.njoints) if link in (j, model.parents[j])]
         if shuffle is not None:
@@ -141,7 +134,7 @@ def recoordinate(
             other = int(model.parents[j]) if backwards else j
             if other in links:
                 continue
-            # A joint traversed from child to parent rotates in the opposite direction.
+            # Traversed from child to parent, a joint rotates in the opposite direction.
             axis = (-sign if backwards else sign) * axes[j]
             placement = shift if backwards else shift * model.jointPlacements[j]
             joint = moved.addJoint(at, _joint(axis, model.joints[j].nq), placement, names[j])
@@ -155,13 +148,13 @@ def recoordinate(
         joint, shift = links[frame.parentJoint]
         moved.addFrame(pin.Frame(frame.name, joint, 0, shift * frame.placement, frame.type), False)
     signs = {name: -1.0 if name in flipped else 1.0 for name in names[first + 1 :]}
-    result = Recoordinated(original=model, model=moved, root=new_root if floating else 0, signs=signs)
+    result = CoordinateChange(original=model, model=moved, root=new_root if floating else 0, signs=signs)
     _copy_bounds(result)
     return result
 
 
 def _axes(model: pin.Model, first: int) -> dict[int, Array]:
-    """Motion subspace of each joint, (6,), in its own frame."""
+    """Return the motion subspace of each joint, (6,), in its own frame."""
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     axes = {}
@@ -173,7 +166,7 @@ def _axes(model: pin.Model, first: int) -> dict[int, Array]:
         sizes = np.linalg.norm(axis.reshape(2, 3), axis=1)
         if not (joint.nv == 1 and joint.nq <= 2 and min(sizes) < 1.0e-12 and abs(max(sizes) - 1.0) < 1.0e-9):
             raise ConfigurationError(
-                f"joint {model.names[j]!r} is of kind {joint.shortname()}; expected a revolute or prismatic one"
+                f"joint {model.names[j]!r} has type {joint.shortname()}, expected revolute or prismatic"
             )
         axes[j] = axis
     return axes
@@ -185,8 +178,7 @@ def _joint(axis: Array, nq: int) -> Any:
     return (pin.JointModelRevoluteUnaligned if nq == 1 else pin.JointModelRevoluteUnboundedUnaligned)(axis[3:])
 
 
-def _copy_bounds(result: Recoordinated) -> None:
-    """Copy rotor inertias and limits to the new joints."""
+def _copy_bounds(result: CoordinateChange) -> None:
     old_model, model = result.original, result.model
     for attribute in _UNSIGNED:
         values = np.array(getattr(model, attribute))
@@ -201,7 +193,7 @@ def _copy_bounds(result: Recoordinated) -> None:
         for name, sign in result.signs.items():
             old, new = result._joints(name)
             if index == "idx_q" and old.nq != 1:
-                continue  # cosine and sine have no limits
+                continue  # cosine and sine
             ends = sorted(sign * getattr(old_model, bound)[getattr(old, index)] for bound in (lower, upper))
             low[getattr(new, index)], high[getattr(new, index)] = ends
         setattr(model, lower, low)

@@ -1,4 +1,4 @@
-"""Coordinate invariance: acceptance 2 for the mechanics functions. One robot, two models, the same physics."""
+"""Coordinate invariance: one robot, two models, the same physics."""
 
 import numpy as np
 import pinocchio as pin
@@ -17,6 +17,7 @@ from wbc_controller.mechanics import (
     bias_force,
     centroidal_momentum,
     centroidal_momentum_rate,
+    change_coordinates,
     constrained_dynamics,
     constraint_equation,
     forward_dynamics,
@@ -30,19 +31,18 @@ from wbc_controller.mechanics import (
     lagrangian,
     mass_matrix,
     potential_energy,
-    recoordinate,
 )
 
 seeds = st.integers(0, 2**32 - 1)
 
 
 def another(name, rng):
-    """The robot re-rooted at a random link, renumbered, half of its joints flipped."""
+    """Robot with random root link and joint order, and half of its joints flipped."""
     model = robot(name)
     joints = [model.names[j] for j in range(1, model.njoints) if model.joints[j].nv == 1]
     root = str(rng.choice(joints)) if name in FLOATING else None
     flip = [joint for joint in joints if rng.random() < 0.5]
-    return model, recoordinate(model, root=root, flip=flip, shuffle=int(rng.integers(1000)))
+    return model, change_coordinates(model, root=root, flip=flip, shuffle=int(rng.integers(1000)))
 
 
 def close(a, b, scale=None):
@@ -62,7 +62,7 @@ def test_the_same_physics(name, seed):
     for frame in links(model):
         assert a.placement(frame).isApprox(b.placement(frame), 1e-10)
         assert close(b.body(frame, pin.SE3.Identity())[1], a.body(frame, pin.SE3.Identity())[1])
-    # Scalars are the same; covectors and vectors go by the map and its derivative (Lemma 1).
+    # Scalars are equal; vectors and covectors transform by the map and its derivative (Lemma 1).
     for scalar in (kinetic_energy, hamiltonian, lagrangian):
         assert close(scalar(other.model, q2, v2), scalar(model, q, v))
     assert close(potential_energy(other.model, q2), potential_energy(model, q))
@@ -88,7 +88,7 @@ def test_the_same_contact_forces(name, seed):
     q, v = random_state(model, rng)
     force = 20.0 * rng.normal(size=model.nv)
     first, second = (str(f) for f in rng.choice(links(model), 2, replace=False))
-    # Feet stand on the world, so an admissible velocity would be zero there; any velocity must do as well.
+    # Velocities need not satisfy the constraints.
     contacts = [
         SurfaceContact(frame=first, time_constant=0.2, target=Kinematics(model, q, v).placement(first)),
         PointContact(frame=second, offset=np.array([0.05, 0.0, 0.1])),
@@ -97,8 +97,8 @@ def test_the_same_contact_forces(name, seed):
     equation = constraint_equation(contacts, Kinematics(model, q, v))
     singular = np.linalg.svd(equation.A, compute_uv=False)
     if np.any((singular < 1e-3 * singular[0]) & (singular > 1e-11 * singular[0])):
-        return  # nearly singular: acceptance 1 has those
-    # Constraints drawn at random may contradict each other; project what they ask for.
+        return  # nearly singular: tested with Gauss's principle
+    # Random constraints may be inconsistent: project b.
     if np.linalg.matrix_rank(equation.A, 1e-9) < len(equation.A):
         contacts = contacts[:2]
         equation = constraint_equation(contacts, Kinematics(model, q, v))
@@ -111,7 +111,7 @@ def test_the_same_contact_forces(name, seed):
     motion = constrained_dynamics(model, q, v, force + external, contacts)
     motion2 = constrained_dynamics(other.model, q2, v2, other.force(q, force) + external2, contacts)
     assert close(motion2.v_dot, other.acceleration(q, v, motion.v_dot))
-    assert close(motion2.multipliers, motion.multipliers)  # physical forces: the same numbers
+    assert close(motion2.multipliers, motion.multipliers)  # physical forces are equal
     assert close(motion2.constraint_force, other.force(q, motion.constraint_force))
 
 
@@ -119,15 +119,15 @@ def test_the_same_contact_forces(name, seed):
 def test_pinocchios_coordinates_survive_the_way_there_and_back(name):
     model, rng = robot(name), np.random.default_rng(0)
     far = model.names[model.njoints - 1]
-    there = recoordinate(model, root=far, flip=[far], shuffle=5)
-    back = recoordinate(there.model, root=None)
+    there = change_coordinates(model, root=far, flip=[far], shuffle=5)
+    back = change_coordinates(there.model, root=None)
     assert sorted(there.model.names) == sorted(model.names)
     assert list(back.model.names) == list(there.model.names)
     q, v = random_state(model, rng)
     q2, v2 = there.configuration(q), there.velocity(q, v)
     assert np.allclose(back.configuration(q2), q2)
     assert np.allclose(back.velocity(q2, v2), v2)
-    # Moving along v and mapping is mapping and moving: the Jacobian is the derivative of the map.
+    # The Jacobian is the derivative of the map.
     eps = 1e-6
     ends = [there.configuration(pin.integrate(model, q, s * v)) for s in (-eps, eps)]
     assert np.allclose(pin.difference(there.model, *ends) / (2 * eps), v2, atol=1e-6)
@@ -135,7 +135,7 @@ def test_pinocchios_coordinates_survive_the_way_there_and_back(name):
 
 def test_limits_and_rotors_go_along():
     model = robot("go2")
-    other = recoordinate(model, root="FL_calf_joint", flip=["RR_hip_joint", "FL_thigh_joint"], shuffle=1).model
+    other = change_coordinates(model, root="FL_calf_joint", flip=["RR_hip_joint", "FL_thigh_joint"], shuffle=1).model
     for name, sign in (("RR_hip_joint", -1.0), ("RR_calf_joint", 1.0), ("FL_thigh_joint", -1.0)):
         a, b = model.joints[model.getJointId(name)], other.joints[other.getJointId(name)]
         bounds = sorted(sign * x[a.idx_q] for x in (model.lowerPositionLimit, model.upperPositionLimit))
@@ -146,13 +146,13 @@ def test_limits_and_rotors_go_along():
 
 def test_mistakes_are_named():
     with pytest.raises(ConfigurationError, match="fixed to the world"):
-        recoordinate(robot("panda"), root="panda_joint3")
+        change_coordinates(robot("panda"), root="panda_joint3")
     with pytest.raises(ConfigurationError, match="did you mean 'FL_hip_joint'"):
-        recoordinate(robot("go2"), flip=["FL_hip_jiont"])
-    with pytest.raises(ConfigurationError, match="no joint 'foot'"):
-        recoordinate(robot("go2"), root="foot")
+        change_coordinates(robot("go2"), flip=["FL_hip_jiont"])
+    with pytest.raises(ConfigurationError, match="unknown joint 'foot'"):
+        change_coordinates(robot("go2"), root="foot")
     ball = pin.Model()
     joint = ball.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
     ball.addJoint(joint, pin.JointModelSpherical(), pin.SE3.Identity(), "shoulder")
-    with pytest.raises(ConfigurationError, match="'shoulder' is of kind JointModelSpherical"):
-        recoordinate(ball)
+    with pytest.raises(ConfigurationError, match="'shoulder' has type JointModelSpherical"):
+        change_coordinates(ball)

@@ -1,4 +1,4 @@
-"""A user's own tasks, contacts and limits whose methods fail: before activation, and in a running controller."""
+"""User objects with failing methods, before activation and in a running controller."""
 
 import numpy as np
 import pytest
@@ -73,7 +73,7 @@ def writes(number):
     return fill
 
 
-#: A class, one of its methods, what it does instead, and what is said of it.
+#: Class, method, replacement, message.
 FAILURES = [
     (Height, "error", returns(np.zeros(2)), "returned shape (2,), expected (1,)"),
     (Height, "error", returns(0.1), "returned shape (), expected (1,)"),
@@ -117,7 +117,7 @@ def broken(kind, method, instead):
 
 
 def running(**own):
-    """A controller with own objects, active and ramped in."""
+    """Active controller with user objects."""
     config = wbc.load("go2").replace({"safety.damping_time": 0.1})
     controller = wbc.Controller(config, **own, preflight=False)
     q, v = controller.stance(), np.zeros(controller.model.nv)
@@ -184,7 +184,7 @@ def test_integers_and_lists_are_converted():
         (Grip, "cone", np.zeros((1, 2)), "expected finite numbers of shape (rows, 3)"),
         (Grip, "metric", np.ones(2), "expected finite numbers of shape (3,)"),
         (Grip, "damping", np.inf, "Grip.damping is inf, expected a finite number of at least 0"),
-        (Ceiling, "names", (), "Ceiling.names is (), expected a tuple with a text for each row"),
+        (Ceiling, "names", (), "Ceiling.names is (), expected a tuple with one string per row"),
     ],
 )
 def test_attributes_of_which_no_program_can_be_laid_out_are_refused(kind, attribute, value, said):
@@ -214,7 +214,7 @@ def test_a_method_that_fails_at_the_reset_leaves_the_controller_without_torques(
 
 @pytest.fixture
 def service(bench, monkeypatch):
-    """A controller behind topics, with a task and a contact of its own."""
+    """Controller with topics and user objects."""
     made = bench("go2")
     controller = Controller(made.settings, tasks=[Height], contacts=[Grip], preflight=False, model=made.model)
     made.loop = make_loop(controller, made.transport, made.clock, made.topics, observers=(made.reports.append,))
@@ -248,7 +248,7 @@ def test_a_method_that_only_pictures_use_damps_the_robot_too(service):
     service.activate()
     service.cycle(300)
     service.loop.controller.contacts["grip"].points = returns(np.zeros((1, 2)))
-    for _ in range(200):  # until the next picture
+    for _ in range(200):  # until the next markers
         service.clock.time += service.period
         service.base()
         service.joints()

@@ -1,4 +1,4 @@
-"""Makes a user's own tasks, contacts and limits, and checks their attributes and one result of each method."""
+"""Construction and checks of user-defined tasks, contacts and limits."""
 
 from __future__ import annotations
 
@@ -30,17 +30,12 @@ from wbc_controller.inverse_dynamics.tasks.task import evaluate as evaluate_task
 _Made = TypeVar("_Made", Task, Contact, RowLimit)
 
 
-def make_own(
+def make_user_objects(
     makers: Iterable[Callable[[RobotModel], _Made]], model: RobotModel, kind: Any, key: str, taken: Sequence[str]
 ) -> list[_Made]:
-    """Make the user's own objects, and check that each has the right class and a name that is not taken.
-
-    Raises:
-        ConfigurationError: if an object cannot be made, has another class, or its name is already used; begins with
-            the key.
-    """
+    """Create user objects, and check their classes and names; `taken` are names in use."""
     made: list[_Made] = []
-    expected = f"{key} = {makers!r}: it must be a list of classes or functions, which are called with the robot's model"
+    expected = f"{key} = {makers!r}: must be a list of classes or functions that take the robot's model"
     try:
         all_makers = tuple(makers)
     except Exception as error:
@@ -52,18 +47,17 @@ def make_own(
             one = make(model)
         except ConfigurationError:
             raise
-        except Exception as error:  # of the user
+        except Exception as error:
             raise ConfigurationError(f"{key}: {make!r} raised {type(error).__name__}: {error}") from error
         if not isinstance(one, kind):
             raise ConfigurationError(
-                f"{key}: {make!r} made a {type(one).__name__}; it must make a {kind.__name__} when it is called with "
-                "the robot's model"
+                f"{key}: {make!r} returned a {type(one).__name__}, expected a {kind.__name__} for the robot's model"
             )
         name = getattr(one, "name", None)
         if not isinstance(one, RowLimit) and not isinstance(name, str):
-            raise ConfigurationError(f"{key}: {type(one).__name__}.name is {name!r}, expected a text")
+            raise ConfigurationError(f"{key}: {type(one).__name__}.name is {name!r}, expected a string")
         if name is not None and name in (*taken, *(other.name for other in made if not isinstance(other, RowLimit))):
-            raise ConfigurationError(f"{key}: the name {name!r} stands twice; give each of them one of its own")
+            raise ConfigurationError(f"{key}: duplicate name {name!r}; use different names")
         made.append(one)
     return made
 
@@ -71,11 +65,7 @@ def make_own(
 def check_attributes(
     model: RobotModel, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
 ) -> None:
-    """Check the attributes from which the quadratic program is laid out.
-
-    Raises:
-        ConfigurationError: with the class, the attribute, its value and the expected one.
-    """
+    """Check the attributes of user objects."""
     for task in tasks:
         _check_task(task, model)
     for contact in contacts:
@@ -129,19 +119,17 @@ def _check_contact(contact: Contact) -> None:
 def _check_limit(limit: RowLimit) -> None:
     for name in ("kind", "unit"):
         value = _attribute(limit, name)
-        _require(limit, name, value, "a text", isinstance(value, str))
+        _require(limit, name, value, "a string", isinstance(value, str))
     names = _attribute(limit, "names")
     fits = isinstance(names, tuple | list) and len(names) > 0 and all(isinstance(name, str) for name in names)
-    _require(limit, "names", names, "a tuple with a text for each row", fits)
+    _require(limit, "names", names, "a tuple with one string per row", fits)
 
 
 def _attribute(owner: Task | Contact | RowLimit, name: str) -> Any:
     try:
         return getattr(owner, name)
     except AttributeError as error:
-        raise ConfigurationError(
-            f"{type(owner).__name__} has no attribute {name!r}, which its class must set"
-        ) from error
+        raise ConfigurationError(f"{type(owner).__name__}: missing attribute {name!r}; set it in the class") from error
 
 
 def _require(owner: Task | Contact | RowLimit, name: str, value: Any, expected: str, fits: bool) -> None:
@@ -171,11 +159,7 @@ def _is_matrix(value: Any, shape: tuple[int, ...]) -> bool:
 def evaluate_methods(
     formulation: Formulation, tasks: Sequence[Task], contacts: Sequence[Contact], limits: Sequence[RowLimit]
 ) -> None:
-    """Evaluate each method once, at rest in the nominal posture, and check what it returns.
-
-    Raises:
-        MethodError: if a method raises an exception, or returns an array of another shape or type, NaN or infinity.
-    """
+    """Evaluate each method once, at rest in the nominal posture, and check its return value."""
     model, dynamics = formulation.model, Dynamics(formulation.model)
     dynamics.compute(model.configuration(model.posture), np.zeros(model.nv))
     for task in tasks:
@@ -212,5 +196,5 @@ def _evaluate_limit(limit: RowLimit, dynamics: Dynamics, period: float) -> None:
     if len(limit.names) != count:
         raise MethodError(
             f"{limit.full_name}: {type(limit).__name__}.fill() changed the number of names from {count} to "
-            f"{len(limit.names)}; the number of rows must not change"
+            f"{len(limit.names)}; it must be constant"
         )
