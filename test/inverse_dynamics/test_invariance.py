@@ -21,7 +21,7 @@ from wbc_controller.validation.fuzz.problems import rest
 NEW_ROOT = {"g1": "waist_pitch_joint", "talos": "arm_left_4_joint", "go2": "RL_thigh_joint"}
 
 
-def in_other_coordinates(model: RobotModel, other: Recoordinated) -> tuple[RobotModel, np.ndarray]:
+def in_other_coordinates(model: RobotModel, other: CoordinateChange) -> tuple[RobotModel, np.ndarray]:
     """Return the model in other coordinates, and the sign of each joint of the command."""
     joints = [other.model.joints[other.model.getJointId(name)] for name in model.joints]
     signs = np.array([other.signs[name] for name in model.joints])

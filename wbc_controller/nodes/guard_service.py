@@ -182,7 +182,7 @@ class GuardService:
             )
         self._shared = shared
 
-    def _read_inputs(self) -> Heard:
+    def _read_inputs(self) -> GuardInputs:
         with self._lock:
             newest, self._joint_states = self._joint_states, None
         if newest is not None:
@@ -226,9 +226,9 @@ class GuardService:
         # A joint state that arrives later has a later deadline.
         return min(self.guard.deadline(received), now + self.guard.limits.patience)
 
-    def _publish_diagnostics(self, now: float, received: Heard) -> None:
+    def _publish_diagnostics(self, now: float, received: GuardInputs) -> None:
         guard, stale = self.guard, ""
-        if guard.mode is GuardMode.DAMPING and guard.blind(now, received):
+        if guard.mode is GuardMode.DAMPING and guard.velocity_is_stale(now, received):
             note = f" ({self._refused['joint_states']})" if "joint_states" in self._refused else ""
             stale = f"; zero torque, because the joint velocities are stale{note}"
         text = guard.mode.value + (f" {guard.reason}{stale}" if guard.reason else "")
@@ -251,7 +251,7 @@ class GuardService:
             self._diagnostics_due = now + self._diagnostics_period
             self._publish["diagnostics"](encode(self._diagnostics(now, received, text)))
 
-    def _diagnostics(self, now: float, received: Heard, text: str) -> Any:
+    def _diagnostics(self, now: float, received: GuardInputs, text: str) -> Any:
         values = {
             "mode": self.guard.mode.value,
             "takeovers": str(self.guard.takeovers),

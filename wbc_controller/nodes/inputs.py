@@ -129,7 +129,7 @@ class Inputs:
             base_check = SampleCheck.of_base(plausibility) if plausibility is not None else None
             self._sources["odom"] = _Source(OdometryReader(model.base_link), self._tracker(), base_check)
         self._parts = dict(self._sources)  # required for a state
-        if estimator is not None and estimator.takes_poses:
+        if estimator is not None and estimator.uses_poses:
             self._sources["pose"] = _Source(PoseReader(), self._tracker())
         self._queues: dict[str, _Queue] = {}
         latched = [*self._sources, *(KEYS if sensing is not None else ())]
@@ -205,12 +205,12 @@ class Inputs:
             return StampTracker()
         return StampTracker(self._clock.clock_offset, self.clock_tolerance)
 
-    def latch(self, holding: Collection[str] = (), *, held: bool = False) -> LatchedInputs:
+    def latch(self, holding: Collection[str] = (), *, controlled: bool = False) -> LatchedInputs:
         """Decode the newest states, assemble the robot's state, and take the decoded requests.
 
         Args:
             holding: names of the commanded contacts, used by the base estimate unless contact sensors disagree.
-            held: True if the robot is under control: contradicting absolute poses must not move its world.
+            controlled: True if the robot is under control: contradicting absolute poses must not move its world.
         """
         refused: list[str] = []
         for queue in self._queues.values():
@@ -236,11 +236,11 @@ class Inputs:
             ages=self.ages(),
             clock_stall=max([part.stamps.clock_stall for part in self._parts.values()]),
             refused_states=tuple(refused),
-            requests=self.requests.take() if self.requests.has_decoded() else TakenRequests(),
+            requests=self.requests.take() if self.requests.has_decoded() else UserRequests(),
             estimate=self._pose_notes(),
         )
 
-    def compare_odometry(self, holding: Collection[str], *, held: bool) -> None:
+    def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
         """Compare the newest odometry with the legs, after the torques were sent; arguments as for `latch`."""
         joints, odometry = self._sources["joint_states"].newest, self._newest_base()
         if self._agreement is None or joints is None or not odometry:
@@ -258,7 +258,7 @@ class Inputs:
             source = self._sources[key]
             newest = source.reader.read(payload)
             check = source.check
-            reason = check.look(*newest[:3]) if check is not None else ""
+            reason = check.check(*newest[:3]) if check is not None else ""
             reason = reason or source.stamps.check_stamp(newest.stamp, arrival) or ""
             if reason:
                 raise InputRefused(reason)
@@ -289,7 +289,7 @@ class Inputs:
         odometry = self._sources["odom"].newest
         return None if odometry is None else (odometry.pose, odometry.twist)
 
-    def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, held: bool) -> list[str]:
+    def _estimate(self, estimator: BaseEstimator, holding: Collection[str], *, controlled: bool) -> list[str]:
         """Update the base estimate; return a sentence per new sensor timeout, slipping contact and refused pose."""
         sentences: list[str] = []
         self.holding = holding

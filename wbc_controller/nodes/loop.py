@@ -138,7 +138,7 @@ class ControlLoop:
         if state is not None:
             # The supervisor of an inactive controller may have refused this state.
             trusted = solution if result.mode is Mode.ACTIVE else None
-            audit = self._audit.look(state, controller.qp.dynamics, trusted, result.command)
+            audit = self._audit.check(state, controller.qp.dynamics, trusted, result.command)
             # Torques do not explain impacts of the feet, and zero torque would drop a walking robot.
             walks = controller.walker is not None and controller.walker.moves
             explained = None if walks else trusted

@@ -106,7 +106,7 @@ class Requests:
                 self._decoded_requests.append(self._decode(*self._requests.popleft()))
         return bool(self._decoded_requests or self._dropped or self._estop.is_set())
 
-    def take(self) -> TakenRequests:
+    def take(self) -> UserRequests:
         """Take up to `_MOST_PER_CYCLE` decoded requests, an emergency stop first."""
         commands: list[str] = []
         changes: list[tuple[Change | ChangeSettings, ...]] = []

@@ -232,9 +232,9 @@ class Recorder:
         controller = self._controller
         if controller is None or controller.cycle_records is None:
             return
-        if controller.tape:
-            self._cycles.append((controller.tape, report, self._stamp(), len(self._messages)))
-            controller.tape = []
+        if controller.cycle_records:
+            self._cycles.append((controller.cycle_records, report, self._stamp(), len(self._messages)))
+            controller.cycle_records = []
         if len(self._cycles) >= _BATCH or self._trigger is not None:
             self._send()
         if self._number >= self._snapshot_due:

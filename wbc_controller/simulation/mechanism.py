@@ -143,7 +143,7 @@ def _write_inertias(spec: Any, tree: ET.Element, model: RobotModel) -> None:
             rotation = pin.rpy.rpyToMatrix(np.array([float(value) for value in origin.get("rpy", "0 0 0").split()]))
         moments, axes = np.linalg.eigh(np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia))
         axes[:, 2] *= np.linalg.det(axes)  # right-handed
-        if not some_body_has(moments):  # MuJoCo refuses it
+        if not are_possible_moments(moments):  # MuJoCo refuses it
             balanced.append(str(link.get("name")))
             moments = np.full(3, moments.mean())
         # Rounding must not violate the triangle inequality of a flat link.

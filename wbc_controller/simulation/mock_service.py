@@ -59,7 +59,7 @@ def run_mock(
         if topic.key == "joint_states"
     )
 
-    def warn(others: Others) -> None:
+    def warn(others: OtherPublishers) -> None:
         names = ", ".join(others["joint_states"])
         if names:
             _log.warning("%s has another publisher, %s: two robots on one topic", joint_states.name, names)

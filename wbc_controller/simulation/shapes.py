@@ -148,7 +148,7 @@ def _split_sole(hull: Array, normal: Array, lowest: float) -> tuple[list[Shape],
         outline = ConvexHull(flat @ np.linalg.svd(normal[None, :])[2][1:].T)
     except (QhullError, ValueError):  # an edge or a tip
         return [], hull
-    corners = fewer_corners(flat[outline.vertices], MOST_CORNERS)
+    corners = simplify_polygon(flat[outline.vertices], MOST_CORNERS)
     # Keep the mesh off the floor.
     behind = np.where(low[:, None], hull - np.outer(SOLE_DEPTH - depth, normal), hull)
     balls = [
@@ -162,7 +162,7 @@ def _split_tip(hull: Array, down: Array) -> tuple[list[Shape], Array]:
     """Split a hull into the ball of its tip, if round in the direction `down`, and the vertices outside."""
     reach = hull @ down
     tip = hull[reach > reach.max() - TIP_DEPTH]
-    fitted = fitted_ball(tip)
+    fitted = fit_sphere(tip)
     if fitted is None or len(tip) <= 4:  # four points always fit a ball
         return [], hull
     centre, radius = fitted

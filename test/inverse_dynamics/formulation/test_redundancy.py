@@ -18,7 +18,7 @@ from wbc_controller.inverse_dynamics.formulation.redundancy import (
     mobilities,
     separate_redundant_rows,
 )
-from wbc_controller.mechanics import recoordinate
+from wbc_controller.mechanics import change_coordinates
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.config import load
 from wbc_controller.validation.fuzz.problems import rest

@@ -118,7 +118,7 @@ class Replay:
     def _cycle(self, cycle: RecordedCycle, state: RobotState | None) -> CycleResult:
         event = self.recorded.events.get(cycle.number, {})
         if "settings" in event and not self._other:
-            self.controller.live.adopt(self.recorded.parse_configuration(event["settings"]).settings)
+            self.controller.live.replace_all(self.recorded.parse_configuration(event["settings"]).settings)
         velocity = cycle.values["joint_velocity"] if cycle.scalar("has_joint_velocity") else None
         return self.controller.cycle(
             CycleInputs(
