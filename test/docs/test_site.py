@@ -16,7 +16,8 @@ for package in ("material", "math_core"):
 
 def build(config, folder):
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--config-file", config, "--site-dir", folder]
-    return subprocess.run(command, check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=120)
+    output = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    return subprocess.run(command, check=False, timeout=120, **output)
 
 
 @pytest.fixture(scope="module")
