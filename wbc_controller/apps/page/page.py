@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import itertools
 import logging
 import threading
 import time
@@ -39,6 +40,9 @@ _SHOWN, _POINTS = 12.0, 10.0
 _LINES = 12
 #: Widths of the panels, px.
 _LEFT, _RIGHT = 330, 290
+#: First view: vertical angle, rad; direction from robot to camera; part of the view that the robot may fill; smallest
+#: width of the canvas, as a share of its height, that shows the whole robot; smallest distance, m.
+_VIEW, _FROM, _IN_VIEW, _NARROWEST, _NEAREST = 0.75, np.array([1.7, -1.5, 0.65]), 0.92, 0.5, 0.3
 _HELP = f"""<div style="font-size:12px;line-height:1.5;padding:2px 10px 8px">
 <b>Drag a handle</b> to send a setpoint: hands, feet, the centre of mass. A pale one belongs to a disabled task;
 dragging enables it.<br><b>{KEY.capitalize()} + drag on a link</b> of a simulated robot pulls on it; releasing
@@ -79,7 +83,7 @@ class Page:
             show_logo=False, show_share_button=False, control_width="medium", brand_color=(34, 139, 230)
         )
         gui.set_panel_label(robot.model.name)
-        self._set_up_scene(server, robot)
+        self._set_up_scene(server, robot, meshes)
         self.drawing = Drawing(server, robot, meshes)
         self.drawing.fine(False)
         panel = gui.add_panel()
@@ -94,14 +98,14 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_RIGHT)
 
-    def _set_up_scene(self, server: viser.ViserServer, robot: Robot) -> None:
+    def _set_up_scene(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
         scene = server.scene
         scene.set_up_direction("+z")
         scene.add_grid(
             "/floor", infinite_grid=True, fade_distance=12.0, cell_size=0.25, section_size=1.0, shadow_opacity=0.2,
             cell_color=(222, 226, 230), section_color=(190, 196, 203),
         )  # fmt: skip
-        position, look_at, fov = camera(robot)
+        position, look_at, fov = camera(robot, meshes)
         server.initial_camera.position = position
         server.initial_camera.look_at = look_at
         server.initial_camera.fov = fov
@@ -236,10 +240,25 @@ class Page:
             cycles.data = (time - time[-1], cycle)
 
 
-def camera(robot: Robot) -> tuple[Array, Array, float]:
-    """Return the first position of the camera and its target, (3,) each in m, and its vertical angle of view, rad."""
-    dynamics = robot.dynamics
-    frames = range(1, len(robot.model.pinocchio.frames))
-    lowest = min(float(dynamics.placement(frame).translation[2]) for frame in frames)
-    height = max(0.5, 1.45 * float(dynamics.com[2] - lowest))
-    return height * np.array([1.7, -1.5, 1.15]), height * np.array([0.0, 0.0, 0.5]), 0.75
+def camera(robot: Robot, meshes: Sequence[Mesh]) -> tuple[Array, Array, float]:
+    """Return the first position of the camera and its target, (3,) each in m, and its vertical angle of view, rad.
+
+    The bounding box of the robot in its posture, lowest point at height 0, is in view for each aspect ratio of the
+    canvas of at least `_NARROWEST`: at the distance d of the camera from the centre of the box, a corner at the offset
+    r satisfies |r·right| ≤ s aspect (d + r·forward) and |r·up| ≤ s (d + r·forward), with s = share tan(angle / 2).
+    """
+    placements = robot.dynamics.joints.reshape(-1, 4, 3)  # columns of the rotation, then the translation
+    links = [mesh.vertices @ placements[mesh.joint, :3] + placements[mesh.joint, 3] for mesh in meshes]
+    points = np.concatenate([placements[:, 3], *links])
+    low, high = points.min(axis=0), points.max(axis=0)
+    if robot.model.floating_base:
+        low[2], high[2] = 0.0, high[2] - low[2]
+    centre = 0.5 * (low + high)
+    offsets = 0.5 * (high - low) * list(itertools.product((-1.0, 1.0), repeat=3))
+    forward = -_FROM / np.linalg.norm(_FROM)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    slope = _IN_VIEW * np.tan(_VIEW / 2.0)
+    lateral = np.maximum(np.abs(offsets @ right) / _NARROWEST, np.abs(offsets @ np.cross(right, forward)))
+    distance = max(_NEAREST, float(np.max(lateral / slope - offsets @ forward)))
+    return centre - distance * forward, centre, _VIEW
