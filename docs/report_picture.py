@@ -12,7 +12,7 @@ from page_picture import launch, save
 from playwright.sync_api import sync_playwright
 
 #: Size of the picture, px.
-SIZE = {"width": 1500, "height": 820}
+SIZE = {"width": 1400, "height": 820}
 #: Time of the reach in the report, s.
 REACH = 19.5
 
