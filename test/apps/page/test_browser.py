@@ -21,9 +21,9 @@ playwright = pytest.importorskip("playwright.sync_api", reason="a browser is dri
 
 from domains import own_domain
 
+from wbc_controller.apps.page.camera import camera
 from wbc_controller.apps.page.drawing import GROUPS
 from wbc_controller.apps.page.meshes import build_meshes
-from wbc_controller.apps.page.page import camera
 from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.controller.build.robot import make_model

@@ -9,8 +9,8 @@ import pytest
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
 
 from wbc_controller.apps.new.draft import new_configuration
+from wbc_controller.apps.page.camera import camera
 from wbc_controller.apps.page.meshes import build_meshes
-from wbc_controller.apps.page.page import camera
 from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.settings.config import load
 

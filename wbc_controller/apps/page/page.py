@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import itertools
 import logging
 import threading
 import time
@@ -15,6 +14,7 @@ import viser
 import viser.uplot
 
 from wbc_controller.apps.page import panels
+from wbc_controller.apps.page.camera import camera
 from wbc_controller.apps.page.controls import Controls
 from wbc_controller.apps.page.drawing import GROUPS, Drawing
 from wbc_controller.apps.page.handles import Handles
@@ -24,7 +24,6 @@ from wbc_controller.apps.page.playback import TimeLine
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.controller.visualization.scene import friction_used
-from wbc_controller.records import Array
 
 _log = logging.getLogger(__name__)
 
@@ -40,9 +39,6 @@ _SHOWN, _POINTS = 12.0, 10.0
 _LINES = 12
 #: Widths of the panels, px.
 _LEFT, _RIGHT = 330, 290
-#: First view: vertical angle, rad; direction from robot to camera; part of the view that the robot may fill; smallest
-#: width of the canvas, as a share of its height, that shows the whole robot; smallest distance, m.
-_VIEW, _FROM, _IN_VIEW, _NARROWEST, _NEAREST = 0.75, np.array([1.7, -1.5, 0.65]), 0.92, 0.5, 0.3
 _HELP = f"""<div style="font-size:12px;line-height:1.5;padding:2px 10px 8px">
 <b>Drag a handle</b> to send a setpoint: hands, feet, the centre of mass. A pale one belongs to a disabled task;
 dragging enables it.<br><b>{KEY.capitalize()} + drag on a link</b> of a simulated robot pulls on it; releasing
@@ -238,27 +234,3 @@ class Page:
             shares, cycles = self._plots
             shares.data = (time - time[-1], torque, friction)
             cycles.data = (time - time[-1], cycle)
-
-
-def camera(robot: Robot, meshes: Sequence[Mesh]) -> tuple[Array, Array, float]:
-    """Return the first position of the camera and its target, (3,) each in m, and its vertical angle of view, rad.
-
-    The bounding box of the robot in its posture, lowest point at height 0, is in view for each aspect ratio of the
-    canvas of at least `_NARROWEST`: at the distance d of the camera from the centre of the box, a corner at the offset
-    r satisfies |r·right| ≤ s aspect (d + r·forward) and |r·up| ≤ s (d + r·forward), with s = share tan(angle / 2).
-    """
-    placements = robot.dynamics.joints.reshape(-1, 4, 3)  # columns of the rotation, then the translation
-    links = [mesh.vertices @ placements[mesh.joint, :3] + placements[mesh.joint, 3] for mesh in meshes]
-    points = np.concatenate([placements[:, 3], *links])
-    low, high = points.min(axis=0), points.max(axis=0)
-    if robot.model.floating_base:
-        low[2], high[2] = 0.0, high[2] - low[2]
-    centre = 0.5 * (low + high)
-    offsets = 0.5 * (high - low) * list(itertools.product((-1.0, 1.0), repeat=3))
-    forward = -_FROM / np.linalg.norm(_FROM)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    slope = _IN_VIEW * np.tan(_VIEW / 2.0)
-    lateral = np.maximum(np.abs(offsets @ right) / _NARROWEST, np.abs(offsets @ np.cross(right, forward)))
-    distance = max(_NEAREST, float(np.max(lateral / slope - offsets @ forward)))
-    return centre - distance * forward, centre, _VIEW
