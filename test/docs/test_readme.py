@@ -1,5 +1,6 @@
-"""README.md and the pages of its lists: sizes, the Python code, all commands and all examples."""
+"""README.md and the pages of its lists: sizes, the Python code, all commands, examples and equations."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -34,3 +35,11 @@ def test_the_page_lists_all_examples():
     page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
     scripts = [path.name for path in (ROOT / "examples").iterdir() if path.suffix in (".py", ".ipynb")]
     assert [name for name in scripts if f"(../examples/{name})" not in page] == []
+
+
+def test_the_page_of_equations_names_code_that_exists():
+    page = (ROOT / "docs" / "equations.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (S\d+):", page, re.MULTILINE) == [f"S{number}" for number in range(1, 13)]
+    named = re.findall(r"\]\(\.\./([^)]+)\) \(`(\w+)`\)", page)
+    assert len(named) >= 2
+    assert [name for path, name in named if f"def {name}(" not in (ROOT / path).read_text(encoding="utf-8")] == []
