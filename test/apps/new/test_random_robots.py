@@ -14,7 +14,7 @@ import pytest
 from random_robots import RandomRobot
 
 import wbc_controller as wbc
-from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE, new_configuration
 from wbc_controller.errors import ConfigurationError, WbcError

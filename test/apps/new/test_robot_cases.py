@@ -7,7 +7,7 @@ import pytest
 from robot_cases import EDGED_SOLE, REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped
 
 import wbc_controller as wbc
-from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE, new_configuration
 from wbc_controller.controller.build.collision_elements import read_collision_elements
