@@ -76,7 +76,7 @@ def new(urdf: str, srdf: str | None, base: Any, feet: tuple[str, ...]) -> None:
 
     draft = new_configuration(urdf, srdf=srdf, base=base, feet=feet)
     click.echo(draft.to_yaml(TITLE), nl=False)
-    for doubt in draft.doubts:
+    for doubt in draft.open_points:
         click.echo(doubt, err=True)
     for finding in find(draft.settings):
         click.echo(f"  {finding.subject:16} {finding.text}", err=True)
