@@ -101,7 +101,7 @@ def test_joints_without_effort_beside_motors_are_reported(drafted):
     start = biped().index('name="left_ankle_pitch"')
     spring = biped()[:start] + biped()[start:].replace(effort, effort.replace("100", "0"), 1)
     draft = drafted(spring)
-    assert any("left_ankle_pitch have no effort in the URDF, in contrast" in line for line in draft.open_points)
+    assert any("left_ankle_pitch have no effort in the URDF, unlike" in line for line in draft.open_points)
     found = {finding.subject: finding.text for finding in wbc.check(draft.settings)}
     assert found["no motor?"].startswith("left_ankle_pitch: their effort in the URDF is 0")
     all_idle = drafted(biped().replace(effort, effort.replace("100", "0")))

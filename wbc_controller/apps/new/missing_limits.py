@@ -50,7 +50,7 @@ class Placeholders:
                 draft.note("robot.joint_limits", text, "missing")
         without_effort = [name for name in joints if name in self.without_effort]
         if without_effort and len(without_effort) < len(joints):
-            text = f"{', '.join(without_effort)} have no effort in the URDF, in contrast to other joints: joints with "
+            text = f"{', '.join(without_effort)} have no effort in the URDF, unlike other joints: joints with "
             draft.note(
                 "robot.joint_limits", f"{text}a spring or without a motor belong in `passive_joints`.", "missing"
             )

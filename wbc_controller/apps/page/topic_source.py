@@ -1,4 +1,4 @@
-"""Snapshots of a running robot, from its topics."""
+"""Snapshots of a running robot from its topics."""
 
 from __future__ import annotations
 
@@ -21,15 +21,14 @@ from wbc_controller.middleware.states import BaseState, OdometryReader
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.records import Array, Reference, References
 
-#: Robot time after which torques or contact forces are stale, s.
-_FRESH = 0.2
+#: Largest age of torques and contact forces relative to the state, robot time, s.
+_MAX_AGE = 0.2
 
 
 class TopicSource:
-    """Follows the topics of a robot.
+    """Reads the topics of a robot.
 
-    Messages wait in DDS until a snapshot is requested: the ones in between cost this process almost nothing, and their
-    publisher no acknowledgment.
+    Messages wait in DDS until a snapshot is requested, so that skipped messages cost almost no time.
     """
 
     def __init__(self, session: Session, robot: Robot) -> None:
@@ -76,7 +75,7 @@ class TopicSource:
         )
 
     def read_status(self) -> list[str]:
-        """Read the nodes' statuses, which is slower; return the refusals since the last call."""
+        """Read the status of the nodes, and return the refusals since the last call."""
         refused = []
         for status in self._listener.take():
             self._status_at = time.monotonic()
@@ -91,7 +90,7 @@ class TopicSource:
             efforts = dict(zip(content.name, content.effort, strict=False))
             tau = np.array([efforts.get(name, 0.0) for name in self._robot.model.joints], dtype=np.float64)
             self._command = stamp_of(content), tau
-        return self._command[1] if self._command is not None and _fresh(self._command[0], stamp) else None
+        return self._command[1] if self._command is not None and _is_fresh(self._command[0], stamp) else None
 
     def _contact_forces(self, stamp: int) -> dict[str, Array]:
         for name, newest in self._wrenches.items():
@@ -101,10 +100,10 @@ class TopicSource:
                 force, torque = content.wrench.force, content.wrench.torque
                 wrench = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
                 self._forces[name] = stamp_of(content), self._robot.contacts[name].basis.T @ wrench
-        return {name: force for name, (time, force) in self._forces.items() if _fresh(time, stamp)}
+        return {name: force for name, (time, force) in self._forces.items() if _is_fresh(time, stamp)}
 
     def _references(self) -> References | None:
-        """Return the references of the tasks that are known."""
+        """Return the known references of the tasks."""
         if self._status is None:
             return None
         values, tasks = self._status.values, {}
@@ -127,11 +126,11 @@ class TopicSource:
 
 
 class _Stream:
-    """The newest state of a stream, and its arrival time."""
+    """Newest state of a stream, with its arrival time."""
 
     def __init__(self, poll: Callable[[], bytes | None], reader: StateReader) -> None:
         self._poll, self._reader = poll, reader
-        self.newest: Any = None  # the record of the reader
+        self.newest: Any = None  # record of the reader
         self._arrival = -np.inf
 
     def update(self) -> None:
@@ -140,12 +139,12 @@ class _Stream:
             try:
                 self.newest = self._reader.read(payload)
             except InputRefused:
-                return  # the controller refuses it too, and reports it on its diagnostics
+                return  # the controller reports this refusal in its diagnostics
             self._arrival = time.monotonic()
 
     def age(self) -> float:
         return time.monotonic() - self._arrival
 
 
-def _fresh(stamp: int, now: int) -> bool:
-    return abs(now - stamp) <= 1.0e9 * _FRESH
+def _is_fresh(stamp: int, now: int) -> bool:
+    return abs(now - stamp) <= 1.0e9 * _MAX_AGE
