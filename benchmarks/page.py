@@ -59,7 +59,7 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         session.listen("controller", "state")
         session.until(lambda: session.mode().startswith("active"), "the controller is not active", PATIENCE)
         time.sleep(processes.settings.safety.activation_ramp)
-        session.ask(parse_request(["release"], processes.settings))
+        session.execute(parse_request(["release"], processes.settings))
         command = [sys.executable, "-u", "-m", "wbc_controller", "view", str(processes.configuration), "--port", "0"]
         view = processes.launch("view", command)
         until(lambda: "page: " in processes.log("view"), "the page", patience=PATIENCE)
@@ -73,7 +73,7 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         for block in range(round(60.0 * minutes / BLOCK)):
             kind = "with" if block % 2 else "without"
             view.send_signal(signal.SIGCONT if kind == "with" else signal.SIGSTOP)
-            session.ask(parse_request(SWAY[block % len(SWAY)], processes.settings))
+            session.execute(parse_request(SWAY[block % len(SWAY)], processes.settings))
             time.sleep(SETTLE)
             before, begin = [Counter(each.moved) for each in browsers], time.time_ns()
             time.sleep(BLOCK - SETTLE)

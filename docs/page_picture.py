@@ -65,7 +65,7 @@ def take(path: Path) -> None:
 
 def _act(session: Session, settings: object) -> None:
     for sentence in SENTENCES:
-        session.ask(parse_request(sentence.split(" ", 1) if "{" in sentence else sentence.split(), settings))
+        session.execute(parse_request(sentence.split(" ", 1) if "{" in sentence else sentence.split(), settings))
 
 
 def _picture(address: str, act: object) -> bytes:

@@ -150,7 +150,7 @@ def position(content):
 def test_a_handle_that_is_dragged_moves_the_hand(page, session):
     updates = session.follow(session.topics["controller", "update", ""])
     setpoints = session.follow(session.topics["controller", "setpoint", "left_hand"])
-    start = position(session.hear("controller", "task_value", "left_hand"))
+    start = position(session.wait_for_message("controller", "task_value", "left_hand"))
     pixels = Pixels(page)
     along = np.array([0.0, 0.0, 0.12])  # the tip of the vertical arrow
     drag(page, pixels(start + along), pixels(start + along + [0.0, 0.0, 0.15]))

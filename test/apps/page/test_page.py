@@ -109,8 +109,8 @@ def test_every_link_is_drawn_where_it_is(rig, browser, pose):
         ("Damp", "damp"),
         ("Reset", "reset"),
         ("Record", "the last seconds are written to a file"),
-        ("Hold", "the hoist holds the robot at its start"),
-        ("Release", "the hoist lets go of the robot"),
+        ("Hold", "the hoist lifts the robot to its start pose"),
+        ("Release", "the hoist releases the robot"),
     ],
 )
 def test_each_button_sends_what_its_name_says(rig, browser, label, said):
@@ -244,7 +244,7 @@ def test_texts_of_the_controller_are_escaped(rig, browser):
     browser.until(lambda: "STALE_INPUT" in panel())
     rig.story.now = before
     assert "&lt;script&gt;joint_states" in panel()
-    assert "Next: see that the robot&#x27;s driver runs" in panel()
+    assert "Next: check that the robot&#x27;s driver runs" in panel()
     assert "left knee&#x27;s upper torque limit" in panel()
 
 

@@ -68,7 +68,7 @@ class LinkPushes:
         content = wrench_stamped(wrench, link)
         duration = self._robot.settings.mock.push_duration
         summary = f"a push of {np.linalg.norm(force):.0f} N for {duration:g} s at {link}"
-        return Request("mock", "push", "", summary, lambda hear: content, link)
+        return Request("mock", "push", "", summary, lambda wait_for_message: content, link)
 
     def _draw(self, client: int, start: Array, end: Array, force: Array) -> None:
         name, points = f"/pulls/{client}", np.array([[start, end]], dtype=np.float32)

@@ -68,7 +68,7 @@ def serve(
     _use_batch_scheduling()
     with contextlib.ExitStack() as closing:
         session = closing.enter_context(Session(settings, namespace=namespace, remappings=remappings, node=_NODE))
-        urdf = None if settings.robot.urdf else str(session.hear("mock", "robot_description").data)
+        urdf = None if settings.robot.urdf else str(session.wait_for_message("mock", "robot_description").data)
         robot = Robot(settings, urdf)
         page, found = closing.enter_context(_page(robot, TopicSource(session, robot), host, port, commands=commands))
         if commands:

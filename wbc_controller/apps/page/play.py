@@ -99,7 +99,7 @@ def _release_hoist(settings: Settings, stop: threading.Event, errors: list[str])
                 _START_TIMEOUT,
             )
             if not stop.wait(settings.safety.activation_ramp):
-                session.ask(parse_request(["release"], settings))
+                session.execute(parse_request(["release"], settings))
     except WbcError as error:
         if not stop.is_set():
             errors.append(str(error))

@@ -77,7 +77,7 @@ class TopicSource:
     def read_status(self) -> list[str]:
         """Read the status of the nodes, and return the refusals since the last call."""
         refused = []
-        for status in self._listener.take():
+        for status in self._listener.read_statuses():
             self._status_at = time.monotonic()
             refused += [value.value for value in status.values if value.key.startswith("refused/")]
         self._status = self._listener.newest()
