@@ -21,34 +21,28 @@ from wbc_controller.settings import FramePoseTask, Settings
 
 #: Amplitude of the sway: share of the distance from the centre of mass to the edge of the support, and maximum, m.
 _SWAY, _LARGEST_SWAY = 0.4, 0.04
-#: Depth of the squat: share of the height of the centre of mass.
-_SQUAT = 0.12
+_SQUAT = 0.12  # depth of the squat: share of the height of the centre of mass
 #: Impulse of a push: share of m ω d, which moves the capture point to the support's edge; and maximum speed change,
 #: m/s.
 _SHOVE, _LARGEST_SHOVE = 0.5, 0.35
-#: Forward and upward motion of a hand: share of the height of the centre of mass.
-_REACH = 0.1
+_REACH = 0.1  # forward and upward motion of a hand: share of the height of the centre of mass
 #: Arms: motion of the hand as a share of its distance from the base, its maximum, m, and the speed of a push, m/s.
 _ARM_REACH, _LONGEST_ARM_REACH, _ARM_SHOVE = 0.15, 0.1, 0.3
 #: Safe share of the feasible motion of the centre of mass, and smallest motion that is executed, m.
 _SAFE, _SMALLEST_MOTION = 0.8, 0.005
-#: Largest height of a contact corner on the floor, m.
-_LEVEL = 0.01
+_LEVEL = 0.01  # largest height of a contact corner on the floor, m
 
 
 def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     """Return a scenario for a legged robot, or for arms on a fixed base.
 
-    Legged robot: sway and squat within the limits of `com_reach`, a reach with the first hand that has a disabled task,
-    and pushes by a share of m ω d, the impulse that moves the capture point to the edge of the support. ω² = g/h, with
-    the height h of the centre of mass and its distance d from the edge.
-
-    Fixed base: a reach with each hand that has a disabled task, in its easiest direction. A push of the first hand
-    changes its speed by `_ARM_SHOVE` if nothing holds it. Infeasible motions are omitted.
+    Legs: sway and squat within `com_reach`, a reach with the first hand of a disabled task, and pushes by a share of m
+    ω d, the impulse that moves the capture point to the support's edge. ω² = g/h, with the height h of the centre of
+    mass and its distance d from the edge. Arms: a reach with each such hand in its easiest direction, and pushes.
+    Infeasible motions are omitted.
 
     Raises:
-        ConfigurationError: without an enabled task of the centre of mass or a support; on a fixed base without a
-            posture task.
+        ConfigurationError: without a task of the centre of mass or a support; on a fixed base without a posture task.
     """
     hands = {
         name: task for name, task in settings.tasks.items() if isinstance(task, FramePoseTask) and not task.enabled
@@ -114,7 +108,7 @@ def _mobility(model: RobotModel, frame: str) -> Array:
 def _reach(
     settings: Settings, model: RobotModel, name: str, task: FramePoseTask, way: Array | None = None
 ) -> Reach | None:
-    """Return the feasible reach of a hand, at most `way`; by default in its easiest direction, rather to the base."""
+    """Return the feasible reach of a hand, at most `way`; by default in its easiest direction."""
     hand = Hand(model, task.frame, free_orientation=not any(task.mask[3:]))
     margin = settings.limits.position_margin if settings.limits.position else 0.0
     if way is None:

@@ -26,12 +26,9 @@ from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.records import Array
 
-#: Timeout of each wait, wall time, s.
-_TIMEOUT = 20.0
-#: Time from sending a trajectory to its start, s.
-_LEAD = 0.1
-#: Settling time of the robot, s.
-_SETTLE = 1.5
+_TIMEOUT = 20.0  # timeout of each wait, wall time, s
+_LEAD = 0.1  # time from sending a trajectory to its start, s
+_SETTLE = 1.5  # settling time of the robot, s
 
 _AT_REST = np.zeros(3)
 
@@ -74,18 +71,18 @@ class Log:
         transport.subscribe(counterpart(endpoint), receive)
 
     def newest_payload(self, owner: str, key: str) -> bytes:
-        """Return the payload of the newest_payload message of a topic."""
+        """Return the payload of the newest message of a topic."""
         return self._newest[owner, key, ""]
 
     def newest_message(self, owner: str, key: str, subject: str = "") -> Any | None:
-        """Return the newest_payload message of a topic, or None before the first."""
+        """Return the newest message of a topic, or None before the first."""
         place = (owner, key, subject)
         payload = self._newest.get(place)
         return None if payload is None else decode(payload, self._types[place])
 
     @property
     def time(self) -> float:
-        """Simulated time of the newest_payload joint state, s; 0 before the first."""
+        """Simulated time of the newest joint state, s; 0 before the first."""
         payload = self._newest.get(("mock", "joint_states", ""))
         return 0.0 if payload is None else header_time(payload)
 
@@ -108,12 +105,8 @@ class Director:
         """Open the counterparts of all topics of both nodes.
 
         Args:
-            model: model of the robot.
             frames: frame of each frame task, by name of the task.
             com: name of the centre-of-mass task; empty without one.
-            controller: endpoints of the controller.
-            mock: endpoints of the mock robot.
-            transport: transport of the user.
             recorded: names of the recorded topics.
             advance: waits for a new state, at most a short time; in lockstep it executes one step.
             report_phase: receives the name of each phase.
@@ -213,7 +206,6 @@ class Director:
         raise DemoFailed(f"timeout: no {awaited} within {_TIMEOUT:g} s")
 
     def _run(self, duration: float) -> None:
-        """Let simulated time pass and check that the robot is upright."""
         self._let_pass(duration)
         self._check_upright()
 
@@ -227,7 +219,6 @@ class Director:
                 raise DemoFailed(f"no joint state from the mock robot for {_TIMEOUT:g} s")
 
     def _check_upright(self) -> None:
-        """Raise `DemoFailed` if the robot has fallen or the controller is inactive."""
         if not self._mode().startswith("active"):
             raise DemoFailed(f"the controller is no longer active; its state is {self._mode()!r}")
         q = self.state()
@@ -235,7 +226,7 @@ class Director:
             raise DemoFailed("the robot fell")
 
     def state(self) -> Array:
-        """Return the newest_payload configuration, (nq,)."""
+        """Return the newest configuration, (nq,)."""
         model = self._model
         base: tuple[Array, ...] = ()
         if model.floating_base:
@@ -244,11 +235,11 @@ class Director:
         return model.state(position, np.zeros(model.nj), *base)[0]
 
     def com(self) -> Array:
-        """Return the centre of mass in the newest_payload state, (3,) in m."""
+        """Return the centre of mass in the newest state, (3,) in m."""
         return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()))
 
     def _move_to_standing(self) -> None:
-        """Set the present centre of mass as the reference, also for the measurement of pushes without such a task."""
+        """Set the present centre of mass as the reference, also without a task."""
         self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
         self._run(1.0)
 
@@ -269,7 +260,6 @@ class Director:
         return start
 
     def _standing(self) -> Array:
-        """Return the present reference of the centre of mass, (3,) in m."""
         return self.references[-1][1].sample(self.time).position
 
     def _stand(self, duration: float) -> None:

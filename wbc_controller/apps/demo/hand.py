@@ -11,10 +11,8 @@ from wbc_controller.records import Array
 
 #: Steps of a motion, Newton iterations per step, and largest remaining error, m and rad.
 _STEPS, _ITERATIONS, _REACHED = 10, 8, 1.0e-3
-#: Regularization weight of the joint motions.
-_LEAST_MOTION = 1.0e-3
-#: Largest share of an effort limit that gravity may take.
-_EFFORT = 0.8
+_LEAST_MOTION = 1.0e-3  # regularization weight of the joint motions
+_EFFORT = 0.8  # largest share of an effort limit that gravity may take
 
 
 class Hand:
@@ -72,7 +70,6 @@ class Hand:
         return reached * way
 
     def _is_feasible(self, posture: Array, lower: Array, upper: Array) -> bool:
-        """Return True if the joints are within limits and the motors hold the weight."""
         model = self._model
         within = np.all((lower <= posture) & (posture <= upper))
         return bool(within and self._effort(posture) <= max(_EFFORT, self._effort(np.array(model.posture))))

@@ -46,18 +46,14 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.mock_robot import MockRobot
 
-#: The domain is 100 to 199 by process ID, so that concurrent demos do not interfere.
-_FIRST_DOMAIN = 100
+_FIRST_DOMAIN = 100  # the domain is 100 to 199 by process ID, so that concurrent demos do not interfere
 
 
-#: Transport of the user, and the function that advances time.
-_UserSession = tuple[Transport, Callable[[Log], None]]
+_UserSession = tuple[Transport, Callable[[Log], None]]  # transport of the user, and the function that advances time
 
 
 @dataclass(frozen=True, slots=True)
 class _DemoSetup:
-    """The robot, its configuration, the scenario and the folder of a demo."""
-
     name: str
     config: Config
     settings: Settings
@@ -67,7 +63,6 @@ class _DemoSetup:
 
     @property
     def record(self) -> Path:
-        """File of the recording."""
         return self.folder / f"{self.name}.mcap"
 
 
@@ -81,13 +76,13 @@ def run_demo(
         folder: folder of the recording and the report.
         lockstep: run in one process without real time.
         real_time_factor: simulated seconds per second.
-        sensors: quality of the mock robot's sensors for base estimation; None for exact sensors and odometry.
+        sensors: quality of the sensors for base estimation; None for exact sensors and odometry.
 
     Returns:
         True if all targets were met.
 
     Raises:
-        ConfigurationError: if the robot is unknown, the pre-flight check refuses it, or no scenario is possible.
+        ConfigurationError: if the robot is unknown, refused by the pre-flight check, or has no possible scenario.
     """
     config = load(robot)
     check(config)
@@ -134,7 +129,6 @@ def _direct(
 
 @contextmanager
 def _progress(console: Console, stage: _DemoSetup) -> Iterator[Callable[[str], None]]:
-    """Show a progress bar of the phases, or plain lines if the output is not a terminal."""
     scenario = stage.scenario
     phases = 4 + len(scenario.moves) + len(scenario.reaches) + len(scenario.shoves)
     columns = (
@@ -158,7 +152,6 @@ def _progress(console: Console, stage: _DemoSetup) -> Iterator[Callable[[str], N
 
 @contextmanager
 def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserSession]:
-    """Run controller and mock robot in two processes; this process is the user."""
     from wbc_controller.middleware.transports.dds import DdsTransport
 
     domain = _FIRST_DOMAIN + os.getpid() % 100
@@ -195,7 +188,6 @@ def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], log: Log) 
 
 @contextmanager
 def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
-    """Run all nodes in this process, one step at a time, for a reproducible run."""
     bus = MemoryBus()
     transport = MemoryTransport(bus)
     clock = ManualClock()
@@ -222,7 +214,6 @@ def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
 
 
 def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: str | None) -> bool:
-    """Complete the recording, judge the run, print the table and write the report."""
     phases = [(round(1.0e9 * time), encode(message("std_msgs/msg/String", data=name)))
               for time, name in director.phases]  # fmt: skip
     try:

@@ -56,8 +56,7 @@ class Scenario:
     recovery: float = 2.0  # time after a push within which the centre of mass must return, s
     recovery_target: float = 0.02  # largest distance of the centre of mass then, m
     force_target: float = 0.01  # largest deviation of the total vertical force, as a share of the weight
-    #: Name of the centre-of-mass task; empty without one, as on a fixed base.
-    com: str = "com"
+    com: str = "com"  # name of the centre-of-mass task; empty without one, as on a fixed base
 
 
 def sway(amplitude: float, target: float) -> Move:

@@ -41,19 +41,10 @@ def distances_to_targets(run: RunData, director: Director, model: RobotModel) ->
 def judge(
     run: RunData, scenario: Scenario, windows: Mapping[str, Window], distances: Mapping[str, Array], weight: float
 ) -> tuple[Result, ...]:
-    """Compare a run with the targets of the scenario.
-
-    Args:
-        run: run from the recording.
-        scenario: motions and targets.
-        windows: measurement intervals on the clock of the states.
-        distances: result of `distances_to_targets`.
-        weight: weight of the robot, N.
-    """
+    """Compare a run with the targets of the scenario; `windows` by phase, `distances` of the hands, `weight` in N."""
     error = np.linalg.norm(run.com - run.com_reference, axis=1)
 
     def within(name: str, values: Array, after: float = 0.0) -> Array:
-        """Return the values in a window; none if the run did not reach it."""
         window = windows.get(name)
         if window is None:
             return values[:0]
@@ -105,14 +96,12 @@ def _distance(name: str, values: Array, limit: float) -> Result:
 
 
 def _share(name: str, values: Array, limit: float) -> Result:
-    """Compare the largest relative deviation from the weight with a limit."""
     measured = f"{100.0 * np.max(values):.3f} % deviation" if len(values) else "not reached"
     good = len(values) > 0 and bool(np.max(values) <= limit)
     return Result(name, f"weight ± {100.0 * limit:g} %", measured, good)
 
 
 def _audited(warnings: Array) -> Result:
-    """Check that the audit gives no warning while the robot is undisturbed."""
     measured = f"{int(np.count_nonzero(warnings))} of {len(warnings)} samples" if len(warnings) else "not reached"
     good = len(warnings) > 0 and not np.any(warnings != 0)
     return Result("model audit: false warnings", "none", measured, good)

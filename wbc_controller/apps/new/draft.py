@@ -29,10 +29,8 @@ from wbc_controller.settings.resources import PACKAGE_SCHEME, locate
 Base = Literal["floating", "fixed"]
 #: First line of the file, a comment.
 TITLE = "Drafted by `wbc new`. Every key, its unit, range and default: docs/configuration.md."
-#: Name of the root link of a robot fixed to the ground.
-_WORLD = "world"
-#: Smallest number of joints of a leg.
-_LEG_JOINTS = 3
+_WORLD = "world"  # name of the root link of a robot fixed to the ground
+_LEG_JOINTS = 3  # smallest number of joints of a leg
 
 
 def new_configuration(
@@ -124,7 +122,6 @@ def _is_there(mesh: str, folder: Path) -> bool:
 
 
 def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft: Draft) -> Base:
-    """Choose the attachment of the base, with a note on the reason."""
     if base is not None:
         draft.put("robot.base", base, f"From --base {base}.")
         return base
@@ -179,7 +176,6 @@ def _put_legged(
 
 
 def _put_imu(model: RobotModel, draft: Draft) -> None:
-    """Write the frame of the IMU, if a link of the base is named after it."""
     frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]
     links = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
     if links:

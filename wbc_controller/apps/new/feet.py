@@ -16,13 +16,10 @@ from wbc_controller.records import Array
 
 #: Largest height difference of two feet and smallest height of other parts above them, as shares of the robot's height.
 _LEVEL, _ABOVE = 0.15, 0.02
-#: Largest relative difference of the masses of two legs.
-_ALIKE = 0.2
-#: Smallest number of joints of a leg that does not begin at the base; fingers have fewer.
-_LEG_JOINTS = 3
+_ALIKE = 0.2  # largest relative difference of the masses of two legs
+_LEG_JOINTS = 3  # smallest number of joints of a leg that does not begin at the base; fingers have fewer
 
-#: Shapes by frame index of the link.
-Elements = Mapping[int, Sequence[pin.GeometryObject]]
+Elements = Mapping[int, Sequence[pin.GeometryObject]]  # shapes by frame index of the link
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +103,6 @@ class Body:
         return self._feet_on_trunk(base) or (self._feet_on_trunk(pelvis) if below else [])
 
     def _feet_on_trunk(self, trunk: int) -> list[Foot]:
-        """Return the feet of the limbs that begin at the link of a joint."""
         own = [limb for limb in self.limbs if self.model.pinocchio.parents[limb.joints[0]] == trunk]
         lowest = min(own, key=lambda limb: limb.lowest_point, default=None)
         if lowest is None:

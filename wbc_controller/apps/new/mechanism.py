@@ -28,10 +28,8 @@ from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
 
-#: Smallest share of the robot's mass moved by a joint that is not a finger.
-_FINGER = 1.0 / 200.0
-#: Smallest range of a joint with several turns, rad.
-_SEVERAL_TURNS = 4.1 * np.pi
+_FINGER = 1.0 / 200.0  # smallest share of the robot's mass moved by a joint that is not a finger
+_SEVERAL_TURNS = 4.1 * np.pi  # smallest range of a joint with several turns, rad
 #: Words in the names of SRDF postures, in order of preference.
 _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
 
@@ -156,7 +154,6 @@ def _supports_links(model: pin.Model, joint: int, links: Sequence[str]) -> bool:
 
 
 def _moved_mass(model: pin.Model, joint: int) -> float:
-    """Return the mass moved by a joint, kg."""
     return float(sum(model.inertias[i].mass for i in model.subtrees[joint]))
 
 

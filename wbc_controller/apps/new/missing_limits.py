@@ -11,16 +11,12 @@ import pinocchio as pin
 
 from wbc_controller.apps.new.notes import Draft
 
-#: Types of joints with limits.
-_LIMITED = ("revolute", "continuous", "prismatic")
-#: Gravity, m/s².
-_GRAVITY = 9.81
+_LIMITED = ("revolute", "continuous", "prismatic")  # types of joints with limits
+_GRAVITY = 9.81  # gravity, m/s²
 #: Largest plausible effort and its placeholder, in units of the weight times the length of the longest limb.
 _MOST_EFFORT, _EFFORT = 10.0, 0.5
-#: Largest plausible speed and its placeholder, rad/s or m/s.
-_MOST_VELOCITY, _VELOCITY = 100.0, 8.0
-#: Placeholder of a missing range to either side, rad.
-_RANGE = round(np.pi, 4)
+_MOST_VELOCITY, _VELOCITY = 100.0, 8.0  # largest plausible speed and its placeholder, rad/s or m/s
+_RANGE = round(np.pi, 4)  # placeholder of a missing range to either side, rad
 
 
 @dataclass(frozen=True, slots=True)

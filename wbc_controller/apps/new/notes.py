@@ -14,10 +14,8 @@ from wbc_controller.settings.files import parse_settings, yaml_line
 #: Origin of a value: files of the robot, a guess, or to be filled in by the user.
 Origin = Literal["found", "guess", "missing"]
 _PREFIX: dict[Origin, str] = {"found": "", "guess": "Guess: ", "missing": "Fill in: "}
-#: Names of tasks in every draft.
-_TASKS = ("com", "base", "torso", "posture")
-#: Lines are not broken within names.
-_UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
+_TASKS = ("com", "base", "torso", "posture")  # names of tasks in every draft
+_UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # lines are not broken within names
 #: Line length in characters, and sections with one entry per line.
 _WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "robot.joint_limits", "robot.locked_joints")
 
@@ -111,7 +109,6 @@ def _comment(text: str, indent: str) -> list[str]:
 
 
 def _entry(name: str, value: Any, indent: str) -> list[str]:
-    """Return a key and its value, lists and mappings in brackets, on as few lines as possible."""
     name = yaml_line(name)
     if not isinstance(value, list | Mapping):
         return [f"{indent}{name}: {yaml_line(value)}"]

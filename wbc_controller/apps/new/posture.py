@@ -18,17 +18,14 @@ from wbc_controller.records import Array
 #: Limits of an acceptable posture: height difference of the feet, m, or tilt of soles, as a sine; distance of the
 #: centre of mass from the support's edge, m.
 _LEVEL, _INSIDE = 0.008, 0.01
-#: Distance of the SRDF's posture from the limits, rad; above the default of ``limits.position_margin``.
-_KEPT = 0.03
+_KEPT = 0.03  # distance of the SRDF's posture from the limits, rad; above the default of ``limits.position_margin``
 #: Distance of a computed posture from the limits: share of the range, and maximum, rad.
 _MARGIN, _LARGEST_MARGIN = 0.1, 0.2
-#: Smallest change of an SRDF position that gets a note, rad.
-_NOTICED = 1.0e-3
+_NOTICED = 1.0e-3  # smallest change of an SRDF position that gets a note, rad
 #: Number of sampled arm postures, and largest distance of each joint from the middle of its range, rad.
 _SAMPLES, _SPREAD = 400, 1.0
 
-#: Postures of an SRDF: joint positions in rad by name.
-Postures = Mapping[str, Mapping[str, float]]
+Postures = Mapping[str, Mapping[str, float]]  # postures of an SRDF: joint positions in rad by name
 
 
 def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
@@ -90,7 +87,6 @@ def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
 
 
 def _note_moved(draft: Draft, model: RobotModel, posture: Array, given: Mapping[str, float]) -> None:
-    """Note the joints that differ from the SRDF."""
     moved = [
         name for name, value in zip(model.joints, posture, strict=True)
         if abs(value - given.get(name, 0.0)) > _NOTICED

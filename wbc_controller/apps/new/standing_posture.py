@@ -16,19 +16,14 @@ from wbc_controller.records import Array
 
 #: Leg length, as a share of the longest with level feet: with flat feet, and with other feet.
 _BENT, _BENT_POINT = 0.94, 0.85
-#: Distance from the limits: share of a joint's range, and maximum, rad.
-_MARGIN, _LARGEST_MARGIN = 0.08, 0.15
-#: Number of starts of the search, and their largest distance from the reference, rad.
-_STARTS, _SPREAD = 8, 0.8
-#: Largest constraint error of a posture that is accepted, m or rad.
-_TOLERANCE = 1.0e-3
+_MARGIN, _LARGEST_MARGIN = 0.08, 0.15  # distance from the limits: share of a joint's range, and maximum, rad
+_STARTS, _SPREAD = 8, 0.8  # number of starts of the search, and their largest distance from the reference, rad
+_TOLERANCE = 1.0e-3  # largest constraint error of a posture that is accepted, m or rad
 #: Weights: centre of mass off the feet's middle and foot off the hip, relative to the robot's size; tilt and yaw of
 #: soles.
 _CENTRE, _UNDER_HIP, _TILT, _YAW = 3000.0, 30.0, 3000.0, 5.0
-#: Largest difference of mirrored legs: of directions, and of positions, m.
-_MIRROR = 0.02
-#: Cosine of the largest angle between the lateral axis and a joint axis that bends the leg, 45°.
-_LATERAL = 0.7
+_MIRROR = 0.02  # largest difference of mirrored legs: of directions, and of positions, m
+_LATERAL = 0.7  # cosine of the largest angle between the lateral axis and a joint axis that bends the leg, 45°
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +190,6 @@ class Legs:
         return self._expand(x) if np.abs(self._errors(x, height)).max(initial=0.0) <= _TOLERANCE else None
 
     def _expand(self, x: Array) -> Array:
-        """Return the posture, (nj,), for the free joints, (k,)."""
         posture = self.reference.copy()
         posture[self._columns] = x
         for right, (left, signs) in self._mirrored.items():
@@ -210,7 +204,6 @@ class Legs:
         return np.asarray(level[free])
 
     def _cost(self, x: Array) -> float:
-        """Return the cost: squared distances of joints, feet and centre of mass from their targets."""
         posture = self._expand(x)
         placement = self.place_feet(posture)
         away = (placement.middles[:, :2] - self._targets) / self._size

@@ -19,22 +19,16 @@ from wbc_controller.settings import LimitSettings
 
 #: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
-#: Largest normal force of a contact, in weights of the robot.
-_LOAD = 3.0
-#: Assumed friction of soles, and of small feet and wheels.
-_FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}
+_LOAD = 3.0  # largest normal force of a contact, in weights of the robot
+_FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}  # assumed friction of soles, and of small feet and wheels
 #: Joint damping in emergencies, as a share of m g h, N·m·s/rad, and its maximum, the value of G1.
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
-#: Distance from the position limits, as a share of the smallest range.
-_MARGIN = 0.1
-#: Largest joint speed that is used fully, rad/s.
-_FAST = 8.0
+_MARGIN = 0.1  # distance from the position limits, as a share of the smallest range
+_FAST = 8.0  # largest joint speed that is used fully, rad/s
 #: Smallest number of joints of an arm with a hand task: on a legged robot, where heads have fewer, and on a fixed base.
 _ARM, _FIXED_ARM = 4, 3
-#: Number of joints for position and orientation.
-_POSE = 6
-#: Largest orientation angle that is set to zero, rad: rounding of a mesh.
-_UPRIGHT = 0.005
+_POSE = 6  # number of joints for position and orientation
+_UPRIGHT = 0.005  # largest orientation angle that is set to zero, rad: rounding of a mesh
 
 
 def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
@@ -170,5 +164,4 @@ def _rounded(values: Array) -> list[float]:
 
 
 def _round_down(value: float) -> float:
-    """Round down to 0.1 mm."""
     return float(np.floor(value * 1.0e4 + 1.0e-6) / 1.0e4)

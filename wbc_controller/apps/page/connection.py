@@ -37,7 +37,7 @@ class RateLimit:
 class PageConnection(ServerConnection):
     """Drops messages that are not on the allow-list, and logs the first one of each browser.
 
-    The rate limit delays reading. A browser above the limit answers pings late and is disconnected.
+    The rate limit delays reading; a browser above it answers pings late and is disconnected.
     """
 
     def __init__(self, allowed: AllowList, protocol: ServerProtocol, server: Server, **options: Any) -> None:

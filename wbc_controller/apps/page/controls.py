@@ -12,10 +12,8 @@ from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.settings import Settings
 
-#: Time after a user's change during which a control does not follow the controller, s.
-_OVERRIDE_TIME = 2.0
-#: Range of a slider for a weight or gain, as a multiple of the configured value.
-_RANGE = 4.0
+_OVERRIDE_TIME = 2.0  # time after a user's change during which a control does not follow the controller, s
+_RANGE = 4.0  # range of a slider for a weight or gain, as a multiple of the configured value
 #: Faults of the mock robot with a slider: label, maximum, step, unit and beginning of the YAML.
 _FAULTS: tuple[tuple[str, float, float, str, Callable[[float], str]], ...] = (
     ("Sensor noise", 0.01, 0.0005, "rad",
@@ -23,17 +21,14 @@ _FAULTS: tuple[tuple[str, float, float, str, Callable[[float], str]], ...] = (
     ("Delay of states", 60.0, 2.0, "ms", lambda value: f"{{kind: message_delay, delay: {1e-3 * value:g}"),
     ("Delay of torques", 20.0, 2.0, "ms", lambda value: f"{{kind: command_delay, delay: {1e-3 * value:g}"),
 )  # fmt: skip
-#: Largest floor friction on the slider of the fault `slippery_floor`.
-_SLIPPERY = 0.5
-#: Duration of a fault, s.
-_DURATION = 3600.0
+_SLIPPERY = 0.5  # largest floor friction on the slider of the fault `slippery_floor`
+_DURATION = 3600.0  # duration of a fault, s
 
 
 class Controls:
     """Controls of the page's panel, shared by all pages.
 
-    User input and updates from the controller use the server's event loop. On another thread an update could overwrite
-    a user's value before it is read.
+    Input and updates share the server's event loop, so that an update cannot overwrite a value that was not read yet.
     """
 
     def __init__(self, server: viser.ViserServer, robot: Robot, sender: RequestSender) -> None:

@@ -24,17 +24,14 @@ GROUPS: Mapping[str, str] = {
     "capture_point": "Capture point",
     "task_errors": "Task references",
 }
-#: Groups that share the switch of another group.
-_SWITCH_OF = {"references": "task_errors", "contacts": "support"}
+_SWITCH_OF = {"references": "task_errors", "contacts": "support"}  # groups that share the switch of another group
 #: Motion below which a joint or a shape is not redrawn, m or the sine of half an angle. A robot at rest is not redrawn,
 #: which saves processor time without a GPU.
 _STILL_JOINT, _STILL_SHAPE = 1.0e-4, 1.0e-3
 #: Darkest and brightest grey of a link, so that white and black links show their shape.
 _DARKEST, _BRIGHTEST = 0.16, 0.86
-#: Brightness of the ambient light without reflections.
-_LIGHT = 2.2
-#: Opacity of a translucent robot.
-_TRANSLUCENT = 0.35
+_LIGHT = 2.2  # brightness of the ambient light without reflections
+_TRANSLUCENT = 0.35  # opacity of a translucent robot
 
 
 class Drawing:
@@ -45,8 +42,7 @@ class Drawing:
         self._server = server
         self._data = robot.model.pinocchio.createData()
         self.links: list[tuple[Any, int]] = []  # handle of each mesh, and index of its joint
-        #: Placement of each joint in the world at the last drawn snapshot.
-        self.placements: list[pin.SE3] = []
+        self.placements: list[pin.SE3] = []  # placement of each joint in the world at the last drawn snapshot
         self._shown = dict.fromkeys(GROUPS, True)
         self._shapes: dict[tuple[str, int], _DrawnShape] = {}
         self._light = self._scene.add_light_hemisphere(
@@ -117,7 +113,6 @@ class _FrameTree:
         self._quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._joints), 1))
 
     def move(self, data: pin.Data) -> None:
-        """Update the frames of moved joints."""
         placements = [data.liMi[joint] for joint in self._joints]
         positions = np.array([each.translation for each in placements])
         turns = np.array([quaternion_of(each.rotation) for each in placements])[:, [3, 0, 1, 2]]
@@ -128,8 +123,6 @@ class _FrameTree:
 
 
 class _DrawnShape:
-    """One shape of the scene, created once and then updated."""
-
     def __init__(self, scene: viser.SceneApi, shape: Shape) -> None:
         red, green, blue, self._opacity = COLORS[shape.group]
         self._rgb = np.array([255 * red, 255 * green, 255 * blue], dtype=np.uint8)

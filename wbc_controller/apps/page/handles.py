@@ -21,12 +21,9 @@ _KINDS = {
     "frame_pose": (True, True),
     "frame_orientation": (False, True),
 }
-#: Size of a handle, m.
-_SIZE = 0.14
-#: Opacity of the handle of a disabled task; a drag enables the task.
-_DISABLED_OPACITY = 0.35
-#: Time after a setpoint ramp during which the handle stays at its setpoint, s.
-_HOLD_TIME = 0.3
+_SIZE = 0.14  # size of a handle, m
+_DISABLED_OPACITY = 0.35  # opacity of the handle of a disabled task; a drag enables the task
+_HOLD_TIME = 0.3  # time after a setpoint ramp during which the handle stays at its setpoint, s
 
 
 class Handles:
@@ -94,7 +91,6 @@ class _Handle:
         self._hold_until = time.monotonic() + self._robot.settings.tasks[self._name].setpoint_duration + _HOLD_TIME
 
     def _request_words(self) -> list[str]:
-        """Return the words of a request for the pose of the handle."""
         numbers = [] if self._kind == "frame_orientation" else list(self._gizmo.position)
         if self._can_rotate:
             w, x, y, z = self._gizmo.wxyz if self._rings_shown else self._orientation
@@ -139,7 +135,6 @@ class _Handle:
             self._gizmo.wxyz = turned
 
     def _task_value(self) -> Array | None:
-        """Return the task's value, or None."""
         task = self._robot.tasks[self._name]
         return np.asarray(task.position(self._robot.dynamics)) if isinstance(task, AccelerationTask) else None
 

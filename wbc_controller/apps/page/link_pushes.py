@@ -15,12 +15,9 @@ from wbc_controller.apps.terminal.request_parser import Request
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.records import Array
 
-#: Modifier key; a drag without it turns the view.
-KEY = "shift"
-#: Force per length of a pull, 1/m, and largest force, in weights of the robot.
-_FORCE_PER_METRE, _MAX_FORCE = 0.8, 1.0
-#: Length below which a pull is ignored, m.
-_SHORTEST = 0.02
+KEY = "shift"  # modifier key; a drag without it turns the view
+_FORCE_PER_METRE, _MAX_FORCE = 0.8, 1.0  # force per length of a pull, 1/m, and largest force, in weights of the robot
+_SHORTEST = 0.02  # length below which a pull is ignored, m
 _COLOR = (255, 120, 30)
 
 

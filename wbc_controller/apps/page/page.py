@@ -29,16 +29,11 @@ _log = logging.getLogger(__name__)
 
 #: Snapshots drawn per second, and snapshots per update of the panels and of the plots.
 RATE, _PANELS, _PLOTS = 30.0, 6, 15
-#: Wall time between two logged drawing errors, s.
-_LOG_PERIOD = 10.0
-#: Period of the check for an open page, wall time, s.
-_IDLE = 0.05
-#: Time range of the plots, s, and their points per second.
-_SHOWN, _POINTS = 12.0, 10.0
-#: Number of requests listed.
-_LINES = 12
-#: Widths of the panels, px.
-_LEFT, _RIGHT = 330, 290
+_LOG_PERIOD = 10.0  # wall time between two logged drawing errors, s
+_IDLE = 0.05  # period of the check for an open page, wall time, s
+_SHOWN, _POINTS = 12.0, 10.0  # time range of the plots, s, and their points per second
+_LINES = 12  # number of requests listed
+_LEFT, _RIGHT = 330, 290  # widths of the panels, px
 _HELP = f"""<div style="font-size:12px;line-height:1.5;padding:2px 10px 8px">
 <b>Drag a handle</b> to send a setpoint for a hand, a foot or the centre of mass. Dragging a pale handle enables its
 task.<br><b>{KEY.capitalize()} + drag a link</b> of a simulated robot to draw a force; its release pushes the
@@ -58,11 +53,7 @@ class SnapshotSource(Protocol):
 
 
 class Page:
-    """Page of one robot for any number of browsers.
-
-    Attributes:
-        shown: number of drawn snapshots with a new state.
-    """
+    """Page of one robot for any number of browsers; `shown` counts drawn snapshots with a new state."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh], source: SnapshotSource) -> None:
         self.shown, self._stamp = 0, -1
@@ -214,7 +205,6 @@ class Page:
         self._history.append(row)
 
     def _make_plots(self, gui: viser.GuiApi) -> tuple[Any, Any]:
-        """Add the plots of limits and cycle time, and return their handles."""
         scale, time_series = viser.uplot.Scale, viser.uplot.Series(label="time relative to now, s")
 
         def plot(title: str, height: int, y: Any, *lines: tuple[str, str]) -> Any:

@@ -15,16 +15,13 @@ import viser
 
 #: Largest message of a browser, bytes; a larger one ends its connection. The page's own messages have less than 1000.
 MAX_MESSAGE_SIZE = 4096
-#: Accepted difference of a quaternion's norm from 1.
-_NORM_TOLERANCE = 1.0e-3
+_NORM_TOLERANCE = 1.0e-3  # accepted difference of a quaternion's norm from 1
 #: Decoding errors: invalid types, values or UTF-8, and excessive nesting.
 _UNDECODABLE = (msgspec.MsgspecError, ValueError, RecursionError)
 
-#: Coordinate, m; NaN violates both bounds.
-_Length = Annotated[float, msgspec.Meta(ge=-1.0e6, le=1.0e6)]
+_Length = Annotated[float, msgspec.Meta(ge=-1.0e6, le=1.0e6)]  # coordinate, m; NaN violates both bounds
 _Point = tuple[_Length, _Length, _Length]
-#: Component of a unit quaternion (w, x, y, z).
-_Component = Annotated[float, msgspec.Meta(ge=-1.001, le=1.001)]
+_Component = Annotated[float, msgspec.Meta(ge=-1.001, le=1.001)]  # component of a unit quaternion (w, x, y, z)
 _Quaternion = tuple[_Component, _Component, _Component, _Component]
 #: Screen coordinate as a share of the picture, beyond 0 to 1 outside it.
 _Share = Annotated[float, msgspec.Meta(ge=-1.0e9, le=1.0e9)]
@@ -37,7 +34,6 @@ _Value = bool | Annotated[float, msgspec.Meta(ge=-1.0e9, le=1.0e9)] | Annotated[
 
 class _Message(msgspec.Struct, tag_field="type", tag=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
-        """Check the norm of the quaternion, if the message has one."""
         wxyz = getattr(self, "wxyz", None)
         if wxyz is not None and not abs(math.hypot(*wxyz) - 1.0) <= _NORM_TOLERANCE:
             raise ValueError(f"`wxyz` has the norm {math.hypot(*wxyz):g}; required: 1")
@@ -106,8 +102,7 @@ class SceneNodeDragMessage(_Message):
     owner: Literal[""] = ""
 
 
-#: Messages of a read-only page, and of a page that may command.
-WATCHING = ViewerCameraMessage | GuiUpdateMessage
+WATCHING = ViewerCameraMessage | GuiUpdateMessage  # messages of a read-only page, and of a page that may command
 COMMANDING = (
     WATCHING
     | TransformControlsDragStartMessage
@@ -123,8 +118,7 @@ class AllowList:
     def __init__(self, *, commands: bool) -> None:
         """Compile the list; `commands` is True if the page may command."""
         self._decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(COMMANDING if commands else WATCHING)
-        #: Controls of the page; None before they exist.
-        self.gui: viser.GuiApi | None = None
+        self.gui: viser.GuiApi | None = None  # controls of the page; None before they exist
 
     def fault(self, payload: bytes | str) -> str:
         """Return the reason for a refusal, with type, field and value; empty if the message is allowed."""
@@ -139,7 +133,6 @@ class AllowList:
         return ""
 
     def _value_fault(self, uuid: str, value: bool | float | str) -> str:
-        """Return the reason why a control may not have this value; empty if it may."""
         control: Any = None if self.gui is None else self.gui._gui_input_handle_from_uuid.get(uuid)
         match control:
             case None:
@@ -163,7 +156,6 @@ class AllowList:
 
 
 def _excerpt(payload: bytes) -> str:
-    """Return a message for the log, with long parts shortened."""
     excerpt = reprlib.Repr()
     excerpt.maxdict, excerpt.maxlevel, excerpt.maxstring = 12, 3, 60
     try:

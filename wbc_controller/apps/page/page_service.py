@@ -24,8 +24,7 @@ from wbc_controller.middleware.topics import MOCK_NODE
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.settings import Settings
 
-#: Name of the page's node.
-_NODE = "wbc_page"
+_NODE = "wbc_page"  # name of the page's node
 #: Topics of requests: node and key of the topic.
 _REQUESTS = {
     *(
@@ -34,8 +33,7 @@ _REQUESTS = {
     ),
     *(("mock", key) for key in ("hold", "push", "fault")),
 }
-#: Period of the check for the publisher of joint states, wall time, s.
-_PERIOD = 1.0
+_PERIOD = 1.0  # period of the check for the publisher of joint states, wall time, s
 
 
 def serve(
@@ -52,12 +50,8 @@ def serve(
     """Serve the page until the event is set.
 
     Args:
-        settings: settings of the robot.
-        stop: event that ends the service.
-        host: address of the server.
         port: port, or the next free one.
         namespace: namespace of the robot's nodes.
-        remappings: remapped topics.
         commands: True if the page may command.
         ready: receives the page's address once the page can be opened.
 
@@ -102,7 +96,6 @@ def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) 
 def _page(
     robot: Robot, source: SnapshotSource, host: str, port: int, *, commands: bool = False
 ) -> Iterator[tuple[Page, str]]:
-    """Open a page on its own server, and yield it with its address."""
     meshes, gate = build_meshes(robot.model), Gate(host)
     server = open_server(host, port, gate, commands=commands)
     try:

@@ -19,12 +19,9 @@ from wbc_controller.records import Array
 #: Colours of the modes.
 _MODES = {"active": "#2f9e44", "holding": "#e8890c", "damping": "#e8590c", "fault": "#e03131", "stopped": "#e03131"}
 _NO_MODE, _SILENT = "#868e96", "#e03131"
-#: Shares of a limit for an orange and a red bar.
-_MUCH, _ALL = 0.7, 0.95
-#: Wall time without states or controller status before a warning, s.
-_SILENCE = 1.5
-#: Largest number of binding constraints shown.
-_NAMED = 8
+_MUCH, _ALL = 0.7, 0.95  # shares of a limit for an orange and a red bar
+_SILENCE = 1.5  # wall time without states or controller status before a warning, s
+_NAMED = 8  # largest number of binding constraints shown
 
 STYLE = """<style>
 .wbc { font-size: 12.5px; line-height: 1.45; padding: 2px 10px 8px; overflow-wrap: anywhere; }

@@ -19,14 +19,10 @@ from wbc_controller.errors import WbcError
 from wbc_controller.nodes.processes import Processes
 from wbc_controller.settings import Settings
 
-#: DDS domains, the same as for the demo; both stay on the loopback.
-_FIRST_DOMAIN, _DOMAINS = 100, 100
-#: Timeout for the start of the nodes, wall time, s; a first start compiles the kernels.
-_START_TIMEOUT = 120.0
-#: Period of the check for ended processes, s.
-_CHECK_PERIOD = 0.5
-#: Number of log lines shown of an ended process.
-_LINES = 12
+_FIRST_DOMAIN, _DOMAINS = 100, 100  # DDS domains, the same as for the demo; both stay on the loopback
+_START_TIMEOUT = 120.0  # timeout for the start of the nodes, wall time, s; a first start compiles the kernels
+_CHECK_PERIOD = 0.5  # period of the check for ended processes, s
+_LINES = 12  # number of log lines shown of an ended process
 
 
 def play(
@@ -35,9 +31,6 @@ def play(
     """Start mock robot and controller, activate, and serve the page until the event is set.
 
     Args:
-        robot: supplied robot, or path of a configuration.
-        stop: event that ends the page and the processes.
-        host: address of the page's server.
         port: port of the page, or the next free one.
         domain: DDS domain; None for an unused one.
         factor: simulated seconds per second.
@@ -89,7 +82,6 @@ def free_domain() -> int:
 
 
 def _release_hoist(settings: Settings, stop: threading.Event, errors: list[str]) -> None:
-    """Release the hoist after the activation ramp of the controller."""
     try:
         with Session(settings, patience=_START_TIMEOUT, node="wbc_play") as session:
             session.listen("controller", "state")
@@ -107,7 +99,6 @@ def _release_hoist(settings: Settings, stop: threading.Event, errors: list[str])
 
 
 def _watch(processes: Processes, stop: threading.Event, errors: list[str]) -> None:
-    """Stop if a process ends by itself."""
     while not stop.wait(_CHECK_PERIOD):
         for name, process in processes.processes.items():
             if process.poll() is not None:
@@ -118,6 +109,5 @@ def _watch(processes: Processes, stop: threading.Event, errors: list[str]) -> No
 
 
 def _open_browser(address: str) -> None:
-    """Open the page in a browser if a display exists."""
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(address)

@@ -20,16 +20,11 @@ from wbc_controller.recording.cycle_layout import MODES, cycle_slots, reference_
 from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import Array, Reference, References
 
-#: Largest number of cycles in memory; longer recordings are decimated.
-MAX_CYCLES = 20_000
-#: Unmodelled force of a push, in weights of the robot.
-_PUSH = 0.1
-#: Time without an unmodelled force between two pushes, s.
-_PUSH_GAP = 0.5
-#: Longest playback step, s; playback pauses while no page is open.
-_LONGEST_STEP = 0.5
-#: Largest number of digits of a cycle number.
-_LONGEST_NUMBER = 18
+MAX_CYCLES = 20_000  # largest number of cycles in memory; longer recordings are decimated
+_PUSH = 0.1  # unmodelled force of a push, in weights of the robot
+_PUSH_GAP = 0.5  # time without an unmodelled force between two pushes, s
+_LONGEST_STEP = 0.5  # longest playback step, s; playback pauses while no page is open
+_LONGEST_NUMBER = 18  # largest number of digits of a cycle number
 _COLORS = {"fault": "#e03131", "contact": "#2f9e44", "push": "#f08c00", "mode": "#228be6"}
 _SPEEDS = {"¼ ×": 0.25, "1 ×": 1.0, "4 ×": 4.0}
 
@@ -47,7 +42,6 @@ class Playback:
     """Snapshots of a recording by time.
 
     Attributes:
-        duration: duration of the recording, s.
         time: present time, s; `seek` sets it.
         speed: recorded seconds per second.
 
@@ -119,7 +113,6 @@ class Playback:
         )
 
     def _read_cycles(self) -> Iterator[Mark]:
-        """Store the decimated cycles, and yield the events."""
         recorded, every = self._recorded, max(1, -(-self._recorded.count // MAX_CYCLES))
         weight = self._robot.model.mass * self._robot.model.gravity
         before: tuple[str, frozenset[str]] | None = None
@@ -151,7 +144,6 @@ class Playback:
             yield Mark(time_of(recorded, fault.time), "fault", f"{fault.fault.code}: {fault.fault.sentence}")
 
     def _read_statuses(self) -> tuple[list[float], list[RobotStatus]]:
-        """Return times and statuses of the controller."""
         times: list[float] = []
         found: list[RobotStatus] = []
         count = 0

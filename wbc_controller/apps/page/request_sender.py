@@ -14,19 +14,15 @@ from wbc_controller.settings import Settings
 
 _log = logging.getLogger(__name__)
 
-#: Time between two messages of a drag, s.
-PERIOD = 0.05
-#: Age at which a value of a drag is dropped, s.
-MAX_AGE = 0.5
-#: Capacity of the queue of requests.
-_QUEUE_SIZE = 200
+PERIOD = 0.05  # time between two messages of a drag, s
+MAX_AGE = 0.5  # age at which a value of a drag is dropped, s
+_QUEUE_SIZE = 200  # capacity of the queue of requests
 
 
 class RequestSender:
     """Sends the requests of the pages on its own thread.
 
-    The newest value of each drag is sent at most once per `PERIOD`. A drag sends only in response to events of its
-    page, so that a lost connection cannot continue it.
+    The newest value of each drag is sent at most once per `PERIOD`, and only in response to events of its page.
     """
 
     def __init__(
@@ -39,7 +35,6 @@ class RequestSender:
         """Create the sender; `start` starts its thread.
 
         Args:
-            settings: settings of the robot.
             send: sends one request from any thread; may raise `WbcError`.
             report: receives the words of each request, empty for a drag, and its error, empty after success. It runs on
                 the
@@ -89,13 +84,7 @@ class RequestSender:
             self._report(words, f"dropped: the queue of {_QUEUE_SIZE} requests is full")
 
     def drag(self, key: str, client: int, value: Sequence[str]) -> None:
-        """Store the newest value of a page's drag.
-
-        Args:
-            key: dragged control; a newer value replaces a stored one.
-            client: number of the page.
-            value: words of a request.
-        """
+        """Store the newest value of a page's drag: words of a request for the control `key`."""
         with self._lock:
             self._dragged[key] = self._clock(), client, value
 

@@ -34,12 +34,9 @@ from wbc_controller.errors import ConfigurationError, TransportError
 #: Ping period of a page, and time limit of the answer, wall time, s. A page without network is disconnected, so that
 #: delayed input cannot move the robot later.
 PING_PERIOD, PING_TIMEOUT = 0.5, 2.5
-#: Largest number of open pages.
-MAX_PAGES = 32
-#: Name of the token cookie; cookies of a host are shared by all its ports.
-_COOKIE = "wbc_token_{port}"
-#: Names of the loopback in browsers.
-_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+MAX_PAGES = 32  # largest number of open pages
+_COOKIE = "wbc_token_{port}"  # name of the token cookie; cookies of a host are shared by all its ports
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")  # names of the loopback in browsers
 _UNAUTHORIZED = "This page requires the token in the address printed by wbc.\n"
 _INVALID_HOST = "{what} is {said!r}; valid: {host}.\n"
 _TOO_MANY_PAGES = f"{MAX_PAGES} pages are open, the maximum; close one.\n"
@@ -59,9 +56,8 @@ _Process = Callable[[ServerConnection, Request], Response | None]
 class Gate:
     """Decides on every HTTP request before an answer.
 
-    On the loopback, the host must be a name of the loopback; another name belongs to a web site that resolves its name
-    to this computer. Connections from pages of other sites are refused. On other interfaces every request needs the
-    token.
+    On the loopback, the host must be a name of the loopback; other names belong to web sites that resolve to this
+    computer. Connections from pages of other sites are refused. On other interfaces every request needs the token.
     """
 
     def __init__(self, host: str, token: str = "") -> None:
@@ -128,13 +124,7 @@ def _bytes(token: str) -> bytes:
 
 
 def open_server(host: str, port: int, gate: Gate, *, commands: bool = False) -> viser.ViserServer:
-    """Open the server behind the gate and the allow-list.
-
-    Args:
-        host: address of the server.
-        port: port, or the next free one; 0 for any.
-        gate: check of the requests.
-        commands: True if the page may command.
+    """Open the server behind the gate and the allow-list, on `port` or the next free one, 0 for any.
 
     Raises:
         ConfigurationError: if `host` is not an address of this computer.

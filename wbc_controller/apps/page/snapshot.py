@@ -17,8 +17,7 @@ from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, References
 from wbc_controller.settings import Settings
 
-#: Modes with references.
-FOLLOWING = ("active", "holding")
+FOLLOWING = ("active", "holding")  # modes with references
 
 
 class Robot:
@@ -57,8 +56,7 @@ class Snapshot:
     references: References | None = None  # references of the tasks; None in modes without references
     status: RobotStatus | None = None  # status of the nodes; None before the first message
     silence: float = math.inf  # wall time since the controller's last status, s; infinite before the first
-    #: False if the robot is drawn standing on its contacts, without a measured base
-    base_measured: bool = True
+    base_measured: bool = True  # False if the robot is drawn standing on its contacts, without a measured base
 
     @property
     def following(self) -> bool:

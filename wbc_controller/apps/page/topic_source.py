@@ -21,8 +21,7 @@ from wbc_controller.middleware.states import BaseState, OdometryReader
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.records import Array, Reference, References
 
-#: Largest age of torques and contact forces relative to the state, robot time, s.
-_MAX_AGE = 0.2
+_MAX_AGE = 0.2  # largest age of torques and contact forces relative to the state, robot time, s
 
 
 class TopicSource:
@@ -103,7 +102,6 @@ class TopicSource:
         return {name: force for name, (time, force) in self._forces.items() if _is_fresh(time, stamp)}
 
     def _references(self) -> References | None:
-        """Return the known references of the tasks."""
         if self._status is None:
             return None
         values, tasks = self._status.values, {}
@@ -126,8 +124,6 @@ class TopicSource:
 
 
 class _Stream:
-    """Newest state of a stream, with its arrival time."""
-
     def __init__(self, poll: Callable[[], bytes | None], reader: StateReader) -> None:
         self._poll, self._reader = poll, reader
         self.newest: Any = None  # record of the reader

@@ -24,20 +24,12 @@ from wbc_controller.recording.report.run_data import RunData, supports_of
 from wbc_controller.records import Array, RobotState, frozen
 from wbc_controller.settings.config import Config
 
-#: Margin around the contacts, m, and width of the drawing, pixels.
-_MARGIN, _WIDTH = 0.05, 560
-#: Radius of dots for the centre of mass and point contacts, as a share of the drawing's width.
-_DOT = 0.012
+_MARGIN, _WIDTH = 0.05, 560  # margin around the contacts, m, and width of the drawing, pixels
+_DOT = 0.012  # radius of dots for the centre of mass and point contacts, as a share of the drawing's width
 
 
 def write_check_page(config: Config, findings: Sequence[Finding], failure: str, path: Path) -> None:
-    """Write the page of a check.
-
-    Args:
-        config: checked configuration.
-        findings: findings of the check; empty after an error.
-        failure: error of the check; empty if it passed.
-        path: file of the page.
+    """Write the page of a check with its findings, or its error `failure`.
 
     Raises:
         ConfigurationError: if the robot or its QP cannot be built, the visual geometry cannot be read, or the file

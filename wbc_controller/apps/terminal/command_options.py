@@ -18,7 +18,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _read_remappings(ctx: click.Context, param: click.Parameter, texts: Sequence[str]) -> dict[str, str]:
-    """Return the values of --remap as a mapping."""
     return {} if ctx.resilient_parsing else dict(map(parse_remapping, texts))
 
 

@@ -97,7 +97,6 @@ def _serve(
     verbose: bool,
     **options: Any,
 ) -> None:
-    """Run a service on its own node until Ctrl-C, SIGTERM or SIGHUP."""
     from wbc_controller.middleware.transports.dds import DdsTransport
 
     logging.basicConfig(

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-#: Type of diagnostic entries, printed in one line.
-_KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
+_KEY_VALUE = "diagnostic_msgs/msg/KeyValue"  # type of diagnostic entries, printed in one line
 
 
 def as_text(content: Any) -> str:
@@ -38,7 +37,6 @@ def _fields(content: Any, indent: str) -> Iterator[str]:
 
 
 def _item(item: Any, indent: str) -> Iterator[str]:
-    """Yield the lines of one element of a list of messages."""
     if item.__msgtype__ == _KEY_VALUE:
         yield f"{indent}  {item.key}: {item.value}"
         return

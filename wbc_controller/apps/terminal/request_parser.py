@@ -28,8 +28,7 @@ from wbc_controller.middleware.topics import TASK_TYPES
 from wbc_controller.records import REQUESTS, Array
 from wbc_controller.settings import Settings
 
-#: Waits for the newest message of a topic, given by node, key and subject.
-ReadMessage = Callable[[str, str, str], Any]
+ReadMessage = Callable[[str, str, str], Any]  # waits for the newest message of a topic, given by node, key and subject
 #: First words of requests other than setpoints, with the form of the arguments.
 FORMS = {
     **dict.fromkeys(REQUESTS, ""),
@@ -104,7 +103,6 @@ def parse_request(words: Sequence[str], settings: Settings) -> Request:
 
 
 def _constant(type_name: str, **fields: Any) -> Callable[[ReadMessage], Any]:
-    """Return a function that makes a message without reading others."""
     return lambda wait_for_message: message(type_name, **fields)
 
 

@@ -11,10 +11,8 @@ from typing import Any
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.settings import Settings
 
-#: Wall time for counting cycles, s.
-_WINDOW = 2.0
-#: Waiting time for the tasks before the first status, in periods of the diagnostics.
-_PERIODS = 3.0
+_WINDOW = 2.0  # wall time for counting cycles, s
+_PERIODS = 3.0  # waiting time for the tasks before the first status, in periods of the diagnostics
 
 
 @dataclass(frozen=True, slots=True)

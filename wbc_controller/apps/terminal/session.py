@@ -32,12 +32,9 @@ from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.nodes.wiring import named_frames
 from wbc_controller.settings import NODE_NAME, Settings
 
-#: Name of the user's node.
-_NODE = "wbc_user"
-#: Time limit for the answer of a discovered node on a busy computer, wall time, s.
-ANSWER_TIMEOUT = 20.0
-#: Commands with a torque ramp, and their final mode.
-_RAMPED = {"activate": "active", "deactivate": "inactive"}
+_NODE = "wbc_user"  # name of the user's node
+ANSWER_TIMEOUT = 20.0  # time limit for the answer of a discovered node on a busy computer, wall time, s
+_RAMPED = {"activate": "active", "deactivate": "inactive"}  # commands with a torque ramp, and their final mode
 
 
 class NoAnswer(WbcError):
@@ -114,7 +111,6 @@ class Session:
             self._messages[place] = self._subscribe(counterpart(self.topics[place]), depth)
 
     def _subscribe(self, endpoint: Endpoint, depth: int) -> deque[bytes]:
-        """Subscribe to a topic, and return the queue of its payloads."""
         payloads: deque[bytes] = deque(maxlen=depth)
 
         def receive(payload: bytes) -> None:
@@ -221,7 +217,6 @@ class Session:
         publication(encode(content))
 
     def _emergency_stop(self, request: Request) -> Answer:
-        """Send an emergency stop first, then wait until the controller confirms it."""
         self._deliver(request)
         self.listen("controller", "state")
         self.until(
@@ -231,10 +226,10 @@ class Session:
         return Answer(True, f"the controller is {self.mode()}")
 
     def find_controller(self) -> None:
-        """Wait until DDS has discovered the publisher of the controller's state.
+        """Wait until DDS has discovered the publisher of the controller's state, before the first subscription.
 
-        Call it before the first subscription. Fast DDS delays latched messages by up to 3 s for a reader that was
-        announced before the discovery of the writer.
+        Fast DDS delays latched messages by up to 3 s for a reader that was announced before the discovery of the
+        writer.
 
         Raises:
             NoAnswer: if no publisher is discovered in time.
@@ -289,7 +284,6 @@ class Session:
         return Answer(True, later[-1]["recorder"])
 
     def _status_values(self) -> dict[str, str]:
-        """Return the values of the controller's newest status, after waiting for one."""
         return self._status_values_until(lambda values: True, "no status of the controller on /diagnostics")[-1]
 
     def _status_values_until(self, condition: Callable[[dict[str, str]], bool], error: str) -> list[dict[str, str]]:
@@ -326,7 +320,6 @@ class Session:
         return messages
 
     def _await_ramp(self, word: str) -> Answer:
-        """Wait for the end of the torque ramp of a command."""
         if word not in _RAMPED:
             return Answer(True, f"accepted: {word}; the controller is {self.mode()}")
         self.listen("controller", "joint_commands")
@@ -354,7 +347,6 @@ class Session:
             raise NoAnswer(self._absent_node(request.node))
 
     def _absent_node(self, owner: str) -> str:
-        """Return the message for an absent node."""
         node, command = ("controller", "run") if owner == "controller" else ("mock robot", "mock")
         return (
             f"no {node} found in DDS domain {self._transport.domain} within {self._patience:g} s; "

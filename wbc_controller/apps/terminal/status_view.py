@@ -18,8 +18,7 @@ from wbc_controller.middleware.setpoints import JOINT_FIELDS
 from wbc_controller.nodes.diagnostics.shortfall import in_words
 from wbc_controller.settings import Settings
 
-#: Colours of the status levels.
-_COLOURS = {0: "green", 1: "yellow", 2: "red"}
+_COLOURS = {0: "green", 1: "yellow", 2: "red"}  # colours of the status levels
 
 
 #: Checks and commands after a fault, by its code.

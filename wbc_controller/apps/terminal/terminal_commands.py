@@ -23,10 +23,8 @@ from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.settings import Settings
 
-#: Further exit statuses: request refused, and no answer.
-REFUSED, NO_ANSWER = 1, 3
-#: Period of the status display, s.
-_REFRESH = 0.5
+REFUSED, NO_ANSWER = 1, 3  # further exit statuses: request refused, and no answer
+_REFRESH = 0.5  # period of the status display, s
 
 _session_options = with_options(
     config_argument,
@@ -39,7 +37,6 @@ _session_options = with_options(
 
 @contextlib.contextmanager
 def _exit_without_answer() -> Iterator[None]:
-    """Print the error and exit if no node answers."""
     from wbc_controller.apps.terminal.session import NoAnswer
 
     try:
