@@ -25,10 +25,10 @@ class Sending:
     com: Array | None = None  # centre of mass at the beginning, (3,) in m
     periods: int = 0  # number of control periods since the beginning
 
-    def say(self, key: str, text: str, count: int = 1) -> None:
+    def send_text(self, key: str, text: str, count: int = 1) -> None:
         """Send a text some times."""
         for _ in range(count):
-            self.user.say(key, text)
+            self.user.send_text(key, text)
 
     def move(self, times: list[float], positions: Array) -> None:
         """Send trajectories of the centre of mass through points, (n, 3) in m."""
@@ -88,7 +88,7 @@ class UnknownWords(RequestFault):
     def send(self, sending: Sending, com: Array) -> None:
         """Send one."""
         words = ("", "ACTIVATE", "e-stop", "resett", "start", "\n", "активировать", "a" * 1000)
-        sending.say("command", str(sending.rng.choice(words)))
+        sending.send_text("command", str(sending.rng.choice(words)))
 
 
 class RequestFlood(RequestFault):
@@ -98,7 +98,7 @@ class RequestFlood(RequestFault):
 
     def send(self, sending: Sending, com: Array) -> None:
         """Send many requests."""
-        sending.say("command", "activate", self.messages)
+        sending.send_text("command", "activate", self.messages)
 
 
 class FarSetpoint(_Once):
@@ -142,8 +142,8 @@ class HugeMessage(_Once):
 
     def send(self, sending: Sending, com: Array) -> None:
         """Send both."""
-        sending.say("command", "a" * self.size)
-        sending.say("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
+        sending.send_text("command", "a" * self.size)
+        sending.send_text("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
 
 
 class Estop(_Once):
@@ -151,7 +151,7 @@ class Estop(_Once):
 
     def send(self, sending: Sending, com: Array) -> None:
         """Send it."""
-        sending.say("command", "estop")
+        sending.send_text("command", "estop")
 
 
 class EstopInFlood(RequestFault):
@@ -161,8 +161,8 @@ class EstopInFlood(RequestFault):
 
     def send(self, sending: Sending, com: Array) -> None:
         """Send all."""
-        sending.say("command", "activate", self.messages)
-        sending.say("command", "estop")
+        sending.send_text("command", "activate", self.messages)
+        sending.send_text("command", "estop")
 
 
 class ContactOff(_Once):
@@ -187,9 +187,9 @@ class ConflictingUpdates(RequestFault):
         tasks, rng = sending.user.settings.tasks, sending.rng
         name = list(tasks)[int(rng.integers(len(tasks)))]
         weight, factor = tasks[name].weight, float(np.exp(rng.uniform(-1.0, 1.0)))
-        sending.say("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
-        sending.say("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
-        sending.say("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
+        sending.send_text("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
+        sending.send_text("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
+        sending.send_text("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
 
 
 REQUEST_KINDS: Mapping[str, type[RequestFault]] = {

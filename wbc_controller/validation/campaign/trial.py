@@ -167,7 +167,7 @@ class _Trial(Lockstep):
         """Activate with the base held until the torques are those of standing, and let it go."""
         for _ in range(_HELD):
             self._cycle()
-        self.user.say("command", "activate")
+        self.user.send_text("command", "activate")
         rising = 1.0 / self.settings.limits.torque_rate
         for _ in range(_HELD + math.ceil(rising / self.controller.period)):
             self._cycle()

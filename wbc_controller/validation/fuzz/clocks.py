@@ -149,7 +149,7 @@ class _Standing(Lockstep):
         for _ in range(_HANGING):
             self._period()
         for _ in range(_ATTEMPTS):
-            self.user.say("command", "activate")
+            self.user.send_text("command", "activate")
             for _ in range(_BETWEEN):
                 self._period()
             if self._monitor.mode is Mode.ACTIVE:

@@ -234,7 +234,7 @@ def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -
     began, start = time.monotonic(), nodes.stamp()
     time.sleep(before)
     known = nodes.stamp()
-    nodes.user.say("command", "estop")
+    nodes.user.send_text("command", "estop")
     sent_at = time.monotonic()
     nodes.until(lambda: nodes.said("controller").startswith("fault"), "the stop", patience=60.0)
     time.sleep(_AFTER)

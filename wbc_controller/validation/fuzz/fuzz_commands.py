@@ -80,14 +80,14 @@ def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None
         why = run.replay(key, robot, sent)
         click.echo(f"{key}, {len(sent)} messages: {why or 'nothing breaks'}")
         sys.exit(0 if why is None else 1)
-    say = _Progress()
+    send_text = _Progress()
     outcome = run.fuzz_messages(
         robot,
         count,
         seed,
         first=first,
         targets=tuple(nodes.split(",")),
-        progress=lambda outcome, key, episode: say(
+        progress=lambda outcome, key, episode: send_text(
             f"{outcome.sent} messages, {outcome.sent / max(outcome.seconds, 1e-9):.0f}/s, {len(outcome.failures)} "
             f"failures; {key}, episode {episode}"
         ),
@@ -111,7 +111,7 @@ def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Pa
     with _needing_extras():
         from wbc_controller.validation.fuzz.files import fuzz_files
 
-    say = _Progress()
+    send_text = _Progress()
     outcome = fuzz_files(
         kind,
         tuple(robots.split(",")),
@@ -119,7 +119,7 @@ def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Pa
         seed,
         folder,
         first=first,
-        progress=lambda outcome, number: say(f"case {number}: {dict(outcome.results)}"),
+        progress=lambda outcome, number: send_text(f"case {number}: {dict(outcome.results)}"),
     )
     done = sum(outcome.results.values())
     click.echo(f"{done} cases in {outcome.seconds:.0f} s: " + ", ".join(f"{n} {r}" for r, n in outcome.results.items()))
@@ -157,8 +157,8 @@ def classes(count: int, seed: int) -> None:
     with _needing_extras():
         from wbc_controller.validation.fuzz.hostile_classes import fuzz_classes
 
-    say = _Progress()
-    failures, results = fuzz_classes(count, seed, lambda results, number: say(f"class {number}: {dict(results)}"))
+    send_text = _Progress()
+    failures, results = fuzz_classes(count, seed, lambda results, number: send_text(f"class {number}: {dict(results)}"))
     click.echo(", ".join(f"{number} {result}" for result, number in results.most_common()))
     for hostile, why in failures:
         click.echo(f"{hostile}: {why}")
@@ -229,13 +229,13 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
     with _needing_extras():
         from wbc_controller.validation.fuzz import soak as run
 
-    say = _Progress()
+    send_text = _Progress()
     result = run.soak(
         robot,
         folder,
         60.0 * minutes,
         domain=domain,
-        progress=lambda r: say(f"{r.seconds:.0f} s, {r.rate:.0f} commands/s, {len(r.faults)} faults"),
+        progress=lambda r: send_text(f"{r.seconds:.0f} s, {r.rate:.0f} commands/s, {len(r.faults)} faults"),
     )
     for name, kept in result.memory.items():
         click.echo(
@@ -261,8 +261,8 @@ def clocks(robots: str, count: int, first: int, seed: int) -> None:
     with _needing_extras():
         from wbc_controller.validation.fuzz import clocks as run
 
-    say = _Progress()
-    done = run.fuzz_clocks(robots.split(","), count, seed, first=first, progress=lambda trial: say(trial.line()))
+    send_text = _Progress()
+    done = run.fuzz_clocks(robots.split(","), count, seed, first=first, progress=lambda trial: send_text(trial.line()))
     for line in run.summary(done):
         click.echo(line)
     sys.exit(1 if any(trial.why for trial in done) else 0)
@@ -278,13 +278,13 @@ def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
     with _needing_extras():
         from wbc_controller.validation.fuzz import setpoints as run
 
-    say = _Progress()
+    send_text = _Progress()
     done = run.fuzz_setpoints(
         robots.split(","),
         minutes,
         seed,
         first=first,
-        progress=lambda trial: say(
+        progress=lambda trial: send_text(
             f"{trial.robot}, trial {trial.number}: {trial.kind}, {trial.ended or 'active'} after {trial.seconds:.1f} s"
         ),
     )
@@ -302,9 +302,9 @@ def problems(robots: str, count: int, first: int, seed: int) -> None:
     """Solve random quadratic programs, and see by linear programs that nothing is relaxed without need."""
     from wbc_controller.validation.fuzz.problems import fuzz_problems
 
-    say, failed = _Progress(), False
+    send_text, failed = _Progress(), False
     for outcome in fuzz_problems(
-        robots.split(","), count, seed, first=first, progress=lambda outcome: say(outcome.line())
+        robots.split(","), count, seed, first=first, progress=lambda outcome: send_text(outcome.line())
     ):
         click.echo(outcome.line())
         for number, why in outcome.failures.items():

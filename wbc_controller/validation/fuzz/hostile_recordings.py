@@ -51,14 +51,14 @@ def record_run(robot: str, path: Path) -> None:
         run = Lockstep(settings, recorder=recorder)
         for i in range(_CYCLES):
             if i == 3:
-                run.user.say("command", "activate")
+                run.user.send_text("command", "activate")
             elif i == 10:
                 run.user.move(run.com())
             elif i == 20:
-                run.user.say("command", "fly")
-                run.user.say("update", "{limits: {acceleration: 200.0}}")
+                run.user.send_text("command", "fly")
+                run.user.send_text("update", "{limits: {acceleration: 200.0}}")
             elif i == _CYCLES - 3:
-                run.user.say("command", "estop")
+                run.user.send_text("command", "estop")
             run.cycle()
     finally:
         recorder.close()

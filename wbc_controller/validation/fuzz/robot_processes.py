@@ -26,7 +26,7 @@ from wbc_controller.records import Array
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import Lateness
-from wbc_controller.validation.user import User, deep, words_to_activate
+from wbc_controller.validation.user import User, activation_commands, reliable_counterpart
 
 #: Messages that are kept of each topic: a minute of the fastest ones.
 _KEPT = 30_000
@@ -80,7 +80,7 @@ class RobotProcesses(Processes):
             if topic.direction is Direction.OUT and topic.key in keys:
                 kept = self.kept[f"{node}/{topic.key}"] = deque(maxlen=_KEPT)
                 self._types[f"{node}/{topic.key}"] = topic.type
-                self._transport.subscribe(deep(topic), partial(_keep, kept))
+                self._transport.subscribe(reliable_counterpart(topic), partial(_keep, kept))
 
     def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
         """Start a process by its command line, and measure its lateness."""
@@ -159,7 +159,7 @@ class RobotProcesses(Processes):
         """Reset a fault, and activate the controller."""
 
         def ask() -> None:
-            for word in words_to_activate(self.said("controller")):
-                self.user.say("command", word)
+            for word in activation_commands(self.said("controller")):
+                self.user.send_text("command", word)
 
         self.until(lambda: self.said("controller") == "active", "the activation", ask)

@@ -31,7 +31,7 @@ from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import DOMAIN
 from wbc_controller.validation.latency.meter import Meter, RoundTrips, joined
 from wbc_controller.validation.latency.robots import StandingRobot, echo, opened
-from wbc_controller.validation.user import deep, words_to_activate
+from wbc_controller.validation.user import activation_commands, reliable_counterpart
 
 #: Duration of a block, s: shorter than the time after which DDS takes a process that is stopped for gone.
 _BLOCK = 3.0
@@ -222,7 +222,7 @@ class _Bench:
         """Open the topics that the meter notes."""
         for topic in topics:
             if topic.key in keys:
-                meter.subscribe(deep(topic), lambda payload: None)
+                meter.subscribe(reliable_counterpart(topic), lambda payload: None)
 
     def _send(self, word: str) -> None:
         self._command(encode(message("std_msgs/msg/String", data=word)))
@@ -234,7 +234,7 @@ class _Bench:
         """Activate the controller, from any mode; with a mock robot, let it stand on its own feet."""
 
         def ask() -> None:
-            for word in words_to_activate(self._mode()):
+            for word in activation_commands(self._mode()):
                 self._send(word)
 
         self._until(lambda: self._mode() == "active", "the activation", ask)
