@@ -1,4 +1,4 @@
-"""The report counts what came of the trials, and names the worst."""
+"""Counts of the report, and its most severe trial."""
 
 import csv
 import io
@@ -43,7 +43,7 @@ def test_a_row_counts_the_trials_of_a_kind_on_a_robot():
 
 def test_the_summary_counts_all():
     assert summary(OUTCOMES).startswith(
-        "15 trials, 2 kinds of fault, 2 robots: 8 survived, 7 damped; 3 of 5 faults that must be detected were, "
+        "15 trials, 2 kinds of fault, 2 robots: 8 survived, 7 damped; 3 of 5 faults with a deadline were detected "
         "in time; 2 trials with violations"
     )
 

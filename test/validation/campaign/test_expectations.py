@@ -1,4 +1,4 @@
-"""What has to come of a fault follows from its parameters and from the settings."""
+"""Expected outcomes of faults, from their parameters and the settings."""
 
 import numpy as np
 import pytest
@@ -43,11 +43,11 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
         ("joint_not_a_number", {"duration": 0.1, "share": 0.5}, "either", None),
         ("joint_states_frozen", {"duration": 0.2}, "detect", 0.1 + 2 * CYCLE),
         ("odom_jump", {"size": 0.3}, "detect", 2 * CYCLE),
-        ("odom_jump", {"size": 0.12}, "either", None),  # along one axis it may be less than the limit
+        ("odom_jump", {"size": 0.12}, "either", None),  # possibly below the limit along each axis
         ("odom_drift", {"speed": 1.0, "duration": 0.5}, "detect", -0.2 * np.log(1 - 0.11 / (0.2 * 0.5**0.5)) + CYCLE),
         ("odom_drift", {"speed": 0.005}, "survive", None),
         ("joint_bias", {"bias": 0.5, "ramp": 0.0}, "detect", 2 * CYCLE),
-        ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # it is forgotten as it grows
+        ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # forgotten during its growth
         ("joint_noise", {"sigma": 1e-4, "velocity_sigma": 1e-3}, "survive", None),
         ("joint_noise", {"sigma": 1e-2}, "either", None),
         ("message_replay", {"length": 0.1, "duration": 0.5}, "detect", 0.15 + CYCLE),

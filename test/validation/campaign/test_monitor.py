@@ -1,4 +1,4 @@
-"""The monitor sees each violation at its threshold, and nothing below it."""
+"""Detection of each violation at its threshold, and not below."""
 
 from types import SimpleNamespace
 
@@ -18,7 +18,7 @@ STEP = CONFIG.settings.limits.torque_rate / CONFIG.settings.control.rate * MODEL
 
 
 class Cycles:
-    """A controller that sends what it is told."""
+    """A controller with given outputs."""
 
     def __init__(self, **changes) -> None:
         settings = CONFIG.replace(changes).settings
@@ -117,6 +117,7 @@ def test_constant_latency_counts_where_clocks_are_synchronized(synchronized, fou
 
 
 def test_latency_that_jumps_up_counts_without_synchronized_clocks(cycles):
+    """A jump of the latency is detected independently of the arrival."""
     late = cycles.monitor.now + 0.002
     cycles.state(joint_states=late, odom=late)
     cycles.cycle(STEP)

@@ -1,4 +1,4 @@
-"""The recordings that the faults of a campaign leave: each names its fault, and comes out again."""
+"""Recordings of a campaign's faults: each names its fault and is replayed."""
 
 import re
 
@@ -12,7 +12,7 @@ from wbc_controller.validation.campaign.trial import run_trial
 def test_a_fault_is_named_by_its_recording_which_comes_out_again(kind, tmp_path):
     outcome = run_trial("go2", kind, 0, recordings=tmp_path)
     assert (outcome.result, dict(outcome.violations)) == ("damped", {})
-    run_trial("go2", kind, 0, recordings=tmp_path)  # which takes the place of the first
+    run_trial("go2", kind, 0, recordings=tmp_path)  # replaces the first recording
     (path,) = tmp_path.iterdir()
     assert re.fullmatch(rf"go2-{kind}-0-\d+-\d+-{outcome.code}\.mcap", path.name)
 
@@ -30,13 +30,13 @@ def test_what_another_fault_left_is_found_out(left):
     assert place.mistake(outcome.code, outcome.sentence) == ""
     assert place.mistake("FALLEN", outcome.sentence).endswith("does not name FALLEN")
     assert "does not name" in place.mistake(outcome.code, "another reason")
-    assert Place(place.folder, "g1-joint_absurd-0").mistake("FALLEN", "") == "there is none of FALLEN"
+    assert Place(place.folder, "g1-joint_absurd-0").mistake("FALLEN", "") == "no recording of FALLEN"
 
 
 def test_cycles_that_come_out_differently_are_found_out(left, monkeypatch):
     place, outcome = left
     monkeypatch.setattr("wbc_controller.recording.replay.cycle_replay.ReplayedCycle.same", False)
-    assert re.search(r"of (\d+) cycles \1 do not come out", place.mistake(outcome.code, outcome.sentence))
+    assert re.search(r"replay of (\d+) of \1 cycles differs", place.mistake(outcome.code, outcome.sentence))
 
 
 def test_a_damaged_recording_is_found_out(left):

@@ -1,4 +1,4 @@
-"""The file of a campaign holds every outcome, takes no foreign ones, and survives an end at any moment."""
+"""File of a campaign: all outcomes, no foreign ones, and a valid file after an interruption."""
 
 import json
 
@@ -71,11 +71,11 @@ def test_a_file_of_something_else_is_refused_with_its_line(tmp_path, line):
     write(tmp_path, outcome())
     path = tmp_path / FILE
     path.write_text(path.read_text(encoding="utf-8") + line + "\n", encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=rf"{FILE}:2: not a line of a fault campaign"):
+    with pytest.raises(ConfigurationError, match=rf"{FILE}:2: invalid line of a fault campaign"):
         Results(tmp_path)
 
 
 def test_a_folder_that_cannot_be_used_is_refused(tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="cannot be used"):
+    with pytest.raises(ConfigurationError, match="opening of the results failed"):
         Results(tmp_path / "file")

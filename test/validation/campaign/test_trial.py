@@ -1,4 +1,4 @@
-"""Trials: what they find on the controller as it is, and on one that is broken on purpose."""
+"""Trials of the controller, and of a controller with an injected defect."""
 
 import dataclasses
 import itertools
@@ -59,7 +59,7 @@ def _without_rate(controller):
 
 
 def _with_torques(change):
-    """Let every command pass through a function before it is sent."""
+    """Apply a function to every command before it is sent."""
 
     def prepare(controller):
         supervisor = controller.supervisor
@@ -75,7 +75,7 @@ def _with_torques(change):
 
 
 def _once(change):
-    """Only the fifteenth command, which is sent before the fault."""
+    """Apply a function to the fifteenth command, before the fault."""
     count = [0]
 
     def changed(tau):
@@ -86,13 +86,13 @@ def _once(change):
 
 
 def _blind(controller):
-    """No state is ever implausible, and the robot never falls."""
+    """Disable the detection of implausible states and falls."""
     limits = controller.supervisor.limits
     controller.supervisor.limits = dataclasses.replace(limits, plausibility=None, fall=None)
 
 
 def _old_states(controller):
-    """States are used however old they are."""
+    """Use states of any age."""
     cycle = controller.cycle
     velocity = np.zeros(controller.model.nj)
 
@@ -101,7 +101,7 @@ def _old_states(controller):
         return cycle(dataclasses.replace(inputs, problem=None, joint_velocity=measured))
 
     controller.cycle = careless
-    # The loop asks for the largest age as well.
+    # The loop also uses the largest age.
     controller._parts = dataclasses.replace(controller._parts, state_timeout=10.0)
 
 
@@ -139,13 +139,13 @@ def test_a_controller_that_is_broken_on_purpose_is_found_out(kind, parameters, p
 
 
 def test_a_supervisor_that_does_not_clip_to_the_torque_rate_is_found_out():
-    """Where a heavy robot is activated, its torques rise to those of standing."""
+    """The torques of a heavy robot rise at its activation."""
     assert "over_rate" in run_trial("talos", "estop", 0, parameters=SHORT, prepare=_without_rate).violations
     assert not run_trial("talos", "estop", 0, parameters=SHORT).violations
 
 
 def _in_cycle(number, change):
-    """Let the inputs of one cycle pass through a function."""
+    """Apply a function to the inputs of one cycle."""
 
     def prepare(controller):
         cycle, numbers = controller.cycle, itertools.count(1)
@@ -166,7 +166,7 @@ def test_a_loop_that_takes_too_long_is_a_stall():
 
 
 def test_a_reason_that_a_fault_does_not_have_is_a_violation():
-    """The trial of a harmless fault in which somebody else stops the robot."""
+    """An external stop during the trial of a harmless fault."""
     stops = _in_cycle(40, lambda inputs: dataclasses.replace(inputs, requests=("estop",)))
     outcome = run_trial("go2", "imu_noise", 0, parameters=SHORT, prepare=stops)
     assert "wrong_reason" in outcome.violations

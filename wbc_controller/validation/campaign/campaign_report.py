@@ -1,4 +1,4 @@
-"""The report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
+"""Report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
 
 import csv
 import importlib.util
@@ -26,7 +26,7 @@ _COLUMNS = (
     "kind", "robot", "trials", "survived", "share (95 %)", "damped for", "to detect", "detected after [ms]",
     "deadline [ms]", "violations",
 )  # fmt: skip
-#: Violations from the worst to the least, for the one trial that is named.
+#: Violations by decreasing severity.
 _WORST = (
     "not_finite", "unreadable", "over_limit", "over_rate", "stale", "internal_error", "logged", "stall", "fell",
     "undetected", "wrong_reason", "recording", "early", "start", "diverged",
@@ -35,23 +35,23 @@ _WORST = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The trials of one kind of fault on one robot."""
+    """Trials of one kind of fault on one robot."""
 
     place: str
     kind: str
     robot: str
     trials: int
-    survived: int  # number of trials that the robot survived
-    interval: tuple[float, float]  # Wilson's interval of the share survived at 95 %, two shares
-    reasons: dict[str, int]  # number of damped trials by code of the fault
-    must: int  # number of trials whose fault must be detected
-    delays: tuple[float, ...]  # times until detection in these trials, s
+    survived: int  # number of survived trials
+    interval: tuple[float, float]  # Wilson's 95 % interval of the share of survived trials
+    reasons: dict[str, int]  # number of damped trials by fault code
+    must: int  # number of trials with a fault that must be detected
+    delays: tuple[float, ...]  # detection times in these trials, s
     deadline: float | None  # longest deadline of these trials, s; None without any
     violations: dict[str, int]  # number of trials by name of a violation
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
-    """Summarize trials by kind and robot, in the order of the table of kinds."""
+    """Return the trials by kind and robot, in the order of the kinds."""
     groups: dict[tuple[str, str], list[Outcome]] = {}
     for outcome in outcomes:
         groups.setdefault((outcome.kind, outcome.robot), []).append(outcome)
@@ -103,7 +103,7 @@ def _counted(counts: dict[str, int]) -> str:
 
 
 def terminal_table(outcomes: Sequence[Outcome]) -> Table:
-    """The table for a terminal."""
+    """Return the table for a terminal."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for column in _COLUMNS:
         text = column in ("kind", "robot", "damped for", "violations")
@@ -114,7 +114,7 @@ def terminal_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """Summarize the campaign in one sentence."""
+    """Return a summary of the campaign in one sentence."""
     kinds, robots = {outcome.kind for outcome in outcomes}, {outcome.robot for outcome in outcomes}
     survived = sum(not outcome.code for outcome in outcomes)
     bad = sum(bool(outcome.violations) for outcome in outcomes)
@@ -123,13 +123,13 @@ def summary(outcomes: Sequence[Outcome]) -> str:
     longest = max(outcome.longest for outcome in outcomes)
     return (
         f"{len(outcomes)} trials, {len(kinds)} kinds of fault, {len(robots)} robots: {survived} survived, "
-        f"{len(outcomes) - survived} damped; {seen} of {len(must)} faults that must be detected were, in time; "
+        f"{len(outcomes) - survived} damped; {seen} of {len(must)} faults with a deadline were detected in time; "
         f"{bad} trials with violations; longest cycle {1e3 * longest:.1f} ms of processor time"
     )
 
 
 def repetitions(outcomes: Sequence[Outcome], before: Mapping[Key, Outcome]) -> list[str]:
-    """Return one sentence per trial that was repeated because of a stall."""
+    """Return one sentence per trial that was repeated after a stall."""
     return [
         f"{outcome.robot}, {outcome.kind}, seed {outcome.seed} was repeated: its longest cycle took "
         f"{1e3 * first.longest:.1f} ms of processor time, and {1e3 * outcome.longest:.1f} ms in a new process"
@@ -139,18 +139,18 @@ def repetitions(outcomes: Sequence[Outcome], before: Mapping[Key, Outcome]) -> l
 
 
 def worst(outcomes: Sequence[Outcome]) -> Outcome | None:
-    """The trial with the worst violation; None without any."""
+    """Return the trial with the most severe violation, or None."""
     bad = [outcome for outcome in outcomes if outcome.violations]
     return min(bad, key=lambda outcome: min(map(_WORST.index, outcome.violations)), default=None)
 
 
 def command_that_repeats(outcome: Outcome) -> str:
-    """The command line that runs a trial again."""
+    """Return the command that repeats a trial."""
     return f"wbc faults {shlex.quote(outcome.robot)} --kinds {outcome.kind} --seed {outcome.seed} --out repeated"
 
 
 def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> None:
-    """Write the table as Markdown and CSV, and, if plotly is installed, a page with plots.
+    """Write the table as Markdown and CSV and, if plotly is installed, a page with plots.
 
     Raises:
         ConfigurationError: if a file cannot be written.
@@ -160,7 +160,7 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[s
         (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")
         (folder / "faults.csv").write_text(_csv(rows), encoding="utf-8")
     except OSError as error:
-        raise ConfigurationError(f"{folder}: the report cannot be written: {error.strerror or error}") from error
+        raise ConfigurationError(f"{folder}: writing of the report failed: {error.strerror or error}") from error
     if importlib.util.find_spec("plotly") is not None:
         _write_page(rows, outcomes, folder / "faults.html")
 

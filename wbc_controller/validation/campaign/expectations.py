@@ -1,4 +1,4 @@
-"""Expected outcomes of each kind of fault: survive it, detect it in time, or damp for a right reason."""
+"""Expected outcome of each kind of fault: survival, detection in time, or damping for a valid reason."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,28 +11,28 @@ from wbc_controller.safety.sample_plausibility import SEQUENCE
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.faults.fault import Fault
 
-#: Reasons for which a robot that can no longer stand, or that is told something else than what is, may be damped.
+#: Valid fault codes for a robot that loses its balance or gets false inputs.
 BALANCE = frozenset({"FALLEN", "NO_SOLUTION", "RELAXED", "BAD_TORQUE", "IMPLAUSIBLE_STATE", "ESTIMATE_LOST"})
 STALE = frozenset({"STALE_INPUT"})
 IMPLAUSIBLE = frozenset({"IMPLAUSIBLE_STATE"})
 CLOCK = frozenset({"CLOCK"})
-#: How far a threshold has to be exceeded before its check must see it, as a share: the robot moves beside.
+#: Factor by which a threshold must be exceeded for certain detection, because the robot moves.
 _MARGIN = 1.1
-#: Probability below which a random fault is taken never to stay away.
+#: Probability below which a random event is excluded.
 _NEVER = 1.0e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """The expected outcome of a fault."""
+    """Expected outcome of a fault."""
 
-    codes: frozenset[str]  # reasons for which the robot may be damped; empty if it has to survive
-    # time after the beginning of the fault in which it must be damped, s; None if it may survive
+    codes: frozenset[str]  # valid fault codes; empty if the robot must survive
+    # time limit of the damping after the beginning of the fault, s; None if the robot may survive
     deadline: float | None = None
 
     @property
     def word(self) -> str:
-        """One word for tables."""
+        """Label in tables."""
         return "survive" if not self.codes else "either" if self.deadline is None else "detect"
 
 
@@ -46,37 +46,37 @@ _Rule = Callable[[Any, "Known"], Expectation]
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """Settings and times on which the rules depend."""
+    """Settings and times for the rules."""
 
     settings: Settings
-    cycle: float  # two control periods, s: the one in which a fault begins, and the one in which it is seen
+    cycle: float  # two control periods, for begin and detection of a fault, s
     timeout: float  # `safety.state_timeout`, s
 
     @property
     def sequence(self) -> float:
-        """Time from the first to the last sample of a sequence out of reach, which is a fault, s."""
+        """Duration of a sequence of implausible samples that is a fault, s."""
         return 0.5 * (SEQUENCE - 1) * self.cycle
 
     def refused(self, lasts: float, after: float = 0.0) -> Expectation:
-        """Messages that are missing or refused for a time, from some time on: the last good one becomes too old."""
+        """Return the outcome of messages that are missing or refused for a time, s, from `after` on."""
         if lasts <= self.timeout + self.cycle:
             return STALE_OR_BALANCE
         return Expectation(STALE | BALANCE, after + self.timeout + self.cycle)
 
     def seen(self, sure: bool, deadline: float, codes: frozenset[str] = IMPLAUSIBLE) -> Expectation:
-        """Expect that a large fault is seen in time, by this or another check; a small one may be survived."""
+        """Return the outcome of a fault that is detected for sure, or that may be survived."""
         return Expectation(codes | BALANCE, deadline + self.cycle) if sure else Expectation(codes | BALANCE)
 
 
 def expect(fault: Fault, settings: Settings) -> Expectation:
-    """What has to come of a fault."""
+    """Return the expected outcome of a fault."""
     period = 1.0 / settings.control.rate
     known = Known(settings, 2.0 * period, settings.safety.state_timeout)
     return RULES[fault.kind()](fault, known)
 
 
 def _ramped(value: float, ramp: float, lasts: float, threshold: float) -> bool:
-    """Whether the mismatch of a value that grows to `value` exceeds a threshold, though it is forgotten meanwhile."""
+    """Return True if the mismatch of a value ramped to `value` exceeds a threshold, with the filter's decay."""
     grown = min(ramp, lasts)
     peak = abs(value) if ramp == 0.0 else abs(value) / ramp * MEMORY * (1.0 - np.exp(-grown / MEMORY))
     return peak > _MARGIN * threshold
@@ -90,7 +90,7 @@ def _drifting(rate: float, lasts: float, threshold: float) -> float | None:
 
 
 def _spike(fault: Any, known: Known) -> Expectation:
-    """Single samples out of reach are rejected; a sequence of them is a fault."""
+    """Return the rule's outcome: single implausible samples are rejected, a sequence is a fault."""
     messages = np.ceil(np.log(_NEVER) / np.log(1.0 - fault.share**SEQUENCE))
     surely = float(messages) * 0.5 * SEQUENCE * known.cycle
     large = fault.size > _MARGIN * known.settings.safety.joint_mismatch
@@ -109,16 +109,16 @@ def _lost(fault: Any, known: Known) -> Expectation:
 
 
 def _absent(fault: Any, known: Known) -> Expectation:
-    """No message of a stream for the whole duration."""
+    """All messages of a stream are missing for the duration."""
     return HARMLESS if getattr(fault, "stream", "") == "imu" else known.refused(fault.duration)
 
 
 def _delayed_ever_more(fault: Any, known: Known) -> Expectation:
-    """Without synchronized clocks, the growth of the delay in the elapsed time looks like a slow clock."""
+    """Without synchronized clocks, a growing delay looks like a slow clock."""
     seen = fault.growth if known.settings.safety.synchronized_clocks else fault.growth - 1.0
     if seen <= 0.0:
         return STALE_OR_BALANCE
-    too_old = known.timeout / seen * (1.0 + fault.growth)  # arrival of the first message that is seen to be too old
+    too_old = known.timeout / seen * (1.0 + fault.growth)  # arrival of the first message detected as too old
     if too_old + known.timeout + known.cycle >= fault.duration:
         return STALE_OR_BALANCE
     return Expectation(STALE | BALANCE, too_old + known.timeout + known.cycle)
@@ -137,17 +137,17 @@ def _clock(fault: Any, known: Known) -> Expectation:
 
 
 def _no_stream(rule: _Rule) -> _Rule:
-    """Faults of the inertial measurement unit are harmless: the controller does not read it."""
+    """Faults of the IMU are harmless: the controller does not read it."""
     return lambda fault, known: HARMLESS if fault.stream == "imu" else rule(fault, known)
 
 
 def _no_longer_than(key: str) -> _Rule:
-    """Messages are refused for a time that is a parameter, or for the duration."""
+    """Messages are refused for the time in a parameter, at most for the duration."""
     return lambda fault, known: known.refused(min(getattr(fault, key), fault.duration))
 
 
 def _small(limits: Mapping[str, float], otherwise: Expectation = EITHER) -> _Rule:
-    """Harmless if each parameter is within a limit."""
+    """Harmless if each parameter is within its limit."""
     return lambda fault, known: (
         HARMLESS if all(abs(getattr(fault, key)) <= limit for key, limit in limits.items()) else otherwise
     )
@@ -158,7 +158,7 @@ def _always(expectation: Expectation) -> _Rule:
 
 
 def _jump(key: str, threshold: str, share: float = 1.0) -> _Rule:
-    """A value that jumps by a parameter, of which a share is along one axis, against a setting of `safety`."""
+    """A jump by a parameter, with a share along one axis, compared with a threshold of `safety`."""
     return lambda fault, known: known.seen(
         share * getattr(fault, key) > _MARGIN * getattr(known.settings.safety, threshold), known.sequence
     )
@@ -190,11 +190,11 @@ def _frozen(fault: Any, known: Known) -> Expectation:
     return known.seen(fault.duration > lasts, lasts)
 
 
-#: A stamp this far ahead is refused where clocks are not synchronized, s (middleware/stamps.py).
+#: Advance of a refused stamp without synchronized clocks, s (middleware/stamps.py).
 _FAR_AHEAD = 0.26
-#: A drift of odometry that a standing robot follows, m/s or rad/s.
+#: Drift of odometry that a standing robot can follow, m/s or rad/s.
 _SLOW_DRIFT = 0.01
-#: Least share of a random horizontal direction along one of two axes.
+#: Smallest share of a random horizontal direction along one of two axes.
 _ALONG = float(np.sqrt(0.5))
 
 _EITHER, _SURVIVES = _always(EITHER), _always(HARMLESS)

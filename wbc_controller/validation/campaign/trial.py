@@ -1,8 +1,7 @@
-"""One trial: a robot that stands and moves, a fault at a random moment, and the outcome.
+"""One trial: a standing and moving robot, a fault at a random time, and the outcome.
 
-Controller, physics and user run in one thread on simulated time, so that the same seed gives the same trial. Their
-clocks are the same one; trials with an odd seed tell the controller so (`safety.synchronized_clocks`), in the others it
-has to learn the offset.
+Controller, physics and user run in one thread on simulated time, so that a seed determines the trial. Odd seeds set
+`safety.synchronized_clocks`; with even seeds the controller learns the offset of its clock.
 """
 
 import contextlib
@@ -36,17 +35,17 @@ from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, Req
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Every kind of fault that a trial can have, by name.
+#: Kinds of fault by name.
 ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
-#: Kinds for which the controller measures time by /clock.
+#: Kinds with a controller on the time of /clock.
 _BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")
-#: Earliest and latest beginning of a fault after the robot has begun to move, and shortest and longest duration, s.
+#: Ranges of the fault's start after the beginning of the motion, and of its duration, s.
 _BEGINS, _LASTS = (0.2, 0.5), (0.05, 0.6)
-#: How long a trial goes on after the fault, and after the controller has left its active mode, s.
+#: Time after the end of the fault, and after the end of the active mode, s.
 _AFTER, _DAMPED = 0.6, 0.2
-#: Time between two looks at the whole robot, s.
+#: Period of the checks of the robot, s.
 _LOOK = 0.01
-#: Periods for which the base is held before anything else.
+#: Control periods with a held base before each step.
 _HELD = 3
 
 
@@ -62,18 +61,17 @@ def run_trial(
     """Run one trial.
 
     Args:
-        seed: decides when the fault begins, how long it lasts, and its parameters.
-        parameters: of the fault, in place of those that are drawn.
-        prepare: called with the controller before the trial, for tests.
-        recordings: folder for the recording that a fault leaves, which then has to name the fault, and to come out bit
-            for bit when it is solved again; None records nothing.
+        seed: determines start, duration and parameters of the fault.
+        parameters: parameters of the fault that replace random ones.
+        prepare: function for tests, called with the controller before the trial.
+        recordings: folder of fault recordings, which are checked; None for no recordings.
 
     Raises:
-        ConfigurationError: where the kind is unknown, or the configuration cannot be used.
+        ConfigurationError: if the kind is unknown or the configuration invalid.
     """
     began = time.perf_counter()
     if kind not in ALL_KINDS:
-        raise ConfigurationError(f"kind {kind!r} is unknown; {valid_choices(kind, ALL_KINDS)}")
+        raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
     rng = np.random.default_rng([seed, zlib.crc32(f"{robot}/{kind}".encode())])
     given = {
         "start": rng.uniform(*_BEGINS),
@@ -85,7 +83,7 @@ def run_trial(
     place = None if recordings is None else Place(recordings, f"{Path(robot).stem}-{kind}-{seed}")
     if place is not None:
         place.clear()
-    with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before they are refused
+    with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before their refusal
         trial = _Trial(robot, fault, rng, place, synchronized=seed % 2 == 1)
         prepare(trial.controller)
         with _few_objects_to_collect():
@@ -98,7 +96,7 @@ def run_trial(
 
 
 class _Trial(Lockstep):
-    """The robot, its controller and its user, and the observations."""
+    """Robot, controller, user and observations."""
 
     def __init__(
         self, robot: str, fault: Fault, rng: np.random.Generator, place: Place | None, *, synchronized: bool
@@ -106,7 +104,7 @@ class _Trial(Lockstep):
         changes = {
             **(place.settings if place is not None else {}),
             "safety.activation_ramp": 0.0,
-            "safety.bring_up_time": 0.0,  # the robot has been active for longer
+            "safety.bring_up_time": 0.0,  # the robot counts as active for longer
             "safety.synchronized_clocks": synchronized,
             "control.markers_rate": 0.0,
             "control.trigger": "joint_states",
@@ -117,7 +115,7 @@ class _Trial(Lockstep):
         names = {topic.key: topic.name for topic in controller_endpoints(settings, model) if topic.key in streams}
         self.monitor = OutputMonitor(model, settings, names, stamps_lie=fault.place == "stamps and clock")
         self._recorder = None if place is None else Recorder(settings, patient=True, name=place.name)
-        self._read = 0.0  # processor time of reading in the last cycle, which a thread of its own does in a service
+        self._read = 0.0  # processor time of reading in the last cycle; a service uses another thread for it
         super().__init__(
             settings,
             model=model,
@@ -132,11 +130,11 @@ class _Trial(Lockstep):
         self._fault, self._expected = fault, expect(fault, settings)
         self._fall = TrueFall(model, self.mock.plant)
         self._sending = Sending(self.user, rng)
-        self._began = math.inf  # of the fault, on the monitor's time
+        self._began = math.inf  # start of the fault on the monitor's time
         self._moved = 0.0
 
     def run(self) -> None:
-        """Stand up, move, and let the fault happen."""
+        """Stand up, move, and apply the fault."""
         try:
             self._stand()
             if self.monitor.mode is not Mode.ACTIVE or self._fall.seen():
@@ -164,7 +162,7 @@ class _Trial(Lockstep):
                 self.monitor.found("recording", mistake)
 
     def _stand(self) -> None:
-        """Activate with the base held until the torques are those of standing, and let it go."""
+        """Activate with the base held until the torques are reached, then release the base."""
         for _ in range(_HELD):
             self._cycle()
         self.user.send_text("command", "activate")
@@ -176,7 +174,7 @@ class _Trial(Lockstep):
             self._cycle()
 
     def _go_on(self, begins: float, ends: float) -> None:
-        """Let the time of the fault come and pass."""
+        """Run until the end of the fault and the time after it."""
         plant, looked, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
         while plant.time < ends + _AFTER:
             now = plant.time
@@ -191,7 +189,7 @@ class _Trial(Lockstep):
                     fallen_since = min(fallen_since, now)
                     if now - fallen_since > UNSEEN:
                         self.monitor.found(
-                            "fell", f"the mode is {self.monitor.mode.value if self.monitor.mode else ''}"
+                            "fell", f"mode {self.monitor.mode.value if self.monitor.mode else ''}"
                         )
             if self.monitor.left is not None and now > self.monitor.left[0] + _DAMPED:
                 return
@@ -200,17 +198,17 @@ class _Trial(Lockstep):
             self._cycle()
 
     def _cycle(self) -> None:
-        """One control period: measure, compute where a cycle is due, act."""
+        """Execute one control period."""
         self.monitor.now = 1.0e-9 * self.mock.stamp
         self.publish_state()
         before = time.thread_time()
-        # The first cycles of a process take longer: code is made when it is first used.
+        # The first cycles of a process are slower.
         if self.loop.run_due(self.monitor.now, self.controller.period) and self.monitor.now >= self._began:
             self.monitor.spent(time.thread_time() - before - self._read)
         self.mock.advance()
 
     def outcome(self, robot: str, seed: int, wall: float) -> Outcome:
-        """Judge the observations."""
+        """Return the outcome from the observations."""
         monitor, expected = self.monitor, self._expected
         when, code, sentence = monitor.left or (None, "", "")
         after = when - self._began if when is not None and math.isfinite(self._began) else None
@@ -236,20 +234,20 @@ class _Trial(Lockstep):
         )
 
     def _judge(self, expected: Expectation, after: float | None, code: str) -> None:
-        """Compare the outcome of the fault with the expected one."""
+        """Compare the outcome with the expected one."""
         if after is not None and after < 0.0:
             self.monitor.found("early", f"{code} {-after:.3f} s before the fault")
         elif after is not None and code not in expected.codes:
-            valid = ", ".join(sorted(expected.codes)) or "none, as this fault is harmless"
+            valid = ", ".join(sorted(expected.codes)) or "none, because this fault is harmless"
             self.monitor.found("wrong_reason", f"{code}; valid: {valid}")
         elif expected.deadline is not None and not (after is not None and after <= expected.deadline + 1e-9):
             came = f"detected after {after:.4f} s" if after is not None else "not detected"
-            self.monitor.found("undetected", f"{came}; it has to be within {expected.deadline:.4f} s")
+            self.monitor.found("undetected", f"{came}; required: within {expected.deadline:.4f} s")
 
 
 @contextlib.contextmanager
 def _few_objects_to_collect() -> Iterator[None]:
-    """Keep garbage collections as short as the service's loop does, which freezes what it starts with."""
+    """Keep garbage collections as short as in the service's loop, which freezes its initial objects."""
     gc.collect()
     gc.freeze()
     try:
