@@ -32,7 +32,7 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
 
 
 @pytest.mark.parametrize(
-    ("kind", "parameters", "word", "deadline"),
+    ("kind", "parameters", "label", "deadline"),
     [
         ("message_dropout", {"duration": 0.04}, "either", None),
         ("message_dropout", {"duration": 0.1}, "detect", 0.05 + CYCLE),
@@ -59,9 +59,9 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
         ("estop", {}, "detect", CYCLE),
     ],
 )
-def test_what_is_expected(kind, parameters, word, deadline):
+def test_what_is_expected(kind, parameters, label, deadline):
     expected = expect(made(kind, **parameters), SETTINGS)
-    assert (expected.word, expected.deadline) == (word, deadline if deadline is None else pytest.approx(deadline))
+    assert (expected.label, expected.deadline) == (label, deadline if deadline is None else pytest.approx(deadline))
 
 
 def test_a_deadline_follows_from_the_settings():
@@ -74,8 +74,8 @@ def test_a_deadline_follows_from_the_settings():
     [("message_growing_delay", {"growth": 0.5, "duration": 1.0}), ("stamp_ahead", {"by": 0.1, "duration": 0.5})],
 )
 def test_with_synchronized_clocks_more_has_to_be_detected(kind, parameters):
-    assert expect(made(kind, **parameters), SETTINGS).word == "either"
-    assert expect(made(kind, **parameters), SYNCHRONIZED).word == "detect"
+    assert expect(made(kind, **parameters), SETTINGS).label == "either"
+    assert expect(made(kind, **parameters), SYNCHRONIZED).label == "detect"
 
 
 def test_no_physical_fault_may_end_for_a_reason_of_the_inputs():

@@ -11,7 +11,7 @@ from rich.console import Console
 from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign import run as run_module
-from wbc_controller.validation.campaign.results import FILE, Key
+from wbc_controller.validation.campaign.results import FILE, TrialKey
 from wbc_controller.validation.campaign.run import run_campaign
 
 
@@ -55,7 +55,7 @@ def test_recordings_are_asked_of_every_trial(bench, tmp_path):
     assert bench.recordings == tmp_path / "recordings"
 
 
-def test_a_second_call_runs_what_is_missing_and_reports_all(bench, tmp_path):
+def test_a_second_call_runs_missing_trials_and_reports_all(bench, tmp_path):
     bench.campaign(tmp_path, seeds=(0,))
     bench.keys.clear()
     assert bench.campaign(tmp_path, seeds=(0, 1))
@@ -64,7 +64,7 @@ def test_a_second_call_runs_what_is_missing_and_reports_all(bench, tmp_path):
     assert "4 trials, 2 kinds" in bench.said
 
 
-def test_an_interrupted_campaign_keeps_what_was_done_and_is_not_called_good(bench, tmp_path):
+def test_an_interrupted_campaign_keeps_its_results_and_fails(bench, tmp_path):
     def interrupted(kind, seed, **rest):
         if len(bench.keys) == 3:
             raise KeyboardInterrupt
@@ -80,7 +80,7 @@ def test_an_interrupted_campaign_keeps_what_was_done_and_is_not_called_good(benc
     assert len(bench.keys) == 2
 
 
-def test_a_violation_is_said_with_the_command_that_repeats_it(bench, tmp_path):
+def test_a_violation_is_reported_with_its_command(bench, tmp_path):
     bench.outcome = lambda kind, seed, **rest: outcome(
         kind, seed, **rest, **({"result": "violation", "violations": {"stale": "old"}} if kind == "push" else {})
     )
@@ -95,7 +95,7 @@ def test_results_of_another_version_are_said_not_to_be_used(bench, tmp_path, mon
     bench.keys.clear()
     bench.campaign(tmp_path)
     assert len(bench.keys) == 4
-    assert "4 trials of another version of the code or configuration are ignored" in " ".join(bench.said.split())
+    assert "4 trials of another version of the code or the robot are ignored" in " ".join(bench.said.split())
 
 
 @pytest.mark.parametrize(
@@ -107,20 +107,20 @@ def test_results_of_another_version_are_said_not_to_be_used(bench, tmp_path, mon
         ({"address": "tcp://x:1"}, "--address 'tcp://x:1': not valid for the backend loky"),
     ],
 )
-def test_what_cannot_be_run_is_refused_with_the_valid_ones(bench, tmp_path, options, said):
+def test_unknown_names_are_refused_with_the_valid_ones(bench, tmp_path, options, said):
     with pytest.raises(ConfigurationError, match=said):
         bench.campaign(tmp_path, **options)
     assert not bench.keys
 
 
 @pytest.mark.parametrize(("backend", "missing"), [("dask", "distributed"), ("ray", "ray"), ("loky", "joblib")])
-def test_what_is_not_installed_is_said(bench, tmp_path, monkeypatch, backend, missing):
+def test_missing_packages_are_reported(bench, tmp_path, monkeypatch, backend, missing):
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(ConfigurationError, match=missing):
         bench.campaign(tmp_path, backend=backend)
 
 
-def test_the_command_runs_trials_in_processes_of_their_own_and_its_status_says_whether_all_was_well(tmp_path):
+def test_the_command_runs_trials_in_processes(tmp_path):
     words = ["faults", "go2", "--kinds", "estop,odom_absurd", "--seed", "4", "--jobs", "2", "--out", str(tmp_path)]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 0, result.output
@@ -134,7 +134,7 @@ def stalled(seconds):
 
 
 @pytest.mark.parametrize(("again", "good"), [({"longest": 0.002}, True), (stalled(0.035), False)])
-def test_a_stall_counts_where_it_comes_again_in_a_new_process(bench, tmp_path, monkeypatch, again, good):
+def test_a_stall_counts_if_it_recurs_in_a_new_process(bench, tmp_path, monkeypatch, again, good):
     repeated = []
 
     def in_new_process(key, trial):
@@ -157,5 +157,5 @@ def test_a_stall_counts_where_it_comes_again_in_a_new_process(bench, tmp_path, m
 
 
 def test_a_trial_in_a_new_process_is_the_same_trial():
-    key = Key("go2", "estop", 4)
+    key = TrialKey("go2", "estop", 4)
     assert repeatable(run_module._in_new_process(key, run_module.run_trial)) == repeatable(run_module.run_trial(*key))

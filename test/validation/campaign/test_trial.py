@@ -30,7 +30,7 @@ SHORT = {"start": 0.02, "duration": 0.06}
         ("garbage", {}, "survived", ""),
     ],
 )
-def test_the_controller_survives_what_is_harmless_and_is_damped_in_time_for_the_rest(kind, parameters, result, code):
+def test_the_controller_survives_harmless_faults_and_is_damped_in_time(kind, parameters, result, code):
     outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters})
     assert (outcome.result, outcome.code, dict(outcome.violations)) == (result, code, {})
     if code:
@@ -85,7 +85,7 @@ def _once(change):
     return changed
 
 
-def _blind(controller):
+def _without_detection(controller):
     """Disable the detection of implausible states and falls."""
     limits = controller.supervisor.limits
     controller.supervisor.limits = dataclasses.replace(limits, plausibility=None, fall=None)
@@ -128,8 +128,8 @@ def _fails(controller):
         ("estop", {}, _fails, "internal_error"),
         ("estop", {}, lambda controller: controller.supervisor.request("estop", 0.0, None), "start"),
         ("message_dropout", {"duration": 0.15}, _old_states, "stale"),
-        ("joint_states_frozen", {"duration": 0.2}, _blind, "undetected"),
-        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _blind, "fell"),
+        ("joint_states_frozen", {"duration": 0.2}, _without_detection, "undetected"),
+        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _without_detection, "fell"),
     ],
 )
 def test_a_controller_that_is_broken_on_purpose_is_found_out(kind, parameters, prepare, violation):

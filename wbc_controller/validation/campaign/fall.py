@@ -15,17 +15,17 @@ class TrueFall:
     def __init__(self, model: RobotModel, plant: Plant) -> None:
         """Store the initial height of the base."""
         self._model, self._plant = model, plant
-        self._height = self._above_feet()
+        self._height = self._height_above_feet()
 
-    def seen(self) -> bool:
+    def has_fallen(self) -> bool:
         """Return True if the robot lies on the ground."""
         if not self._model.floating_base:
             return False
         x, y = self._plant.state()[0][3:5].tolist()
         upright = 1.0 - 2.0 * (x * x + y * y) >= math.cos(_TILT)
-        return not (upright and self._above_feet() >= _HEIGHT * self._height)
+        return not (upright and self._height_above_feet() >= _HEIGHT * self._height)
 
-    def _above_feet(self) -> float:
+    def _height_above_feet(self) -> float:
         """Return the height of the base above the lowest contact, m."""
         if not (self._model.floating_base and self._plant.contacts):
             return math.inf

@@ -17,7 +17,7 @@ import click
 @click.option("--backend", default="loky", show_default=True, help="loky (this machine), dask or ray.")
 @click.option("--address", help="Address of the dask scheduler or the ray cluster.")
 @click.option("--recordings", type=click.Path(path_type=Path, file_okay=False),
-              help="Folder of the fault recordings. Each must name its fault, and its replay must be identical in every "
+              help="Folder of the fault recordings. Each must name its fault, and its replay must be identical in each "
               "bit. Existing trials are not recorded.")  # fmt: skip
 def faults(
     robots: tuple[str, ...],

@@ -7,7 +7,7 @@ from typing import Any
 from wbc_controller.validation.campaign.monitor import VIOLATIONS
 
 #: Longest permitted time of a fallen robot with an active controller, s.
-UNSEEN = 0.2
+MAX_FALLEN_TIME = 0.2
 #: Meaning of each violation, of the monitor and of the outcome.
 ALL_VIOLATIONS: Mapping[str, str] = {
     **VIOLATIONS,
@@ -15,7 +15,7 @@ ALL_VIOLATIONS: Mapping[str, str] = {
     "early": "the controller left its active mode before the fault",
     "undetected": "a fault with a deadline was not detected in time",
     "wrong_reason": "damping for an invalid reason, or despite a harmless fault",
-    "fell": f"the robot lay on the ground for {UNSEEN:g} s with an active controller",
+    "fell": f"the robot lay on the ground for {MAX_FALLEN_TIME:g} s with an active controller",
     "recording": "the recording of the fault does not name it, or its replay differs",
     "diverged": "the physics of the mock robot diverged; the trial is invalid",
 }

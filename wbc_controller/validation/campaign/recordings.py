@@ -13,7 +13,7 @@ from wbc_controller.recording.replay.recording_summary import summarize
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class TrialRecordings:
     """Recordings of one trial."""
 
     folder: Path
@@ -29,7 +29,7 @@ class Place:
         for file in self._files():
             file.unlink()
 
-    def mistake(self, code: str, sentence: str) -> str:
+    def error_of_fault(self, code: str, sentence: str) -> str:
         """Return the error of a fault's recording, or an empty text."""
         files = self._files()
         if not files:

@@ -17,7 +17,7 @@ _ANY_BYTES = ("weight", "task_enable", "contact_enable")
 
 
 @dataclass(slots=True)
-class Sending:
+class RequestFaultState:
     """State of a request fault."""
 
     user: User
@@ -41,24 +41,24 @@ class RequestFault(Fault):
 
     place = "user"
 
-    def act(self, sending: Sending, com: Array) -> None:
+    def step(self, state: RequestFaultState, com: Array) -> None:
         """Execute one control period with the present centre of mass, (3,) in m."""
-        if sending.com is None:
-            sending.com = com.copy()
-        if sending.periods % self.interval() == 0:
-            self.send(sending, com)
-        sending.periods += 1
+        if state.com is None:
+            state.com = com.copy()
+        if state.periods % self.interval() == 0:
+            self.send(state, com)
+        state.periods += 1
 
     def interval(self) -> float:
         """Return the number of periods between messages; infinite for one message."""
         return getattr(self, "every", 1)
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send the messages of one control period."""
         raise NotImplementedError
 
 
-class _Once(RequestFault):
+class _OneTimeFault(RequestFault):
     """A fault with messages at one time."""
 
     def interval(self) -> float:
@@ -72,23 +72,23 @@ class Garbage(RequestFault):
     messages: int = number(5, 1, 20, "messages", "in each control period")
     longest: int = number(200, 4, 5000, "bytes", "of a message")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send random bytes after a valid encapsulation header, so that decoders read them."""
-        keys = [(key, subject) for key, subject in sending.user.requests if key not in _ANY_BYTES]
+        keys = [(key, subject) for key, subject in state.user.requests if key not in _ANY_BYTES]
         for _ in range(self.messages):
-            key, subject = keys[int(sending.rng.integers(len(keys)))]
-            body = sending.rng.bytes(int(sending.rng.integers(1, self.longest)))
+            key, subject = keys[int(state.rng.integers(len(keys)))]
+            body = state.rng.bytes(int(state.rng.integers(1, self.longest)))
             if b"estop" not in body:
-                sending.user.send_bytes(key, b"\x00\x01\x00\x00" + body, subject)
+                state.user.send_bytes(key, b"\x00\x01\x00\x00" + body, subject)
 
 
 class UnknownWords(RequestFault):
     """Unknown commands on the topic of commands."""
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send one unknown command."""
         words = ("", "ACTIVATE", "e-stop", "resett", "start", "\n", "активировать", "a" * 1000)
-        sending.send_text("command", str(sending.rng.choice(words)))
+        state.send_text("command", str(state.rng.choice(words)))
 
 
 class RequestFlood(RequestFault):
@@ -96,20 +96,20 @@ class RequestFlood(RequestFault):
 
     messages: int = number(20, 1, 200, "messages", "in each control period")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send the requests."""
-        sending.send_text("command", "activate", self.messages)
+        state.send_text("command", "activate", self.messages)
 
 
-class FarSetpoint(_Once):
+class FarSetpoint(_OneTimeFault):
     """One setpoint of the centre of mass out of the robot's reach."""
 
     distance: float = number(0.5, 0.05, 5.0, "m", "in a random direction")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send one trajectory of 0.5 s."""
-        direction = sending.rng.normal(size=3)
-        sending.move([0.5], com[None, :] + self.distance * direction / np.linalg.norm(direction))
+        direction = state.rng.normal(size=3)
+        state.move([0.5], com[None, :] + self.distance * direction / np.linalg.norm(direction))
 
 
 class StepSetpoint(RequestFault):
@@ -118,9 +118,9 @@ class StepSetpoint(RequestFault):
     distance: float = number(0.05, 0.005, 0.5, "m", "to a random side")
     every: int = number(10, 1, 100, "periods", "between setpoints")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send a short trajectory."""
-        sending.move([0.2], com[None, :] + self.distance * sending.rng.uniform(-1.0, 1.0, 3))
+        state.move([0.2], com[None, :] + self.distance * state.rng.uniform(-1.0, 1.0, 3))
 
 
 class LongTrajectory(RequestFault):
@@ -129,29 +129,29 @@ class LongTrajectory(RequestFault):
     points: int = number(1000, 100, 4900, "points", "of each trajectory")
     every: int = number(20, 5, 100, "periods", "between trajectories")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send a trajectory at the initial centre of mass."""
-        start = com if sending.com is None else sending.com
-        sending.move(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
+        start = com if state.com is None else state.com
+        state.move(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
 
 
-class HugeMessage(_Once):
+class HugeMessage(_OneTimeFault):
     """Messages of megabytes on the topics of commands and updates, once each."""
 
     size: int = number(4_000_000, 300_000, 10_000_000, "bytes", "of each message")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send both messages."""
-        sending.send_text("command", "a" * self.size)
-        sending.send_text("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
+        state.send_text("command", "a" * self.size)
+        state.send_text("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
 
 
-class Estop(_Once):
+class Estop(_OneTimeFault):
     """One emergency stop."""
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send the stop."""
-        sending.send_text("command", "estop")
+        state.send_text("command", "estop")
 
 
 class EstopInFlood(RequestFault):
@@ -159,22 +159,22 @@ class EstopInFlood(RequestFault):
 
     messages: int = number(100, 1, 500, "messages", "before it, in the same control period")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send the requests and the stop."""
-        sending.send_text("command", "activate", self.messages)
-        sending.send_text("command", "estop")
+        state.send_text("command", "activate", self.messages)
+        state.send_text("command", "estop")
 
 
-class ContactOff(_Once):
+class ContactOff(_OneTimeFault):
     """A loaded contact is disabled, permanently."""
 
     contact: str = Field("", description="name of the contact; empty for one at random")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send the request."""
-        names = list(sending.user.settings.contacts)
-        name = self.contact or names[int(sending.rng.integers(len(names)))]
-        sending.user.send("contact_enable", message("std_msgs/msg/Bool", data=False), name)
+        names = list(state.user.settings.contacts)
+        name = self.contact or names[int(state.rng.integers(len(names)))]
+        state.user.send("contact_enable", message("std_msgs/msg/Bool", data=False), name)
 
 
 class ConflictingUpdates(RequestFault):
@@ -182,14 +182,14 @@ class ConflictingUpdates(RequestFault):
 
     every: int = number(5, 1, 50, "periods", "between updates")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send random changes within their ranges."""
-        tasks, rng = sending.user.settings.tasks, sending.rng
+        tasks, rng = state.user.settings.tasks, state.rng
         name = list(tasks)[int(rng.integers(len(tasks)))]
         weight, factor = tasks[name].weight, float(np.exp(rng.uniform(-1.0, 1.0)))
-        sending.send_text("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
-        sending.send_text("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
-        sending.send_text("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
+        state.send_text("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
+        state.send_text("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
+        state.send_text("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
 
 
 REQUEST_KINDS: Mapping[str, type[RequestFault]] = {

@@ -16,7 +16,7 @@ from wbc_controller.validation.campaign.outcome import Outcome
 FILE = "trials.jsonl"
 
 
-class Key(NamedTuple):
+class TrialKey(NamedTuple):
     """Arguments that determine a trial."""
 
     robot: str
@@ -40,9 +40,9 @@ class Results:
             ConfigurationError: if the folder or file cannot be used.
         """
         self.path = folder / FILE
-        self.outcomes: dict[Key, Outcome] = {}
-        self.repeated: dict[Key, Outcome] = {}
-        self.others = 0
+        self.outcomes: dict[TrialKey, Outcome] = {}
+        self.repeated: dict[TrialKey, Outcome] = {}
+        self.other_versions = 0
         self._versions: dict[str, str] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -50,14 +50,16 @@ class Results:
                 self._read()
             self._file = self.path.open("a", encoding="utf-8")
         except OSError as error:
-            raise ConfigurationError(f"{self.path}: opening of the results failed: {error.strerror or error}") from error
+            raise ConfigurationError(
+                f"{self.path}: opening of the results failed: {error.strerror or error}"
+            ) from error
 
     def add(self, outcome: Outcome) -> None:
         """Append an outcome to the file immediately."""
         content = {"version": self._version(outcome.robot), **dataclasses.asdict(outcome)}
         self._file.write(json.dumps(_without_infinities(content), ensure_ascii=False) + "\n")
         self._file.flush()
-        self._take(outcome)
+        self._store(outcome)
 
     def close(self) -> None:
         """Close the file."""
@@ -79,11 +81,11 @@ class Results:
                     "another folder"
                 ) from error
             if version == self._version(outcome.robot):
-                self._take(outcome)
+                self._store(outcome)
             else:
-                self.others += 1
+                self.other_versions += 1
 
-    def _take(self, outcome: Outcome) -> None:
+    def _store(self, outcome: Outcome) -> None:
         key = key_of(outcome)
         if key in self.outcomes:
             self.repeated[key] = self.outcomes[key]
@@ -95,9 +97,9 @@ class Results:
         return self._versions[robot]
 
 
-def key_of(outcome: Outcome) -> Key:
+def key_of(outcome: Outcome) -> TrialKey:
     """Return the key of an outcome."""
-    return Key(outcome.robot, outcome.kind, outcome.seed)
+    return TrialKey(outcome.robot, outcome.kind, outcome.seed)
 
 
 def version_of(robot: str) -> str:

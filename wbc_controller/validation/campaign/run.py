@@ -14,22 +14,22 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings.files import find_configuration
 from wbc_controller.validation.campaign.campaign_report import (
-    command_that_repeats,
+    repeat_command,
     repetitions,
     summary,
     terminal_table,
-    worst,
+    worst_trial,
     write_report,
 )
 from wbc_controller.validation.campaign.outcome import Outcome
-from wbc_controller.validation.campaign.results import Key, Results
+from wbc_controller.validation.campaign.results import Results, TrialKey
 from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
 BACKENDS = ("loky", "dask", "ray")
 #: Width of the output outside a terminal, in characters.
 _WIDTH = 150
 #: Trials between two progress lines outside a terminal.
-_SAY_EVERY = 100
+_PROGRESS_EVERY = 100
 
 
 def run_campaign(
@@ -64,11 +64,11 @@ def run_campaign(
     for kind in kinds:
         if kind not in ALL_KINDS:
             raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
-    wanted = [Key(robot, kind, seed) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots]
+    wanted = [TrialKey(robot, kind, seed) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots]
     results = Results(folder)
-    if results.others:
+    if results.other_versions:
         console.print(
-            f"{results.path}: {results.others} trials of another version of the code or configuration are ignored"
+            f"{results.path}: {results.other_versions} trials of another version of the code or the robot are ignored"
         )
     missing = [key for key in wanted if key not in results.outcomes]
     if len(missing) < len(wanted):
@@ -96,15 +96,15 @@ def run_campaign(
         console.print(sentence, markup=False)
     write_report(outcomes, folder, repeated)
     console.print(f"report: {folder}/faults.md, faults.csv, faults.html")
-    bad = worst(outcomes)
+    bad = worst_trial(outcomes)
     if bad is not None:
         names = "; ".join(f"{name}: {sentence}" for name, sentence in bad.violations.items())
         console.print(f"worst trial: {bad.robot}, {bad.kind}, seed {bad.seed}: {names}", markup=False)
-        console.print(f"repeat with: {command_that_repeats(bad)}", markup=False)
+        console.print(f"repeat with: {repeat_command(bad)}", markup=False)
     return bad is None and not interrupted
 
 
-def _repeat_stalls(results: Results, wanted: Sequence[Key], trial: Callable[..., Outcome]) -> None:
+def _repeat_stalls(results: Results, wanted: Sequence[TrialKey], trial: Callable[..., Outcome]) -> None:
     """Repeat each trial with a stall in a new process.
 
     Trials are deterministic. Stalls of the host or kernel count as processor time of the thread, but do not recur.
@@ -114,7 +114,7 @@ def _repeat_stalls(results: Results, wanted: Sequence[Key], trial: Callable[...,
             results.add(_in_new_process(key, trial))
 
 
-def _in_new_process(key: Key, trial: Callable[..., Outcome]) -> Outcome:
+def _in_new_process(key: TrialKey, trial: Callable[..., Outcome]) -> Outcome:
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(trial, *key).result()
 
@@ -131,15 +131,17 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
     if backend not in BACKENDS:
         raise ConfigurationError(f"unknown backend {backend!r}; {valid_choices(backend, BACKENDS)}")
     if backend == "loky" and address is not None:
-        raise ConfigurationError(f"--address {address!r}: not valid for the backend loky (this machine); valid: dask, ray")
+        raise ConfigurationError(
+            f"--address {address!r}: not valid for the backend loky (this machine); valid: dask, ray"
+        )
     with _cluster(backend, address), joblib.parallel_config(backend, n_jobs=jobs):
 
-        def run(keys: Sequence[Key]) -> Iterator[Outcome]:
+        def run(keys: Sequence[TrialKey]) -> Iterator[Outcome]:
             # Single trials, so that each outcome is stored at once.
             streamed = "generator_unordered" if backend == "loky" else "list"
             parallel = joblib.Parallel(return_as=streamed, batch_size=1 if backend == "loky" else "auto")
             # A cluster returns outcomes in batches; each complete batch is stored.
-            size = len(keys) or 1 if backend == "loky" else 10 * _SAY_EVERY
+            size = len(keys) or 1 if backend == "loky" else 10 * _PROGRESS_EVERY
             for i in range(0, len(keys), size):
                 yield from parallel(joblib.delayed(trial)(*key) for key in keys[i : i + size])
 
@@ -162,7 +164,9 @@ def _cluster(backend: str, address: str | None) -> Iterator[None]:
         import ray
         from ray.util.joblib import register_ray
     except ModuleNotFoundError as error:
-        raise ConfigurationError(f"the backend {backend} is not installed ({error}); install it, or use loky") from error
+        raise ConfigurationError(
+            f"the backend {backend} is not installed ({error}); install it, or use loky"
+        ) from error
     if not ray.is_initialized():
         ray.init(address=address)
     register_ray()
@@ -174,15 +178,15 @@ def _progress(console: Console, total: int) -> Iterator[Any]:
     """Yield a function that shows the progress, as a bar in a terminal and as lines otherwise."""
     count = {"survived": 0, "damped": 0, "violation": 0}
 
-    def said() -> str:
+    def progress_text() -> str:
         return ", ".join(f"{number} {result}" for result, number in count.items())
 
     if not console.is_terminal:
 
         def line(outcome: Outcome) -> None:
             count[outcome.result] += 1
-            if sum(count.values()) % _SAY_EVERY == 0 or sum(count.values()) == total:
-                console.print(f"{sum(count.values())} of {total} trials: {said()}")
+            if sum(count.values()) % _PROGRESS_EVERY == 0 or sum(count.values()) == total:
+                console.print(f"{sum(count.values())} of {total} trials: {progress_text()}")
 
         yield line
         return
@@ -190,10 +194,10 @@ def _progress(console: Console, total: int) -> Iterator[Any]:
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
     )  # fmt: skip
     with Progress(*columns, console=console) as progress:
-        task = progress.add_task(said(), total=total)
+        task = progress.add_task(progress_text(), total=total)
 
         def advance(outcome: Outcome) -> None:
             count[outcome.result] += 1
-            progress.update(task, advance=1, description=said())
+            progress.update(task, advance=1, description=progress_text())
 
         yield advance

@@ -29,9 +29,9 @@ from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.validation.campaign.expectations import Expectation, expect
 from wbc_controller.validation.campaign.fall import TrueFall
 from wbc_controller.validation.campaign.monitor import OutputMonitor
-from wbc_controller.validation.campaign.outcome import UNSEEN, Outcome
-from wbc_controller.validation.campaign.recordings import Place
-from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, Sending
+from wbc_controller.validation.campaign.outcome import MAX_FALLEN_TIME, Outcome
+from wbc_controller.validation.campaign.recordings import TrialRecordings
+from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
@@ -40,13 +40,13 @@ ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
 #: Kinds with a controller on the time of /clock.
 _BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")
 #: Ranges of the fault's start after the beginning of the motion, and of its duration, s.
-_BEGINS, _LASTS = (0.2, 0.5), (0.05, 0.6)
+_START_RANGE, _DURATION_RANGE = (0.2, 0.5), (0.05, 0.6)
 #: Time after the end of the fault, and after the end of the active mode, s.
-_AFTER, _DAMPED = 0.6, 0.2
+_AFTER, _AFTER_DAMPING = 0.6, 0.2
 #: Period of the checks of the robot, s.
-_LOOK = 0.01
+_CHECK_PERIOD = 0.01
 #: Control periods with a held base before each step.
-_HELD = 3
+_HOLD_PERIODS = 3
 
 
 def run_trial(
@@ -74,24 +74,24 @@ def run_trial(
         raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
     rng = np.random.default_rng([seed, zlib.crc32(f"{robot}/{kind}".encode())])
     given = {
-        "start": rng.uniform(*_BEGINS),
-        "duration": rng.uniform(*_LASTS),
+        "start": rng.uniform(*_START_RANGE),
+        "duration": rng.uniform(*_DURATION_RANGE),
         "seed": int(rng.integers(2**32)),
         **(parameters or {}),
     }
     fault = draw(ALL_KINDS[kind], rng, **given)
-    place = None if recordings is None else Place(recordings, f"{Path(robot).stem}-{kind}-{seed}")
+    place = None if recordings is None else TrialRecordings(recordings, f"{Path(robot).stem}-{kind}-{seed}")
     if place is not None:
         place.clear()
     with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before their refusal
         trial = _Trial(robot, fault, rng, place, synchronized=seed % 2 == 1)
         prepare(trial.controller)
-        with _few_objects_to_collect():
+        with _frozen_objects():
             trial.run()
         if place is not None:
             trial.check_recording(place)
     if logged:
-        trial.monitor.found("logged", logged[0])
+        trial.monitor.add_violation("logged", logged[0])
     return trial.outcome(robot, seed, time.perf_counter() - began)
 
 
@@ -99,7 +99,7 @@ class _Trial(Lockstep):
     """Robot, controller, user and observations."""
 
     def __init__(
-        self, robot: str, fault: Fault, rng: np.random.Generator, place: Place | None, *, synchronized: bool
+        self, robot: str, fault: Fault, rng: np.random.Generator, place: TrialRecordings | None, *, synchronized: bool
     ) -> None:
         changes = {
             **(place.settings if place is not None else {}),
@@ -129,7 +129,7 @@ class _Trial(Lockstep):
         MemoryTransport(self.bus).subscribe(counterpart(effort), self.monitor.torques)
         self._fault, self._expected = fault, expect(fault, settings)
         self._fall = TrueFall(model, self.mock.plant)
-        self._sending = Sending(self.user, rng)
+        self._request_state = RequestFaultState(self.user, rng)
         self._began = math.inf  # start of the fault on the monitor's time
         self._moved = 0.0
 
@@ -137,8 +137,8 @@ class _Trial(Lockstep):
         """Stand up, move, and apply the fault."""
         try:
             self._stand()
-            if self.monitor.mode is not Mode.ACTIVE or self._fall.seen():
-                self.monitor.found("start", f"mode {self.monitor.mode}")
+            if self.monitor.mode is not Mode.ACTIVE or self._fall.has_fallen():
+                self.monitor.add_violation("start", f"mode {self.monitor.mode}")
                 return
             self.user.move(self.com())
             plant = self.mock.plant
@@ -146,55 +146,55 @@ class _Trial(Lockstep):
             self._began = 1.0e-9 * self.mock.stamp + self._fault.start
             if not isinstance(self._fault, RequestFault):
                 self.mock.plan([self._fault], since=plant.time)
-            self._go_on(begins, begins + self._fault.duration)
+            self._run_fault(begins, begins + self._fault.duration)
         except WbcError as error:
-            self.monitor.found("diverged", str(error))
+            self.monitor.add_violation("diverged", str(error))
         finally:
             if self._recorder is not None:
                 self._recorder.close()
 
-    def check_recording(self, place: Place) -> None:
+    def check_recording(self, place: TrialRecordings) -> None:
         """Check the recording of a fault."""
-        left = self.monitor.left
-        if left is not None and left[2]:
-            mistake = place.mistake(left[1], left[2])
-            if mistake:
-                self.monitor.found("recording", mistake)
+        deactivation = self.monitor.deactivation
+        if deactivation is not None and deactivation[2]:
+            error_of_fault = place.error_of_fault(deactivation[1], deactivation[2])
+            if error_of_fault:
+                self.monitor.add_violation("recording", error_of_fault)
 
     def _stand(self) -> None:
         """Activate with the base held until the torques are reached, then release the base."""
-        for _ in range(_HELD):
+        for _ in range(_HOLD_PERIODS):
             self._cycle()
         self.user.send_text("command", "activate")
         rising = 1.0 / self.settings.limits.torque_rate
-        for _ in range(_HELD + math.ceil(rising / self.controller.period)):
+        for _ in range(_HOLD_PERIODS + math.ceil(rising / self.controller.period)):
             self._cycle()
         self.mock.plant.hold(False, ramp=0.0)
-        for _ in range(_HELD):
+        for _ in range(_HOLD_PERIODS):
             self._cycle()
 
-    def _go_on(self, begins: float, ends: float) -> None:
+    def _run_fault(self, begins: float, ends: float) -> None:
         """Run until the end of the fault and the time after it."""
-        plant, looked, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
+        plant, checked_at, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
         while plant.time < ends + _AFTER:
             now = plant.time
-            if now - looked >= _LOOK:
-                looked, com = now, self.com()
+            if now - checked_at >= _CHECK_PERIOD:
+                checked_at, com = now, self.com()
                 if now < begins:
                     origin = com
                 self._moved = max(self._moved, float(np.linalg.norm(com - origin)))
-                if not self._fall.seen():
+                if not self._fall.has_fallen():
                     fallen_since = math.inf
-                elif self.monitor.left is None:
+                elif self.monitor.deactivation is None:
                     fallen_since = min(fallen_since, now)
-                    if now - fallen_since > UNSEEN:
-                        self.monitor.found(
+                    if now - fallen_since > MAX_FALLEN_TIME:
+                        self.monitor.add_violation(
                             "fell", f"mode {self.monitor.mode.value if self.monitor.mode else ''}"
                         )
-            if self.monitor.left is not None and now > self.monitor.left[0] + _DAMPED:
+            if self.monitor.deactivation is not None and now > self.monitor.deactivation[0] + _AFTER_DAMPING:
                 return
             if isinstance(self._fault, RequestFault) and begins - 1e-9 <= now < ends:
-                self._fault.act(self._sending, self.com())
+                self._fault.step(self._request_state, self.com())
             self._cycle()
 
     def _cycle(self) -> None:
@@ -204,13 +204,13 @@ class _Trial(Lockstep):
         before = time.thread_time()
         # The first cycles of a process are slower.
         if self.loop.run_due(self.monitor.now, self.controller.period) and self.monitor.now >= self._began:
-            self.monitor.spent(time.thread_time() - before - self._read)
+            self.monitor.check_processor_time(time.thread_time() - before - self._read)
         self.mock.advance()
 
     def outcome(self, robot: str, seed: int, wall: float) -> Outcome:
         """Return the outcome from the observations."""
         monitor, expected = self.monitor, self._expected
-        when, code, sentence = monitor.left or (None, "", "")
+        when, code, sentence = monitor.deactivation or (None, "", "")
         after = when - self._began if when is not None and math.isfinite(self._began) else None
         if "start" not in monitor.violations and "diverged" not in monitor.violations:
             self._judge(expected, after, code)
@@ -220,7 +220,7 @@ class _Trial(Lockstep):
             kind=self._fault.kind(),
             seed=seed,
             parameters={key: getattr(self._fault, key) for key in keys},
-            expected=expected.word,
+            expected=expected.label,
             deadline=expected.deadline,
             result="violation" if monitor.violations else "survived" if when is None else "damped",
             code=code,
@@ -236,17 +236,17 @@ class _Trial(Lockstep):
     def _judge(self, expected: Expectation, after: float | None, code: str) -> None:
         """Compare the outcome with the expected one."""
         if after is not None and after < 0.0:
-            self.monitor.found("early", f"{code} {-after:.3f} s before the fault")
+            self.monitor.add_violation("early", f"{code} {-after:.3f} s before the fault")
         elif after is not None and code not in expected.codes:
             valid = ", ".join(sorted(expected.codes)) or "none, because this fault is harmless"
-            self.monitor.found("wrong_reason", f"{code}; valid: {valid}")
+            self.monitor.add_violation("wrong_reason", f"{code}; valid: {valid}")
         elif expected.deadline is not None and not (after is not None and after <= expected.deadline + 1e-9):
             came = f"detected after {after:.4f} s" if after is not None else "not detected"
-            self.monitor.found("undetected", f"{came}; required: within {expected.deadline:.4f} s")
+            self.monitor.add_violation("undetected", f"{came}; required: within {expected.deadline:.4f} s")
 
 
 @contextlib.contextmanager
-def _few_objects_to_collect() -> Iterator[None]:
+def _frozen_objects() -> Iterator[None]:
     """Keep garbage collections as short as in the service's loop, which freezes its initial objects."""
     gc.collect()
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Tests by hostile input: fuzzers of messages and files, floods, killed processes, and long runs."""
+"""Tests with hostile input: fuzzers of messages and files, floods, killed processes, and long runs."""
 
-#: DDS domain of the live trials where none is asked for: not ROS 2's default of 0, where a real robot may be.
+#: Default DDS domain of live trials, unlike the domain 0 of ROS 2 with possible real robots.
 DOMAIN = 91

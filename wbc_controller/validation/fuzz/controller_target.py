@@ -1,4 +1,4 @@
-"""The controller as a target of the fuzzer: the service's loop in lockstep with a mock robot on the hoist."""
+"""Controller as a target of the fuzzer: the service's loop in lockstep with a mock robot on the hoist."""
 
 import dataclasses
 from collections.abc import Collection, Mapping
@@ -25,16 +25,16 @@ from wbc_controller.validation.fuzz.target import (
 )
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Topics whose messages count in the cycle that they come in.
+#: Topics with messages that the cycle itself reads.
 _STATES = ("joint_states", "odom", "clock")
-#: Refused messages that one cycle gets.
+#: Number of refused messages per cycle.
 _BATCH = 16
-#: Cycles after the activation until the torques have settled.
+#: Cycles from the activation to settled torques.
 _SETTLE = 8
 
 
 class _Gate:
-    """Inputs of a loop in which each message is read on arrival, and passes if and when the fuzzer says so."""
+    """Inputs of a loop with immediate reading; the fuzzer decides on the passing of each message."""
 
     def __init__(self, inputs: Inputs) -> None:
         self._inputs = inputs
@@ -48,7 +48,7 @@ class _Gate:
         return self._inputs.latch()
 
     def latch(self, holding: Collection[str], *, held: bool) -> LatchedInputs:
-        """Return the newest state and the passed requests; as `Inputs.latch`."""
+        """Return the newest state and the passed requests, as `Inputs.latch`."""
         passed, self.passed = [*self.passed, self._inputs.latch(holding, held=held)], []
         requests = [latched.requests for latched in passed]
         return dataclasses.replace(
@@ -64,14 +64,14 @@ class _Gate:
 
 
 class ControllerTarget(Target):
-    """The controller's loop, active, with a user who sends any message.
+    """Active control loop with a user who sends any message.
 
-    Each message is read by itself, as the reader of requests does. A cycle gets several refused messages together, and
-    must not change any reference, setting or mode. It gets messages that it may refuse in the end one by one.
+    Each message is read alone. A cycle gets several refused messages together, and must not change any reference,
+    setting or mode. It gets accepted messages that it may still refuse one by one.
     """
 
     def __init__(self, robot: str) -> None:
-        """Build the controller and its robot, and activate it."""
+        """Build controller and robot, and activate."""
         fuzzed = fuzzed_robot(robot)
         super().__init__(controller_endpoints(fuzzed.settings, fuzzed.model), ("effort",))
         self._robot = Lockstep(fuzzed.settings, model=fuzzed.model, bus=self.bus, use_sim_time=True)
@@ -79,7 +79,7 @@ class ControllerTarget(Target):
         self._mock, self._controller, self._loop = self._robot.mock, self._robot.controller, self._robot.loop
         self._vocabulary = make_vocabulary(self._settings, self._model)
         self._gate = _Gate(self._loop._inputs)
-        self._loop._inputs = self._gate  # type: ignore[assignment]  # it delegates all other attributes
+        self._loop._inputs = self._gate  # it delegates all other attributes
         self._step = self._settings.limits.torque_rate * self._controller.period * self._model.effort_limits
         self._tau = np.zeros(self._model.na)
         self._refused: list[LatchedInputs] = []
@@ -88,20 +88,20 @@ class ControllerTarget(Target):
         self._start()
 
     def _start(self) -> None:
-        for _ in range(3):  # the odometry and the joint states have to come before an activation
+        for _ in range(3):  # odometry and joint states are required for the activation
             self._cycle("the start", publish=True)
         self.take(self.by_key["command"], encode(message("std_msgs/msg/String", data="activate")))
         self.finish()
         for _ in range(_SETTLE):
             self._cycle("the start", publish=True)
         if self._controller.mode is not Mode.ACTIVE:
-            raise Broken(f"the robot cannot be activated: {self._controller.mode.value} {self._controller.fault}")
+            raise Broken(f"activation failed: {self._controller.mode.value} {self._controller.fault}")
         self._disturbed = False
 
     def example(self, topic: Endpoint) -> Any:
-        """An ordinary message of a topic, valid now."""
+        """Return a valid message of a topic."""
         names: Any = self._vocabulary.joints.get(topic.subject, self._model.joints)
-        # Between two states of the robot, so that it is newer than the last one and older than the next.
+        # Stamp between two states of the robot.
         stamp = self._mock.stamp + round(0.5e9 * self._controller.period) if topic.key in _STATES else 0
         frame = self._vocabulary.reference_frames.get(topic.subject, "world")
         content = ordinary(topic.type, names, frame, stamp)
@@ -133,7 +133,7 @@ class ControllerTarget(Target):
         if self._robot.clock.now() != now:
             self._disturbed = True
         if latched.refused and (latched.requests.commands or latched.requests.changes):
-            raise Broken(f"a message on {topic.name} was refused, and is used all the same: {latched.refused}")
+            raise Broken(f"a refused message on {topic.name} was used: {latched.refused}")
         if latched.refused:
             self._refused.append(latched)
         elif state:
@@ -146,7 +146,7 @@ class ControllerTarget(Target):
             self.finish()
 
     def finish(self) -> None:
-        """Run the cycles of the messages that have been read; see `Target`."""
+        """Run the cycles of the delivered messages; see `Target`."""
         if self._refused:
             self._see_refused(publish=True)
         alone = [each for each in self._accepted if each.requests.commands or _may_be_late(each)]
@@ -158,14 +158,14 @@ class ControllerTarget(Target):
             report = self._cycle("messages that were read", publish=True)
             late = [
                 sentence for sentence in report.refused if not sentence.startswith("/")
-            ]  # others begin with a topic
+            ]  # other texts begin with a topic
             if len(late) == sum(len(each.requests.commands) + len(each.requests.changes) for each in batch):
-                self._see_unchanged(before, mode, report)  # refused after all, by what they met
+                self._see_unchanged(before, mode, report)  # refused by the cycle
             else:
                 self._disturbed = True
 
     def _see_refused(self, publish: bool) -> None:
-        """Run one cycle with all that was refused, in which nothing may change."""
+        """Run one cycle with all refused messages, which must not change anything."""
         self._gate.passed += self._refused
         self._refused = []
         before, mode = self._parts(), self._controller.mode
@@ -180,7 +180,7 @@ class ControllerTarget(Target):
             raise Broken(f"refused messages led from {mode.value} to {report.mode.value} ({report.fault})")
 
     def _parts(self) -> dict[str, Any]:
-        """All that a message may change, each as the object that it is."""
+        """Return all objects that a message may change."""
         controller = self._controller
         parts: dict[str, Any] = {
             "settings": controller.live.settings,
@@ -197,7 +197,7 @@ class ControllerTarget(Target):
         return parts
 
     def _cycle(self, why: str, publish: bool) -> CycleReport:
-        """Run one cycle of the robot and the controller, and see that all holds that must hold."""
+        """Run one cycle of the robot and the controller, and check the invariants."""
         if publish:
             self._mock.publish()
         self.forget()
@@ -217,5 +217,5 @@ class ControllerTarget(Target):
 
 
 def _may_be_late(latched: LatchedInputs) -> bool:
-    """Whether a cycle may find that a trajectory is over."""
+    """Return True if a cycle may find an expired trajectory."""
     return any(isinstance(change, SetTrajectory) for changes in latched.requests.changes for change in changes)

@@ -1,4 +1,4 @@
-"""The base estimator as a target of the fuzzer."""
+"""Base estimator as a target of the fuzzer."""
 
 from typing import Any
 
@@ -20,17 +20,17 @@ from wbc_controller.validation.fuzz.target import (
     within,
 )
 
-#: Time for which the robot stands still at the start, s: short, as every episode begins with it.
+#: Settling time of the estimator, s; short, because every episode begins with it.
 _SETTLING = 0.1
-#: Time between two states while absolute poses begin the world, s: longer, for the same reason; below gaps of the IMU.
+#: Time between two states during the first absolute poses, s; long for the same reason, but below IMU gaps.
 _STRIDE = 0.05
 
 
 class EstimatorTarget(Target):
-    """The estimator of a robot that stands still, whose sensors go on between the messages."""
+    """Estimator of a standing robot with continuous sensors between the messages."""
 
     def __init__(self, robot: str) -> None:
-        """Build the node, and let it begin its estimate."""
+        """Build the node, and wait for its first estimate."""
         fuzzed = fuzzed_robot(robot)
         estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING, "absolute_pose": True})
         settings = with_all_diagnostics(fuzzed.settings).model_copy(update={"estimation": estimation})
@@ -48,28 +48,28 @@ class EstimatorTarget(Target):
             self._go_on("the start of poses")
         self.alive = self._node.estimator.base is not None
         if not self.alive:
-            raise Broken(f"the estimator does not begin: {self._node.estimator.waits_for}")
+            raise Broken(f"no estimate: {self._node.estimator.waits_for}")
 
     def example(self, topic: Endpoint) -> Any:
-        """An ordinary message of a topic, valid now."""
+        """Return a valid message of a topic."""
         if topic.key in STREAMS:
             return self._sensed(topic.key)
         return ordinary(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
 
     def take(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message between those of the sensors; see `Target`."""
+        """Deliver a message between the sensors' messages; see `Target`."""
         what = f"a message on {topic.name}"
         self.clock.time += 0.5 * self._period
         self.publish(topic, payload)
         answers = self._cycle(what)
         refused = "; ".join(self.refused().values())
         if refused and answers:
-            raise Broken(f"{what} was refused ({refused}), and is answered all the same")
-        self._go_on(f"the cycle behind {what}")
+            raise Broken(f"{what} was refused ({refused}), but an estimate was published")
+        self._go_on(f"the cycle after {what}")
         self.alive = self._node.estimator.odometry is not None
 
     def finish(self) -> None:
-        """Go on once more; see `Target`."""
+        """Execute one more period; see `Target`."""
         self._go_on("the end")
 
     def _sensed(self, stream: str) -> Any:
@@ -77,14 +77,14 @@ class EstimatorTarget(Target):
         return self._standing.message(stream)
 
     def _go_on(self, what: str) -> None:
-        """One period of the robot's own sensors."""
+        """Execute one period of the robot's sensors."""
         self.clock.time += self._period
         for stream in ("imu", "joint_states"):
             self.send(stream, self._sensed(stream))
         self._cycle(what)
 
     def _cycle(self, what: str) -> int:
-        """Run a cycle, and look at what it has published; gives the number of estimates."""
+        """Run a cycle, check its outputs, and return the number of estimates."""
         self.forget()
         with within(CYCLE_LIMIT, what):
             self._node.cycle()
@@ -94,9 +94,9 @@ class EstimatorTarget(Target):
             numbers = [getattr(part, axis) for part in (pose.position, twist.linear, twist.angular) for axis in "xyz"]
             turned = np.array([getattr(pose.orientation, axis) for axis in "xyzw"])
             if not (np.isfinite(numbers).all() and abs(float(turned @ turned) - 1.0) < 1e-6):
-                raise Broken(f"{what}: the estimate is no pose with a twist: {numbers}, {turned.tolist()}")
+                raise Broken(f"{what}: invalid pose or twist of the estimate: {numbers}, {turned.tolist()}")
             for covariance in (odom.pose.covariance, odom.twist.covariance):
                 variances = covariance.reshape(6, 6).diagonal()
                 if not (np.isfinite(covariance).all() and (variances >= 0.0).all()):
-                    raise Broken(f"{what}: the covariance of the estimate is none: {variances.tolist()}")
+                    raise Broken(f"{what}: invalid covariance of the estimate: variances {variances.tolist()}")
         return len(self.heard["odom"])

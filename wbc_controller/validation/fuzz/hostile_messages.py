@@ -1,7 +1,7 @@
-"""The fuzzer of messages: every incoming topic of every node gets random bytes, mutated and hostile messages.
+"""Fuzzer of messages: every input of every node gets random, mutated and hostile messages.
 
-Each episode begins with a fresh node. Its messages follow from the seed, the node and the number of the episode. The
-messages that break a node are written to a file, with as many of the messages before them as are needed.
+Each episode begins with a fresh node, and is determined by seed, node and number. Messages that break a node are
+written to a file, with the required messages before them.
 """
 
 import base64
@@ -27,7 +27,7 @@ from wbc_controller.validation.fuzz.other_targets import GuardTarget, MockTarget
 from wbc_controller.validation.fuzz.strategies import drawn, requests
 from wbc_controller.validation.fuzz.target import Broken, Slow, Target, fuzzed_robot, watched
 
-#: The nodes under test, each with its share of the messages.
+#: Nodes under test, with their shares of the messages.
 TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
     "controller": (ControllerTarget, 0.65),
     "guard": (GuardTarget, 0.15),
@@ -35,11 +35,11 @@ TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
     "urdf": (UrdfTarget, 0.05),
     "estimator": (EstimatorTarget, 0.1),
 }
-#: Messages of an episode, at most.
+#: Largest number of messages of an episode.
 _EPISODE = 400
-#: Wall time after which an episode counts as hanging, s; the process then ends with a traceback.
+#: Wall time limit of an episode, s; then the process ends with a traceback.
 _HANG = 120.0
-#: Share of the messages after which the memory has to be constant, and its allowed growth, kB.
+#: Share of messages as warm-up, and largest growth of the memory afterwards, kB.
 WARM_UP, _GROWTH = 0.2, 40_000
 
 Message = tuple[str, bytes]
@@ -50,17 +50,17 @@ class Failure:
     """A broken node."""
 
     target: str
-    why: str  # the invariant that did not hold
-    messages: list[Message]  # topic and payload of the messages that led to it
-    repeated: bool  # whether it broke again in a fresh node
+    why: str  # violated invariant
+    messages: list[Message]  # topic and payload of the causing messages
+    repeated: bool  # True if reproduced with a fresh node
 
 
 @dataclass(slots=True)
 class Outcome:
-    """The result of a run."""
+    """Result of a run."""
 
-    counts: Counter[str] = field(default_factory=Counter)  # number of messages, by node and kind of topic
-    failures: list[Failure] = field(default_factory=list)  # the broken nodes
+    counts: Counter[str] = field(default_factory=Counter)  # number of messages by node and kind of topic
+    failures: list[Failure] = field(default_factory=list)  # broken nodes
     seconds: float = 0.0
     processor: float = 0.0
     growth: int = 0  # growth of the memory after the warm-up, kB
@@ -72,7 +72,7 @@ class Outcome:
 
     @property
     def flat(self) -> bool:
-        """Whether the memory was constant after the warm-up, apart from fragmentation."""
+        """True if the memory was constant after the warm-up, apart from fragmentation."""
         return self.growth <= _GROWTH
 
 
@@ -89,7 +89,7 @@ def fuzz_messages(
     """Send hostile messages to all nodes.
 
     Raises:
-        ConfigurationError: if there is no such node.
+        ConfigurationError: if a node is unknown.
     """
     shares = {key: _of(key)[1] for key in targets}
     done, episodes = dict.fromkeys(targets, 0), dict.fromkeys(targets, first)
@@ -114,7 +114,7 @@ def fuzz_messages(
 
 
 def memory() -> int:
-    """Return the memory of this process that is in use, kB, without the reserve of glibc's allocator."""
+    """Return the memory of this process, kB, without reserves of glibc's allocator."""
     gc.collect()
     with contextlib.suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)
@@ -123,12 +123,12 @@ def memory() -> int:
 
 def _of(key: str) -> tuple[Callable[[str], Target], float]:
     if key not in TARGETS:
-        raise ConfigurationError(f"no node is named {key!r}; {valid_choices(key, TARGETS)}")
+        raise ConfigurationError(f"unknown node {key!r}; {valid_choices(key, TARGETS)}")
     return TARGETS[key]
 
 
 def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> Failure | None:
-    """Send the messages of one episode to a fresh node; returns the failure, or None."""
+    """Send the messages of one episode to a fresh node, and return the failure or None."""
     messages: list[Message] = []
     with watched() as errors:
         try:
@@ -148,11 +148,11 @@ def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> F
 
 def _check_log(errors: list[str]) -> None:
     if errors:
-        raise Broken(f"an error was logged: {errors[0]}")
+        raise Broken(f"logged error: {errors[0]}")
 
 
 def _reduced(key: str, robot: str, messages: list[Message], error: Exception) -> Failure | None:
-    """Find the fewest of the last messages that break a fresh node; slowness that does not recur is the machine's."""
+    """Return the failure with the fewest last messages; slowness that does not recur is ignored."""
     for length in sorted({min(length, len(messages)) for length in (1, 2, 4, 16, 64, _EPISODE)}):
         why = replay(key, robot, messages[-length:])
         if why is not None:
@@ -161,7 +161,7 @@ def _reduced(key: str, robot: str, messages: list[Message], error: Exception) ->
 
 
 def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
-    """Send messages to a fresh node; returns the invariant that did not hold, or None."""
+    """Send messages to a fresh node, and return the violated invariant or None."""
     with watched() as errors:
         try:
             target = _of(key)[0](robot)
@@ -200,4 +200,4 @@ def load(path: Path) -> tuple[str, str, list[Message]]:
         sent = [(str(each["topic"]), base64.b64decode(each["payload"])) for each in content["messages"]]
         return str(content["target"]), str(content["robot"]), sent
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(f"{path}: holds no messages of a failure: {type(error).__name__}: {error}") from error
+        raise ConfigurationError(f"{path}: not a file of fuzzer messages: {type(error).__name__}: {error}") from error

@@ -1,4 +1,4 @@
-"""Recordings with valid checksums and hostile content, made from a short run, and the commands that read them."""
+"""Recordings with valid checksums and hostile content, made from a short run."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from wbc_controller.validation.fuzz.strategies import mutated_bytes, mutated_tex
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, STRINGS
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Messages of a recording: topic, time in ns, serialized message.
+#: Messages of a recording: topic, time in ns, payload.
 Messages = Sequence[tuple[Topic, int, bytes]]
-#: Cycles of the original run, and cycles that are solved again of a hostile one.
+#: Cycles of the original run, and replayed cycles of a hostile one.
 _CYCLES, _SOLVED = 60, 20
 _STRING = "std_msgs/msg/String"
-#: Values in place of one in JSON.
+#: Replacements of a value in JSON.
 _VALUES: SearchStrategy[Any] = st.one_of(
     st.sampled_from((None, True, False, 0, -1, 1, 2**31, 2**63, 10**400, "", [], {}, [[]], [None], {"$map": [[1]]})),
     st.sampled_from(FLOATS),
@@ -43,7 +43,7 @@ _VALUES: SearchStrategy[Any] = st.one_of(
 
 
 def record_run(robot: str, path: Path) -> None:
-    """Record a short run of a robot: it is activated, moves, refuses a request, and is stopped."""
+    """Record a short run: activation, motion, a refused request, and a stop."""
     settings = load_settings(find_configuration(robot))
     settings = settings.model_copy(update={"recorder": settings.recorder.model_copy(update={"seconds": 0.0})})
     recorder = Recorder(settings, path, patient=True, name=robot)
@@ -76,7 +76,7 @@ def original(robot: str) -> tuple[dict[int, Topic], Messages]:
 
 
 def hostile_recording(robot: str) -> SearchStrategy[Messages]:
-    """Return the messages of a short run with hostile changes."""
+    """Return a strategy of the messages with hostile changes."""
     return _hostile_messages(original(robot)[1])
 
 
@@ -93,7 +93,7 @@ def write_messages(path: Path, topics: dict[int, Topic], messages: Messages) -> 
 
 @st.composite
 def _hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
-    """Change, delete, repeat or move some messages of a recording; mostly its own topics."""
+    """Change, delete, repeat or move some messages of a recording."""
     result = list(messages)
     for _ in range(draw(st.sampled_from((1, 1, 1, 2, 3)))):
         kinds: dict[str, list[int]] = {}
@@ -133,7 +133,7 @@ def _hostile_payload(draw: DrawFn, topic: Topic, payload: bytes) -> bytes:
 
 @st.composite
 def _hostile_text(draw: DrawFn, text: str) -> str:
-    """Change a value of a JSON text, or a token of any other text."""
+    """Change a value of a JSON text, or a token of another text."""
     try:
         tree = json.loads(text)
     except ValueError:
@@ -158,7 +158,7 @@ def _hostile_text(draw: DrawFn, text: str) -> str:
 
 
 def read_recording(path: Path) -> None:
-    """Read a recording as the commands do: summarize it, solve some of its cycles again, and make the data of a report.
+    """Read a recording as the commands do: summary, replay of some cycles, and data of a report.
 
     Raises:
         ConfigurationError: if it is refused.

@@ -1,4 +1,4 @@
-"""A mock robot, a controller and a guard as processes on a DDS domain of their own, with a user: for live trials."""
+"""Mock robot, controller and guard as processes in their own DDS domain, with a user, for live trials."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import Lateness
 from wbc_controller.validation.user import User, activation_commands, reliable_counterpart
 
-#: Messages that are kept of each topic: a minute of the fastest ones.
+#: Stored messages per topic: one minute of the fastest.
 _KEPT = 30_000
 
 
@@ -37,18 +37,18 @@ def _keep(kept: deque[tuple[float, bytes]], payload: bytes) -> None:
 
 
 class RobotProcesses(Processes):
-    """A mock robot, a controller and a guard as processes, and a user on the same domain.
+    """Mock robot, controller and guard as processes, and a user in the same domain.
 
     Attributes:
-        record: file for the controller's record.
+        record: file of the controller's record.
         inputs: topics of the controller, by key and subject, such as ``setpoint/com``.
-        kept: arrival time and payload of the messages of each topic, by node and key, such as ``mock/odom``.
+        kept: arrival times and payloads by node and key, such as ``mock/odom``.
     """
 
     def __init__(
         self, robot: str, folder: Path, domain: int = DOMAIN, changes: Mapping[str, Any] | None = None
     ) -> None:
-        """Join the domain. No process is started yet."""
+        """Join the domain, without starting a process."""
         super().__init__(robot, folder, domain, changes)
         self.model = make_model(self.settings)
         self.record = folder / "cycles.mcap"
@@ -95,23 +95,23 @@ class RobotProcesses(Processes):
         self.wait_for(*names)
 
     def wait_for(self, *names: str) -> None:
-        """Wait for the first message of each of some nodes."""
+        """Wait for the first message of some nodes."""
         topics = {"mock": "mock/joint_states", "controller": "controller/state", "guard": "guard/state"}
         for name in names:
             self.until(self.kept[topics[name]].__len__, f"the first message of {name}")
 
     def newest(self, name: str) -> Any:
-        """Return the newest message of a topic such as ``mock/odom``; None before the first one."""
+        """Return the newest message of a topic such as ``mock/odom``; None before the first."""
         kept = self.kept[name]
         return decode(kept[-1][1], self._types[name]) if kept else None
 
     def said(self, node: str) -> str:
-        """Return the newest state of ``controller`` or ``guard``; empty before the first one."""
+        """Return the newest state of ``controller`` or ``guard``; empty before the first."""
         newest = self.newest(f"{node}/state")
         return "" if newest is None else str(newest.data)
 
     def stamp(self) -> int:
-        """Return the stamp of the robot's newest state, ns; 0 before the first one."""
+        """Return the stamp of the robot's newest state, ns; 0 before the first."""
         newest = self.newest("mock/joint_states")
         return 0 if newest is None else nanoseconds(newest.header.stamp)
 
@@ -124,12 +124,12 @@ class RobotProcesses(Processes):
         return np.array(pin.centerOfMass(self.model.pinocchio, self.model.pinocchio.createData(), q))
 
     def heard(self, name: str, since: float = 0.0) -> list[tuple[float, Any]]:
-        """Return the messages of a topic after a time, with their arrival times, oldest first."""
+        """Return the messages of a topic after a time, with arrival times, oldest first."""
         recent = [each for each in list(self.kept[name]) if each[0] > since]
         return [(when, decode(payload, self._types[name])) for when, payload in recent]
 
     def efforts(self, since: float) -> tuple[Array, Array]:
-        """Return the arrival times, (n,) in s, and torques, (n, na) in N·m, of the commands after a time."""
+        """Return arrival times, (n,) in s, and torques, (n, na) in N·m, of the commands after a time."""
         heard = self.heard("controller/effort", since)
         torques = np.array([content.data for _, content in heard]).reshape(-1, self.model.na)
         return np.array([when for when, _ in heard]), torques
@@ -141,16 +141,16 @@ class RobotProcesses(Processes):
         again: Callable[[], Any] = lambda: None,
         patience: float = PATIENCE,
     ) -> None:
-        """Wait for a condition; as `nodes.processes.until`, with the nodes' states in the error."""
+        """Wait for a condition, as `nodes.processes.until`, with the nodes' states in the error."""
         said = lambda: f"; controller: {self.said('controller')!r}, guard: {self.said('guard')!r}"  # noqa: E731
         until(condition, what, again, patience, said)
 
     def wait_for_torques(self, since: float) -> None:
-        """Wait for torques other than zero after a time."""
+        """Wait for nonzero torques after a time."""
         self.until(lambda: bool(self.efforts(since)[1].any()), "torques")
 
     def forget(self, *names: str) -> None:
-        """Forget the messages of some nodes."""
+        """Delete the messages of some nodes."""
         for name, kept in self.kept.items():
             if name.partition("/")[0] in names:
                 kept.clear()

@@ -1,4 +1,4 @@
-"""A long run of controller, mock robot and guard: memory, faults and the lateness of the machine."""
+"""Long run of controller, mock robot and guard: memory, faults and lateness of the machine."""
 
 import time
 from collections.abc import Callable
@@ -13,39 +13,39 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
-#: Time between two looks at the processes, s, and between two setpoints.
+#: Periods of the checks of the processes and of the setpoints, s.
 _LOOK, _SETPOINT = 1.0, 3.0
 #: Amplitude of the setpoints of the centre of mass, m.
 _SWAY = 0.01
-#: Share of the time after which the memory is to be flat, and by how much it may still grow, kB, and kB per minute.
+#: Share of the time as warm-up, and largest growth of the memory afterwards, kB and kB per minute.
 _WARM_UP, _GROWTH, _SLOPE = 0.5, 1024, 256
 
 
 @dataclass(slots=True)
 class SoakResult:
-    """The result of a long run."""
+    """Result of a long run."""
 
     seconds: float = 0.0
-    memory: dict[str, list[int]] = field(default_factory=dict)  # memory of each process at each look, kB
-    # what the controller and the guard said when they were not active or watching, each with the lateness of the
-    # machine in the second before, s, and the time that the fault allows, s
+    memory: dict[str, list[int]] = field(default_factory=dict)  # memory of each process at each check, kB
+    # inactive states of the controller and the guard, with the lateness of the machine in the last second and the time
+    # limit of the fault, s received commands per second
     faults: list[tuple[str, float, float]] = field(default_factory=list)
     rate: float = 0.0  # commands per second that the user received
     late: float = 0.0  # largest lateness of the machine, s
 
     def growth(self, name: str) -> int:
-        """Growth of a process's memory after the warm-up, kB: between the medians of two quarters of the rest."""
+        """Return the growth of a process's memory after the warm-up, kB, between the medians of two quarters."""
         kept = self.memory[name][int(_WARM_UP * len(self.memory[name])) :]
         quarter = max(1, len(kept) // 4)
         return int(np.median(kept[-quarter:]) - np.median(kept[:quarter]))
 
     def flat(self, name: str) -> bool:
-        """Whether a process's memory stayed as it was after the warm-up."""
+        """Return True if a process's memory was constant after the warm-up."""
         return self.growth(name) <= _GROWTH + _SLOPE * (1.0 - _WARM_UP) * self.seconds / 60.0
 
     @property
     def own_faults(self) -> list[str]:
-        """The faults that the machine did not cause."""
+        """Faults that were not caused by the machine."""
         return [said for said, late, allowed in self.faults if late < MACHINE * allowed]
 
 
@@ -57,17 +57,17 @@ def soak(
     domain: int = DOMAIN,
     progress: Callable[[SoakResult], None] = lambda result: None,
 ) -> SoakResult:
-    """Run everything for a while, with a robot that sways.
+    """Run all nodes for a time with a swaying robot.
 
     Raises:
-        WbcError: if a process does not do what it should.
+        WbcError: if a process fails.
     """
     result, names = SoakResult(), ("mock", "guard", "controller")
     with RobotProcesses(robot, folder, domain) as nodes:
         nodes.start_and_wait(*names)
         result.memory = {name: [] for name in names}
         nodes.activate()
-        nodes.until(lambda: nodes.said("guard") == "watching", "the guard to watch")
+        nodes.until(lambda: nodes.said("guard") == "watching", "the guard's watching state")
         time.sleep(2.0 * nodes.settings.safety.activation_ramp)
         start = nodes.centre_of_mass()
         nodes.forget("controller", "guard")
@@ -91,7 +91,7 @@ def soak(
 
 
 def _look(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
-    """Note the memory of each process, and what was said; activate again after a fault."""
+    """Store memory and states of the processes, and reactivate after a fault."""
     late = nodes.lateness.worst
     nodes.lateness.forget()
     result.late = max(result.late, late)

@@ -1,7 +1,7 @@
-"""From joint state to torques between two processes: the controller as it runs, beside a bare echo of the same bytes.
+"""Latency from joint state to torques between two processes, compared with a bare echo of the same bytes.
 
-The controller and the guard are processes as on a robot. This process is the robot: in turn it sends states to the
-controller, and to the echo while the controller's process is stopped.
+Controller and guard are processes as on a robot. This process is the robot. It sends states in turn to the controller,
+and to the echo while the controller's process is stopped.
 """
 
 import concurrent.futures
@@ -33,11 +33,11 @@ from wbc_controller.validation.latency.meter import Meter, RoundTrips, joined
 from wbc_controller.validation.latency.robots import StandingRobot, echo, opened
 from wbc_controller.validation.user import activation_commands, reliable_counterpart
 
-#: Duration of a block, s: shorter than the time after which DDS takes a process that is stopped for gone.
+#: Duration of a block, s; shorter than DDS's lease of a stopped process.
 _BLOCK = 3.0
-#: Time at the beginning of a block that is not measured, s; of one with a mock robot, after its release.
+#: Unmeasured time at the beginning of a block, s, and after the release of a mock robot.
 _SETTLE, _LANDING = 0.5, 2.0
-#: Ramp of the activation where no robot has to stand by it, s.
+#: Activation ramp without a mock robot, s.
 _RAMP = 0.1
 #: Namespace of the echo's topics.
 _ECHO = "/bench_echo"
@@ -45,16 +45,16 @@ _ECHO = "/bench_echo"
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """What was measured."""
+    """Results of a measurement."""
 
-    controller: RoundTrips  # the round trips by the controller
-    echo: RoundTrips  # those by the echo
-    active: float  # share of one processor that the active controller used
-    inactive: float  # the same of the inactive controller, before its first activation, while states arrived
-    waiting: float  # time for which threads of the controller waited for a processor, as a share of the time
-    memory: tuple[int, int]  # of the controller, at the beginning and at the end, kB
-    scheduling: str  # how the controller's main thread is scheduled
-    said: tuple[str, ...]  # the controller's states other than `active` while it was measured
+    controller: RoundTrips  # round trips of the controller
+    echo: RoundTrips  # round trips of the echo
+    active: float  # share of one processor used by the active controller
+    inactive: float  # share used before the first activation, with states
+    waiting: float  # share of the time in which threads of the controller waited for a processor
+    memory: tuple[int, int]  # memory of the controller at the start and at the end, kB
+    scheduling: str  # scheduling of the controller's main thread
+    said: tuple[str, ...]  # states of the controller other than `active` during the measurement
 
 
 class _Robot(Protocol):
@@ -75,24 +75,24 @@ def measure_latency(
     """Measure the controller and the echo in turn, in blocks.
 
     Args:
-        rate: states per second, and cycles; by default as configured.
-        seconds: duration of each of the two, s.
+        rate: states and cycles per second; by default as configured.
+        seconds: duration for each of both, s.
         transport: ``dds`` or ``rclpy``.
-        mock: take the mock robot with its physics in place of one that only sends states; in one block.
-        progress: called after each block with the time that was measured so far, s, and the block.
+        mock: use the mock robot with its physics, in one block.
+        progress: called after each block with the measured time, s, and the round trips of the block.
 
     Raises:
-        ConfigurationError: if the robot, the rate or the transport cannot be used, or this is not Linux.
-        WbcError: if a process does not do what it should.
+        ConfigurationError: if the robot, rate or transport is invalid, or the system is not Linux.
+        WbcError: if a process fails.
     """
     if not sys.platform.startswith("linux"):
-        raise ConfigurationError(f"wbc bench latency reads what processes use from /proc: {sys.platform} has none")
+        raise ConfigurationError(f"wbc bench latency requires /proc (Linux), got {sys.platform}")
     if not (0.0 < seconds < math.inf):
-        raise ConfigurationError(f"seconds = {seconds}: must be positive and finite")
+        raise ConfigurationError(f"seconds = {seconds}; valid: positive and finite")
     with contextlib.ExitStack() as stack:
         joined_domain = stack.enter_context(opened(transport, "bench_robot", domain))
         changes = {} if rate is None else {"control.rate": rate}
-        if not mock:  # it is activated for each block
+        if not mock:  # activated for each block
             changes["safety.activation_ramp"] = _RAMP
         processes = stack.enter_context(contextlib.closing(Processes(robot, folder, domain, changes)))
         bench = _Bench(processes, joined_domain, transport, domain, mock)
@@ -101,7 +101,7 @@ def measure_latency(
 
 
 class _Bench:
-    """The processes, and this end of their topics."""
+    """Processes, and the counterparts of their topics."""
 
     def __init__(self, processes: Processes, transport: Transport, kind: str, domain: int, mock: bool) -> None:
         settings = processes.settings
@@ -130,15 +130,15 @@ class _Bench:
         else:
             self._robot = StandingRobot(model, settings, self._meter, topics)
         self._echo_robot = StandingRobot(model, settings, self._echo_meter, self._echo_topics)
-        # The robot's process must not be what is late. As where processors are isolated, it, the guard and what writes
-        # recordings have others than the controller, where there are any.
+        # This process must not cause lateness. Like the guard and the recorder, it uses other processors than the
+        # controller, if possible.
         asked = settings.control.realtime
         others = sorted(processors() - set(asked.affinity)) if asked.affinity else []
         apply(RealtimeSettings(affinity=others))
         self._start("controller")
         self._start("guard")
         apply(RealtimeSettings(scheduling=asked.scheduling, priority=asked.priority, affinity=others))
-        self._echo_as = RealtimeSettings(affinity=asked.affinity)  # its class is inherited
+        self._echo_as = RealtimeSettings(affinity=asked.affinity)  # its scheduling class is inherited
 
     def _start(self, name: str) -> None:
         if self._kind == "dds":
@@ -151,7 +151,7 @@ class _Bench:
 
     @contextlib.contextmanager
     def echoing(self) -> Iterator[None]:
-        """The echo as a process."""
+        """Run the echo as a process."""
         context = multiprocessing.get_context("spawn")
         stop = context.Event()
         process = context.Process(
@@ -161,12 +161,12 @@ class _Bench:
         try:
             yield
         finally:
-            if process.is_alive():  # whoever wakes one that was killed waits for it for ever
+            if process.is_alive():  # setting the event of a killed process would block
                 stop.set()
             process.join()
 
     def run(self, seconds: float, blocks: int, progress: Callable[[float, RoundTrips, RoundTrips], None]) -> Latency:
-        """Measure both in turn, in some blocks."""
+        """Measure both in turn, in blocks."""
         controller = self._processes.processes["controller"]
         ours: list[RoundTrips] = []
         bare: list[RoundTrips] = []
@@ -210,8 +210,8 @@ class _Bench:
         )
 
     def _inactive_share(self, seconds: float) -> float:
-        """Return the share of one processor that the controller uses before its first activation, over a block."""
-        self._until(lambda: self._mode() == "inactive", "the controller to be inactive", lambda: None)
+        """Return the share of one processor used by the controller before its first activation."""
+        self._until(lambda: self._mode() == "inactive", "the inactive mode", lambda: None)
         time.sleep(_SETTLE)
         controller = self._processes.processes["controller"].pid
         used, began = processor_time(controller), time.monotonic()
@@ -219,7 +219,7 @@ class _Bench:
         return (processor_time(controller) - used) / (time.monotonic() - began)
 
     def _listen(self, meter: Meter, topics: list[Endpoint], keys: tuple[str, ...]) -> None:
-        """Open the topics that the meter notes."""
+        """Subscribe the meter to topics."""
         for topic in topics:
             if topic.key in keys:
                 meter.subscribe(reliable_counterpart(topic), lambda payload: None)
@@ -231,7 +231,7 @@ class _Bench:
         return self._said[-1] if self._said else ""
 
     def _activate(self) -> None:
-        """Activate the controller, from any mode; with a mock robot, let it stand on its own feet."""
+        """Activate the controller from any mode, and release a mock robot from the hoist."""
 
         def ask() -> None:
             for word in activation_commands(self._mode()):
@@ -245,12 +245,12 @@ class _Bench:
             time.sleep(_LANDING)
 
     def _end_active(self) -> None:
-        """Leave the active mode, from whatever came of it."""
+        """Deactivate the controller from any mode."""
 
         def ask() -> None:
             self._send("deactivate" if self._mode() in ("active", "holding") else "reset")
 
-        self._until(lambda: self._mode() == "inactive", "the controller to be inactive", ask)
+        self._until(lambda: self._mode() == "inactive", "the inactive mode", ask)
 
     def _until(self, condition: Callable[[], bool], what: str, again: Callable[[], None]) -> None:
         def alive() -> None:
@@ -267,7 +267,7 @@ class _Bench:
 
 @contextlib.contextmanager
 def _running(robot: _Robot) -> Iterator[None]:
-    """Let a robot run on a thread, behind those that note when torques come; what it raises is raised at the end."""
+    """Run a robot on a thread of low priority; its exception is raised at the end."""
     stop = threading.Event()
     with concurrent.futures.ThreadPoolExecutor(1, "robot", step_back) as pool:
         running = pool.submit(robot.run, stop)

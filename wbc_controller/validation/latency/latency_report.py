@@ -1,4 +1,4 @@
-"""The results of `wbc bench latency`: for a file, and as text."""
+"""Results of `wbc bench latency` for a file and as text."""
 
 from typing import Any
 
@@ -38,12 +38,12 @@ def lines(found: Latency) -> list[str]:
     said = ", ".join(dict.fromkeys(found.said))
     return [
         *table,
-        f"late: {_late(ours)} at {1.0 / ours.period:g} Hz, the echo {_late(bare)}",
+        f"late: {_late(ours)} at {1.0 / ours.period:g} Hz, echo {_late(bare)}",
         f"controller: {100.0 * found.active:.1f} % of one processor active, {100.0 * found.inactive:.1f} % inactive; "
-        f"{first:.1f} MB at the beginning, {last:.1f} MB at the end; {found.scheduling}",
-        f"machine: the time between two states exceeded the period by {', '.join(delays)}; the controller's threads "
+        f"{first:.1f} MB at the start, {last:.1f} MB at the end; {found.scheduling}",
+        f"machine: delay of states beyond the period {', '.join(delays)}; the controller's threads "
         f"waited for a processor for {100.0 * found.waiting:.2f} % of the time",
-        *([f"the controller was not always active: {said}"] if said else []),
+        *([f"inactive states of the controller: {said}"] if said else []),
     ]
 
 
