@@ -7,7 +7,7 @@ from outcomes import outcome
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign import results as results_module
-from wbc_controller.validation.campaign.results import FILE, TrialKey, Results, key_of, version_of
+from wbc_controller.validation.campaign.results import FILE, Results, TrialKey, key_of, version_of
 
 
 def write(folder, *outcomes) -> None:

@@ -1,4 +1,4 @@
-"""The fuzzer of clocks and load: robots stand or are damped with a fault, and what breaks that is found."""
+"""Fuzzer of clocks and load: robots stand or are damped by a fault; injected defects are detected."""
 
 import dataclasses
 

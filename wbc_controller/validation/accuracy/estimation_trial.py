@@ -19,8 +19,7 @@ from wbc_controller.validation.user import com_trajectory
 
 #: Additional times for the torque ramp, and for settling after the release of the base, s.
 _RAMP_TIME, _REST_TIME = 0.2, 1.0
-#: Timeout of the first estimate, s.
-_TIMEOUT = 5.0
+_TIMEOUT = 5.0  # timeout of the first estimate, s
 
 
 class EstimationTrial(Lockstep):

@@ -17,10 +17,8 @@ from wbc_controller.simulation.faults.joint_sensors import JointNoise
 from wbc_controller.simulation.faults.world import MassError, SoftFloor
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
-#: Amplitudes of sway and squat, m, and the time between points, s.
-SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5
-#: Lowest frequency of chatter, Hz.
-CHATTER = 8.0
+SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5  # amplitudes of sway and squat, m, and the time between points, s
+CHATTER = 8.0  # lowest frequency of chatter, Hz
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +36,7 @@ def _always(kind: type[Fault], **parameters: Any) -> Callable[[Sequence[str]], S
     return lambda actuators: (kind(duration=LONGEST, **parameters),)
 
 
-#: Noise of an IMU's samples, and its density at 500 samples per second.
-_SIGMA = 0.05
+_SIGMA = 0.05  # noise of an IMU's samples, and its density at 500 samples per second
 _DENSITY = _SIGMA * 0.002**0.5
 #: Rows of the table. Noise in a data sheet is given to the filter.
 FLAWS = (

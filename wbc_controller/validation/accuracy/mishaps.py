@@ -21,14 +21,10 @@ from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 #: Error of the base velocity of a wrong estimate, m/s, and its largest time without a fault, s.
 WRONG, MAX_UNDETECTED = 0.2, 0.3
-#: Amplitude of the sway, m, and time between points, s.
-_SWAY, _BEAT = 0.03, 0.5
-#: Duration after the mishap, s.
-_DURATION = 2.0
-#: Time for lifting a fallen robot, and timeout of the reactivation, s.
-_LIFT_TIME, _TIMEOUT = 4.0, 5.0
-#: Upward force on a foot as a multiple of its share of the weight, and duration, s.
-_PULL, _PULL_TIME = 1.5, 0.1
+_SWAY, _BEAT = 0.03, 0.5  # amplitude of the sway, m, and time between points, s
+_DURATION = 2.0  # duration after the mishap, s
+_LIFT_TIME, _TIMEOUT = 4.0, 5.0  # time for lifting a fallen robot, and timeout of the reactivation, s
+_PULL, _PULL_TIME = 1.5, 0.1  # upward force on a foot as a multiple of its share of the weight, and duration, s
 #: Sliding distance of a foot, m, and largest duration, s. The force is proportional to the missing momentum, 1/s, up to
 #: a share of the weight.
 _SLIDE, _SLIDE_TIME = 0.05, 0.5

@@ -15,12 +15,9 @@ from wbc_controller.settings.service import SensorQuality
 from wbc_controller.simulation.sensors import PARTS
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
-#: Sampling period, s.
-_SAMPLING_PERIOD = 0.1
-#: Probability outside the consistency bounds.
-_SIGNIFICANCE = 0.05
-#: Creep of the contact points on the mock robot's ground, m/s/√Hz, from the drift of several robots.
-_CREEP = 8.0e-5
+_SAMPLING_PERIOD = 0.1  # sampling period, s
+_SIGNIFICANCE = 0.05  # probability outside the consistency bounds
+_CREEP = 8.0e-5  # creep of the contact points on the mock robot's ground, m/s/√Hz, from the drift of several robots
 
 
 @dataclass(frozen=True, slots=True)

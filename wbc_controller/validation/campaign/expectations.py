@@ -16,10 +16,8 @@ BALANCE = frozenset({"FALLEN", "NO_SOLUTION", "RELAXED", "BAD_TORQUE", "IMPLAUSI
 STALE = frozenset({"STALE_INPUT"})
 IMPLAUSIBLE = frozenset({"IMPLAUSIBLE_STATE"})
 CLOCK = frozenset({"CLOCK"})
-#: Factor by which a threshold must be exceeded for certain detection, because the robot moves.
-_MARGIN = 1.1
-#: Probability below which a random event is excluded.
-_NEGLIGIBLE = 1.0e-6
+_MARGIN = 1.1  # factor by which a threshold must be exceeded for certain detection, because the robot moves
+_NEGLIGIBLE = 1.0e-6  # probability below which a random event is excluded
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +38,7 @@ HARMLESS = Expectation(frozenset())
 EITHER = Expectation(BALANCE)
 STALE_OR_BALANCE = Expectation(STALE | BALANCE)
 
-#: Returns the expected outcome of a fault.
-_Rule = Callable[[Any, "RuleContext"], Expectation]
+_Rule = Callable[[Any, "RuleContext"], Expectation]  # returns the expected outcome of a fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,12 +187,9 @@ def _frozen(fault: Any, context: RuleContext) -> Expectation:
     return context.expect_detection(fault.duration > lasts, lasts)
 
 
-#: Advance of a refused stamp without synchronized clocks, s (middleware/stamps.py).
-_FAR_AHEAD = 0.26
-#: Drift of odometry that a standing robot can follow, m/s or rad/s.
-_SLOW_DRIFT = 0.01
-#: Smallest share of a random horizontal direction along one of two axes.
-_ALONG = float(np.sqrt(0.5))
+_FAR_AHEAD = 0.26  # advance of a refused stamp without synchronized clocks, s (middleware/stamps.py)
+_SLOW_DRIFT = 0.01  # drift of odometry that a standing robot can follow, m/s or rad/s
+_ALONG = float(np.sqrt(0.5))  # smallest share of a random horizontal direction along one of two axes
 
 _EITHER_RULE, _HARMLESS_RULE = _always(EITHER), _always(HARMLESS)
 

@@ -12,12 +12,9 @@ from wbc_controller.middleware.codec import decode
 from wbc_controller.records import Array, Mode
 from wbc_controller.settings import Settings
 
-#: Rounding tolerance: share of a limit, and time, s.
-_ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6
-#: Largest processor time of the loop for one cycle, s.
-STALL = 0.02
-#: Modes with torques from a solution.
-_IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
+_ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6  # rounding tolerance: share of a limit, and time, s
+STALL = 0.02  # largest processor time of the loop for one cycle, s
+_IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from a solution
 #: Latency that looks like a slow clock without synchronized clocks (docs/safety.md, the age of a state): share of the
 #: elapsed time, and maximum between two messages, s.
 _SLOW_CLOCK, _GAP = 0.5, 0.025

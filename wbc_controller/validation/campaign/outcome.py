@@ -6,8 +6,7 @@ from typing import Any
 
 from wbc_controller.validation.campaign.monitor import VIOLATIONS
 
-#: Longest permitted time of a fallen robot with an active controller, s.
-MAX_FALLEN_TIME = 0.2
+MAX_FALLEN_TIME = 0.2  # longest permitted time of a fallen robot with an active controller, s
 #: Meaning of each violation, of the monitor and of the outcome.
 ALL_VIOLATIONS: Mapping[str, str] = {
     **VIOLATIONS,

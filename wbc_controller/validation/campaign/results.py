@@ -12,8 +12,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.files import find_configuration
 from wbc_controller.validation.campaign.outcome import Outcome
 
-#: Name of the file in the folder of a campaign.
-FILE = "trials.jsonl"
+FILE = "trials.jsonl"  # name of the file in the folder of a campaign
 
 
 class TrialKey(NamedTuple):

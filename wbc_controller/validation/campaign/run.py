@@ -26,10 +26,8 @@ from wbc_controller.validation.campaign.results import Results, TrialKey
 from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
 BACKENDS = ("loky", "dask", "ray")
-#: Width of the output outside a terminal, in characters.
-_WIDTH = 150
-#: Trials between two progress lines outside a terminal.
-_PROGRESS_EVERY = 100
+_WIDTH = 150  # width of the output outside a terminal, in characters
+_PROGRESS_EVERY = 100  # trials between two progress lines outside a terminal
 
 
 def run_campaign(

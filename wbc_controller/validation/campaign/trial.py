@@ -35,18 +35,13 @@ from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, Req
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Kinds of fault by name.
-ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
-#: Kinds with a controller on the time of /clock.
-_BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")
+ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}  # kinds of fault by name
+_BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")  # kinds with a controller on the time of /clock
 #: Ranges of the fault's start after the beginning of the motion, and of its duration, s.
 _START_RANGE, _DURATION_RANGE = (0.2, 0.5), (0.05, 0.6)
-#: Time after the end of the fault, and after the end of the active mode, s.
-_AFTER, _AFTER_DAMPING = 0.6, 0.2
-#: Period of the checks of the robot, s.
-_CHECK_PERIOD = 0.01
-#: Control periods with a held base before each step.
-_HOLD_PERIODS = 3
+_AFTER, _AFTER_DAMPING = 0.6, 0.2  # time after the end of the fault, and after the end of the active mode, s
+_CHECK_PERIOD = 0.01  # period of the checks of the robot, s
+_HOLD_PERIODS = 3  # control periods with a held base before each step
 
 
 def run_trial(

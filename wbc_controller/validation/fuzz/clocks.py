@@ -28,14 +28,10 @@ from wbc_controller.validation.campaign.outcome import MAX_FALLEN_TIME
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Clocks of the controller.
-CLOCKS = ("simulated", "synchronized", "own")
-#: Simulated time after the activation, s, and periods on the hoist before it.
-_DURATION, _HANGING = 1.2, 10
-#: Periods between two activation attempts, and number of attempts.
-_BETWEEN, _ATTEMPTS = 5, 4
-#: Ranges of the pauses of the controller, s, and of the time between them, s.
-_PAUSE, _BUSY = (0.002, 0.1), (0.005, 0.5)
+CLOCKS = ("simulated", "synchronized", "own")  # clocks of the controller
+_DURATION, _HANGING = 1.2, 10  # simulated time after the activation, s, and periods on the hoist before it
+_BETWEEN, _ATTEMPTS = 5, 4  # periods between two activation attempts, and number of attempts
+_PAUSE, _BUSY = (0.002, 0.1), (0.005, 0.5)  # ranges of the pauses of the controller, s, and of the time between them, s
 #: Kinds of fault that change only times.
 _TIMES = [kind for kind in KINDS.values() if kind.place in ("stamps and clock", "delivery")]
 

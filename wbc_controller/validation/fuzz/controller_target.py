@@ -13,27 +13,24 @@ from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import Array, Mode
-from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
-    Broken,
+    InvariantViolation,
     Target,
     check_torques,
     fuzzed_robot,
-    within,
+    time_limit,
 )
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Topics with messages that the cycle itself reads.
-_STATES = ("joint_states", "odom", "clock")
-#: Number of refused messages per cycle.
-_BATCH = 16
-#: Cycles from the activation to settled torques.
-_SETTLE = 8
+_STATES = ("joint_states", "odom", "clock")  # topics with messages that the cycle itself reads
+_BATCH = 16  # number of refused messages per cycle
+_SETTLE = 8  # cycles from the activation to settled torques
 
 
-class _Gate:
+class _InputGate:
     """Inputs of a loop with immediate reading; the fuzzer decides on the passing of each message."""
 
     def __init__(self, inputs: Inputs) -> None:
@@ -78,8 +75,8 @@ class ControllerTarget(Target):
         self._settings, self._model = fuzzed.settings, fuzzed.model
         self._mock, self._controller, self._loop = self._robot.mock, self._robot.controller, self._robot.loop
         self._vocabulary = make_vocabulary(self._settings, self._model)
-        self._gate = _Gate(self._loop._inputs)
-        self._loop._inputs = self._gate  # it delegates all other attributes
+        self._gate = _InputGate(self._loop._inputs)
+        self._loop._inputs = self._gate  # type: ignore[assignment]  # it delegates all other attributes
         self._step = self._settings.limits.torque_rate * self._controller.period * self._model.effort_limits
         self._tau = np.zeros(self._model.na)
         self._refused: list[LatchedInputs] = []
@@ -90,12 +87,12 @@ class ControllerTarget(Target):
     def _start(self) -> None:
         for _ in range(3):  # odometry and joint states are required for the activation
             self._cycle("the start", publish=True)
-        self.take(self.by_key["command"], encode(message("std_msgs/msg/String", data="activate")))
+        self.deliver(self.by_key["command"], encode(message("std_msgs/msg/String", data="activate")))
         self.finish()
         for _ in range(_SETTLE):
             self._cycle("the start", publish=True)
         if self._controller.mode is not Mode.ACTIVE:
-            raise Broken(f"activation failed: {self._controller.mode.value} {self._controller.fault}")
+            raise InvariantViolation(f"activation failed: {self._controller.mode.value} {self._controller.fault}")
         self._disturbed = False
 
     def example(self, topic: Endpoint) -> Any:
@@ -104,7 +101,7 @@ class ControllerTarget(Target):
         # Stamp between two states of the robot.
         stamp = self._mock.stamp + round(0.5e9 * self._controller.period) if topic.key in _STATES else 0
         frame = self._vocabulary.reference_frames.get(topic.subject, "world")
-        content = ordinary(topic.type, names, frame, stamp)
+        content = valid_message(topic.type, names, frame, stamp)
         if topic.key == "joint_states":
             content.position = np.array(self._mock.plant.state()[0][self._model.q_index])
         elif topic.key == "odom":
@@ -118,7 +115,7 @@ class ControllerTarget(Target):
             content.data = 1.0
         return content
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message; see `Target`."""
         state = topic.key in _STATES
         if state:
@@ -127,13 +124,13 @@ class ControllerTarget(Target):
             self._gate.passed.append(self._gate.read())
         limit = CYCLE_LIMIT if state else READ_LIMIT
         now = self._robot.clock.now()
-        with within(limit, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(limit, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
             latched = self._gate.read()
         if self._robot.clock.now() != now:
             self._disturbed = True
         if latched.refused and (latched.requests.commands or latched.requests.changes):
-            raise Broken(f"a refused message on {topic.name} was used: {latched.refused}")
+            raise InvariantViolation(f"a refused message on {topic.name} was used: {latched.refused}")
         if latched.refused:
             self._refused.append(latched)
         elif state:
@@ -141,16 +138,16 @@ class ControllerTarget(Target):
         else:
             self._accepted.append(latched)
         if state:
-            self._see_refused(publish=False)
+            self._check_refused(publish=False)
         elif len(self._refused) + len(self._accepted) >= _BATCH:
             self.finish()
 
     def finish(self) -> None:
         """Run the cycles of the delivered messages; see `Target`."""
         if self._refused:
-            self._see_refused(publish=True)
-        alone = [each for each in self._accepted if each.requests.commands or _may_be_late(each)]
-        together = [each for each in self._accepted if not (each.requests.commands or _may_be_late(each))]
+            self._check_refused(publish=True)
+        alone = [each for each in self._accepted if each.requests.commands or _has_trajectory(each)]
+        together = [each for each in self._accepted if not (each.requests.commands or _has_trajectory(each))]
         self._accepted = []
         for batch in [*([each] for each in alone), *([together] if together else [])]:
             self._gate.passed += batch
@@ -160,24 +157,24 @@ class ControllerTarget(Target):
                 sentence for sentence in report.refused if not sentence.startswith("/")
             ]  # other texts begin with a topic
             if len(late) == sum(len(each.requests.commands) + len(each.requests.changes) for each in batch):
-                self._see_unchanged(before, mode, report)  # refused by the cycle
+                self._check_unchanged(before, mode, report)  # refused by the cycle
             else:
                 self._disturbed = True
 
-    def _see_refused(self, publish: bool) -> None:
+    def _check_refused(self, publish: bool) -> None:
         """Run one cycle with all refused messages, which must not change anything."""
         self._gate.passed += self._refused
         self._refused = []
         before, mode = self._parts(), self._controller.mode
-        self._see_unchanged(before, mode, self._cycle("messages that were refused", publish))
+        self._check_unchanged(before, mode, self._cycle("messages that were refused", publish))
 
-    def _see_unchanged(self, before: Mapping[str, Any], mode: Mode, report: CycleReport) -> None:
+    def _check_unchanged(self, before: Mapping[str, Any], mode: Mode, report: CycleReport) -> None:
         after = self._parts()
         changed = [key for key in before.keys() | after.keys() if before.get(key) is not after.get(key)]
         if changed:
-            raise Broken(f"refused messages changed {', '.join(sorted(changed))}; {report.refused}")
+            raise InvariantViolation(f"refused messages changed {', '.join(sorted(changed))}; {report.refused}")
         if report.mode is not mode and not self._disturbed:
-            raise Broken(f"refused messages led from {mode.value} to {report.mode.value} ({report.fault})")
+            raise InvariantViolation(f"refused messages led from {mode.value} to {report.mode.value} ({report.fault})")
 
     def _parts(self) -> dict[str, Any]:
         """Return all objects that a message may change."""
@@ -200,14 +197,14 @@ class ControllerTarget(Target):
         """Run one cycle of the robot and the controller, and check the invariants."""
         if publish:
             self._mock.publish()
-        self.forget()
-        with within(CYCLE_LIMIT, f"the cycle of {why}"):
+        self.clear_outputs()
+        with time_limit(CYCLE_LIMIT, f"the cycle of {why}"):
             report = self._loop.cycle()
         self._mock.advance()
         if report.fault is not None and report.fault.code == "INTERNAL_ERROR":
-            raise Broken(f"{why} led to {report.fault.code}: {report.fault.sentence}")
+            raise InvariantViolation(f"{why} led to {report.fault.code}: {report.fault.sentence}")
         stopped = report.fault is not None and report.fault.code == "ESTOP"
-        for payload in self.heard["effort"]:
+        for payload in self.outputs["effort"]:
             tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
             step = np.full(self._model.na, np.inf) if stopped and not tau.any() else self._step
             check_torques(tau, self._tau, self._model.effort_limits, step, f"the controller, at {why},")
@@ -216,6 +213,6 @@ class ControllerTarget(Target):
         return report
 
 
-def _may_be_late(latched: LatchedInputs) -> bool:
+def _has_trajectory(latched: LatchedInputs) -> bool:
     """Return True if a cycle may find an expired trajectory."""
     return any(isinstance(change, SetTrajectory) for changes in latched.requests.changes for change in changes)

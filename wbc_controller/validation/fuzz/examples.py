@@ -9,7 +9,7 @@ from rosbags.interfaces import Nodetype
 from wbc_controller.middleware.codec import TYPES, message
 
 
-def ordinary(type_name: str, names: Sequence[str], frame: str, stamp: int) -> Any:
+def valid_message(type_name: str, names: Sequence[str], frame: str, stamp: int) -> Any:
     """Return a valid message of a type."""
     content = _blank(type_name)
     if hasattr(content, "header"):

@@ -38,18 +38,13 @@ from wbc_controller.validation.fuzz.hostile_recordings import (
     read_recording,
     write_messages,
 )
-from wbc_controller.validation.fuzz.strategies import drawn
+from wbc_controller.validation.fuzz.strategies import draw_by_key
 
-#: Largest processor time of one case, s; a supplied robot requires 0.1 s.
-_LIMIT = 5.0
-#: Wall time limits of a case and of the child process's start, s.
-_HANG, _START = 60.0, 300.0
-#: Memory limit of a case, bytes.
-_MEMORY = 8 << 30
-#: Message of the child process after its imports.
-_READY = "ready"
-#: Line of the configuration with the URDF.
-_URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")
+_LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
+_HANG, _START = 60.0, 300.0  # wall time limits of a case and of the child process's start, s
+_MEMORY = 8 << 30  # memory limit of a case, bytes
+_READY = "ready"  # message of the child process after its imports
+_URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")  # line of the configuration with the URDF
 
 
 @dataclass(slots=True)
@@ -159,15 +154,15 @@ def make_case(kind: str, robot: str, seed: int, number: int, place: Path) -> Non
     place.mkdir(parents=True, exist_ok=True)
     if kind == "recordings":
         topics, _ = original(robot)
-        write_messages(place / "robot.mcap", topics, drawn(hostile_recording(robot), kind, seed, number))
+        write_messages(place / "robot.mcap", topics, draw_by_key(hostile_recording(robot), kind, seed, number))
         return
     configuration, urdf = _originals(robot)
     configuration = _URDF_KEY.sub(lambda found: f"{found.group(1)}{place / 'robot.urdf'}", configuration)
     files = {"robot.yaml": configuration.encode(), "robot.urdf": urdf.encode()}
     if kind == "configurations":
-        files["robot.yaml"] = drawn(hostile_configuration(configuration), kind, seed, number)
+        files["robot.yaml"] = draw_by_key(hostile_configuration(configuration), kind, seed, number)
     else:
-        files["robot.urdf"] = drawn(hostile_urdf(urdf), kind, seed, number)
+        files["robot.urdf"] = draw_by_key(hostile_urdf(urdf), kind, seed, number)
     for name, content in files.items():
         (place / name).write_bytes(content)
 
@@ -204,8 +199,7 @@ def _read_configuration(path: Path) -> None:
         Plant(make_model(settings), settings)
 
 
-#: Reads a case in the child process.
-_reader = read_case
+_reader = read_case  # reads a case in the child process
 
 
 @contextlib.contextmanager

@@ -18,31 +18,22 @@ from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.validation.fuzz import DOMAIN
-from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 from wbc_controller.validation.user import com_trajectory
 
-#: Messages per second of a flood, and of a flood of large messages.
-_RATE, _SLOW_RATE = 10_000.0, 20.0
-#: Time for the discovery of the flood's participant, s.
-_DISCOVERY = 0.2
-#: Length of a large text, characters.
-_LARGE = 10_000_000
-#: Number of points of a trajectory.
-_POINTS = 100
-#: Duration of a flood before and after the stop, s.
-_BEFORE, _AFTER = (0.2, 0.6), 0.15
-#: Time limit of the diagnostics after a flood, s.
-_TOLD = 2.0
-#: Largest number of attempts per counted stop; stalls of the machine may cause another fault first.
-_ATTEMPTS = 5
+_RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second of a flood, and of a flood of large messages
+_DISCOVERY = 0.2  # time for the discovery of the flood's participant, s
+_LARGE = 10_000_000  # length of a large text, characters
+_POINTS = 100  # number of points of a trajectory
+_BEFORE, _AFTER = (0.2, 0.6), 0.15  # duration of a flood before and after the stop, s
+_DIAGNOSTICS_TIMEOUT = 2.0  # time limit of the diagnostics after a flood, s
+_ATTEMPTS = 5  # largest number of attempts per counted stop; stalls of the machine may cause another fault first
 #: Settings that prevent other faults on a slow machine.
 _CHANGES = {"safety.activation_ramp": 0.1, "safety.state_timeout": 0.3}
-#: Largest number of cycles until a stop is obeyed, from the newest state known to its sender.
-CYCLES = 2
-#: Longest cycle without the lateness of the machine, s.
-STALL = 0.02
+CYCLES = 2  # largest number of cycles until a stop is obeyed, from the newest state known to its sender
+STALL = 0.02  # longest cycle without the lateness of the machine, s
 
 
 def _string(text: str) -> Callable[[], bytes]:
@@ -50,7 +41,7 @@ def _string(text: str) -> Callable[[], bytes]:
 
 
 def _example(type_name: str, *arguments: Any) -> Callable[[], bytes]:
-    return lambda: encode(ordinary(type_name, *arguments))
+    return lambda: encode(valid_message(type_name, *arguments))
 
 
 def _trajectory() -> bytes:
@@ -82,7 +73,7 @@ class Stop:
     late: float  # lateness of the machine meanwhile, s
     sent: int
     seconds: float
-    said: bool  # True if the diagnostics reported lost or refused messages
+    losses_reported: bool  # True if the diagnostics reported lost or refused messages
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +164,7 @@ def _under_one_flood(
     name, make = FLOODS[kind]
     topic = nodes.inputs[name]
     flooder = context.Process(target=flood, args=(kind, topic, make(), domain, running, count), daemon=True)
-    nodes.forget("controller")
+    nodes.clear("controller")
     nodes.record.unlink(missing_ok=True)
     nodes.start("controller", "--record", str(nodes.record))
     flooder.start()
@@ -227,7 +218,7 @@ def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -
     """
     nodes.activate()
     nodes.wait_for_torques(time.monotonic())
-    nodes.lateness.forget()
+    nodes.lateness.reset()
     count.value = 0
     running.set()
     nodes.until(lambda: count.value > 0, "the first message of the flood")
@@ -236,22 +227,24 @@ def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -
     known = nodes.stamp()
     nodes.user.send_text("command", "estop")
     sent_at = time.monotonic()
-    nodes.until(lambda: nodes.said("controller").startswith("fault"), "the stop", patience=60.0)
+    nodes.until(lambda: nodes.state_of("controller").startswith("fault"), "the stop", patience=60.0)
     time.sleep(_AFTER)
     running.clear()
-    if "ESTOP" not in (fault := nodes.said("controller")):
+    if "ESTOP" not in (fault := nodes.state_of("controller")):
         if nodes.lateness.worst < MACHINE * nodes.settings.safety.state_timeout:
-            raise WbcError(f"fault {fault!r} before the stop, with a lateness of the machine of {nodes.lateness.worst:.3f} s")
+            raise WbcError(
+                f"fault {fault!r} before the stop, with a lateness of the machine of {nodes.lateness.worst:.3f} s"
+            )
         return None
     seconds = time.monotonic() - began
     late, sent = nodes.lateness.worst, count.value
     times, torques = nodes.efforts(sent_at)
-    said, told = False, time.monotonic() + _TOLD
-    while not said and time.monotonic() < told:
-        said = any(
-            entry.key.startswith("refused") for _, content in nodes.heard("controller/diagnostics", began)
+    losses_reported, deadline = False, time.monotonic() + _DIAGNOSTICS_TIMEOUT
+    while not losses_reported and time.monotonic() < deadline:
+        losses_reported = any(
+            entry.key.startswith("refused") for _, content in nodes.messages_since("controller/diagnostics", began)
             for entry in content.status[0].values
         )  # fmt: skip
         time.sleep(0.02)
     seen = float(times[~torques.any(axis=1)][0] - sent_at)
-    return Stop(start, known, nodes.stamp(), seen, late, sent, seconds, said)
+    return Stop(start, known, nodes.stamp(), seen, late, sent, seconds, losses_reported)

@@ -23,11 +23,10 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import MotionTask
 from wbc_controller.records import Array, Mode
 from wbc_controller.settings.config import load
-from wbc_controller.validation.fuzz.strategies import drawn
+from wbc_controller.validation.fuzz.strategies import draw_by_key
 from wbc_controller.validation.fuzz.values import FLOATS
 
-#: Number of cycles of the controller; a method turns hostile before.
-_CYCLES = 8
+_CYCLES = 8  # number of cycles of the controller; a method turns hostile before
 _TOLERANCE = 1.0e-9
 
 
@@ -219,7 +218,7 @@ def fuzz_classes(
     logging.getLogger("wbc_controller").setLevel(logging.CRITICAL)  # failing methods log tracebacks
     with np.errstate(all="ignore"):
         for number in range(count):
-            hostile = drawn(hostile_class(), "classes", seed, number)
+            hostile = draw_by_key(hostile_class(), "classes", seed, number)
             result = run_class(hostile)
             results[result.partition(":")[0]] += 1
             if result.startswith("wrong"):

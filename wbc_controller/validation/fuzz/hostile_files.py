@@ -9,8 +9,7 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from wbc_controller.validation.fuzz.strategies import encoded, mutated_text, scaled_text, share
 from wbc_controller.validation.fuzz.values import ATTRIBUTES, SCALARS, STRINGS, TEXTS
 
-#: Sizes of chains and nestings in a hostile URDF.
-_SIZES = st.sampled_from((2, 50, 300, 2000, 20_000))
+_SIZES = st.sampled_from((2, 50, 300, 2000, 20_000))  # sizes of chains and nestings in a hostile URDF
 #: Attributes that are changed in all links or joints together.
 _EVERYWHERE = ("value", "ixx", "iyy", "ixy", "effort", "velocity", "lower", "upper", "type", "xyz", "rpy")
 #: False declarations of the encoding.

@@ -24,8 +24,14 @@ from wbc_controller.nodes import processes
 from wbc_controller.validation.fuzz.controller_target import ControllerTarget
 from wbc_controller.validation.fuzz.estimator_target import EstimatorTarget
 from wbc_controller.validation.fuzz.other_targets import GuardTarget, MockTarget, UrdfTarget
-from wbc_controller.validation.fuzz.strategies import drawn, requests
-from wbc_controller.validation.fuzz.target import Broken, Slow, Target, fuzzed_robot, watched
+from wbc_controller.validation.fuzz.strategies import draw_by_key, requests
+from wbc_controller.validation.fuzz.target import (
+    InvariantViolation,
+    Target,
+    TimeLimitExceeded,
+    collected_errors,
+    fuzzed_robot,
+)
 
 #: Nodes under test, with their shares of the messages.
 TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
@@ -35,12 +41,9 @@ TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
     "urdf": (UrdfTarget, 0.05),
     "estimator": (EstimatorTarget, 0.1),
 }
-#: Largest number of messages of an episode.
-_EPISODE = 400
-#: Wall time limit of an episode, s; then the process ends with a traceback.
-_HANG = 120.0
-#: Share of messages as warm-up, and largest growth of the memory afterwards, kB.
-WARM_UP, _GROWTH = 0.2, 40_000
+_EPISODE = 400  # largest number of messages of an episode
+_HANG = 120.0  # wall time limit of an episode, s; then the process ends with a traceback
+WARM_UP, _GROWTH = 0.2, 40_000  # share of messages as warm-up, and largest growth of the memory afterwards, kB
 
 Message = tuple[str, bytes]
 
@@ -130,14 +133,14 @@ def _of(key: str) -> tuple[Callable[[str], Target], float]:
 def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> Failure | None:
     """Send the messages of one episode to a fresh node, and return the failure or None."""
     messages: list[Message] = []
-    with watched() as errors:
+    with collected_errors() as errors:
         try:
             target, names = _of(key)[0](robot), fuzzed_robot(robot).model.joints
             while target.alive and len(messages) < _EPISODE and outcome.sent < count:
-                topic, payload = drawn(requests(target, names), seed, len(messages))
+                topic, payload = draw_by_key(requests(target, names), seed, len(messages))
                 messages.append((topic.name, payload))
                 outcome.counts[f"{key}: {topic.key}"] += 1
-                target.take(topic, payload)
+                target.deliver(topic, payload)
                 _check_log(errors)
             target.finish()
             _check_log(errors)
@@ -148,7 +151,7 @@ def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> F
 
 def _check_log(errors: list[str]) -> None:
     if errors:
-        raise Broken(f"logged error: {errors[0]}")
+        raise InvariantViolation(f"logged error: {errors[0]}")
 
 
 def _reduced(key: str, robot: str, messages: list[Message], error: Exception) -> Failure | None:
@@ -157,16 +160,16 @@ def _reduced(key: str, robot: str, messages: list[Message], error: Exception) ->
         why = replay(key, robot, messages[-length:])
         if why is not None:
             return Failure(key, why, messages[-length:], True)
-    return None if isinstance(error, Slow) else Failure(key, _sentence(error), messages, False)
+    return None if isinstance(error, TimeLimitExceeded) else Failure(key, _sentence(error), messages, False)
 
 
 def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
     """Send messages to a fresh node, and return the violated invariant or None."""
-    with watched() as errors:
+    with collected_errors() as errors:
         try:
             target = _of(key)[0](robot)
             for name, payload in sent:
-                target.take(target.topics[name], payload)
+                target.deliver(target.topics[name], payload)
                 _check_log(errors)
             target.finish()
             _check_log(errors)
@@ -176,7 +179,7 @@ def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
 
 
 def _sentence(error: Exception) -> str:
-    return str(error) if isinstance(error, Broken) else f"{type(error).__name__}: {error}"
+    return str(error) if isinstance(error, InvariantViolation) else f"{type(error).__name__}: {error}"
 
 
 def save(failure: Failure, robot: str, path: Path) -> None:

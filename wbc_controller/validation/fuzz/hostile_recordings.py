@@ -28,10 +28,8 @@ from wbc_controller.validation.fuzz.strategies import mutated_bytes, mutated_tex
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, STRINGS
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Messages of a recording: topic, time in ns, payload.
-Messages = Sequence[tuple[Topic, int, bytes]]
-#: Cycles of the original run, and replayed cycles of a hostile one.
-_CYCLES, _SOLVED = 60, 20
+Messages = Sequence[tuple[Topic, int, bytes]]  # messages of a recording: topic, time in ns, payload
+_CYCLES, _SOLVED = 60, 20  # cycles of the original run, and replayed cycles of a hostile one
 _STRING = "std_msgs/msg/String"
 #: Replacements of a value in JSON.
 _VALUES: SearchStrategy[Any] = st.one_of(

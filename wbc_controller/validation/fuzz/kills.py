@@ -18,18 +18,12 @@ from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 #: Signals that end or stop a process.
 WAYS: Mapping[str, signal.Signals] = {"kill": signal.SIGKILL, "hang up": signal.SIGHUP, "stop": signal.SIGSTOP}
-#: Range of the duration of a stop, s; drawn on a logarithmic scale.
-_STOPPED = (0.03, 3.0)
-#: Time of the kill after the activation, s.
-_MOMENT = (0.3, 1.0)
-#: Largest number of activations per kill; stalls of the machine may cause a fault before.
-_ATTEMPTS = 10
-#: Time after which the lateness of a stall is known, s.
-_SETTLED = 0.1
-#: Slack of the guard's bound on a punctual machine, s.
-SLACK = 0.01
-#: Observation time of the joints after the last event, s.
-_WATCH = 0.6
+_STOPPED = (0.03, 3.0)  # range of the duration of a stop, s; drawn on a logarithmic scale
+_MOMENT = (0.3, 1.0)  # time of the kill after the activation, s
+_ATTEMPTS = 10  # largest number of activations per kill; stalls of the machine may cause a fault before
+_SETTLED = 0.1  # time after which the lateness of a stall is known, s
+SLACK = 0.01  # slack of the guard's bound on a punctual machine, s
+_WATCH = 0.6  # observation time of the joints after the last event, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,15 +40,15 @@ class KillTrial:
     timeout: float  # largest configured age, s
     late: float  # lateness of the machine meanwhile, s
     sentence: str  # later state of the controller or the guard
-    right: bool  # True for a correct state
+    state_correct: bool  # True for a correct state
     restarted: bool  # True if the robot could be reactivated
 
     @property
-    def held(self) -> bool:
+    def passed(self) -> bool:
         """True if all requirements are fulfilled, plus the lateness of the machine."""
         slack = SLACK + 2.0 * self.late
         fresh = self.stale <= self.timeout + slack
-        return self.gap <= self.bound + slack and fresh and self.right and self.restarted
+        return self.gap <= self.bound + slack and fresh and self.state_correct and self.restarted
 
 
 def kill_trials(
@@ -87,19 +81,19 @@ def _kill_once(nodes: RobotProcesses, victim: str, way: str, rng: np.random.Gene
     moment = float(rng.uniform(*_MOMENT))
     stopped = float(np.exp(rng.uniform(*np.log(_STOPPED)))) if way == "stop" else 0.0
     _stand(nodes, moment)
-    nodes.lateness.forget()
+    nodes.lateness.reset()
     process = nodes.processes[victim]
-    struck = time.monotonic()
+    killed_at = time.monotonic()
     process.send_signal(WAYS[way])
     if way == "stop":
         time.sleep(stopped)
         process.send_signal(signal.SIGCONT)
     time.sleep(_WATCH)
-    gap, stale = _longest_hold(nodes, struck), _stalest(nodes, struck)
+    gap, stale = _longest_hold(nodes, killed_at), _stalest(nodes, killed_at)
     time.sleep(_SETTLED)  # the lateness after a stall is known only now
     late, settings = nodes.lateness.worst, nodes.settings
     patience = settings.guard.patience if victim == "controller" else settings.safety.state_timeout
-    sentence, right = _sentence(nodes, victim, way, stopped, late, struck)
+    sentence, state_correct = _sentence(nodes, victim, way, stopped, late, killed_at)
     return KillTrial(
         victim=victim,
         way=way,
@@ -110,7 +104,7 @@ def _kill_once(nodes: RobotProcesses, victim: str, way: str, rng: np.random.Gene
         timeout=settings.safety.state_timeout,
         late=late,
         sentence=sentence,
-        right=right,
+        state_correct=state_correct,
         restarted=_restart(nodes, victim, way),
     )
 
@@ -119,9 +113,9 @@ def _stand(nodes: RobotProcesses, seconds: float) -> None:
     """Let the robot stand for a time, repeatedly if lateness of the machine causes damping."""
     for _ in range(_ATTEMPTS):
         nodes.activate()
-        nodes.until(lambda: nodes.said("guard") == "watching", "the guard's watching state")
+        nodes.until(lambda: nodes.state_of("guard") == "watching", "the guard's watching state")
         time.sleep(seconds)
-        if nodes.said("controller") == "active" and nodes.said("guard") == "watching":
+        if nodes.state_of("controller") == "active" and nodes.state_of("guard") == "watching":
             return
     raise WbcError(f"machine too slow: no standing robot for {seconds:.1f} s in {_ATTEMPTS} attempts")
 
@@ -144,14 +138,14 @@ def _stalest(nodes: RobotProcesses, since: float) -> float:
 
     A process that is stopped between its check of the ages and the write sends one old message later.
     """
-    states = nodes.heard("mock/joint_states", since - 0.5)
-    came = {(content.header.stamp.sec, content.header.stamp.nanosec): when for when, content in states}
+    states = nodes.messages_since("mock/joint_states", since - 0.5)
+    arrivals = {(content.header.stamp.sec, content.header.stamp.nanosec): when for when, content in states}
     ages = [0.0, 0.0]
-    for when, content in nodes.heard("controller/joint_commands", since):
+    for when, content in nodes.messages_since("controller/joint_commands", since):
         stamp = content.header.stamp
         solved = np.isfinite(content.position).all()
-        if solved and (stamp.sec, stamp.nanosec) in came:
-            ages.append(when - came[stamp.sec, stamp.nanosec])
+        if solved and (stamp.sec, stamp.nanosec) in arrivals:
+            ages.append(when - arrivals[stamp.sec, stamp.nanosec])
     return sorted(ages)[-2]
 
 
@@ -160,9 +154,9 @@ def _sentence(
 ) -> tuple[str, bool]:
     """Return the state of the controller or guard after a kill, and True if it is correct."""
     settings = nodes.settings
-    guard = [str(content.data) for _, content in nodes.heard("guard/state", since)]
+    guard = [str(content.data) for _, content in nodes.messages_since("guard/state", since)]
     took_over = next((said for said in guard if "COMMANDS_STOPPED" in said), "")
-    said = nodes.said("controller")
+    said = nodes.state_of("controller")
     if victim == "controller":
         if way == "hang up":  # the process ends with zeros; no takeover is required
             return said, said.startswith("stopped") and nodes.processes[victim].wait(10.0) == 0
@@ -177,7 +171,7 @@ def _restart(nodes: RobotProcesses, victim: str, way: str) -> bool:
     """Restart an ended process, and reactivate the robot."""
     if way != "stop":
         nodes.stop(victim)
-        nodes.forget(victim)
+        nodes.clear(victim)
         nodes.start_and_wait(victim)
     nodes.activate()
     nodes.wait_for_torques(time.monotonic())

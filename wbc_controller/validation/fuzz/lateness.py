@@ -14,7 +14,7 @@ class Lateness:
     """Lateness of sleeps on each processor, and waiting time of watched processes for a processor.
 
     Attributes:
-        worst: largest lateness since `forget`, s, of a sleep, or of a thread within `_WINDOW`.
+        worst: largest lateness since `reset`, s, of a sleep, or of a thread within `_WINDOW`.
     """
 
     _NAP, _LOOK, _WINDOW = 0.001, 0.01, 0.05
@@ -27,7 +27,7 @@ class Lateness:
         self._ended = False
         # One sleep per processor, because a single processor of a virtual machine may stall.
         naps = [threading.Thread(target=self._nap, args=(cpu,), daemon=True) for cpu in os.sched_getaffinity(0)]
-        self._threads = [*naps, threading.Thread(target=self._look, name="lateness", daemon=True)]
+        self._threads = [*naps, threading.Thread(target=self._check_processes, name="lateness", daemon=True)]
         for thread in self._threads:
             thread.start()
 
@@ -35,7 +35,7 @@ class Lateness:
         """Also measure the threads of a process."""
         self._processes.add(process)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Reset the largest lateness."""
         self.worst = 0.0
 
@@ -50,9 +50,9 @@ class Lateness:
         while not self._ended:
             began = time.monotonic()
             time.sleep(self._NAP)
-            self._note(time.monotonic() - began - self._NAP)
+            self._record(time.monotonic() - began - self._NAP)
 
-    def _look(self) -> None:
+    def _check_processes(self) -> None:
         while not self._ended:
             time.sleep(self._LOOK)
             now = time.monotonic()
@@ -64,9 +64,9 @@ class Lateness:
                 if not tasks:
                     self._processes.discard(process)
                 for task in tasks:
-                    self._look_at(task, now)
+                    self._check_thread(task, now)
 
-    def _look_at(self, task: Path, now: float) -> None:
+    def _check_thread(self, task: Path, now: float) -> None:
         try:  # time on the processor and waiting time, ns
             total = 1.0e-9 * int(task.read_text().split()[1])
         except (OSError, IndexError):  # the thread has ended
@@ -76,8 +76,8 @@ class Lateness:
         waited.append((now, total))
         while now - waited[0][0] > self._WINDOW and len(waited) > 2:
             waited.popleft()
-        self._note(total - waited[0][1])
+        self._record(total - waited[0][1])
 
-    def _note(self, late: float) -> None:
+    def _record(self, late: float) -> None:
         with self._lock:
             self.worst = max(self.worst, late)

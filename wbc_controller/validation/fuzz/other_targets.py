@@ -26,24 +26,21 @@ from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings import NODE_NAME
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.simulation.mock_robot import MockRobot
-from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
-    Broken,
+    InvariantViolation,
     Target,
     check_torques,
     fuzzed_robot,
+    time_limit,
     with_all_diagnostics,
-    within,
 )
 
-#: Messages to the guard between two silences of the controller.
-_UNTIL_SILENCE = 25
-#: Periods of a silence, beyond the guard's patience and the age of the last joint states.
-_SILENCE = 40
-#: Messages after which the mock robot is reset.
-_UNTIL_RESTORED = 100
+_UNTIL_SILENCE = 25  # messages to the guard between two silences of the controller
+_SILENCE = 40  # periods of a silence, beyond the guard's patience and the age of the last joint states
+_UNTIL_RESTORED = 100  # messages after which the mock robot is reset
 
 
 class GuardTarget(Target):
@@ -69,23 +66,25 @@ class GuardTarget(Target):
 
     def example(self, topic: Endpoint) -> Any:
         """Return a valid message of a topic."""
-        content = ordinary(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
+        content = valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
         if topic.key == "controller_state":
             content.data = "active"
         return content
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message between a joint state and the command after it; see `Target`."""
         mode = self._guard.guard.mode
         self.clock.time += self._period
         self._send("joint_states")
-        with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
         self._command()
         self._cycle(f"a message on {topic.name}")
         refused = self.refused().get(topic.key)
         if refused and self._guard.guard.mode is not mode:
-            raise Broken(f"a refused message ({refused}) changed the guard's mode to {self._guard.guard.mode.value}")
+            raise InvariantViolation(
+                f"a refused message ({refused}) changed the guard's mode to {self._guard.guard.mode.value}"
+            )
         self._count += 1
         if self._count % _UNTIL_SILENCE == 0:
             self._fall_silent()
@@ -105,11 +104,15 @@ class GuardTarget(Target):
             self._send("joint_states")
             self._cycle("silence")
         if self._guard.guard.takeovers != takeovers + 1:
-            raise Broken(f"the guard is {self._guard.guard.mode.value} after {_SILENCE} periods without a command; required: a takeover")
+            raise InvariantViolation(
+                f"the guard is {self._guard.guard.mode.value} {_SILENCE} periods after a command; required: takeover"
+            )
         self._command()
         self._cycle("the return")
         if self._guard.guard.mode is not GuardMode.WATCHING:
-            raise Broken(f"the guard is {self._guard.guard.mode.value} after a new command: {self._guard.guard.reason}")
+            raise InvariantViolation(
+                f"the guard is {self._guard.guard.mode.value} after a new command: {self._guard.guard.reason}"
+            )
 
     def _send(self, key: str) -> None:
         self.send(key, self.example(self.by_key[key]))
@@ -119,12 +122,12 @@ class GuardTarget(Target):
         self._tau = np.zeros(self._model.na)
 
     def _cycle(self, why: str) -> None:
-        self.forget()
-        with within(CYCLE_LIMIT, f"the guard's cycle after {why}"):
+        self.clear_outputs()
+        with time_limit(CYCLE_LIMIT, f"the guard's cycle after {why}"):
             self._guard.cycle()
-        if self.heard["effort"] and why.startswith("a message"):
-            raise Broken(f"the guard sent torques despite commands, after {why}")
-        for payload in self.heard["effort"]:
+        if self.outputs["effort"] and why.startswith("a message"):
+            raise InvariantViolation(f"the guard sent torques despite commands, after {why}")
+        for payload in self.outputs["effort"]:
             tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
             check_torques(tau, tau if self._tau is None else self._tau, self._limits, self._step, "the guard")
             self._tau = tau
@@ -149,11 +152,11 @@ class MockTarget(Target):
     def example(self, topic: Endpoint) -> Any:
         """Return a valid message of a topic."""
         frame = self._model.base_link if topic.key == "push" else ""
-        return ordinary(topic.type, self._model.joints, frame, self._robots[1].stamp)
+        return valid_message(topic.type, self._model.joints, frame, self._robots[1].stamp)
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message, and simulate a period; see `Target`."""
-        with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
             self._robots[1].wait_for_answer(self._stop)
         for robot in self._robots:
@@ -164,7 +167,7 @@ class MockTarget(Target):
                 return
             q, v = robot.plant.state()
             if not (np.isfinite(q).all() and np.isfinite(v).all()):
-                raise Broken(f"the mock robot's state is not finite after a message on {topic.name}")
+                raise InvariantViolation(f"the mock robot's state is not finite after a message on {topic.name}")
             limits = robot.plant.effort_limits
             tau = robot.plant.applied_torques
             check_torques(tau, tau, limits, limits, f"the mock robot, after a message on {topic.name},")
@@ -194,11 +197,11 @@ class UrdfTarget(Target):
         """Return a small URDF."""
         return message(topic.type, data="<robot name='r'><link name='a'/></robot>")
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
         """Publish a URDF, and wait for it; see `Target`."""
         bus = MemoryBus()
         MemoryTransport(bus).advertise(counterpart(topic))(payload)
-        with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             text = wait_for_urdf(MemoryTransport(bus), self._stop, [topic])
         if text and text != decode(payload, topic.type).data:
-            raise Broken("the node received another URDF than the published one")
+            raise InvariantViolation("the node received another URDF than the published one")

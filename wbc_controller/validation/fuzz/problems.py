@@ -25,10 +25,8 @@ from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 
-#: Largest constraint distance of an infeasible linear program, in the problem's units.
-_ROOM = 1.0e-6
-#: Name of the relaxation of problems without a solution.
-HELD = "no solution"
+_MARGIN = 1.0e-6  # largest constraint distance of an infeasible linear program, in the problem's units
+NO_SOLUTION = "no solution"  # name of the relaxation of problems without a solution
 
 
 @dataclass(slots=True)
@@ -76,10 +74,10 @@ def fuzz_problems(
             try:
                 relaxed = qp.solve(*given, explained=False).relaxed
             except NoSolution:
-                relaxed = (HELD,)
+                relaxed = (NO_SOLUTION,)
             outcome.slowest = max(outcome.slowest, time.thread_time() - started)
             outcome.relaxed[", ".join(relaxed) or "nothing relaxed"] += 1
-            why = too_much(qp, given, relaxed)
+            why = relaxation_error(qp, given, relaxed)
             if why is not None:
                 outcome.failures[number] = why
             progress(outcome)
@@ -122,28 +120,30 @@ def random_problem(
     return state, references, before
 
 
-def too_much(qp: WholeBodyQP, given: tuple[RobotState, References, Array | None], relaxed: Sequence[str]) -> str | None:
-    """Return the error of a relaxation, with `HELD` for no solution, or None if it was necessary."""
+def relaxation_error(
+    qp: WholeBodyQP, given: tuple[RobotState, References, Array | None], relaxed: Sequence[str]
+) -> str | None:
+    """Return the error of a relaxation, with `NO_SOLUTION` for no solution, or None if it was necessary."""
     if not relaxed:
         return None
     layout = qp.formulation.build(*given)
     *rate, everything = relaxations(qp.formulation, layout, given[1])
-    result = "no solution was found" if HELD in relaxed else f"{', '.join(relaxed)} was relaxed"
+    result = "no solution was found" if NO_SOLUTION in relaxed else f"{', '.join(relaxed)} was relaxed"
     steps: list[tuple[Sequence[Relaxable], str]] = [((), "")]  # groups to soften in order, and text
     if tuple(relaxed) != ("torque_rate",):
         steps += [(groups, " without the torque rate") for groups in rate]
-    if HELD in relaxed:
+    if NO_SOLUTION in relaxed:
         steps.append((everything, " with everything relaxed"))
     for groups, without in steps:
         if groups:
             soften(layout, groups)
-        least = room(layout.problem)
-        if least > _ROOM:
+        least = feasibility_margin(layout.problem)
+        if least > _MARGIN:
             return f"feasible with a margin of {least:.3g}{without}, but {result}"
     return None
 
 
-def room(problem: QuadraticProgram) -> float:
+def feasibility_margin(problem: QuadraticProgram) -> float:
     """Return the feasibility margin: the largest distance of a solution x from all bounds, at most 1.
 
     In the problem's units, by a linear program; negative for infeasible problems.

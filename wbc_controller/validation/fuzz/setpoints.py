@@ -21,14 +21,11 @@ from wbc_controller.settings import FramePoseTask
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.simulation import Simulation
 
-#: Simulated time of a trial, s.
-DURATION = 2.0
-#: Largest excess over a position limit, rad or m.
-BEYOND = 0.02
+DURATION = 2.0  # simulated time of a trial, s
+MAX_EXCESS = 0.02  # largest excess over a position limit, rad or m
 #: Time after an impact on the floor without a check, s: a wrist at 23 rad/s moves 0.3 rad and deflects its stops.
 _IMPACT = 0.02
-#: Modes with torques from solutions.
-_IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
+_IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from solutions
 
 _log = logging.getLogger("wbc_controller")
 
@@ -43,16 +40,16 @@ class SetpointTrial:
     ended: str = ""  # code of the fault that ended the control, or empty
     seconds: float = 0.0  # simulated time under control, s
     # largest excess over a position limit without impacts, rad or m; negative within the limits
-    beyond: float = -np.inf
+    excess: float = -np.inf
     joint: str = ""
     impact: float = -np.inf  # largest excess within 20 ms after an impact
     relaxed: int = 0  # number of cycles with relaxed constraints
     holding: int = 0  # number of cycles without a solution
 
     @property
-    def kept(self) -> bool:
+    def within_limits(self) -> bool:
         """True if the joints kept their limits."""
-        return self.beyond <= BEYOND
+        return self.excess <= MAX_EXCESS
 
 
 def fuzz_setpoints(
@@ -89,14 +86,14 @@ def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> Set
     trial = SetpointTrial(robot, number, list(KINDS)[number % len(KINDS)])
     simulation.reset()
     controller, plant = simulation.controller, simulation.plant
-    struck, down = -np.inf, frozenset[str]()  # time of the last impact, and links on the floor
-    model, asks = controller.model, iter((0.0, rng.uniform(0.3, 1.2), np.inf))
-    due = next(asks)
+    impact_time, down = -np.inf, frozenset[str]()  # time of the last impact, and links on the floor
+    model, request_times = controller.model, iter((0.0, rng.uniform(0.3, 1.2), np.inf))
+    due = next(request_times)
     start = simulation.time
     for _ in range(round(DURATION / controller.period)):
         if simulation.time - start >= due:
             KINDS[trial.kind](controller, rng)
-            due = next(asks)
+            due = next(request_times)
         try:
             result = controller.step(*plant.state(), simulation.time)
             if result.mode not in _IN_CONTROL:
@@ -107,17 +104,17 @@ def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> Set
                 plant.step()
                 before, down = down, plant.links_on_the_floor()
                 if down - before:
-                    struck = simulation.time
+                    impact_time = simulation.time
         except WbcError as error:  # diverged physics
             trial.ended = f"{type(error).__name__}: {error}"
             break
         q = plant.state()[0][model.q_places]
-        beyond = np.maximum(q - model.position_upper, model.position_lower - q)
-        i = int(np.argmax(beyond))
-        if simulation.time - struck <= _IMPACT:
-            trial.impact = max(trial.impact, float(beyond[i]))
-        elif beyond[i] > trial.beyond:
-            trial.beyond, trial.joint = float(beyond[i]), model.joints[i]
+        excess = np.maximum(q - model.position_upper, model.position_lower - q)
+        i = int(np.argmax(excess))
+        if simulation.time - impact_time <= _IMPACT:
+            trial.impact = max(trial.impact, float(excess[i]))
+        elif excess[i] > trial.excess:
+            trial.excess, trial.joint = float(excess[i]), model.joints[i]
         trial.relaxed += bool(result.relaxed)
         trial.holding += result.mode is Mode.HOLDING
     trial.seconds = simulation.time - start
@@ -157,13 +154,13 @@ def _posture(controller: Controller, rng: np.random.Generator) -> None:
     """Move a third of the joints up to 0.5 rad beyond their limits, with any weight."""
     model = controller.model
     controller.set_weight("posture", 10.0 ** rng.uniform(-2.0, 2.0))
-    beyond = np.where(
+    excess = np.where(
         rng.random(model.nj) < 0.5,
         model.position_lower - rng.uniform(0.0, 0.5, model.nj),
         model.position_upper + rng.uniform(0.0, 0.5, model.nj),
     )
     chosen = np.flatnonzero(rng.random(model.nj) < 0.3)
-    controller.set("posture", {model.joints[i]: float(beyond[i]) for i in chosen}, duration=rng.uniform(0.1, 0.6))
+    controller.set("posture", {model.joints[i]: float(excess[i]) for i in chosen}, duration=rng.uniform(0.1, 0.6))
 
 
 def _weights(controller: Controller, rng: np.random.Generator) -> None:
@@ -195,12 +192,12 @@ def summary(trials: Sequence[SetpointTrial]) -> Iterator[str]:
     """Yield a line for each robot."""
     for robot in dict.fromkeys(trial.robot for trial in trials):
         own = [trial for trial in trials if trial.robot == robot]
-        worst = max(own, key=lambda trial: trial.beyond)
+        worst = max(own, key=lambda trial: trial.excess)
         yield (
             f"{robot:10} {len(own)} trials, {sum(t.seconds for t in own):.0f} s under control, "
             f"{sum(bool(t.ended) for t in own)} ended in damping; {sum(t.relaxed for t in own)} cycles relaxed, "
-            f"{sum(t.holding for t in own)} held; largest excess over a position limit {max(worst.beyond, 0.0):.4f} "
-            f"({worst.joint}, trial {worst.number}, {worst.kind}), above {BEYOND:g} in "
-            f"{sum(not t.kept for t in own)} trials; within 20 ms after an impact on the floor "
+            f"{sum(t.holding for t in own)} held; largest excess over a position limit {max(worst.excess, 0.0):.4f} "
+            f"({worst.joint}, trial {worst.number}, {worst.kind}), above {MAX_EXCESS:g} in "
+            f"{sum(not t.within_limits for t in own)} trials; within 20 ms after an impact on the floor "
             f"{max(0.0, *(t.impact for t in own)):.4f}"
         )

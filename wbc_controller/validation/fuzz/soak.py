@@ -13,10 +13,8 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
-#: Periods of the checks of the processes and of the setpoints, s.
-_LOOK, _SETPOINT = 1.0, 3.0
-#: Amplitude of the setpoints of the centre of mass, m.
-_SWAY = 0.01
+_CHECK_PERIOD, _SETPOINT = 1.0, 3.0  # periods of the checks of the processes and of the setpoints, s
+_SWAY = 0.01  # amplitude of the setpoints of the centre of mass, m
 #: Share of the time as warm-up, and largest growth of the memory afterwards, kB and kB per minute.
 _WARM_UP, _GROWTH, _SLOPE = 0.5, 1024, 256
 
@@ -67,11 +65,11 @@ def soak(
         nodes.start_and_wait(*names)
         result.memory = {name: [] for name in names}
         nodes.activate()
-        nodes.until(lambda: nodes.said("guard") == "watching", "the guard's watching state")
+        nodes.until(lambda: nodes.state_of("guard") == "watching", "the guard's watching state")
         time.sleep(2.0 * nodes.settings.safety.activation_ramp)
         start = nodes.centre_of_mass()
-        nodes.forget("controller", "guard")
-        nodes.lateness.forget()
+        nodes.clear("controller", "guard")
+        nodes.lateness.reset()
         began = seen = due = time.monotonic()
         side, count = 1.0, 0
         while time.monotonic() - began < seconds:
@@ -79,10 +77,10 @@ def soak(
                 due, side = due + _SETPOINT, -side
                 there = start + [0.0, side * _SWAY, 0.0]
                 nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", there), "com")
-            time.sleep(_LOOK)
+            time.sleep(_CHECK_PERIOD)
             now = time.monotonic()
-            count += len(nodes.heard("controller/joint_commands", seen))
-            _look(nodes, result, seen)
+            count += len(nodes.messages_since("controller/joint_commands", seen))
+            _check(nodes, result, seen)
             seen = now
             result.seconds = now - began
             result.rate = count / result.seconds
@@ -90,10 +88,10 @@ def soak(
     return result
 
 
-def _look(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
+def _check(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
     """Store memory and states of the processes, and reactivate after a fault."""
     late = nodes.lateness.worst
-    nodes.lateness.forget()
+    nodes.lateness.reset()
     result.late = max(result.late, late)
     for name, kept in result.memory.items():
         kept.append(memory(nodes.processes[name].pid))
@@ -102,8 +100,8 @@ def _look(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
         ("controller", ("active",), settings.safety.state_timeout),
         ("guard", ("watching",), settings.guard.patience),
     ):
-        said = [str(content.data) for _, content in nodes.heard(f"{node}/state", since)]
+        said = [str(content.data) for _, content in nodes.messages_since(f"{node}/state", since)]
         result.faults += [(text, late, allowed) for text in said if text not in usual]
-    if nodes.said("controller") not in ("", "active"):
+    if nodes.state_of("controller") not in ("", "active"):
         nodes.activate()
-        nodes.forget("controller")
+        nodes.clear("controller")

@@ -28,18 +28,13 @@ _GENERATE = hypothesis.settings(
     derandomize=False,
     suppress_health_check=list(hypothesis.HealthCheck),
 )
-#: Number of mutations of one payload or text.
-_MUTATIONS = (1, 1, 1, 2, 4)
-#: Longest run of repeated or inserted bytes.
-_LONGEST_RUN = 64
-#: Length of the longest random payload, bytes.
-_LONGEST_NOISE = 400
+_MUTATIONS = (1, 1, 1, 2, 4)  # number of mutations of one payload or text
+_LONGEST_RUN = 64  # longest run of repeated or inserted bytes
+_LONGEST_NOISE = 400  # length of the longest random payload, bytes
 #: Share of fields with a very long array or text, and lengths of texts and arrays.
 _LARGE, _LARGEST = 0.002, (20_000, 300_000)
-#: Largest number of elements of a hostile sequence.
-_MANY = 100
-#: A number, a word, or another visible character.
-_TOKEN = re.compile(r"[-+]?[0-9][-+.0-9eE]*|[A-Za-z_][\w./:-]*|\S")
+_MANY = 100  # largest number of elements of a hostile sequence
+_TOKEN = re.compile(r"[-+]?[0-9][-+.0-9eE]*|[A-Za-z_][\w./:-]*|\S")  # a number, a word, or another visible character
 #: A number in a text, and its factors: sign, wrong units, degrees for radians.
 _NUMBER = re.compile(r"(?<![\w.])-?[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?(?![\w.])")
 _FACTORS = (-1.0, 0.0, 0.5, 2.0, 57.29577951308232, 1e-9, 1e-3, 1e3, 1e6)
@@ -47,7 +42,7 @@ _FACTORS = (-1.0, 0.0, 0.5, 2.0, 57.29577951308232, 1e-9, 1e-3, 1e3, 1e6)
 _STRAY = ("\x00", "\r", "\t", "\ufeff", "\u2028", "é", "\U0001f916", "#", ":", "-", "[", "}", "&", "*", "!", "<", ">")
 
 
-def drawn(strategy: SearchStrategy[T], *key: object) -> T:
+def draw_by_key(strategy: SearchStrategy[T], *key: object) -> T:
     """Draw a value that is determined by a key.
 
     Hypothesis also draws constants from the code of imported local modules, so that the value depends on the code and

@@ -21,19 +21,16 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 from wbc_controller.validation.error_log import logged_errors
 
-#: Processor time limit for reading a request, s; the largest trajectory requires half on a slow core.
-READ_LIMIT = 0.5
-#: Processor time limit of one cycle and its own messages, s.
-CYCLE_LIMIT = 0.02
-#: Rounding tolerance of torques, N·m.
-_ROUNDING = 1.0e-9
+READ_LIMIT = 0.5  # processor time limit for reading a request, s; the largest trajectory requires half on a slow core
+CYCLE_LIMIT = 0.02  # processor time limit of one cycle and its own messages, s
+_ROUNDING = 1.0e-9  # rounding tolerance of torques, N·m
 
 
-class Broken(Exception):
+class InvariantViolation(Exception):
     """Violated invariant after a message."""
 
 
-class Slow(Broken):
+class TimeLimitExceeded(InvariantViolation):
     """Excessive processor time of a message or cycle."""
 
 
@@ -47,7 +44,7 @@ class Target:
         heard: messages on the subscribed outgoing topics by key.
     """
 
-    def __init__(self, topics: Sequence[Endpoint], listen: Sequence[str] = ()) -> None:
+    def __init__(self, topics: Sequence[Endpoint], subscribed: Sequence[str] = ()) -> None:
         """Open the counterparts of the node's topics."""
         self.bus, self.clock, self.alive = MemoryBus(), ManualClock(1.0), True
         self.topics: Mapping[str, Endpoint] = {
@@ -57,17 +54,17 @@ class Target:
         }
         self.by_key = {topic.key: topic for topic in self.topics.values()}
         self.types = {topic.key: topic.type for topic in topics}
-        self.heard: dict[str, list[bytes]] = {key: [] for key in listen}
+        self.outputs: dict[str, list[bytes]] = {key: [] for key in subscribed}
         other_end = self.transport()
         for topic in topics:
-            if topic.key in self.heard:
-                other_end.subscribe(counterpart(topic), self.heard[topic.key].append)
+            if topic.key in self.outputs:
+                other_end.subscribe(counterpart(topic), self.outputs[topic.key].append)
 
     def example(self, topic: Endpoint) -> Any:
         """Return a valid message of a topic."""
         raise NotImplementedError
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message, and check the invariants of the node.
 
         Raises:
@@ -76,7 +73,7 @@ class Target:
         raise NotImplementedError
 
     def finish(self) -> None:
-        """Deliver delayed messages; raises as `take`."""
+        """Deliver delayed messages; raises as `deliver`."""
 
     def transport(self) -> MemoryTransport:
         """Return a transport on the node's bus."""
@@ -92,18 +89,18 @@ class Target:
         """Publish a message on the topic of a key."""
         self.publish(self.by_key[key], encode(content))
 
-    def forget(self) -> None:
+    def clear_outputs(self) -> None:
         """Delete all received messages."""
-        for messages in self.heard.values():
+        for messages in self.outputs.values():
             messages.clear()
 
     def refused(self) -> dict[str, str]:
         """Return the reasons of refusals in the newest diagnostics, by topic."""
-        if not self.heard["diagnostics"]:
+        if not self.outputs["diagnostics"]:
             return {}
-        (status,) = decode(self.heard["diagnostics"][-1], self.types["diagnostics"]).status
-        said = {entry.key: str(entry.value) for entry in status.values}
-        return {key.removeprefix("refused/"): reason for key, reason in said.items() if key.startswith("refused/")}
+        (status,) = decode(self.outputs["diagnostics"][-1], self.types["diagnostics"]).status
+        entries = {entry.key: str(entry.value) for entry in status.values}
+        return {key.removeprefix("refused/"): reason for key, reason in entries.items() if key.startswith("refused/")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,15 +151,17 @@ def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: s
         Broken: if a check fails.
     """
     if not np.isfinite(tau).all():
-        raise Broken(f"{what} sent non-finite torques: {tau.tolist()}")
+        raise InvariantViolation(f"{what} sent non-finite torques: {tau.tolist()}")
     if not (np.abs(tau) <= limits + _ROUNDING).all():
-        raise Broken(f"{what} exceeded a torque limit by {float((np.abs(tau) - limits).max()):g} N·m")
+        raise InvariantViolation(f"{what} exceeded a torque limit by {float((np.abs(tau) - limits).max()):g} N·m")
     if not (np.abs(tau - before) <= step + _ROUNDING).all():
-        raise Broken(f"{what} exceeded the torque step by {float((np.abs(tau - before) - step).max()):g} N·m")
+        raise InvariantViolation(
+            f"{what} exceeded the torque step by {float((np.abs(tau - before) - step).max()):g} N·m"
+        )
 
 
 @contextlib.contextmanager
-def within(seconds: float, what: str) -> Iterator[None]:
+def time_limit(seconds: float, what: str) -> Iterator[None]:
     """Limit the processor time of this thread in the context, s.
 
     Raises:
@@ -172,11 +171,11 @@ def within(seconds: float, what: str) -> Iterator[None]:
     yield
     spent = time.thread_time() - began
     if not (spent <= seconds):
-        raise Slow(f"{what} took {1e3 * spent:.0f} ms of processor time; limit {1e3 * seconds:.0f} ms")
+        raise TimeLimitExceeded(f"{what} took {1e3 * spent:.0f} ms of processor time; limit {1e3 * seconds:.0f} ms")
 
 
 @contextlib.contextmanager
-def watched() -> Iterator[list[str]]:
+def collected_errors() -> Iterator[list[str]]:
     """Collect logged errors, without overflow warnings and garbage collections."""
     collecting = gc.isenabled()
     gc.disable()

@@ -30,17 +30,13 @@ from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.simulation.mock_robot import MockRobot
 from wbc_controller.validation.latency import DOMAIN
 from wbc_controller.validation.latency.meter import Meter, RoundTrips, joined
-from wbc_controller.validation.latency.robots import StandingRobot, echo, opened
+from wbc_controller.validation.latency.robots import StandingRobot, echo, open_transport
 from wbc_controller.validation.user import activation_commands, reliable_counterpart
 
-#: Duration of a block, s; shorter than DDS's lease of a stopped process.
-_BLOCK = 3.0
-#: Unmeasured time at the beginning of a block, s, and after the release of a mock robot.
-_SETTLE, _LANDING = 0.5, 2.0
-#: Activation ramp without a mock robot, s.
-_RAMP = 0.1
-#: Namespace of the echo's topics.
-_ECHO = "/bench_echo"
+_BLOCK = 3.0  # duration of a block, s; shorter than DDS's lease of a stopped process
+_SETTLE, _LANDING = 0.5, 2.0  # unmeasured time at the beginning of a block, s, and after the release of a mock robot
+_RAMP = 0.1  # activation ramp without a mock robot, s
+_ECHO = "/bench_echo"  # namespace of the echo's topics
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +50,7 @@ class Latency:
     waiting: float  # share of the time in which threads of the controller waited for a processor
     memory: tuple[int, int]  # memory of the controller at the start and at the end, kB
     scheduling: str  # scheduling of the controller's main thread
-    said: tuple[str, ...]  # states of the controller other than `active` during the measurement
+    inactive_states: tuple[str, ...]  # states of the controller other than `active` during the measurement
 
 
 class _Robot(Protocol):
@@ -90,13 +86,13 @@ def measure_latency(
     if not (0.0 < seconds < math.inf):
         raise ConfigurationError(f"seconds = {seconds}; valid: positive and finite")
     with contextlib.ExitStack() as stack:
-        joined_domain = stack.enter_context(opened(transport, "bench_robot", domain))
+        joined_domain = stack.enter_context(open_transport(transport, "bench_robot", domain))
         changes = {} if rate is None else {"control.rate": rate}
         if not mock:  # activated for each block
             changes["safety.activation_ramp"] = _RAMP
         processes = stack.enter_context(contextlib.closing(Processes(robot, folder, domain, changes)))
         bench = _Bench(processes, joined_domain, transport, domain, mock)
-        stack.enter_context(bench.echoing())
+        stack.enter_context(bench.run_echo())
         return bench.run(seconds, 1 if mock else math.ceil(seconds / _BLOCK), progress)
 
 
@@ -108,19 +104,19 @@ class _Bench:
         model = make_model(settings)
         self._processes, self._kind, self._domain = processes, kind, domain
         self._period = 1.0 / settings.control.rate
-        self._said: list[str] = []
+        self._states: list[str] = []
         self._mock = mock
         topics = controller_endpoints(settings, model)
         self._echo_topics = controller_endpoints(settings, model, namespace=_ECHO)
         self._size = model.actuation.command_size
         self._meter, self._echo_meter = Meter(transport), Meter(transport)
-        self._listen(self._meter, topics, ("joint_commands",) if mock else ("effort", "joint_commands"))
-        self._listen(self._echo_meter, self._echo_topics, ("effort", "joint_commands"))
+        self._subscribe(self._meter, topics, ("joint_commands",) if mock else ("effort", "joint_commands"))
+        self._subscribe(self._echo_meter, self._echo_topics, ("effort", "joint_commands"))
         by_key = {topic.key: topic for topic in topics}
         self._command = transport.advertise(counterpart(by_key["command"]))
         state = by_key["state"]
         transport.subscribe(
-            counterpart(state), lambda payload: self._said.append(str(decode(payload, state.type).data))
+            counterpart(state), lambda payload: self._states.append(str(decode(payload, state.type).data))
         )
         self._robot: _Robot
         if mock:
@@ -132,13 +128,13 @@ class _Bench:
         self._echo_robot = StandingRobot(model, settings, self._echo_meter, self._echo_topics)
         # This process must not cause lateness. Like the guard and the recorder, it uses other processors than the
         # controller, if possible.
-        asked = settings.control.realtime
-        others = sorted(processors() - set(asked.affinity)) if asked.affinity else []
+        realtime = settings.control.realtime
+        others = sorted(processors() - set(realtime.affinity)) if realtime.affinity else []
         apply(RealtimeSettings(affinity=others))
         self._start("controller")
         self._start("guard")
-        apply(RealtimeSettings(scheduling=asked.scheduling, priority=asked.priority, affinity=others))
-        self._echo_as = RealtimeSettings(affinity=asked.affinity)  # its scheduling class is inherited
+        apply(RealtimeSettings(scheduling=realtime.scheduling, priority=realtime.priority, affinity=others))
+        self._echo_realtime = RealtimeSettings(affinity=realtime.affinity)  # its scheduling class is inherited
 
     def _start(self, name: str) -> None:
         if self._kind == "dds":
@@ -150,12 +146,12 @@ class _Bench:
         self._processes.launch(name, [sys.executable, "-c", command, *parameters])
 
     @contextlib.contextmanager
-    def echoing(self) -> Iterator[None]:
+    def run_echo(self) -> Iterator[None]:
         """Run the echo as a process."""
         context = multiprocessing.get_context("spawn")
         stop = context.Event()
         process = context.Process(
-            target=echo, args=(self._kind, self._domain, self._echo_topics, self._size, stop, self._echo_as)
+            target=echo, args=(self._kind, self._domain, self._echo_topics, self._size, stop, self._echo_realtime)
         )
         process.start()
         try:
@@ -171,22 +167,22 @@ class _Bench:
         ours: list[RoundTrips] = []
         bare: list[RoundTrips] = []
         active = inactive = waiting = 0.0
-        first, said = 0, []
+        first, inactive_states = 0, []
         for count in range(1, blocks + 1):
             controller.send_signal(signal.SIGCONT)
             with _running(self._robot):
                 if count == 1:
                     inactive = self._inactive_share(seconds / blocks)
                 self._activate()
-                heard = len(self._said)
+                heard = len(self._states)
                 first = first or memory(controller.pid)
                 used, waited, began = processor_time(controller.pid), waiting_time(controller.pid), time.monotonic()
                 found = self._meter.measure(seconds / blocks, self._period)
                 spent = time.monotonic() - began
-                self._check_that_it_runs()
+                self._check_process()
                 active += (processor_time(controller.pid) - used) / spent
                 waiting += (waiting_time(controller.pid) - waited) / spent
-                said += self._said[heard:]
+                inactive_states += self._states[heard:]
                 last, scheduling = memory(controller.pid), in_force(controller.pid)
                 if not self._mock:
                     self._end_active()
@@ -206,7 +202,7 @@ class _Bench:
             waiting=waiting / blocks,
             memory=(first, last),
             scheduling=scheduling,
-            said=tuple(said),
+            inactive_states=tuple(inactive_states),
         )
 
     def _inactive_share(self, seconds: float) -> float:
@@ -218,7 +214,7 @@ class _Bench:
         time.sleep(min(seconds, _BLOCK))
         return (processor_time(controller) - used) / (time.monotonic() - began)
 
-    def _listen(self, meter: Meter, topics: list[Endpoint], keys: tuple[str, ...]) -> None:
+    def _subscribe(self, meter: Meter, topics: list[Endpoint], keys: tuple[str, ...]) -> None:
         """Subscribe the meter to topics."""
         for topic in topics:
             if topic.key in keys:
@@ -228,7 +224,7 @@ class _Bench:
         self._command(encode(message("std_msgs/msg/String", data=word)))
 
     def _mode(self) -> str:
-        return self._said[-1] if self._said else ""
+        return self._states[-1] if self._states else ""
 
     def _activate(self) -> None:
         """Activate the controller from any mode, and release a mock robot from the hoist."""
@@ -254,12 +250,12 @@ class _Bench:
 
     def _until(self, condition: Callable[[], bool], what: str, again: Callable[[], None]) -> None:
         def alive() -> None:
-            self._check_that_it_runs()
+            self._check_process()
             again()
 
         until(condition, what, alive, told=lambda: f"; it said {self._mode()!r}\n{self._processes.log('controller')}")
 
-    def _check_that_it_runs(self) -> None:
+    def _check_process(self) -> None:
         status = self._processes.processes["controller"].poll()
         if status is not None:
             raise WbcError(f"the controller ended with exit status {status}:\n{self._processes.log('controller')}")

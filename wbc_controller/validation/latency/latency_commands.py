@@ -21,9 +21,7 @@ def bench() -> None:
 @click.option("--rate", type=float, help="States and cycles per second; by default as configured.")
 @click.option("--seconds", default=60.0, show_default=True, help="Duration for the controller and for the echo, s.")
 @click.option("--transport", default="dds", show_default=True, help="dds (`wbc run`), or rclpy (the ROS 2 nodes).")
-@click.option(
-    "--mock", is_flag=True, help="Use the mock robot with its physics instead of a source of states."
-)
+@click.option("--mock", is_flag=True, help="Use the mock robot with its physics instead of a source of states.")
 @click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes.")
 @click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("bench"), show_default=True,
               help="Folder of the results and logs.")  # fmt: skip

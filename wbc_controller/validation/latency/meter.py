@@ -12,10 +12,8 @@ from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.records import Array
 
-#: Reported quantiles: median, p99, p99.9.
-QUANTILES = (0.5, 0.99, 0.999)
-#: Waiting time for the torques of the last state, s.
-_LAST = 0.1
+QUANTILES = (0.5, 0.99, 0.999)  # reported quantiles: median, p99, p99.9
+_LAST_TIMEOUT = 0.1  # waiting time for the torques of the last state, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,16 +69,16 @@ def round_trips(
         commands: arrival time, s, ascending, and stamp, ns, of joint commands.
         period: period of the states, s.
     """
-    came: dict[int, float] = {}
+    arrivals: dict[int, float] = {}
     times, before = np.array(efforts), -np.inf
-    asked = {stamp: when for when, stamp in states}
+    send_times = {stamp: when for when, stamp in states}
     for when, stamp in commands:
         newest = int(np.searchsorted(times, when, side="right")) - 1
-        at = times[newest] if newest >= 0 and times[newest] > max(before, asked.get(stamp, -np.inf)) else when
-        came.setdefault(stamp, float(at))  # a command may repeat the stamp of a stale state
+        at = times[newest] if newest >= 0 and times[newest] > max(before, send_times.get(stamp, -np.inf)) else when
+        arrivals.setdefault(stamp, float(at))  # a command may repeat the stamp of a stale state
         before = when
     sent = np.array([when for when, _ in states])
-    answered = np.array([came.get(stamp, np.inf) for _, stamp in states])
+    answered = np.array([arrivals.get(stamp, np.inf) for _, stamp in states])
     return RoundTrips(answered - sent, np.maximum(np.diff(sent) - period, 0.0), period)
 
 
@@ -91,7 +89,7 @@ class Meter:
         """Wrap a transport."""
         self.discovery_time = transport.discovery_time
         self._transport = transport
-        self._forget()
+        self._clear()
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
@@ -146,13 +144,13 @@ class Meter:
             Function that assigns the torques, to be called after the end of that thread because of its long
                 computation.
         """
-        self._forget()
+        self._clear()
         time.sleep(seconds)
         states = self._states.copy()
-        time.sleep(_LAST)
+        time.sleep(_LAST_TIMEOUT)
         return functools.partial(round_trips, states, self._efforts.copy(), self._commands.copy(), period)
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self._states: list[tuple[float, int]] = []
         self._efforts: list[float] = []
         self._commands: list[tuple[float, int]] = []

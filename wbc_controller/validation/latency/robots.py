@@ -24,16 +24,14 @@ from wbc_controller.settings import RealtimeSettings, Settings
 from wbc_controller.simulation.measurement import measure
 from wbc_controller.simulation.plant import Plant
 
-#: Transports that can be measured.
-TRANSPORTS = ("dds", "rclpy")
-#: Streams of the base.
-_BASE = ("odom", "imu")
+TRANSPORTS = ("dds", "rclpy")  # transports that can be measured
+_BASE = ("odom", "imu")  # streams of the base
 #: Amplitude, rad, and angular frequency, rad/s, of the joints' sway, so that states differ.
 _SWAY, _PACE = 5.0e-4, 2.0 * math.pi
 
 
 @contextlib.contextmanager
-def opened(kind: str, node: str, domain: int) -> Iterator[Transport]:
+def open_transport(kind: str, node: str, domain: int) -> Iterator[Transport]:
     """Open a transport on a domain of this computer.
 
     Raises:
@@ -106,7 +104,7 @@ def echo(kind: str, domain: int, topics: Sequence[Endpoint], size: int, stop: An
     apply(realtime)
     payload = encode(torques(np.zeros(size)))
     by_key = {topic.key: topic for topic in topics}
-    with opened(kind, "bench_echo", domain) as transport:
+    with open_transport(kind, "bench_echo", domain) as transport:
         answer = [transport.advertise(by_key[key]) for key in ("effort", "joint_commands")]
 
         def receive(state: bytes) -> None:
