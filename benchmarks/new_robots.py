@@ -1,6 +1,6 @@
 """Draft, check and try configurations of `wbc new` for the robots of example-robot-data.
 
-Each file is used unedited, first checked, then tried in the mock robot. A legged robot stands for 5 s, sways to both
+Each file is used unedited, first checked, then tried in the mock robot. A legged robot stays for 5 s, sways to both
 sides, squats, and withstands a push at the base by a tenth of its weight times one second. An arm holds its posture for
 5 s, moves all joints to one side ("sway") and the other ("squat"), and withstands a push at its last link.
 

@@ -1,8 +1,8 @@
 """Measure the largest push that a standing Talos withstands without a step, by bisection, in each direction.
 
-The robot stands in MuJoCo at 1 kHz with a known true state. A force acts for 0.1 s at the origin of its base. Success:
-no fall, no corner of a sole moved by more than 1 cm, and after 5 s no coordinate faster than 0.05 (m/s, rad/s) and the
-centre of mass within 1 cm of its start. Contacts return to their initial places with CONTACT_STIFFNESS, because
+The simulation in MuJoCo runs at 1 kHz, with a known true state. A force acts for 0.1 s at the origin of its base.
+Success: no fall, no corner of a sole moved by more than 1 cm, and after 5 s no coordinate faster than 0.05 (m/s, rad/s)
+and the centre of mass within 1 cm of its start. Contacts return to their initial places with CONTACT_STIFFNESS, because
 unloaded feet slide by about 0.1 mm. The result with tsid's tasks depends on the weight of the posture, which stiffens
 hips and torso. Our limits of joint positions and velocities are off with these tasks, because tsid has none.
 

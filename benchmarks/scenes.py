@@ -160,8 +160,7 @@ class Scene:
 
 def make(case: Case, count: int, folder: Path) -> Scene:
     """Return a case with its states; a generated URDF is written to the folder."""
-    # Limits of joint motion are off, because rivals lack some. Our regularization is as weak as theirs, for comparable
-    # answers.
+    # Limits of joint motion are off, because some rivals have none. Our regularization is as weak as theirs.
     sections: dict[str, dict[str, Any]] = {
         "limits": {"position": False, "velocity": False},
         "solver": {"regularization_force": WEIGHTS["force"]},

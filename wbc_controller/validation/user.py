@@ -16,7 +16,7 @@ from wbc_controller.settings import Settings
 
 _SWAY, _SWING = 0.015, 0.15  # amplitude of the centre of mass, m, and of the joints, rad
 _BEAT = 0.3  # time from one side to the other, s
-_LONGEST = 4.0  # duration of a motion, s
+_LONGEST = 4.0  # s
 
 
 class User:

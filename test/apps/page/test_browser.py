@@ -242,7 +242,7 @@ def test_each_button_does_what_it_says(page, session):
     press("Release")
     assert first(holds)[-1].data is False
     press("STOP", "fault ESTOP")
-    page.get_by_text("Next: when it is safe").wait_for()
+    page.get_by_text("Next: if safe").wait_for()
     press("Hold")
     press("Reset", "inactive")
     press("Activate", "active")

@@ -1,6 +1,6 @@
 """Access to the page on the real server, with real requests."""
 
-# ruff: noqa: E402 - the server is imported after the check for viser, whose absence skips these tests
+# ruff: noqa: E402 - imports follow the check for viser
 
 from __future__ import annotations
 

@@ -71,14 +71,14 @@ class RecorderDouble(TransportDouble):
 @pytest.mark.parametrize(
     ("before", "behind", "done", "text"),
     [
-        (("0", "the last 10 s are kept"), ("1", "it is written"), True, "it is written"),
-        (("1", "it is written"), ("2", "it is written"), True, "it is written"),
+        (("0", "the last 10 s are kept"), ("1", "file written"), True, "file written"),
+        (("1", "file written"), ("2", "file written"), True, "file written"),
         (("", "nothing is recorded"), None, False, "refused: nothing is recorded"),
         (
-            ("1", "it is written"),
-            ("1", "it is written"),
+            ("1", "file written"),
+            ("1", "file written"),
             None,
-            "no answer from the recorder; its last status: it is written",
+            "no answer from the recorder; its last status: file written",
         ),
     ],
 )

@@ -28,7 +28,7 @@ _SHOVE, _LARGEST_SHOVE = 0.5, 0.35
 _REACH = 0.1  # forward and upward motion of a hand: share of the height of the centre of mass
 #: Arms: motion of the hand as a share of its distance from the base, its maximum, m, and the speed of a push, m/s.
 _ARM_REACH, _LONGEST_ARM_REACH, _ARM_SHOVE = 0.15, 0.1, 0.3
-#: Safe share of the feasible motion of the centre of mass, and smallest motion that is executed, m.
+#: Safe share of the feasible motion of the centre of mass, and smallest executed motion, m.
 _SAFE, _SMALLEST_MOTION = 0.8, 0.005
 _LEVEL = 0.01  # largest height of a contact corner on the floor, m
 
@@ -142,7 +142,7 @@ class _Stance:
         ]
         corners = np.vstack([np.zeros((0, 3)), *feet])
         floor = corners[corners[:, 2] <= _LEVEL]
-        self.height = float(dynamics.com[2])  # height of the centre of mass above the floor, m
+        self.height = float(dynamics.com[2])  # of the centre of mass, m
         #: Distance of the centre of mass from the edge of the support, m.
         self.margin = 0.0 if len(floor) < 3 else support_margin(floor[:, :2], dynamics.com[:2])
 

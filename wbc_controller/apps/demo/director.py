@@ -26,9 +26,9 @@ from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.records import Array
 
-_TIMEOUT = 20.0  # timeout of each wait, wall time, s
-_LEAD = 0.1  # time from sending a trajectory to its start, s
-_SETTLE = 1.5  # settling time of the robot, s
+_TIMEOUT = 20.0  # wall time, s
+_LEAD = 0.1  # before the start of a trajectory, s
+_SETTLE = 1.5  # s
 
 _AT_REST = np.zeros(3)
 
@@ -51,7 +51,7 @@ class Log:
     def __init__(self) -> None:
         #: Recorded messages by name and type of the topic: stamp in ns, and payload.
         self.recorded: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
-        self.arrived = threading.Event()  # set with each joint state
+        self.arrived = threading.Event()
         self._newest: dict[tuple[str, str, str], bytes] = {}
         self._types: dict[tuple[str, str, str], str] = {}
 
@@ -113,9 +113,9 @@ class Director:
         """
         self.log = Log()
         self.phases: list[tuple[float, str]] = []  # start in simulated time, s, and name
-        self.windows: dict[str, Window] = {}  # measurement interval of each phase, by name
+        self.windows: dict[str, Window] = {}
         self.references: list[tuple[float, Trajectory]] = []  # start, s, and centre-of-mass trajectory
-        self.targets: dict[str, Array] = {}  # target position of each reach, by task
+        self.targets: dict[str, Array] = {}  # by task, (3,) in m
         self._model = model
         self.frames = frames  # frame of each frame task, by name of the task
         self._com = com

@@ -1,4 +1,4 @@
-"""Execution of a demo: controller and mock robot run a scenario that is recorded, judged and reported."""
+"""Execution of a demo: controller and mock robot run a recorded scenario with a verdict and a report."""
 
 from __future__ import annotations
 

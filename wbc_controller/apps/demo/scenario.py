@@ -32,8 +32,8 @@ class Reach:
 
     task: str
     offset: tuple[float, float, float]  # offset from the initial position, world axes, (3,) in m
-    duration: float  # time limit, s
-    target: float  # largest final distance, m
+    duration: float  # s
+    target: float  # m
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Shove:
 class Scenario:
     """Demo of one robot."""
 
-    stand: float = 3.0  # duration of standing, s
+    stand: float = 3.0  # s
     moves: tuple[Move, ...] = ()
     reaches: tuple[Reach, ...] = ()
     shoves: tuple[Shove, ...] = ()

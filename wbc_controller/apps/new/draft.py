@@ -29,8 +29,8 @@ from wbc_controller.settings.resources import PACKAGE_SCHEME, locate
 Base = Literal["floating", "fixed"]
 #: First line of the file, a comment.
 TITLE = "Drafted by `wbc new`. Every key, its unit, range and default: docs/configuration.md."
-_WORLD = "world"  # name of the root link of a robot fixed to the ground
-_LEG_JOINTS = 3  # smallest number of joints of a leg
+_WORLD = "world"  # root link of a fixed robot
+_LEG_JOINTS = 3  # smallest number
 
 
 def new_configuration(

@@ -26,10 +26,10 @@ Elements = Mapping[int, Sequence[pin.GeometryObject]]  # shapes by frame index o
 class Limb:
     """End of the kinematic tree, with the joints that move only it."""
 
-    end: int  # index of the last joint
-    joints: tuple[int, ...]  # indices of the joints from the trunk to the end
-    mass: float  # mass of the moved links, kg
-    lowest_point: float  # height of the lowest point of the last link, m, with the base upright
+    end: int
+    joints: tuple[int, ...]  # from the trunk to the end
+    mass: float  # kg
+    lowest_point: float  # height, m, with the base upright
 
 
 class Body:

@@ -32,15 +32,15 @@ _ENDLESS = 1.9 * np.pi  # smallest range of a continuous joint, rad
 #: Largest deviation of a ball from a sphere, as a share of the radius, and largest radius, m.
 _BALL, _LARGEST_BALL = 0.15, 0.15
 _CAP = 0.5  # cosine of the angle around the downward direction for fitting a ball, 60°
-UNKNOWN_RADIUS = 0.01  # radius of a foot of unknown shape, m
+UNKNOWN_RADIUS = 0.01  # m
 
 
 @dataclass(frozen=True, slots=True)
 class Foot:
     """A foot of the robot."""
 
-    joint: int  # index of the joint in the Pinocchio model
-    link: str  # link in contact
+    joint: int  # index in the Pinocchio model
+    link: str
     kind: Literal["surface", "point", "rolling"]
     #: Contact placement in the joint's frame. Sole: middle, z along the inward normal, x forward. Ball or wheel:
     #: centre, axes of the joint.

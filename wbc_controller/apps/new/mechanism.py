@@ -28,7 +28,7 @@ from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
 
-_FINGER = 1.0 / 200.0  # smallest share of the robot's mass moved by a joint that is not a finger
+_FINGER = 1.0 / 200.0  # smallest share of the robot's mass moved by a joint other than a finger
 _SEVERAL_TURNS = 4.1 * np.pi  # smallest range of a joint with several turns, rad
 #: Words in the names of SRDF postures, in order of preference.
 _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
@@ -78,7 +78,7 @@ def _address(path: Path) -> str:
         try:
             if share_folder(folder.name).resolve() == folder:
                 return f"{PACKAGE_SCHEME}{folder.name}/{path.relative_to(folder).as_posix()}"
-        except ConfigurationError:  # a package that is not installed
+        except ConfigurationError:  # package not installed
             continue
     return str(path)
 
@@ -98,7 +98,7 @@ def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> 
 def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()) -> None:
     """Write the movable joints in URDF order: ``robot.joints``, ``locked_joints`` and ``joint_limits``.
 
-    Joints that move a link of `carrying`, on which the robot stands, are not fingers.
+    Joints that move a link of `carrying`, the feet, are not fingers.
 
     Raises:
         ConfigurationError: if the URDF is invalid or has no usable joint.

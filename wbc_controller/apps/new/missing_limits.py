@@ -11,8 +11,8 @@ import pinocchio as pin
 
 from wbc_controller.apps.new.notes import Draft
 
-_LIMITED = ("revolute", "continuous", "prismatic")  # types of joints with limits
-_GRAVITY = 9.81  # gravity, m/s²
+_LIMITED = ("revolute", "continuous", "prismatic")
+_GRAVITY = 9.81  # m/s²
 #: Largest plausible effort and its placeholder, in units of the weight times the length of the longest limb.
 _MOST_EFFORT, _EFFORT = 10.0, 0.5
 _MOST_VELOCITY, _VELOCITY = 100.0, 8.0  # largest plausible speed and its placeholder, rad/s or m/s
@@ -25,7 +25,7 @@ class Placeholders:
 
     values: dict[str, dict[str, float]]  # by joint, in the form of ``robot.joint_limits``
     reasons: dict[str, dict[str, str]]  # by joint and kind of limit
-    without_effort: list[str]  # joints without an effort
+    without_effort: list[str]
 
     def put(self, draft: Draft, joints: Sequence[str]) -> None:
         """Write ``robot.joint_limits``, with a note for each kind of limit of the movable joints."""

@@ -14,7 +14,7 @@ from wbc_controller.settings.files import parse_settings, yaml_line
 #: Origin of a value: files of the robot, a guess, or to be filled in by the user.
 Origin = Literal["found", "guess", "missing"]
 _PREFIX: dict[Origin, str] = {"found": "", "guess": "Guess: ", "missing": "Fill in: "}
-_TASKS = ("com", "base", "torso", "posture")  # names of tasks in every draft
+_TASKS = ("com", "base", "torso", "posture")  # in every draft
 _UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # lines are not broken within names
 #: Line length in characters, and sections with one entry per line.
 _WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "robot.joint_limits", "robot.locked_joints")
@@ -26,7 +26,7 @@ class Note:
 
     key: str
     text: str
-    origin: Origin  # origin of the key's value
+    origin: Origin
 
     @property
     def comment(self) -> str:
@@ -38,8 +38,8 @@ class Note:
 class Draft:
     """A draft of a configuration."""
 
-    values: dict[str, Any] = field(default_factory=dict)  # nested as in a file
-    notes: list[Note] = field(default_factory=list)  # notes on the keys
+    values: dict[str, Any] = field(default_factory=dict)
+    notes: list[Note] = field(default_factory=list)
 
     def put(self, key: str, value: Any, text: str = "", origin: Origin = "found") -> None:
         """Set the value of a dotted key, with a note if a text is given."""

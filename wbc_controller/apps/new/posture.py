@@ -130,7 +130,7 @@ def _dexterous(model: RobotModel) -> Array:
     lower, upper = usable_ranges(model)
     middle = _with_margin(model, 0.5 * (lower + upper))
     spread = np.minimum(_SPREAD, 0.35 * (upper - lower))
-    rng = np.random.default_rng(0)  # the same posture each time
+    rng = np.random.default_rng(0)
 
     def score(posture: Array) -> float:
         q = model.configuration(posture)

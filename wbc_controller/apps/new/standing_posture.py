@@ -18,7 +18,7 @@ from wbc_controller.records import Array
 _BENT, _BENT_POINT = 0.94, 0.85
 _MARGIN, _LARGEST_MARGIN = 0.08, 0.15  # distance from the limits: share of a joint's range, and maximum, rad
 _STARTS, _SPREAD = 8, 0.8  # number of starts of the search, and their largest distance from the reference, rad
-_TOLERANCE = 1.0e-3  # largest constraint error of a posture that is accepted, m or rad
+_TOLERANCE = 1.0e-3  # largest accepted constraint error, m or rad
 #: Weights: centre of mass off the feet's middle and foot off the hip, relative to the robot's size; tilt and yaw of
 #: soles.
 _CENTRE, _UNDER_HIP, _TILT, _YAW = 3000.0, 30.0, 3000.0, 5.0
@@ -40,10 +40,10 @@ class FeetPlacement:
     """Placement of the feet in a posture, with the base upright at the origin."""
 
     bottoms: Array  # height of the lowest point of each foot, (n,) in m
-    middles: Array  # positions of the feet, (n, 3) in m
+    middles: Array  # of the feet, (n, 3) in m
     tilts: Array  # tilts of soles and axles, as sines, (m,)
-    yaw: Array  # yaw angles of soles, as sines, (k,)
-    com: Array  # centre of mass, (3,) in m
+    yaw: Array  # of soles, as sines, (k,)
+    com: Array  # (3,) in m
 
     @property
     def level_error(self) -> float:
@@ -154,7 +154,7 @@ class Legs:
 
     def solve(self) -> Array | None:
         """Return the standing posture nearest to the reference, (nj,) in rad; None without a solution."""
-        rng = np.random.default_rng(0)  # the same posture each time
+        rng = np.random.default_rng(0)
         middle = np.clip(self.reference[self._columns], *self._bounds.T)
         starts = [middle, *(middle + rng.uniform(-_SPREAD, _SPREAD, (_STARTS, len(middle))))]
         starts = [np.clip(start, *self._bounds.T) for start in starts]

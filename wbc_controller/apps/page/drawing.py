@@ -30,8 +30,8 @@ _SWITCH_OF = {"references": "task_errors", "contacts": "support"}  # groups that
 _STILL_JOINT, _STILL_SHAPE = 1.0e-4, 1.0e-3
 #: Darkest and brightest grey of a link, so that white and black links show their shape.
 _DARKEST, _BRIGHTEST = 0.16, 0.86
-_LIGHT = 2.2  # brightness of the ambient light without reflections
-_TRANSLUCENT = 0.35  # opacity of a translucent robot
+_LIGHT = 2.2  # without reflections
+_TRANSLUCENT = 0.35  # opacity
 
 
 class Drawing:
@@ -41,7 +41,7 @@ class Drawing:
         self._scene, self._robot = server.scene, robot
         self._server = server
         self._data = robot.model.pinocchio.createData()
-        self.links: list[tuple[Any, int]] = []  # handle of each mesh, and index of its joint
+        self.links: list[tuple[Any, int]] = []  # handle, and index of the joint
         self.placements: list[pin.SE3] = []  # placement of each joint in the world at the last drawn snapshot
         self._shown = dict.fromkeys(GROUPS, True)
         self._shapes: dict[tuple[str, int], _DrawnShape] = {}
@@ -102,10 +102,10 @@ class _FrameTree:
     """Frames of the joints, each relative to its parent, so that only moved joints change."""
 
     def __init__(self, scene: viser.SceneApi, model: pin.Model, joints: Sequence[int]) -> None:
-        self.names = {0: "/robot"}  # name of each joint's frame
+        self.names = {0: "/robot"}  # of each joint's frame
         self._frames: list[Any] = []
         used = {before for joint in joints for before in model.supports[joint]} - {0}
-        self._joints = sorted(used)  # parents come first
+        self._joints = sorted(used)
         for joint in self._joints:
             self.names[joint] = f"{self.names[model.parents[joint]]}/{joint}"
             self._frames.append(scene.add_frame(self.names[joint], show_axes=False))
@@ -128,7 +128,7 @@ class _DrawnShape:
         self._rgb = np.array([255 * red, 255 * green, 255 * blue], dtype=np.uint8)
         self._scene, self._name = scene, f"/controller/{shape.group}/{shape.number}"
         self._handles: list[Any] = []
-        self._points = np.zeros((0, 3))  # drawn points
+        self._points = np.zeros((0, 3))
         self._hidden = False
 
     def hide(self) -> None:

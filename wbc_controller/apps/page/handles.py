@@ -21,7 +21,7 @@ _KINDS = {
     "frame_pose": (True, True),
     "frame_orientation": (False, True),
 }
-_SIZE = 0.14  # size of a handle, m
+_SIZE = 0.14  # m
 _DISABLED_OPACITY = 0.35  # opacity of the handle of a disabled task; a drag enables the task
 _HOLD_TIME = 0.3  # time after a setpoint ramp during which the handle stays at its setpoint, s
 
@@ -83,7 +83,7 @@ class _Handle:
             self._dragging = client
             return
         if self._dragging is None:
-            return  # the page was closed
+            return
         if event.phase == "update":
             self._sender.drag(f"setpoint {self._name}", client, self._request_words())
         else:

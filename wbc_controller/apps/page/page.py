@@ -29,11 +29,11 @@ _log = logging.getLogger(__name__)
 
 #: Snapshots drawn per second, and snapshots per update of the panels and of the plots.
 RATE, _PANELS, _PLOTS = 30.0, 6, 15
-_LOG_PERIOD = 10.0  # wall time between two logged drawing errors, s
-_IDLE = 0.05  # period of the check for an open page, wall time, s
+_LOG_PERIOD = 10.0  # wall time, s
+_IDLE = 0.05  # period of the check for pages, wall time, s
 _SHOWN, _POINTS = 12.0, 10.0  # time range of the plots, s, and their points per second
-_LINES = 12  # number of requests listed
-_LEFT, _RIGHT = 330, 290  # widths of the panels, px
+_LINES = 12
+_LEFT, _RIGHT = 330, 290  # px
 _HELP = f"""<div style="font-size:12px;line-height:1.5;padding:2px 10px 8px">
 <b>Drag a handle</b> to send a setpoint for a hand, a foot or the centre of mass. Dragging a pale handle enables its
 task.<br><b>{KEY.capitalize()} + drag a link</b> of a simulated robot to draw a force; its release pushes the

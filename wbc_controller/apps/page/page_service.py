@@ -24,7 +24,7 @@ from wbc_controller.middleware.topics import MOCK_NODE
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.settings import Settings
 
-_NODE = "wbc_page"  # name of the page's node
+_NODE = "wbc_page"
 #: Topics of requests: node and key of the topic.
 _REQUESTS = {
     *(
@@ -33,7 +33,7 @@ _REQUESTS = {
     ),
     *(("mock", key) for key in ("hold", "push", "fault")),
 }
-_PERIOD = 1.0  # period of the check for the publisher of joint states, wall time, s
+_PERIOD = 1.0  # wall time, s
 
 
 def serve(
@@ -122,7 +122,7 @@ class _MockDetector:
             self._due = now + _PERIOD
             try:
                 names = self._session.publishers(self._session.topics["mock", "joint_states", ""])
-            except TransportError:  # the page is closing
+            except TransportError:
                 return self._is_mock
             self._is_mock = any(name.rpartition("/")[2] == MOCK_NODE for name in names)
         return self._is_mock

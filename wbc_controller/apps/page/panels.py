@@ -121,7 +121,7 @@ def _loop(status: RobotStatus) -> str:
     rows = "".join(
         f'<tr><td class="key">{escape(name)}</td><td>{escape(text)}</td></tr>'
         for name, text in facts(status)
-        if name not in ("binding", "next")  # shown above
+        if name not in ("binding", "next")
     )
     rows += "".join(
         f'<tr><td class="muted">{escape(key)}</td><td>{escape(value)}</td></tr>'

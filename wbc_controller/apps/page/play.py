@@ -19,10 +19,10 @@ from wbc_controller.errors import WbcError
 from wbc_controller.nodes.processes import Processes
 from wbc_controller.settings import Settings
 
-_FIRST_DOMAIN, _DOMAINS = 100, 100  # DDS domains, the same as for the demo; both stay on the loopback
-_START_TIMEOUT = 120.0  # timeout for the start of the nodes, wall time, s; a first start compiles the kernels
-_CHECK_PERIOD = 0.5  # period of the check for ended processes, s
-_LINES = 12  # number of log lines shown of an ended process
+_FIRST_DOMAIN, _DOMAINS = 100, 100  # as for the demo, on the loopback
+_START_TIMEOUT = 120.0  # wall time, s; a first start compiles the kernels
+_CHECK_PERIOD = 0.5  # s
+_LINES = 12
 
 
 def play(

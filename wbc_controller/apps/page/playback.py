@@ -20,11 +20,11 @@ from wbc_controller.recording.cycle_layout import MODES, cycle_slots, reference_
 from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import Array, Reference, References
 
-MAX_CYCLES = 20_000  # largest number of cycles in memory; longer recordings are decimated
-_PUSH = 0.1  # unmodelled force of a push, in weights of the robot
-_PUSH_GAP = 0.5  # time without an unmodelled force between two pushes, s
-_LONGEST_STEP = 0.5  # longest playback step, s; playback pauses while no page is open
-_LONGEST_NUMBER = 18  # largest number of digits of a cycle number
+MAX_CYCLES = 20_000  # longer recordings are decimated
+_PUSH = 0.1  # in weights of the robot
+_PUSH_GAP = 0.5  # s
+_LONGEST_STEP = 0.5  # s; playback pauses without a page
+_LONGEST_NUMBER = 18  # digits of a cycle number
 _COLORS = {"fault": "#e03131", "contact": "#2f9e44", "push": "#f08c00", "mode": "#228be6"}
 _SPEEDS = {"¼ ×": 0.25, "1 ×": 1.0, "4 ×": 4.0}
 

@@ -14,9 +14,9 @@ from wbc_controller.settings import Settings
 
 _log = logging.getLogger(__name__)
 
-PERIOD = 0.05  # time between two messages of a drag, s
-MAX_AGE = 0.5  # age at which a value of a drag is dropped, s
-_QUEUE_SIZE = 200  # capacity of the queue of requests
+PERIOD = 0.05  # of a drag, s
+MAX_AGE = 0.5  # of a drag, s
+_QUEUE_SIZE = 200
 
 
 class RequestSender:
@@ -115,7 +115,7 @@ class RequestSender:
             return parse_request(words, self._settings)
         except WbcError as error:
             self._report(" ".join(words), str(error))
-        except Exception as error:  # the thread must survive
+        except Exception as error:
             _log.exception("parsing of the request %r failed", " ".join(words))
             self._report(" ".join(words), f"parsing failed: {error}")
         return None

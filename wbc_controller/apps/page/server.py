@@ -34,11 +34,11 @@ from wbc_controller.errors import ConfigurationError, TransportError
 #: Ping period of a page, and time limit of the answer, wall time, s. A page without network is disconnected, so that
 #: delayed input cannot move the robot later.
 PING_PERIOD, PING_TIMEOUT = 0.5, 2.5
-MAX_PAGES = 32  # largest number of open pages
-_COOKIE = "wbc_token_{port}"  # name of the token cookie; cookies of a host are shared by all its ports
-_LOOPBACK = ("localhost", "127.0.0.1", "::1")  # names of the loopback in browsers
+MAX_PAGES = 32
+_COOKIE = "wbc_token_{port}"  # cookies of a host are shared by all its ports
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _UNAUTHORIZED = "This page requires the token in the address printed by wbc.\n"
-_INVALID_HOST = "{what} is {said!r}; valid: {host}.\n"
+_INVALID_HOST = "{subject} is {value!r}; valid: {host}.\n"
 _TOO_MANY_PAGES = f"{MAX_PAGES} pages are open, the maximum; close one.\n"
 #: A host with or without a port, as browsers send it.
 _HOST = re.compile(r"([\w.-]+|\[[0-9A-Fa-f:.]+\])(:\d{1,5})?", re.ASCII)
@@ -72,9 +72,9 @@ class Gate:
         named = hosts[0] if len(hosts) == 1 else ""
         if not _HOST.fullmatch(named) or (self.loopback and _hostname(f"//{named}") not in _LOOPBACK):
             this = "a name of the loopback" if self.loopback else "the address of this page"
-            return _INVALID_HOST.format(host=this, what="The requested host", said=", ".join(hosts))
+            return _INVALID_HOST.format(host=this, subject="The requested host", value=", ".join(hosts))
         if any(origin not in (f"http://{named}", f"https://{named}") for origin in origins):
-            return _INVALID_HOST.format(host=named, what="The requesting site", said=", ".join(origins))
+            return _INVALID_HOST.format(host=named, subject="The requesting site", value=", ".join(origins))
         if self.token and not any(hmac.compare_digest(_bytes(self.token), _bytes(t)) for t in self._tokens(request)):
             return _UNAUTHORIZED
         return ""
@@ -158,7 +158,7 @@ def address(gate: Gate, host: str) -> str:
 
 @contextlib.contextmanager
 def _install_checks(gate: Gate, allowed: AllowList) -> Iterator[threading.Event]:
-    """Install the checks in the server that is opened in this context; the event is set once they are in use."""
+    """Install the checks in the server opened in this context; the event is set once they are in use."""
     serve, in_use = websockets.asyncio.server.serve, threading.Event()
 
     def checked(*args: Any, process_request: _Process, **options: Any) -> Any:

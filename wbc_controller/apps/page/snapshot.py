@@ -17,7 +17,7 @@ from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, References
 from wbc_controller.settings import Settings
 
-FOLLOWING = ("active", "holding")  # modes with references
+FOLLOWING = ("active", "holding")  # with references
 
 
 class Robot:
@@ -44,18 +44,18 @@ class Robot:
 class Snapshot:
     """State of a robot and its controller at one moment."""
 
-    stamp: int  # time of the state, ns; 0 before the first
-    age: float  # wall time since the last state arrived, s; infinite before the first
-    q: Array  # configuration, (nq,)
-    v: Array  # generalized velocity, (nv,)
+    stamp: int  # ns; 0 before the first
+    age: float  # wall time since the last state, s; initially infinite
+    q: Array  # (nq,)
+    v: Array  # (nv,)
     mode: str = ""  # mode of the controller, in a fault with code and sentence; empty without a controller
     #: Joint torques, (nj,) in N·m, in the order of the model's joints; None without commands.
     torques: Array | None = None
     #: Contact forces of the solution by contact, in the form of `Solution.forces`.
     forces: Mapping[str, Array] = field(default_factory=dict)
-    references: References | None = None  # references of the tasks; None in modes without references
-    status: RobotStatus | None = None  # status of the nodes; None before the first message
-    silence: float = math.inf  # wall time since the controller's last status, s; infinite before the first
+    references: References | None = None  # None in modes without references
+    status: RobotStatus | None = None  # None before the first message
+    silence: float = math.inf  # wall time since the last status, s; initially infinite
     base_measured: bool = True  # False if the robot is drawn standing on its contacts, without a measured base
 
     @property

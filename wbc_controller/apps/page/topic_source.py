@@ -54,7 +54,7 @@ class TopicSource:
         self._base.update()
         joints: JointStates = self._joints.newest or JointStates(stamp=0, position=model.posture)
         base: BaseState | None = self._base.newest if model.floating_base else None
-        velocity = joints.velocity if len(joints.velocity) else np.zeros(model.nj)  # 0 if not measured
+        velocity = joints.velocity if len(joints.velocity) else np.zeros(model.nj)
         q, v = model.state(joints.position, velocity, *((base.pose, base.twist) if base is not None else ()))
         if model.floating_base and base is None:
             q = self._base_on_contacts.place(q)

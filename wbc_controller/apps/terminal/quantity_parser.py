@@ -30,7 +30,8 @@ LEANS: Mapping[str, tuple[int, int, int]] = {
 }
 TURNS: Mapping[str, tuple[int, int, int]] = {"left": (0, 0, 1), "right": (0, 0, -1)}
 
-LENGTH = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}  # units that may follow a number without a space
+#: Units that may follow a number without a space.
+LENGTH = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 ANGLE = {"": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 FORCE = {"": 1.0, "N": 1.0}
 TIME = {"": 1.0, "s": 1.0, "ms": 0.001}

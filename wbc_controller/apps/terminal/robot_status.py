@@ -11,7 +11,7 @@ from typing import Any
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.settings import Settings
 
-_WINDOW = 2.0  # wall time for counting cycles, s
+_WINDOW = 2.0  # wall time, s
 _PERIODS = 3.0  # waiting time for the tasks before the first status, in periods of the diagnostics
 
 
@@ -20,9 +20,9 @@ class RobotStatus:
     """Newest messages of a robot's nodes."""
 
     status: Any  # diagnostic_msgs/DiagnosticStatus of the controller
-    rate: float  # cycles per second of wall time; NaN if unknown
+    rate: float  # per second of wall time; NaN if unknown
     tasks: Mapping[str, tuple[Any | None, Any | None]]  # value and reference messages of each task, by name
-    guard: str  # state of the guard; empty without a guard
+    guard: str  # empty without a guard
 
     @property
     def values(self) -> dict[str, str]:

@@ -32,7 +32,7 @@ from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.nodes.wiring import named_frames
 from wbc_controller.settings import NODE_NAME, Settings
 
-_NODE = "wbc_user"  # name of the user's node
+_NODE = "wbc_user"
 ANSWER_TIMEOUT = 20.0  # time limit for the answer of a discovered node on a busy computer, wall time, s
 _RAMPED = {"activate": "active", "deactivate": "inactive"}  # commands with a torque ramp, and their final mode
 
@@ -46,7 +46,7 @@ class Answer:
     """Outcome of a request."""
 
     done: bool  # False after a refusal
-    text: str  # outcome in words
+    text: str
 
 
 def topics_of(

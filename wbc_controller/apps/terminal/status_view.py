@@ -18,7 +18,7 @@ from wbc_controller.middleware.setpoints import JOINT_FIELDS
 from wbc_controller.nodes.diagnostics.shortfall import in_words
 from wbc_controller.settings import Settings
 
-_COLOURS = {0: "green", 1: "yellow", 2: "red"}  # colours of the status levels
+_COLOURS = {0: "green", 1: "yellow", 2: "red"}
 
 
 #: Checks and commands after a fault, by its code.
@@ -32,7 +32,7 @@ NEXT_STEPS: Mapping[str, str] = {
     "NO_SOLUTION": "find the constraints in conflict with wbc replay; undo the last request; then reset, activate",
     "RELAXED": "reduce the request that caused the relaxed constraints; then reset, activate",
     "BAD_TORQUE": "examine the recording of the fault (wbc replay); then reset, activate",
-    "ESTOP": "when it is safe: reset, then activate",
+    "ESTOP": "if safe: reset, then activate",
     "METHOD_FAILED": "correct the named class and method (traceback in the log); then restart the controller",
     "INTERNAL_ERROR": "report this defect of the controller with its log and the recording of the fault",
 }

@@ -24,7 +24,7 @@ from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.settings import Settings
 
 REFUSED, NO_ANSWER = 1, 3  # further exit statuses: request refused, and no answer
-_REFRESH = 0.5  # period of the status display, s
+_REFRESH = 0.5  # s
 
 _session_options = with_options(
     config_argument,

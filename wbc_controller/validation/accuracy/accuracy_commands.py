@@ -38,7 +38,6 @@ def _common(function: F) -> F:
 
 
 def _run_parallel(function: Callable[..., T], calls: Iterable[Sequence[Any]], jobs: int) -> list[T]:
-    """Return the results of calls in parallel."""
     try:
         import joblib
     except ModuleNotFoundError as error:

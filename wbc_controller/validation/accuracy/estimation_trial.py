@@ -19,16 +19,15 @@ from wbc_controller.validation.user import com_trajectory
 
 #: Additional times for the torque ramp, and for settling after the release of the base, s.
 _RAMP_TIME, _REST_TIME = 0.2, 1.0
-_TIMEOUT = 5.0  # timeout of the first estimate, s
+_TIMEOUT = 5.0  # s
 
 
 class EstimationTrial(Lockstep):
-    """A mock robot that stands on its estimate, and a user who moves its centre of mass.
+    """A mock robot standing on its estimate, and a user for motions of the centre of mass.
 
     Attributes:
-        faults: faults from the release of the base on, besides the errors of the sensors.
-        report: report of the last cycle.
-        answered: true q and v of the last cycle's state; None before the first.
+        faults: faults after the release of the base, besides sensor errors.
+        true_state: true q and v of the last cycle; None before the first.
         origin: reference of the centre of mass while standing, (3,) in m; set by `stand`.
         shift: offset from the true world to the estimate's world at rest, (3,) in m.
     """

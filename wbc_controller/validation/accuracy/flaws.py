@@ -18,7 +18,7 @@ from wbc_controller.simulation.faults.world import MassError, SoftFloor
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5  # amplitudes of sway and squat, m, and the time between points, s
-CHATTER = 8.0  # lowest frequency of chatter, Hz
+CHATTER = 8.0  # Hz
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Flaw:
     """A difference between the robot and the controller's model."""
 
     name: str
-    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # settings by dotted key
+    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # by dotted key
     # faults of the mock robot, from the names of its actuators
     faults: Callable[[Sequence[str]], Sequence[Fault]] = lambda actuators: ()
     force_sensors: bool = False  # True for force sensors at the contacts
@@ -36,7 +36,8 @@ def _always(kind: type[Fault], **parameters: Any) -> Callable[[Sequence[str]], S
     return lambda actuators: (kind(duration=LONGEST, **parameters),)
 
 
-_SIGMA = 0.05  # noise of an IMU's samples, and its density at 500 samples per second
+#: Noise of an IMU's samples, and its density at 500 samples per second.
+_SIGMA = 0.05
 _DENSITY = _SIGMA * 0.002**0.5
 #: Rows of the table. Noise in a data sheet is given to the filter.
 FLAWS = (
@@ -81,7 +82,7 @@ FLAWS = (
 class FlawErrors:
     """Errors caused by a flaw; NaN after an early end."""
 
-    sway: float  # largest error of the centre of mass during the sway, m
+    sway: float  # largest error of the centre of mass, m
     squat: float  # during the squat, m
     chatter: float  # largest RMS torque of an actuator above `CHATTER`, as a share of its limit
     ended: str = ""  # reason of an early end; empty otherwise

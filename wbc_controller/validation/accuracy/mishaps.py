@@ -185,8 +185,6 @@ def _recovery(trial: EstimationTrial) -> float:
 
 
 class _Comparison:
-    """Comparison of the estimate with the truth in every cycle."""
-
     def __init__(self, trial: EstimationTrial) -> None:
         self._trial = trial
         self._errors: list[float] = []

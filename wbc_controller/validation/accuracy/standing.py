@@ -15,7 +15,7 @@ from wbc_controller.settings.service import SensorQuality
 from wbc_controller.simulation.sensors import PARTS
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
-_SAMPLING_PERIOD = 0.1  # sampling period, s
+_SAMPLING_PERIOD = 0.1  # s
 _SIGNIFICANCE = 0.05  # probability outside the consistency bounds
 _CREEP = 8.0e-5  # creep of the contact points on the mock robot's ground, m/s/√Hz, from the drift of several robots
 
@@ -54,7 +54,7 @@ def sensor_settings(sensors: SensorQuality) -> dict[str, Any]:
 
 
 def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> StandingErrors:
-    """Measure the errors of a robot that stands on its estimate; the filter has the data of its sensors.
+    """Measure the errors of a robot standing on its estimate; the filter has the data of its sensors.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.
@@ -124,14 +124,11 @@ def _normalized(errors: Array, covariances: Sequence[Array]) -> Array:
 
 
 def consistency(squares: Sequence[Array], freedom: int) -> tuple[float, float]:
-    """Return the share of time with the mean NEES of all runs within its 95 % bounds, and the mean.
+    """Return the share of time with the mean NEES within its 95 % bounds, and the normalized mean.
 
     Args:
         squares: NEES of each run, (n,); the shortest run counts.
-        freedom: degrees of freedom.
-
-    Returns:
-        The share, and the mean divided by the degrees of freedom; above 1 the covariance is too small.
+        freedom: degrees of freedom; a mean above 1 means a covariance that is too small.
     """
     length = min((len(each) for each in squares), default=0)
     if not length:

@@ -85,7 +85,6 @@ def _count(row: Row, name: str) -> int:
 def _by_robot(
     outcomes: Sequence[Outcome], value: Callable[[Outcome], float], text: Callable[[Outcome], str]
 ) -> list[Series]:
-    """Return one series of points per robot."""
     series = []
     for i, robot in enumerate(dict.fromkeys(each.robot for each in outcomes)):
         own = [each for each in outcomes if each.robot == robot]

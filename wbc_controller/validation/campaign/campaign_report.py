@@ -41,9 +41,9 @@ class Row:
     kind: str
     robot: str
     trials: int
-    survived: int  # number of survived trials
+    survived: int
     interval: tuple[float, float]  # Wilson's 95 % interval of the share of survived trials
-    reasons: dict[str, int]  # number of damped trials by fault code
+    reasons: dict[str, int]  # by fault code
     must_detect: int  # number of trials with a fault that must be detected
     delays: tuple[float, ...]  # detection times in these trials, s
     deadline: float | None  # longest deadline of these trials, s; None without any

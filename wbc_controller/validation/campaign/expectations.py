@@ -51,7 +51,7 @@ class RuleContext:
 
     @property
     def sequence(self) -> float:
-        """Duration of a sequence of implausible samples that is a fault, s."""
+        """Shortest duration of implausible samples for a fault, s."""
         return 0.5 * (SEQUENCE - 1) * self.cycle
 
     def expect_stale(self, lasts: float, after: float = 0.0) -> Expectation:
@@ -61,7 +61,7 @@ class RuleContext:
         return Expectation(STALE | BALANCE, after + self.timeout + self.cycle)
 
     def expect_detection(self, sure: bool, deadline: float, codes: frozenset[str] = IMPLAUSIBLE) -> Expectation:
-        """Return the outcome of a fault that is detected for sure, or that may be survived."""
+        """Return the outcome of a fault with certain (`sure`) or possible detection."""
         return Expectation(codes | BALANCE, deadline + self.cycle) if sure else Expectation(codes | BALANCE)
 
 
@@ -115,7 +115,7 @@ def _growing_delay(fault: Any, context: RuleContext) -> Expectation:
     visible_growth = fault.growth if context.settings.safety.synchronized_clocks else fault.growth - 1.0
     if visible_growth <= 0.0:
         return STALE_OR_BALANCE
-    too_old = context.timeout / visible_growth * (1.0 + fault.growth)  # arrival of the first message detected as stale
+    too_old = context.timeout / visible_growth * (1.0 + fault.growth)
     if too_old + context.timeout + context.cycle >= fault.duration:
         return STALE_OR_BALANCE
     return Expectation(STALE | BALANCE, too_old + context.timeout + context.cycle)

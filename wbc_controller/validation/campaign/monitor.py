@@ -36,10 +36,9 @@ class OutputMonitor:
 
     Attributes:
         now: true simulated time, s; set by the trial.
-        violations: text of the first violation of each kind, by name.
-        mode: mode after the last cycle; None before the first.
-        left: time at which the controller left its active mode, with code and text of the fault.
-        longest: longest processor time of the loop for one cycle, s.
+        violations: text of the first violation of each kind.
+        deactivation: end of the active mode: time, fault code and text.
+        longest: longest processor time of a cycle, s.
     """
 
     def __init__(
@@ -125,7 +124,6 @@ class OutputMonitor:
             self.add_violation("stall", f"{1e3 * seconds:.1f} ms")
 
     def _check_age(self, report: CycleReport) -> None:
-        """Check the true age of the state used for the torques."""
         old = {}
         for stream, used in self._used.items():
             age = self.now - used.measured_at
@@ -145,12 +143,7 @@ class OutputMonitor:
 
 
 class _AcceptedMessage:
-    """The newest accepted message of a stream.
-
-    Attributes:
-        taken: true time of the measurement, s.
-        unseen: latency that cannot be distinguished from a clock offset or a slow clock, s.
-    """
+    """Newest accepted message of a stream; `hidden_latency` looks like a clock offset or a slow clock, s."""
 
     def __init__(self) -> None:
         self.measured_at = -math.inf
@@ -158,7 +151,6 @@ class _AcceptedMessage:
         self._arrived_at, self._may_grow = -math.inf, 0.0
 
     def update(self, measured_at: float, now: float) -> None:
-        """Store another message."""
         self._may_grow = min(self._may_grow + _SLOW_CLOCK * (now - self._arrived_at), _GAP)
         growth = min(max(measured_at - self.measured_at, 0.0), self._may_grow)
         self._may_grow -= growth

@@ -36,6 +36,6 @@ class Outcome:
     after: float | None  # time from the beginning of the fault to the end of the active mode, s; or None
     moved: float  # largest displacement of the centre of mass since the beginning of the fault, m
     longest: float  # longest processor time of the loop for one cycle, s
-    simulated: float  # duration of the trial, s
-    wall: float  # wall time of the trial, s
+    simulated: float  # s
+    wall: float  # s
     violations: Mapping[str, str]  # texts by name, as in `ALL_VIOLATIONS`

@@ -40,7 +40,7 @@ class TrialRecordings:
             if not named:
                 return f"{files[-1]} does not name {code}"
             run = Replay(named[0])
-            with np.errstate(all="ignore"):  # as in the trial
+            with np.errstate(all="ignore"):
                 cycles = list(run.run())
         except ConfigurationError as error:
             return str(error)

@@ -12,7 +12,7 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.files import find_configuration
 from wbc_controller.validation.campaign.outcome import Outcome
 
-FILE = "trials.jsonl"  # name of the file in the folder of a campaign
+FILE = "trials.jsonl"
 
 
 class TrialKey(NamedTuple):
@@ -29,7 +29,7 @@ class Results:
     Attributes:
         outcomes: newest outcomes of this version of code and configuration, by key.
         repeated: earlier outcomes of repeated trials, by key.
-        others: number of unused lines of other versions in the file.
+        other_versions: number of unused lines of other versions in the file.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -26,8 +26,8 @@ from wbc_controller.validation.campaign.results import Results, TrialKey
 from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
 BACKENDS = ("loky", "dask", "ray")
-_WIDTH = 150  # width of the output outside a terminal, in characters
-_PROGRESS_EVERY = 100  # trials between two progress lines outside a terminal
+_WIDTH = 150  # outside a terminal, characters
+_PROGRESS_EVERY = 100  # trials, outside a terminal
 
 
 def run_campaign(
@@ -103,10 +103,7 @@ def run_campaign(
 
 
 def _repeat_stalls(results: Results, wanted: Sequence[TrialKey], trial: Callable[..., Outcome]) -> None:
-    """Repeat each trial with a stall in a new process.
-
-    Trials are deterministic. Stalls of the host or kernel count as processor time of the thread, but do not recur.
-    """
+    """Repeat trials with a stall in a new process: stalls of the host or kernel do not recur."""
     for key in wanted:
         if "stall" in results.outcomes[key].violations and key not in results.repeated:
             results.add(_in_new_process(key, trial))
@@ -119,7 +116,6 @@ def _in_new_process(key: TrialKey, trial: Callable[..., Outcome]) -> Outcome:
 
 @contextlib.contextmanager
 def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[..., Outcome]) -> Iterator[Any]:
-    """Yield a function that runs trials and yields their outcomes."""
     try:
         import joblib
     except ModuleNotFoundError as error:
@@ -148,7 +144,6 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
 
 @contextlib.contextmanager
 def _cluster(backend: str, address: str | None) -> Iterator[None]:
-    """Connect to the cluster of the backend, if any."""
     if backend == "loky":
         yield
         return

@@ -35,13 +35,13 @@ from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, Req
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
-ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}  # kinds of fault by name
+ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
 _BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")  # kinds with a controller on the time of /clock
 #: Ranges of the fault's start after the beginning of the motion, and of its duration, s.
 _START_RANGE, _DURATION_RANGE = (0.2, 0.5), (0.05, 0.6)
 _AFTER, _AFTER_DAMPING = 0.6, 0.2  # time after the end of the fault, and after the end of the active mode, s
-_CHECK_PERIOD = 0.01  # period of the checks of the robot, s
-_HOLD_PERIODS = 3  # control periods with a held base before each step
+_CHECK_PERIOD = 0.01  # s
+_HOLD_PERIODS = 3
 
 
 def run_trial(
@@ -129,7 +129,6 @@ class _Trial(Lockstep):
         self._moved = 0.0
 
     def run(self) -> None:
-        """Stand up, move, and apply the fault."""
         try:
             self._stand()
             if self.monitor.mode is not Mode.ACTIVE or self._fall.has_fallen():
@@ -149,7 +148,6 @@ class _Trial(Lockstep):
                 self._recorder.close()
 
     def check_recording(self, place: TrialRecordings) -> None:
-        """Check the recording of a fault."""
         deactivation = self.monitor.deactivation
         if deactivation is not None and deactivation[2]:
             error_of_fault = place.error_of_fault(deactivation[1], deactivation[2])
@@ -157,7 +155,6 @@ class _Trial(Lockstep):
                 self.monitor.add_violation("recording", error_of_fault)
 
     def _stand(self) -> None:
-        """Activate with the base held until the torques are reached, then release the base."""
         for _ in range(_HOLD_PERIODS):
             self._cycle()
         self.user.send_text("command", "activate")
@@ -169,7 +166,6 @@ class _Trial(Lockstep):
             self._cycle()
 
     def _run_fault(self, begins: float, ends: float) -> None:
-        """Run until the end of the fault and the time after it."""
         plant, checked_at, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
         while plant.time < ends + _AFTER:
             now = plant.time
@@ -193,7 +189,6 @@ class _Trial(Lockstep):
             self._cycle()
 
     def _cycle(self) -> None:
-        """Execute one control period."""
         self.monitor.now = 1.0e-9 * self.mock.stamp
         self.publish_state()
         before = time.thread_time()
@@ -203,7 +198,6 @@ class _Trial(Lockstep):
         self.mock.advance()
 
     def outcome(self, robot: str, seed: int, wall: float) -> Outcome:
-        """Return the outcome from the observations."""
         monitor, expected = self.monitor, self._expected
         when, code, sentence = monitor.deactivation or (None, "", "")
         after = when - self._began if when is not None and math.isfinite(self._began) else None
@@ -229,7 +223,6 @@ class _Trial(Lockstep):
         )
 
     def _judge(self, expected: Expectation, after: float | None, code: str) -> None:
-        """Compare the outcome with the expected one."""
         if after is not None and after < 0.0:
             self.monitor.add_violation("early", f"{code} {-after:.3f} s before the fault")
         elif after is not None and code not in expected.codes:

@@ -1,8 +1,7 @@
-"""Fuzzer of clocks and load: with any clock, delivery and lateness, the robot stands or a fault gives the reason.
+"""Fuzzer of clocks and load: with any clock and lateness, the robot stays upright or a fault gives the reason.
 
-The controller measures time by /clock, by a clock synchronized with the robot's, or by its own. Up to three faults of
-stamps, clocks and delivery begin before or after the activation. /clock may move in steps, and the controller may lose
-the processor repeatedly. Trials run on simulated time and one thread.
+The controller uses /clock, a synchronized clock, or its own. Up to three faults of stamps, clocks and delivery begin
+before or after the activation; /clock may move in steps, and the controller may pause. Trials run on simulated time.
 """
 
 import math
@@ -51,12 +50,12 @@ class ClockTrial:
     """One trial."""
 
     robot: str
-    number: int  # number of the trial; it determines the trial together with the seed
-    clock: str  # one of `CLOCKS`
-    faults: str  # kinds of the faults
+    number: int
+    clock: str
+    faults: str
     late: bool  # True if the controller loses the processor repeatedly
     result: str = "stood"  # `stood`, `refused`, or the code of the fault that ended the control
-    why: str = ""  # violated invariant, or empty
+    why: str = ""  # or empty
 
     def line(self) -> str:
         """Return the trial in one line."""
@@ -139,7 +138,6 @@ class _Standing(Lockstep):
         self._fall = TrueFall(model, self.mock.plant)
 
     def run(self) -> None:
-        """Hang, activate, and stand until the end of the time or damping."""
         if self._before:
             self.mock.plan(self._faults, self.time)
         for _ in range(_HANGING):
@@ -171,7 +169,6 @@ class _Standing(Lockstep):
         return self._judge()
 
     def _period(self) -> None:
-        """Execute one control period, possibly without the controller."""
         self._monitor.now = 1.0e-9 * self.mock.stamp
         self.publish_state()
         if self.time >= self._pauses_at:
@@ -182,7 +179,6 @@ class _Standing(Lockstep):
         self.mock.advance()
 
     def _judge(self) -> None:
-        """Store the result and the first violation."""
         if self._monitor.deactivation is not None:
             self._trial.result = self._monitor.deactivation[1]
         violations = dict(self._monitor.violations)

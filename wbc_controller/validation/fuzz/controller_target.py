@@ -31,7 +31,7 @@ _SETTLE = 8  # cycles from the activation to settled torques
 
 
 class _InputGate:
-    """Inputs of a loop with immediate reading; the fuzzer decides on the passing of each message."""
+    """Inputs with immediate reading; the fuzzer decides on the passing of each message."""
 
     def __init__(self, inputs: Inputs) -> None:
         self._inputs = inputs
@@ -41,7 +41,6 @@ class _InputGate:
         return getattr(self._inputs, name)
 
     def read(self) -> LatchedInputs:
-        """Read the messages since the last call."""
         return self._inputs.latch()
 
     def latch(self, holding: Collection[str], *, held: bool) -> LatchedInputs:
@@ -61,10 +60,10 @@ class _InputGate:
 
 
 class ControllerTarget(Target):
-    """Active control loop with a user who sends any message.
+    """Active control loop, and a user with any message.
 
-    Each message is read alone. A cycle gets several refused messages together, and must not change any reference,
-    setting or mode. It gets accepted messages that it may still refuse one by one.
+    Each message is read alone. Refused messages reach a cycle together, and must not change references, settings or
+    mode.
     """
 
     def __init__(self, robot: str) -> None:
@@ -177,7 +176,6 @@ class ControllerTarget(Target):
             raise InvariantViolation(f"refused messages led from {mode.value} to {report.mode.value} ({report.fault})")
 
     def _parts(self) -> dict[str, Any]:
-        """Return all objects that a message may change."""
         controller = self._controller
         parts: dict[str, Any] = {
             "settings": controller.live.settings,
@@ -194,7 +192,6 @@ class ControllerTarget(Target):
         return parts
 
     def _cycle(self, why: str, publish: bool) -> CycleReport:
-        """Run one cycle of the robot and the controller, and check the invariants."""
         if publish:
             self._mock.publish()
         self.clear_outputs()
@@ -214,5 +211,4 @@ class ControllerTarget(Target):
 
 
 def _has_trajectory(latched: LatchedInputs) -> bool:
-    """Return True if a cycle may find an expired trajectory."""
     return any(isinstance(change, SetTrajectory) for changes in latched.requests.changes for change in changes)

@@ -76,7 +76,6 @@ class EstimatorTarget(Target):
         return self._standing.message(stream)
 
     def _advance(self, what: str) -> None:
-        """Execute one period of the robot's sensors."""
         self.clock.time += self._period
         for stream in ("imu", "joint_states"):
             self.send(stream, self._sensed(stream))

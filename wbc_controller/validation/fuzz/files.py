@@ -42,8 +42,8 @@ from wbc_controller.validation.fuzz.strategies import draw_by_key
 
 _LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
 _HANG, _START = 60.0, 300.0  # wall time limits of a case and of the child process's start, s
-_MEMORY = 8 << 30  # memory limit of a case, bytes
-_READY = "ready"  # message of the child process after its imports
+_MEMORY = 8 << 30  # bytes
+_READY = "ready"
 _URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")  # line of the configuration with the URDF
 
 
@@ -136,7 +136,6 @@ def _work(
     end: int,
     folder: Path,
 ) -> None:
-    """Read the cases from a number on, in the child process."""
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     warnings.simplefilter("ignore")
     logging.disable(logging.CRITICAL)  # replays log the faults of a controller
@@ -186,11 +185,6 @@ def read_case(place: Path) -> str:
 
 
 def _read_configuration(path: Path) -> None:
-    """Read a configuration and its URDF.
-
-    Raises:
-        ConfigurationError: if it is refused.
-    """
     check(str(path))
     settings = load_settings(path)
     with _named(path):
@@ -204,7 +198,6 @@ _reader = read_case  # reads a case in the child process
 
 @contextlib.contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Prefix errors about values with the path of the file, as the commands do."""
     try:
         yield
     except ConfigurationError as error:

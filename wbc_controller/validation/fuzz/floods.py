@@ -25,8 +25,8 @@ from wbc_controller.validation.user import com_trajectory
 
 _RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second of a flood, and of a flood of large messages
 _DISCOVERY = 0.2  # time for the discovery of the flood's participant, s
-_LARGE = 10_000_000  # length of a large text, characters
-_POINTS = 100  # number of points of a trajectory
+_LARGE = 10_000_000  # characters
+_POINTS = 100
 _BEFORE, _AFTER = (0.2, 0.6), 0.15  # duration of a flood before and after the stop, s
 _DIAGNOSTICS_TIMEOUT = 2.0  # time limit of the diagnostics after a flood, s
 _ATTEMPTS = 5  # largest number of attempts per counted stop; stalls of the machine may cause another fault first
@@ -70,7 +70,7 @@ class Stop:
     known: int  # newest stamp known to the sender at the stop, ns
     ended: int  # stamp at the end, ns
     seen: float  # time from sending to the arrival of zero torques, s
-    late: float  # lateness of the machine meanwhile, s
+    late: float  # s
     sent: int
     seconds: float
     losses_reported: bool  # True if the diagnostics reported lost or refused messages
@@ -158,7 +158,6 @@ def flood_trials(
 def _under_one_flood(
     nodes: RobotProcesses, kind: str, trials: int, rng: np.random.Generator, domain: int
 ) -> list[StopTrial]:
-    """Run the trials of one flood, with a controller that records its cycles."""
     context = multiprocessing.get_context("spawn")
     running, count = context.Event(), context.Value("q", -1)
     name, make = FLOODS[kind]
@@ -176,7 +175,7 @@ def _under_one_flood(
         if len(stops) < trials:
             raise WbcError(f"machine too slow for {trials} stops under the flood {kind!r}")
     finally:
-        count.value = -(2**62)  # ends the process
+        count.value = -(2**62)
         flooder.join(5.0)
         flooder.kill()
     status = nodes.stop("controller")
@@ -190,7 +189,6 @@ def _under_one_flood(
 def _compared(
     kind: str, stop: Stop, record: Mapping[str, np.ndarray], gaps: Sequence[tuple[int, int, int]], period: float
 ) -> StopTrial:
-    """Find a stop in the controller's record."""
     stamps = record["stamp"]
     after = stamps > stop.known
     obeyed = np.flatnonzero(after & ~record["tau"].any(axis=1) & (record["mode"] == "fault"))
@@ -211,11 +209,7 @@ def _gaps(recorded: Recording) -> list[tuple[int, int, int]]:
 
 
 def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -> Stop | None:
-    """Activate, flood and stop; None if lateness of the machine caused another fault.
-
-    Raises:
-        WbcError: after another fault without lateness of the machine.
-    """
+    """Activate, flood and stop; None if lateness of the machine caused another fault."""
     nodes.activate()
     nodes.wait_for_torques(time.monotonic())
     nodes.lateness.reset()

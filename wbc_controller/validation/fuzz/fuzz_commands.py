@@ -35,8 +35,6 @@ def fuzz() -> None:
 
 
 def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
-    """Combine options, in the order of the help text."""
-
     def add(function: F) -> F:
         for option in reversed(options):
             function = option(function)
@@ -311,8 +309,6 @@ def problems(robots: str, count: int, first: int, seed: int) -> None:
 
 
 class _Progress:
-    """Prints a progress line periodically."""
-
     def __init__(self) -> None:
         self._due = time.monotonic() + _EVERY
 
@@ -324,11 +320,7 @@ class _Progress:
 
 @contextmanager
 def _needing_extras() -> Iterator[None]:
-    """Report the extra of a missing library.
-
-    Raises:
-        ConfigurationError: if MuJoCo or Hypothesis is not installed.
-    """
+    """Report the extra of a missing library."""
     try:
         yield
     except ModuleNotFoundError as error:

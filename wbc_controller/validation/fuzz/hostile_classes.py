@@ -31,8 +31,6 @@ _TOLERANCE = 1.0e-9
 
 
 class _Height(MotionTask):
-    """Height of the centre of mass."""
-
     size = 1
 
     def __init__(self, model: RobotModel) -> None:
@@ -85,8 +83,6 @@ class _Grip(AnchoredContact):
 
 
 class _Ceiling(RowLimit):
-    """Upper bound of the vertical acceleration of the centre of mass."""
-
     names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
 
     def __init__(self, model: RobotModel) -> None:
@@ -114,11 +110,9 @@ _KINDS: dict[str, tuple[type, tuple[str, ...], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class HostileClass:
-    """A class with one hostile member.
+    """A class of ``tasks``, ``contacts`` or ``limits`` with one hostile member.
 
     Attributes:
-        kind: ``tasks``, ``contacts`` or ``limits``.
-        member: name of the method or attribute.
         after: number of normal calls of a method.
         value: value of the attribute or result of the method; exceptions are raised.
     """

@@ -68,7 +68,6 @@ def structures(text: str) -> dict[str, SearchStrategy[str]]:
 
 
 def _chain(text: str, size: int) -> str:
-    """Return links and joints of a chain below the robot's first link."""
     root = (re.findall(r'<link\s+name="([^"]*)"', text) or ["base"])[0]
     names = [root, *(f"more_{i}" for i in range(size))]
     joint = '<joint name="at_{1}" type="fixed"><parent link="{0}"/><child link="{1}"/></joint>'

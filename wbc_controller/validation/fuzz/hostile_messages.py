@@ -41,8 +41,8 @@ TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
     "urdf": (UrdfTarget, 0.05),
     "estimator": (EstimatorTarget, 0.1),
 }
-_EPISODE = 400  # largest number of messages of an episode
-_HANG = 120.0  # wall time limit of an episode, s; then the process ends with a traceback
+_EPISODE = 400
+_HANG = 120.0  # wall time, s; then the process ends with a traceback
 WARM_UP, _GROWTH = 0.2, 40_000  # share of messages as warm-up, and largest growth of the memory afterwards, kB
 
 Message = tuple[str, bytes]

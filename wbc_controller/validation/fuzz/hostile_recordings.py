@@ -115,7 +115,6 @@ def _hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
 
 @st.composite
 def _hostile_payload(draw: DrawFn, topic: Topic, payload: bytes) -> bytes:
-    """Change one message."""
     if draw(st.integers(0, 9)) == 0:
         return draw(mutated_bytes(payload))
     if topic.type == _STRING:

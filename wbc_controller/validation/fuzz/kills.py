@@ -38,7 +38,7 @@ class KillTrial:
     # largest age of a state used for later torques, s, except one message in transit at the stop
     stale: float
     timeout: float  # largest configured age, s
-    late: float  # lateness of the machine meanwhile, s
+    late: float  # s
     sentence: str  # later state of the controller or the guard
     state_correct: bool  # True for a correct state
     restarted: bool  # True if the robot could be reactivated
@@ -134,10 +134,7 @@ def _longest_hold(nodes: RobotProcesses, since: float) -> float:
 
 
 def _stalest(nodes: RobotProcesses, since: float) -> float:
-    """Return the second largest age of a state with a solution, since its arrival, s.
-
-    A process that is stopped between its check of the ages and the write sends one old message later.
-    """
+    """Return the second largest age of a state with a solution, s; one message may be in transit at a stop."""
     states = nodes.messages_since("mock/joint_states", since - 0.5)
     arrivals = {(content.header.stamp.sec, content.header.stamp.nanosec): when for when, content in states}
     ages = [0.0, 0.0]
@@ -152,7 +149,7 @@ def _stalest(nodes: RobotProcesses, since: float) -> float:
 def _sentence(
     nodes: RobotProcesses, victim: str, way: str, stopped: float, late: float, since: float
 ) -> tuple[str, bool]:
-    """Return the state of the controller or guard after a kill, and True if it is correct."""
+    """Return the state of the controller or guard after a kill, and True for a correct state."""
     settings = nodes.settings
     guard = [str(content.data) for _, content in nodes.messages_since("guard/state", since)]
     took_over = next((said for said in guard if "COMMANDS_STOPPED" in said), "")
@@ -168,7 +165,6 @@ def _sentence(
 
 
 def _restart(nodes: RobotProcesses, victim: str, way: str) -> bool:
-    """Restart an ended process, and reactivate the robot."""
     if way != "stop":
         nodes.stop(victim)
         nodes.clear(victim)

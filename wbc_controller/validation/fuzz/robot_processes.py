@@ -39,9 +39,8 @@ class RobotProcesses(Processes):
     """Mock robot, controller and guard as processes, and a user in the same domain.
 
     Attributes:
-        record: file of the controller's record.
         inputs: topics of the controller, by key and subject, such as ``setpoint/com``.
-        kept: arrival times and payloads by node and key, such as ``mock/odom``.
+        messages: arrival times and payloads by node and key, such as ``mock/odom``.
     """
 
     def __init__(

@@ -1,9 +1,7 @@
 """Fuzzer of setpoints: joints stay within their limits with any setpoint and relaxation.
 
-Each trial sends infeasible setpoints to a standing robot, repeatedly, until the end of the time or of the active mode.
-
-An impact of a link on the floor turns joints within one step of the physics, which no torque can prevent. Excesses
-after impacts are therefore counted separately.
+Each trial sends infeasible setpoints to a standing robot, until the end of the time or of the active mode. Excesses
+after an impact on the floor are counted separately, because no torque can prevent them.
 """
 
 import logging
@@ -21,7 +19,7 @@ from wbc_controller.settings import FramePoseTask
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.simulation import Simulation
 
-DURATION = 2.0  # simulated time of a trial, s
+DURATION = 2.0  # s
 MAX_EXCESS = 0.02  # largest excess over a position limit, rad or m
 #: Time after an impact on the floor without a check, s: a wrist at 23 rad/s moves 0.3 rad and deflects its stops.
 _IMPACT = 0.02
@@ -35,16 +33,16 @@ class SetpointTrial:
     """One robot with one kind of infeasible setpoint."""
 
     robot: str
-    number: int  # number of the trial; it determines the trial together with the seed
+    number: int
     kind: str  # kind of the setpoints, a key of `KINDS`
     ended: str = ""  # code of the fault that ended the control, or empty
-    seconds: float = 0.0  # simulated time under control, s
+    seconds: float = 0.0  # s
     # largest excess over a position limit without impacts, rad or m; negative within the limits
     excess: float = -np.inf
     joint: str = ""
     impact: float = -np.inf  # largest excess within 20 ms after an impact
-    relaxed: int = 0  # number of cycles with relaxed constraints
-    holding: int = 0  # number of cycles without a solution
+    relaxed: int = 0  # cycles
+    holding: int = 0  # cycles
 
     @property
     def within_limits(self) -> bool:
@@ -171,7 +169,6 @@ def _weights(controller: Controller, rng: np.random.Generator) -> None:
 
 
 def _mix(controller: Controller, rng: np.random.Generator) -> None:
-    """Apply two other kinds together."""
     others = [_centre, _squat, _poses, _posture]
     for i in rng.choice(len(others), 2, replace=False):
         others[i](controller, rng)

@@ -14,7 +14,7 @@ from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 _CHECK_PERIOD, _SETPOINT = 1.0, 3.0  # periods of the checks of the processes and of the setpoints, s
-_SWAY = 0.01  # amplitude of the setpoints of the centre of mass, m
+_SWAY = 0.01  # m
 #: Share of the time as warm-up, and largest growth of the memory afterwards, kB and kB per minute.
 _WARM_UP, _GROWTH, _SLOPE = 0.5, 1024, 256
 
@@ -29,7 +29,7 @@ class SoakResult:
     # limit of the fault, s received commands per second
     faults: list[tuple[str, float, float]] = field(default_factory=list)
     rate: float = 0.0  # commands per second that the user received
-    late: float = 0.0  # largest lateness of the machine, s
+    late: float = 0.0  # s
 
     def growth(self, name: str) -> int:
         """Return the growth of a process's memory after the warm-up, kB, between the medians of two quarters."""
@@ -89,7 +89,6 @@ def soak(
 
 
 def _check(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
-    """Store memory and states of the processes, and reactivate after a fault."""
     late = nodes.lateness.worst
     nodes.lateness.reset()
     result.late = max(result.late, late)

@@ -28,12 +28,12 @@ _GENERATE = hypothesis.settings(
     derandomize=False,
     suppress_health_check=list(hypothesis.HealthCheck),
 )
-_MUTATIONS = (1, 1, 1, 2, 4)  # number of mutations of one payload or text
-_LONGEST_RUN = 64  # longest run of repeated or inserted bytes
-_LONGEST_NOISE = 400  # length of the longest random payload, bytes
+_MUTATIONS = (1, 1, 1, 2, 4)
+_LONGEST_RUN = 64  # bytes
+_LONGEST_NOISE = 400  # bytes
 #: Share of fields with a very long array or text, and lengths of texts and arrays.
 _LARGE, _LARGEST = 0.002, (20_000, 300_000)
-_MANY = 100  # largest number of elements of a hostile sequence
+_MANY = 100
 _TOKEN = re.compile(r"[-+]?[0-9][-+.0-9eE]*|[A-Za-z_][\w./:-]*|\S")  # a number, a word, or another visible character
 #: A number in a text, and its factors: sign, wrong units, degrees for radians.
 _NUMBER = re.compile(r"(?<![\w.])-?[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?(?![\w.])")
@@ -43,11 +43,7 @@ _STRAY = ("\x00", "\r", "\t", "\ufeff", "\u2028", "é", "\U0001f916", "#", ":", 
 
 
 def draw_by_key(strategy: SearchStrategy[T], *key: object) -> T:
-    """Draw a value that is determined by a key.
-
-    Hypothesis also draws constants from the code of imported local modules, so that the value depends on the code and
-    the imported modules.
-    """
+    """Draw a value determined by a key, by the code and by the imported modules."""
     values: list[T] = []
 
     # The first example of Hypothesis is trivial; a varying number makes the second one random. Its cache would hold a
@@ -63,7 +59,7 @@ def draw_by_key(strategy: SearchStrategy[T], *key: object) -> T:
 
 
 def share(probability: float) -> SearchStrategy[bool]:
-    """Return a strategy that is True with a probability, to within 0.001."""
+    """Return a strategy of True with a probability, to within 0.001."""
     return st.integers(0, 999).map(lambda value: value >= 1000 * (1.0 - probability))
 
 

@@ -23,7 +23,7 @@ from wbc_controller.validation.error_log import logged_errors
 
 READ_LIMIT = 0.5  # processor time limit for reading a request, s; the largest trajectory requires half on a slow core
 CYCLE_LIMIT = 0.02  # processor time limit of one cycle and its own messages, s
-_ROUNDING = 1.0e-9  # rounding tolerance of torques, N·m
+_ROUNDING = 1.0e-9  # N·m
 
 
 class InvariantViolation(Exception):
@@ -41,7 +41,7 @@ class Target:
         topics: incoming topics by name, except the URDF.
         types: type of each topic by key.
         alive: True while the node works; a valid message may end this.
-        heard: messages on the subscribed outgoing topics by key.
+        outputs: messages on the subscribed outgoing topics by key.
     """
 
     def __init__(self, topics: Sequence[Endpoint], subscribed: Sequence[str] = ()) -> None:

@@ -36,7 +36,7 @@ from wbc_controller.validation.user import activation_commands, reliable_counter
 _BLOCK = 3.0  # duration of a block, s; shorter than DDS's lease of a stopped process
 _SETTLE, _LANDING = 0.5, 2.0  # unmeasured time at the beginning of a block, s, and after the release of a mock robot
 _RAMP = 0.1  # activation ramp without a mock robot, s
-_ECHO = "/bench_echo"  # namespace of the echo's topics
+_ECHO = "/bench_echo"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +72,10 @@ def measure_latency(
 
     Args:
         rate: states and cycles per second; by default as configured.
-        seconds: duration for each of both, s.
+        seconds: duration for each, s.
         transport: ``dds`` or ``rclpy``.
         mock: use the mock robot with its physics, in one block.
-        progress: called after each block with the measured time, s, and the round trips of the block.
+        progress: receives the measured time, s, and the round trips of each block.
 
     Raises:
         ConfigurationError: if the robot, rate or transport is invalid, or the system is not Linux.
@@ -97,8 +97,6 @@ def measure_latency(
 
 
 class _Bench:
-    """Processes, and the counterparts of their topics."""
-
     def __init__(self, processes: Processes, transport: Transport, kind: str, domain: int, mock: bool) -> None:
         settings = processes.settings
         model = make_model(settings)
@@ -147,7 +145,6 @@ class _Bench:
 
     @contextlib.contextmanager
     def run_echo(self) -> Iterator[None]:
-        """Run the echo as a process."""
         context = multiprocessing.get_context("spawn")
         stop = context.Event()
         process = context.Process(
@@ -162,7 +159,6 @@ class _Bench:
             process.join()
 
     def run(self, seconds: float, blocks: int, progress: Callable[[float, RoundTrips, RoundTrips], None]) -> Latency:
-        """Measure both in turn, in blocks."""
         controller = self._processes.processes["controller"]
         ours: list[RoundTrips] = []
         bare: list[RoundTrips] = []
@@ -215,7 +211,6 @@ class _Bench:
         return (processor_time(controller) - used) / (time.monotonic() - began)
 
     def _subscribe(self, meter: Meter, topics: list[Endpoint], keys: tuple[str, ...]) -> None:
-        """Subscribe the meter to topics."""
         for topic in topics:
             if topic.key in keys:
                 meter.subscribe(reliable_counterpart(topic), lambda payload: None)
@@ -241,8 +236,6 @@ class _Bench:
             time.sleep(_LANDING)
 
     def _end_active(self) -> None:
-        """Deactivate the controller from any mode."""
-
         def ask() -> None:
             self._send("deactivate" if self._mode() in ("active", "holding") else "reset")
 

@@ -22,7 +22,7 @@ class RoundTrips:
 
     seconds: Array  # time from each state to its torques, (n,) in s; inf without torques
     delays: Array  # time between two states beyond the period, (n - 1,) in s, at least 0
-    period: float  # period of the states, s
+    period: float  # s
 
     @property
     def quantiles(self) -> tuple[float, ...]:
@@ -60,13 +60,12 @@ def round_trips(
     """Assign torques to states.
 
     Torques have no stamp. The joint commands that follow them have the stamp of their state. A command belongs to the
-    newest torques that arrived after the previous command and after its state. Without such torques, the arrival of the
-    command counts, because it contains the same torques.
+    newest torques after the previous command and its state; otherwise its own arrival counts.
 
     Args:
         states: send time, s, and stamp, ns.
         efforts: arrival times of torques, s, ascending.
-        commands: arrival time, s, ascending, and stamp, ns, of joint commands.
+        commands: arrival time, s, ascending, and stamp, ns.
         period: period of the states, s.
     """
     arrivals: dict[int, float] = {}

@@ -24,8 +24,8 @@ from wbc_controller.settings import RealtimeSettings, Settings
 from wbc_controller.simulation.measurement import measure
 from wbc_controller.simulation.plant import Plant
 
-TRANSPORTS = ("dds", "rclpy")  # transports that can be measured
-_BASE = ("odom", "imu")  # streams of the base
+TRANSPORTS = ("dds", "rclpy")
+_BASE = ("odom", "imu")
 #: Amplitude, rad, and angular frequency, rad/s, of the joints' sway, so that states differ.
 _SWAY, _PACE = 5.0e-4, 2.0 * math.pi
 
@@ -79,7 +79,7 @@ class StandingRobot:
     def run(self, stop: threading.Event) -> None:
         """Send states at the configured rate until the event is set; states late by more than a period are skipped."""
         gc.collect()
-        gc.freeze()  # as in the control loop
+        gc.freeze()
         began, count = time.monotonic(), 0
         while not stop.is_set():
             time.sleep(max(0.0, began + count * self._period - time.monotonic()))
