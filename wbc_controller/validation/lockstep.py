@@ -34,13 +34,7 @@ class Lockstep:
         mock: Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
-        """Build a robot on its hoist; `mock` and `options` are options of `MockRobot` and `make_loop`.
-
-        With `use_sim_time` the controller measures time by ``/clock``.
-
-        Raises:
-            ConfigurationError: if the robot cannot be controlled or simulated.
-        """
+        """Build a robot on its hoist; `mock` and `options` are options of `MockRobot` and `make_loop`."""
         self.settings = settings
         self.model = make_model(settings) if model is None else model
         self.topics = controller_endpoints(settings, self.model)

@@ -136,11 +136,7 @@ class Director:
                     self._types[key] = endpoint.type
 
     def play(self, scenario: Scenario) -> None:
-        """Execute a scenario from the first state to the last push.
-
-        Raises:
-            DemoFailed: if the demo cannot continue.
-        """
+        """Execute a scenario from the first state to the last push; raise `DemoFailed` if the demo cannot continue."""
         self._begin("start")
         self._wait_for(
             "joint state of the mock robot", lambda: self.log.newest_message("mock", "joint_states") is not None

@@ -121,11 +121,7 @@ class Body:
         return self._measure_feet([limb.end for limb in alike])
 
     def feet_on_links(self, links: Sequence[str]) -> list[Foot]:
-        """Return the feet on the named links.
-
-        Raises:
-            ConfigurationError: if a name is not a link moved by a joint.
-        """
+        """Return the feet on the named links; raise `ConfigurationError` for a name that no joint moves."""
         frames = self.model.pinocchio.frames
         moved = {str(f.name): int(f.parentJoint) for f in frames if f.type == pin.BODY and f.parentJoint > 1}
         for link in links:

@@ -55,11 +55,7 @@ class Foot:
 def measure(
     model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, upward: pin.SE3, axis: Array
 ) -> Foot:
-    """Measure the foot that a joint moves, on the shapes from `read_collision_elements`.
-
-    `upward` has the axes of the upright base in the joint's frame, x forward and z up; `axis` is the joint's axis,
-    (3,).
-    """
+    """Measure the foot of a joint; `upward` has the base's axes in the joint's frame, x forward and z up."""
     frames = model.pinocchio.frames
     own = [(frame, element) for frame, some in elements.items() for element in some]
     own = [(frame, element) for frame, element in own if frames[frame].parentJoint == joint]

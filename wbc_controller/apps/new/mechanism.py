@@ -56,11 +56,7 @@ class UrdfSource:
 
 
 def read_source(urdf: str) -> UrdfSource:
-    """Read a URDF by its path or ``package://`` address.
-
-    Raises:
-        ConfigurationError: if the file does not exist or is not a URDF.
-    """
+    """Read a URDF by its path or ``package://`` address; raise `ConfigurationError` for a missing or invalid file."""
     path = locate(urdf, "ROBOT.urdf")
     text = read_text(path, f"ROBOT.urdf = {urdf!r}", LARGEST_URDF)
     tree = parse_urdf(text)
@@ -96,9 +92,7 @@ def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> 
 
 
 def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()) -> None:
-    """Write the movable joints in URDF order: ``robot.joints``, ``locked_joints`` and ``joint_limits``.
-
-    Joints that move a link of `carrying`, the feet, are not fingers.
+    """Write ``robot.joints``, ``locked_joints`` and ``joint_limits`` in URDF order; `carrying` are links of feet.
 
     Raises:
         ConfigurationError: if the URDF is invalid or has no usable joint.
@@ -158,7 +152,7 @@ def _moved_mass(model: pin.Model, joint: int) -> float:
 
 
 def read_postures(srdf: str) -> dict[str, dict[str, float]]:
-    """Read the postures of an SRDF: joint positions in rad by name of the ``<group_state>``, in order of preference.
+    """Read the postures of an SRDF, joint positions in rad by name of the ``<group_state>``, in order of preference.
 
     Raises:
         ConfigurationError: if the SRDF is invalid.

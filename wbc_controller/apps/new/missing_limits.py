@@ -72,10 +72,7 @@ def reach_of(model: pin.Model) -> float:
 
 
 def replaced_limits(joints: Sequence[ElementTree.Element], mass: float, reach: float) -> Placeholders:
-    """Return placeholders for missing or implausible joint limits.
-
-    `mass` in kg and `reach`, the length of the longest chain of joints in m, scale the efforts.
-    """
+    """Return placeholders for missing or implausible limits; `mass`, kg, and `reach`, m, scale the efforts."""
     weight = mass * _GRAVITY * max(reach, 0.05)
     found = Placeholders({}, {}, [])
     for joint in joints:

@@ -69,11 +69,7 @@ class Draft:
 
     @property
     def settings(self) -> Settings:
-        """Settings of the draft.
-
-        Raises:
-            ConfigurationError: with one line for each invalid value.
-        """
+        """Settings of the draft; raises `ConfigurationError` with one line for each invalid value."""
         return parse_settings(self.values, "the draft")
 
     def to_yaml(self, title: str) -> str:

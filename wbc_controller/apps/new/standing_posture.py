@@ -55,10 +55,7 @@ class Legs:
     """Legs of a robot, and the search for their posture."""
 
     def __init__(self, model: RobotModel, feet: Sequence[Foot], reference: Array, *, keep_feet: bool) -> None:
-        """Prepare the search near a reference posture, (nj,) in rad, of a robot with a floating base.
-
-        If `keep_feet`, the search keeps the foot positions and base height of the reference.
-        """
+        """Prepare the search near a reference, (nj,) in rad; `keep_feet` keeps its foot positions and base height."""
         self.model, self.feet, self.reference, self._keep_feet = model, feet, np.array(reference), keep_feet
         self._data = model.pinocchio.createData()
         self._legs = self._find_legs()

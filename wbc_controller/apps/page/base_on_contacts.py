@@ -10,10 +10,7 @@ from wbc_controller.records import Array
 
 
 class BaseOnContacts:
-    """Fits the base to the contact positions of the nominal posture.
-
-    It serves drawing only: without a sensor, steps of the robot and tilts of its soles are unknown.
-    """
+    """Fits the base to the contact positions of the nominal posture, for drawing only."""
 
     def __init__(self, robot: Robot) -> None:
         """Compute the contact points in the nominal posture, upright on the floor."""

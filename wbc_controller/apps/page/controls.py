@@ -26,10 +26,7 @@ _DURATION = 3600.0  # duration of a fault, s
 
 
 class Controls:
-    """Controls of the page's panel, shared by all pages.
-
-    Input and updates share the server's event loop, so that an update cannot overwrite a value that was not read yet.
-    """
+    """Controls of the panel, shared by all pages; they use the server's event loop, which orders input and updates."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, sender: RequestSender) -> None:
         self._gui, self._settings, self._sender = server.gui, robot.settings, sender

@@ -35,11 +35,7 @@ class Mesh:
 
 
 def build_meshes(model: RobotModel, most: int = TRIANGLES) -> list[Mesh]:
-    """Return the meshes of a robot, with about `most` triangles in total; a mesh of many shells stays larger.
-
-    Raises:
-        ConfigurationError: if the visual geometry of the URDF cannot be read.
-    """
+    """Return the meshes of a robot with about `most` triangles; raise `ConfigurationError` for unreadable geometry."""
     visuals, bare = read_visuals(model)
     counts = [visual.shape.num_tris if isinstance(visual.shape, coal.BVHModelBase) else 0 for visual in visuals]
     share = min(1.0, most / max(1, sum(counts)))

@@ -47,13 +47,7 @@ def serve(
     commands: bool = False,
     ready: Callable[[str], None] = lambda address: None,
 ) -> None:
-    """Serve the page until the event is set.
-
-    Args:
-        port: port, or the next free one.
-        namespace: namespace of the robot's nodes.
-        commands: True if the page may command.
-        ready: receives the page's address once the page can be opened.
+    """Serve the page until the event is set; `ready` receives the page's address.
 
     Raises:
         ConfigurationError: if the robot cannot be drawn, or `host` is not an address of this computer.

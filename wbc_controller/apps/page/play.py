@@ -30,10 +30,7 @@ def play(
 ) -> None:
     """Start mock robot and controller, activate, and serve the page until the event is set.
 
-    Args:
-        port: port of the page, or the next free one.
-        domain: DDS domain; None for an unused one.
-        factor: simulated seconds per second.
+    `domain` is by default an unused DDS domain, `factor` the number of simulated seconds per second.
 
     Raises:
         WbcError: if a process ends by itself, with the end of its log.
@@ -65,11 +62,7 @@ def play(
 
 
 def free_domain() -> int:
-    """Return a DDS domain without a participant on this computer.
-
-    Raises:
-        WbcError: if all candidates are in use.
-    """
+    """Return a DDS domain without a participant on this computer; raise `WbcError` if all candidates are in use."""
     for i in range(_DOMAINS):
         domain = _FIRST_DOMAIN + (os.getpid() + i) % _DOMAINS
         # RTPS 9.6.1.1: port of the first participant of a domain.

@@ -20,10 +20,7 @@ _QUEUE_SIZE = 200
 
 
 class RequestSender:
-    """Sends the requests of the pages on its own thread.
-
-    The newest value of each drag is sent at most once per `PERIOD`, and only in response to events of its page.
-    """
+    """Sends requests on its own thread, the newest value of each drag at most once per `PERIOD`."""
 
     def __init__(
         self,
@@ -36,9 +33,7 @@ class RequestSender:
 
         Args:
             send: sends one request from any thread; may raise `WbcError`.
-            report: receives the words of each request, empty for a drag, and its error, empty after success. It runs on
-                the
-                sender's thread, or on the caller's for an emergency stop.
+            report: receives the words of each request, empty for a drag, and its error or an empty text.
             clock: monotonic clock, s.
         """
         self._settings, self._send, self._report, self._clock = settings, send, report, clock

@@ -56,8 +56,8 @@ _Process = Callable[[ServerConnection, Request], Response | None]
 class Gate:
     """Decides on every HTTP request before an answer.
 
-    On the loopback, the host must be a name of the loopback; other names belong to web sites that resolve to this
-    computer. Connections from pages of other sites are refused. On other interfaces every request needs the token.
+    On the loopback, hosts must be names of the loopback, and connections from pages of other sites are refused. On
+    other interfaces every request needs the token.
     """
 
     def __init__(self, host: str, token: str = "") -> None:

@@ -24,11 +24,7 @@ class Robot:
     """A robot for drawing: settings, model, tasks and contacts."""
 
     def __init__(self, settings: Settings, urdf: str | None = None) -> None:
-        """Build the robot; `urdf` is the URDF if the settings name no file.
-
-        Raises:
-            ConfigurationError: if settings and URDF do not match.
-        """
+        """Build the robot, with `urdf` if the settings name no file; raise `ConfigurationError` for a mismatch."""
         self.settings = settings
         self.model: RobotModel = make_model(settings, urdf)
         self.contacts: dict[str, Contact] = {

@@ -25,10 +25,7 @@ _MAX_AGE = 0.2  # largest age of torques and contact forces relative to the stat
 
 
 class TopicSource:
-    """Reads the topics of a robot.
-
-    Messages wait in DDS until a snapshot is requested, so that skipped messages cost almost no time.
-    """
+    """Reads the topics of a robot; messages wait in DDS until a snapshot is requested."""
 
     def __init__(self, session: Session, robot: Robot) -> None:
         self._session, self._robot = session, robot

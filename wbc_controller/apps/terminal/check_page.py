@@ -29,13 +29,7 @@ _DOT = 0.012  # radius of dots for the centre of mass and point contacts, as a s
 
 
 def write_check_page(config: Config, findings: Sequence[Finding], failure: str, path: Path) -> None:
-    """Write the page of a check with its findings, or its error `failure`.
-
-    Raises:
-        ConfigurationError: if the robot or its QP cannot be built, the visual geometry cannot be read, or the file
-            cannot
-            be written.
-    """
+    """Write the page of a check with its findings or its error `failure`; raise `ConfigurationError` if this fails."""
     settings = config.settings
     model = make_model(settings, config.urdf)
     qp = make_qp(settings, model)

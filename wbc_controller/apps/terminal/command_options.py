@@ -41,11 +41,7 @@ def with_options(*options: Callable[[F], F]) -> Callable[[F], F]:
 
 
 def load_named(config: str) -> Settings:
-    """Load the settings of a supplied robot or a file.
-
-    Raises:
-        ConfigurationError: if the configuration does not exist or contains an invalid value.
-    """
+    """Load the settings of a supplied robot or a file; raise `ConfigurationError` for unknown or invalid ones."""
     return load_settings(find_configuration(config))
 
 

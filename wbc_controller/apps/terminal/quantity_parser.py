@@ -40,11 +40,7 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)([A-Za-z]*)")
 
 
 def number(text: str, subject: str, units: Mapping[str, float] = PLAIN) -> float:
-    """Return a number in SI units.
-
-    Raises:
-        InputRefused: if the text is not a number, or the unit is unknown.
-    """
+    """Return a number in SI units; raise `InputRefused` for other texts and unknown units."""
     match = _NUMBER.fullmatch(text)
     if match is None:
         raise InputRefused(f"{subject}: expected a number, got {text!r}")
@@ -82,11 +78,7 @@ def displacement(words: Sequence[str], subject: str, units: Mapping[str, float])
 
 
 def turn(words: Sequence[str], axes: Mapping[str, tuple[int, int, int]], subject: str) -> Array:
-    """Return an angle and a direction, such as ``10deg left``, as a rotation vector in heading axes, (3,) in rad.
-
-    Raises:
-        InputRefused: if the words have another form.
-    """
+    """Return ``ANGLE DIRECTION`` as a rotation vector in heading axes, (3,) in rad; raise `InputRefused` otherwise."""
     if len(words) != 2:
         raise InputRefused(f"{subject} requires an angle and a direction, such as 10deg left; got {_quoted(words)}")
     if words[1] not in axes:

@@ -59,11 +59,7 @@ class Request:
 
 
 def parse_request(words: Sequence[str], settings: Settings) -> Request:
-    """Parse a request such as ``["com", "+0.02", "forward"]``; the settings name the tasks and contacts.
-
-    Raises:
-        InputRefused: if the form is invalid, with the valid forms.
-    """
+    """Parse a request such as ``["com", "+0.02", "forward"]``; raise `InputRefused` with the valid forms."""
     first, rest = (words[0], list(words[1:])) if words else ("", [])
     if first in settings.tasks:
         return _setpoint(first, rest, settings)

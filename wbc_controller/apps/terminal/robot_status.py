@@ -56,11 +56,7 @@ class StatusListener:
             session.listen("controller", key, name)
 
     def wait_for_first(self) -> None:
-        """Wait for the messages of a complete first status.
-
-        Raises:
-            NoAnswer: without a controller.
-        """
+        """Wait for the messages of a complete first status; raise `NoAnswer` without a controller."""
         self._session.wait_for_controller()
         self._session.until(
             lambda: self.read_statuses() and len(self._cycles) > 1, "the controller has stopped publishing its status"

@@ -122,10 +122,7 @@ class Session:
         return payloads
 
     def poll(self, node: str, key: str, subject: str = "") -> Callable[[], bytes | None]:
-        """Return a function that returns the newest payload since its last call, without a callback.
-
-        The subscription is best effort: the publisher waits for no acknowledgment.
-        """
+        """Return a function that returns the newest payload since its last call, by a best-effort subscription."""
         topic = dataclasses.replace(counterpart(self.topics[node, key, subject]), qos=STATE_IN)
         stream = self._transport.stream(topic, depth=1)
 
@@ -147,22 +144,14 @@ class Session:
             yield decode(payloads.popleft(), self.topics[node, key, subject].type)
 
     def wait_for_message(self, node: str, key: str, subject: str = "") -> Any:
-        """Return the newest message of a topic, after waiting for the first one.
-
-        Raises:
-            NoAnswer: if no message arrives.
-        """
+        """Return the newest message of a topic, after waiting for the first one; raise `NoAnswer` without any."""
         self.listen(node, key, subject)
         name = self.topics[node, key, subject].name
         self.until(lambda: self._messages[node, key, subject], f"no message on {name}{self._mode_note()}")
         return self.newest(node, key, subject)
 
     def until(self, condition: Callable[[], Any], error: str, patience: float = ANSWER_TIMEOUT) -> None:
-        """Wait until a condition on the messages is true.
-
-        Raises:
-            NoAnswer: with the text `error`, after the time limit.
-        """
+        """Wait until a condition on the messages is true; raise `NoAnswer` with the text `error` otherwise."""
         with self._arrival:
             if not self._arrival.wait_for(condition, patience):
                 raise NoAnswer(error)
@@ -180,11 +169,7 @@ class Session:
         return f"; the controller is {self.mode()}" if self.mode() else ""
 
     def execute(self, request: Request) -> Answer:
-        """Send a request, and wait for its outcome.
-
-        Raises:
-            NoAnswer: if its node is not found or does not answer.
-        """
+        """Send a request, and wait for its outcome; raise `NoAnswer` without a node or an answer."""
         if (request.node, request.key, request.summary) == ("controller", "command", "estop"):
             return self._emergency_stop(request)
         if request.node == "mock":
@@ -242,11 +227,7 @@ class Session:
             time.sleep(0.01)
 
     def wait_for_controller(self) -> None:
-        """Wait for a message on each of the controller's topics state and diagnostics.
-
-        Raises:
-            NoAnswer: if the controller is not found or publishes nothing on one of them.
-        """
+        """Wait for messages on the controller's topics state and diagnostics; raise `NoAnswer` without them."""
         self.find_controller()
         self.listen("controller", "state")
         self.listen("controller", "diagnostics", depth=1000)

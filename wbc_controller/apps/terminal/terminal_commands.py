@@ -165,11 +165,7 @@ def topics() -> None:
 
 
 def find_topic(text: str, topics: dict[tuple[str, str, str], Endpoint]) -> Endpoint:
-    """Return the topic with this name or end of a name, such as ``state`` or ``com/reference``.
-
-    Raises:
-        InputRefused: if the topic does not exist.
-    """
+    """Return the topic with this name or end of a name, such as ``com/reference``; raise `InputRefused` without one."""
     by_name = {topic.name: topic for topic in topics.values()}
     # Latched messages require the sender's row, with a latched subscription.
     by_name |= {topic.name: topic for topic in topics.values() if topic.direction is Direction.OUT}

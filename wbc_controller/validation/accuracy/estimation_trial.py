@@ -35,11 +35,7 @@ class EstimationTrial(Lockstep):
     report: CycleReport
 
     def __init__(self, robot: str | Config, changes: Mapping[str, Any], *, force_sensors: bool = False) -> None:
-        """Build a robot on its hoist.
-
-        Raises:
-            ConfigurationError: if the robot cannot be controlled or simulated.
-        """
+        """Build a robot on its hoist; raise `ConfigurationError` if it cannot be controlled or simulated."""
         values = {"control.markers_rate": 0.0, "safety.bring_up_time": 0.0, **changes}
         settings = load(robot).replace(values).settings
         model = make_model(settings)
@@ -62,11 +58,7 @@ class EstimationTrial(Lockstep):
         return self.report
 
     def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
-        """Run for `seconds`; `each` is called after every cycle.
-
-        Raises:
-            NoSolution: if the controller has left its active mode, or the robot has fallen.
-        """
+        """Run for `seconds`, with `each` after every cycle; raise `NoSolution` if the active mode ends."""
         for _ in range(round(seconds * self.settings.control.rate)):
             self.cycle()
             if self.report.mode is not Mode.ACTIVE or self.mock.plant.fallen:
@@ -82,11 +74,7 @@ class EstimationTrial(Lockstep):
             self.cycle()
 
     def stand(self) -> None:
-        """Wait for the estimate, activate, and release the base.
-
-        Raises:
-            NoSolution: if one of these steps fails.
-        """
+        """Wait for the estimate, activate, and release the base; raise `NoSolution` if this fails."""
         self.settle()
         deadline = self.time + _TIMEOUT
         while self.report.mode is not Mode.ACTIVE:

@@ -99,9 +99,6 @@ def measure_flaw(
     """Compare the true centre of mass with the references of a sway and a squat.
 
     With `known_friction`, ``robot.friction`` contains the joint friction of the flaw.
-
-    Raises:
-        ConfigurationError: if the robot cannot be controlled or simulated.
     """
     flaw = next(flaw for flaw in FLAWS if flaw.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "estimation.disturbance": disturbance}
@@ -144,13 +141,7 @@ def _error(trial: EstimationTrial, points: Array, torques: list[Array]) -> float
 
 
 def chatter(torques: Array, rate: float, limits: Array) -> float:
-    """Return the largest RMS torque of an actuator above `CHATTER`, as a share of its limit.
-
-    Args:
-        torques: (n, na) in N·m.
-        rate: samples per second.
-        limits: (na,) in N·m.
-    """
+    """Return the largest RMS of torques, (n, na), above `CHATTER`, as a share of the limits, (na,); `rate` in Hz."""
     spectrum = np.fft.rfft(torques * np.hanning(len(torques))[:, None], axis=0)
     frequency = np.fft.rfftfreq(len(torques), 1.0 / rate)
     # Parseval's theorem; 3/8 is the mean square of the window.

@@ -121,13 +121,7 @@ def run_mishap(
     force_sensors: bool = False,
     changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> Outcome:
-    """Apply a mishap to a swaying robot, or to a robot on the hoist.
-
-    `force_sensors` provides the true contact forces at 100 Hz.
-
-    Raises:
-        ConfigurationError: if the robot cannot be controlled or simulated.
-    """
+    """Apply a mishap to a robot; `force_sensors` provides the true contact forces at 100 Hz."""
     mishap = next(mishap for mishap in MISHAPS if mishap.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
     trial = EstimationTrial(load(robot).replace({**known, **changes}), {}, force_sensors=force_sensors)

@@ -54,11 +54,7 @@ def sensor_settings(sensors: SensorQuality) -> dict[str, Any]:
 
 
 def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> StandingErrors:
-    """Measure the errors of a robot standing on its estimate; the filter has the data of its sensors.
-
-    Raises:
-        ConfigurationError: if the robot cannot be controlled or simulated.
-    """
+    """Measure the errors of a robot standing on its estimate; the filter has the data of its sensors."""
     own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
     trial = EstimationTrial(robot, {**sensor_settings(sensors), **own})
     errors: list[Array] = []

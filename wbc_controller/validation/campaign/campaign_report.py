@@ -150,11 +150,7 @@ def repeat_command(outcome: Outcome) -> str:
 
 
 def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> None:
-    """Write the table as Markdown and CSV and, if plotly is installed, a page with plots.
-
-    Raises:
-        ConfigurationError: if a file cannot be written.
-    """
+    """Write Markdown, CSV and, with plotly, a page with plots; raise `ConfigurationError` if this fails."""
     rows = rows_of(outcomes)
     try:
         (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")

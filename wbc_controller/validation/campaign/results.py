@@ -27,17 +27,13 @@ class Results:
     """Outcomes of a campaign, in memory and on disk.
 
     Attributes:
-        outcomes: newest outcomes of this version of code and configuration, by key.
-        repeated: earlier outcomes of repeated trials, by key.
-        other_versions: number of unused lines of other versions in the file.
+        outcomes: newest outcomes of this version of code and configuration.
+        repeated: earlier outcomes of repeated trials.
+        other_versions: number of unused lines of other versions.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Open and read the file of a folder.
-
-        Raises:
-            ConfigurationError: if the folder or file cannot be used.
-        """
+        """Open and read the file of a folder; raise `ConfigurationError` if this fails."""
         self.path = folder / FILE
         self.outcomes: dict[TrialKey, Outcome] = {}
         self.repeated: dict[TrialKey, Outcome] = {}

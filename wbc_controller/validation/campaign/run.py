@@ -42,16 +42,12 @@ def run_campaign(
     recordings: Path | None = None,
     console: Console | None = None,
 ) -> bool:
-    """Run the missing trials of a folder, and write the report of all.
+    """Run the missing trials of a folder, and write the report of all; return True without violations.
 
     Args:
-        folder: folder of the results; a second call resumes the campaign.
         jobs: parallel trials; -1 for one per processor.
         address: address of the scheduler or cluster of the backend.
-        recordings: folder of fault recordings, which are checked; None for no recordings.
-
-    Returns:
-        True without violations.
+        recordings: folder of fault recordings, which are checked.
 
     Raises:
         ConfigurationError: if a name is unknown, a file cannot be used, or the backend is not installed.

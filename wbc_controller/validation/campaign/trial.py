@@ -1,7 +1,7 @@
 """One trial: a standing and moving robot, a fault at a random time, and the outcome.
 
-Controller, physics and user run in one thread on simulated time, so that a seed determines the trial. Odd seeds set
-`safety.synchronized_clocks`; with even seeds the controller learns the offset of its clock.
+Controller, physics and user run in one thread on simulated time. Odd seeds set `safety.synchronized_clocks`; with even
+seeds the controller learns the offset of its clock.
 """
 
 import contextlib
@@ -53,13 +53,12 @@ def run_trial(
     prepare: Callable[[Controller], None] = lambda controller: None,
     recordings: Path | None = None,
 ) -> Outcome:
-    """Run one trial.
+    """Run one trial; the seed determines start, duration and parameters of the fault.
 
     Args:
-        seed: determines start, duration and parameters of the fault.
         parameters: parameters of the fault that replace random ones.
         prepare: function for tests, called with the controller before the trial.
-        recordings: folder of fault recordings, which are checked; None for no recordings.
+        recordings: folder of fault recordings, which are checked.
 
     Raises:
         ConfigurationError: if the kind is unknown or the configuration invalid.

@@ -72,11 +72,7 @@ def fuzz_clocks(
     first: int = 0,
     progress: Callable[[ClockTrial], None] = lambda trial: None,
 ) -> list[ClockTrial]:
-    """Run a number of trials with each robot.
-
-    Raises:
-        ConfigurationError: if a robot is unknown.
-    """
+    """Run a number of trials with each robot."""
     trials = []
     for robot in robots:
         for each in range(first, first + count):

@@ -68,11 +68,7 @@ def fuzz_files(
     most_failures: int = 20,
     progress: Callable[[FilesOutcome, int], None] = lambda outcome, number: None,
 ) -> FilesOutcome:
-    """Read hostile ``configurations``, ``urdf`` or ``recordings`` of the robots in turn, in a child process.
-
-    Raises:
-        WbcError: if the child process does not start.
-    """
+    """Read hostile ``configurations``, ``urdf`` or ``recordings`` of the robots in turn, in a child process."""
     outcome, due, began = FilesOutcome(), first, time.monotonic()
     while due < first + count and len(outcome.failures) < most_failures:
         ours, theirs = multiprocessing.get_context("spawn").Pipe()

@@ -136,12 +136,7 @@ def flood_trials(
     seed: int = 0,
     progress: Callable[[StopTrial], None] = lambda trial: None,
 ) -> list[StopTrial]:
-    """Flood each kind of input of a running controller, and stop it repeatedly.
-
-    Raises:
-        ConfigurationError: if a flood is unknown.
-        WbcError: if a process fails.
-    """
+    """Flood each kind of input of a running controller, and stop it; raise `WbcError` if a process fails."""
     for kind in kinds:
         if kind not in FLOODS:
             raise ConfigurationError(f"unknown flood {kind!r}; {valid_choices(kind, FLOODS)}")

@@ -175,11 +175,7 @@ def _robot() -> RobotModel:
 
 
 def run_class(hostile: HostileClass) -> str:
-    """Run a controller with a hostile class.
-
-    Returns:
-        ``refused``, the final mode and fault code, or a description of the failure.
-    """
+    """Run a controller with a hostile class; return ``refused``, the mode and fault code, or a failure."""
     model = _robot()
     try:
         own: dict[str, Any] = {hostile.kind: [hostile.make]}

@@ -89,11 +89,7 @@ def fuzz_messages(
     most_failures: int = 10,
     progress: Callable[[Outcome, str, int], None] = lambda outcome, key, episode: None,
 ) -> Outcome:
-    """Send hostile messages to all nodes.
-
-    Raises:
-        ConfigurationError: if a node is unknown.
-    """
+    """Send hostile messages to all nodes."""
     shares = {key: _of(key)[1] for key in targets}
     done, episodes = dict.fromkeys(targets, 0), dict.fromkeys(targets, first)
     outcome, warm, began, before_all = Outcome(), 0, time.monotonic(), time.process_time()
@@ -190,14 +186,7 @@ def save(failure: Failure, robot: str, path: Path) -> None:
 
 
 def load(path: Path) -> tuple[str, str, list[Message]]:
-    """Read a file of `save`.
-
-    Returns:
-        Key of the node, name of the robot, and the messages.
-
-    Raises:
-        ConfigurationError: if the file has another content.
-    """
+    """Return node, robot and messages from a file of `save`; raise `ConfigurationError` for other contents."""
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
         sent = [(str(each["topic"]), base64.b64decode(each["payload"])) for each in content["messages"]]

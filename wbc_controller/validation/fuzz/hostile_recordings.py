@@ -155,11 +155,7 @@ def _hostile_text(draw: DrawFn, text: str) -> str:
 
 
 def read_recording(path: Path) -> None:
-    """Read a recording as the commands do: summary, replay of some cycles, and data of a report.
-
-    Raises:
-        ConfigurationError: if it is refused.
-    """
+    """Read a recording as the commands do; raise `ConfigurationError` if it is refused."""
     recorded = Recording(path)
     summarize(recorded)
     run = Replay(recorded)

@@ -1,7 +1,6 @@
 """Kills of processes: the controller or the mock robot is killed, hung up or stopped temporarily.
 
-Checks at the joints: the guard's torques arrive within its bound after the last command, no torques result from a stale
-state, and the robot can be reactivated.
+Checks: the guard's torques arrive within its bound, no torques result from a stale state, the robot can be reactivated.
 """
 
 import signal
@@ -60,11 +59,7 @@ def kill_trials(
     seed: int = 0,
     progress: Callable[[KillTrial], None] = lambda trial: None,
 ) -> list[KillTrial]:
-    """Kill, hang up and stop the controller and the mock robot at random times.
-
-    Raises:
-        WbcError: if a process fails.
-    """
+    """Kill, hang up and stop controller and mock robot at random times; raise `WbcError` if a process fails."""
     rng, done = np.random.default_rng(seed), []
     with RobotProcesses(robot, folder, domain, {"safety.activation_ramp": 0.1, "safety.damping_time": 0.5}) as nodes:
         nodes.start_and_wait("mock", "guard", "controller")

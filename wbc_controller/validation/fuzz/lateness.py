@@ -11,11 +11,7 @@ MACHINE = 0.5
 
 
 class Lateness:
-    """Lateness of sleeps on each processor, and waiting time of watched processes for a processor.
-
-    Attributes:
-        worst: largest lateness since `reset`, s, of a sleep, or of a thread within `_WINDOW`.
-    """
+    """Lateness of sleeps and of watched processes; `worst` is the largest since `reset`, s."""
 
     _NAP, _LOOK, _WINDOW = 0.001, 0.01, 0.05
 

@@ -1,7 +1,4 @@
-"""Fuzzer of quadratic programs: feasible ones are solved, and relaxation is minimal.
-
-Slow linear programs over the same constraints, without a cost, provide the reference.
-"""
+"""Fuzzer of quadratic programs: feasible ones are solved, and relaxation is minimal, compared with linear programs."""
 
 import time
 from collections import Counter
@@ -56,13 +53,7 @@ def fuzz_problems(
     first: int = 0,
     progress: Callable[[ProblemsOutcome], None] = lambda outcome: None,
 ) -> Iterator[ProblemsOutcome]:
-    """Solve random problems of each robot, check the relaxations, and yield one outcome per robot.
-
-    The sum of `seed` and the number determines a problem.
-
-    Raises:
-        ConfigurationError: if a robot is unknown.
-    """
+    """Solve random problems of each robot, and check the relaxations; `seed` plus the number determines a problem."""
     for robot in robots:
         settings = load_settings(find_configuration(robot))
         qp = make_qp(settings, make_model(settings))
@@ -144,12 +135,9 @@ def relaxation_error(
 
 
 def feasibility_margin(problem: QuadraticProgram) -> float:
-    """Return the feasibility margin: the largest distance of a solution x from all bounds, at most 1.
+    """Return the largest distance of a solution x from all bounds, at most 1, by a linear program.
 
-    In the problem's units, by a linear program; negative for infeasible problems.
-
-    Raises:
-        WbcError: if the linear program is not solved.
+    It has the problem's units, and is negative for infeasible problems.
     """
     n, (lower, upper) = problem.n, problem.bounds
     rows = np.vstack([np.eye(n), problem.C])

@@ -58,11 +58,7 @@ def fuzz_setpoints(
     first: int = 0,
     progress: Callable[[SetpointTrial], None] = lambda trial: None,
 ) -> list[SetpointTrial]:
-    """Run trials until each robot was under control for a time.
-
-    Raises:
-        ConfigurationError: if a robot is unknown.
-    """
+    """Run trials until each robot was under control for a time."""
     level, trials = _log.level, list[SetpointTrial]()
     _log.setLevel(logging.ERROR)  # falls and cycles without a solution are expected
     try:

@@ -55,11 +55,7 @@ def soak(
     domain: int = DOMAIN,
     progress: Callable[[SoakResult], None] = lambda result: None,
 ) -> SoakResult:
-    """Run all nodes for a time with a swaying robot.
-
-    Raises:
-        WbcError: if a process fails.
-    """
+    """Run all nodes for a time with a swaying robot; raise `WbcError` if a process fails."""
     result, names = SoakResult(), ("mock", "guard", "controller")
     with RobotProcesses(robot, folder, domain) as nodes:
         nodes.start_and_wait(*names)

@@ -65,11 +65,7 @@ class Target:
         raise NotImplementedError
 
     def deliver(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message, and check the invariants of the node.
-
-        Raises:
-            Broken: if an invariant is violated.
-        """
+        """Deliver a message; raise `InvariantViolation` if an invariant of the node is violated."""
         raise NotImplementedError
 
     def finish(self) -> None:
@@ -145,11 +141,7 @@ def with_all_diagnostics(settings: Settings) -> Settings:
 
 
 def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: str) -> None:
-    """Check that torques are finite, within limits, and changed by at most `step`.
-
-    Raises:
-        Broken: if a check fails.
-    """
+    """Check that torques are finite, within limits, and changed by at most `step`; raise `InvariantViolation`."""
     if not np.isfinite(tau).all():
         raise InvariantViolation(f"{what} sent non-finite torques: {tau.tolist()}")
     if not (np.abs(tau) <= limits + _ROUNDING).all():
@@ -162,11 +154,7 @@ def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: s
 
 @contextlib.contextmanager
 def time_limit(seconds: float, what: str) -> Iterator[None]:
-    """Limit the processor time of this thread in the context, s.
-
-    Raises:
-        Slow: if the limit is exceeded.
-    """
+    """Limit the processor time of this thread in the context, s; raise `TimeLimitExceeded`."""
     began = time.thread_time()
     yield
     spent = time.thread_time() - began

@@ -1,7 +1,6 @@
 """Latency from joint state to torques between two processes, compared with a bare echo of the same bytes.
 
-Controller and guard are processes as on a robot. This process is the robot. It sends states in turn to the controller,
-and to the echo while the controller's process is stopped.
+Controller and guard are processes. This process is the robot, and sends states to the controller and the echo in turn.
 """
 
 import concurrent.futures
@@ -78,8 +77,7 @@ def measure_latency(
         progress: receives the measured time, s, and the round trips of each block.
 
     Raises:
-        ConfigurationError: if the robot, rate or transport is invalid, or the system is not Linux.
-        WbcError: if a process fails.
+        ConfigurationError: if an argument is invalid, or the system is not Linux.
     """
     if not sys.platform.startswith("linux"):
         raise ConfigurationError(f"wbc bench latency requires /proc (Linux), got {sys.platform}")

@@ -137,12 +137,7 @@ class Meter:
         return bool(self._efforts)
 
     def measure(self, seconds: float, period: float) -> Callable[[], RoundTrips]:
-        """Record for `seconds` while another thread sends states with a period, s.
-
-        Returns:
-            Function that assigns the torques, to be called after the end of that thread because of its long
-                computation.
-        """
+        """Record for `seconds` with states from another thread; the result assigns torques after that thread's end."""
         self._clear()
         time.sleep(seconds)
         states = self._states.copy()
