@@ -235,7 +235,6 @@ class Director:
         return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()))
 
     def _move_to_standing(self) -> None:
-        """Set the present centre of mass as the reference, also without a task."""
         self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
         self._run(1.0)
 

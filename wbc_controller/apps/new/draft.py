@@ -83,7 +83,6 @@ def _feet(
 
 
 def _model(draft: Draft, source: UrdfSource, *, floating: bool) -> RobotModel:
-    """Build the model of the draft's joints, at positions near zero within the limits."""
     robot = draft.values["robot"]
     ranges = ranges_of(source, robot.get("joint_limits", {}))
     posture = [float(np.clip(0.0, *ranges[name])) for name in robot["joints"]]

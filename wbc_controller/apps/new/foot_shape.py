@@ -97,7 +97,6 @@ def _foot_without_shape(model: RobotModel, joint: int, down: Array) -> Foot:
 
 
 def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array) -> Foot | None:
-    """Return a wheel, a body of revolution about a continuous joint, or None."""
     own = model.pinocchio.joints[joint]
     at = own.idx_q
     endless = own.nq == 2 or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _ENDLESS
@@ -165,7 +164,6 @@ def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
 def _sole(
     model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, link: str, plane: pin.SE3
 ) -> Foot | None:
-    """Return a flat sole with its footprint as a rectangle or polygon; None if it is too small."""
     whole = footprint(model, elements, joint, plane)
     if whole is None or _area(whole.polygon) < _LEAST_AREA:
         return None

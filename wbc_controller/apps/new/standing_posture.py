@@ -103,7 +103,6 @@ class Legs:
         return found
 
     def _zero_kinematics(self) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Return axis and position of each joint in the base, with all joints at zero."""
         model, data = self.model.pinocchio, self._data
         pin.computeJointJacobians(model, data, pin.neutral(model))
         joints = range(2, model.njoints)
@@ -126,7 +125,6 @@ class Legs:
         return wanted
 
     def _hip_height(self) -> float:
-        """Return the mean height of the hips above the base, m, at least 0."""
         places = self._zero_kinematics()[1]
         return max(0.0, float(np.mean([places[leg.joints[0]][2] for leg in self._legs if leg.joints] or [0.0])))
 

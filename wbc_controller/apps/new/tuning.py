@@ -113,7 +113,6 @@ def _put_hands(
 
 
 def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str:
-    """Return the link that carries the arms; empty if it is the base."""
     ends = [arm.end for arm in arms if arm.end not in {foot.joint for foot in feet}]
     if len(ends) < 2:
         return ""
@@ -152,7 +151,6 @@ def put_damping(model: RobotModel, height: float, draft: Draft) -> None:
 
 
 def _rounded_polygon(corners: Array) -> Array:
-    """Round the corners of a polygon, (n, 2) in m, and remove corners that are then on an edge."""
     corners = np.round(corners, 4)
     while len(corners) > 3 and not all(are_corners(corners)):
         corners = fewer_corners(corners, len(corners) - 1)

@@ -126,7 +126,6 @@ class Controls:
         return switch
 
     def _slider(self, label: str, value: float, task: str, request: Callable[[str], list[str]]) -> Any | None:
-        """Add a slider that sends requests; None if the configured value is not positive."""
         if not value > 0.0:
             return None
         slider = self._gui.add_slider(label, 0.0, _RANGE * value, value / 50.0, value)

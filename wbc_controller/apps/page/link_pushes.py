@@ -58,7 +58,6 @@ class LinkPushes:
         return np.asarray(pull / length * weight * min(_MAX_FORCE, _FORCE_PER_METRE * length))
 
     def _request(self, joint: int, at: Array, force: Array) -> Request:
-        """Return the push as a wrench at the origin of the link."""
         link, frame = self._links[joint]
         origin = (self._drawing.placements[joint] * frame).translation
         wrench = np.concatenate([force, np.cross(at - origin, force)])

@@ -64,7 +64,6 @@ def play(robot: str, host: str, port: int, domain: int | None, factor: float) ->
 
 
 def _require_viser() -> None:
-    """Raise `ConfigurationError` with the command to install a missing library of the page."""
     try:
         import fast_simplification  # noqa: F401 - import test only
         import trimesh  # noqa: F401

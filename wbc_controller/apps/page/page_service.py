@@ -105,8 +105,6 @@ def _use_batch_scheduling() -> None:
 
 
 class _MockDetector:
-    """Returns True if a mock robot publishes the joint states."""
-
     def __init__(self, session: Session) -> None:
         self._session, self._due, self._is_mock = session, 0.0, False
 

@@ -167,7 +167,6 @@ def _torques(robot: Robot, snapshot: Snapshot) -> str:
 
 
 def _bar(share: float, *, signed: bool = False, color: str = "") -> str:
-    """Return a bar for a share of a limit, from the left or, if signed, from the middle."""
     size = min(1.0, abs(share))
     color = color or ("#e03131" if size >= _ALL else "#f08c00" if size >= _MUCH else "#228be6")
     width = 100.0 * size / (2.0 if signed else 1.0)

@@ -105,7 +105,6 @@ class RequestSender:
                 self._deliver(request, "")
 
     def _parse(self, words: Sequence[str]) -> Request | None:
-        """Return the parsed request, or report the error on the page and return None."""
         try:
             return parse_request(words, self._settings)
         except WbcError as error:

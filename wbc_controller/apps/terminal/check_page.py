@@ -87,7 +87,6 @@ def _forces(config: Config, qp: WholeBodyQP, q: Array) -> Mapping[str, Array]:
 
 
 def _floor_plan(qp: WholeBodyQP, active: Sequence[str], true: Mapping[str, Array]) -> str:
-    """Return an SVG of contacts, undersides and centre of mass from above, x up and y to the left."""
     feet = {
         name: contact.points(qp.dynamics)[:, :2]
         for name in active

@@ -268,7 +268,6 @@ class Session:
         return self._status_values_until(lambda values: True, "no status of the controller on /diagnostics")[-1]
 
     def _status_values_until(self, condition: Callable[[dict[str, str]], bool], error: str) -> list[dict[str, str]]:
-        """Return the values of the controller's statuses up to the first that fulfils a condition."""
         found: list[dict[str, str]] = []
 
         def met() -> bool:

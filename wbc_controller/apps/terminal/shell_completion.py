@@ -39,7 +39,6 @@ def complete_topics(ctx: click.Context, param: click.Parameter, incomplete: str)
 
 
 def _settings(ctx: click.Context) -> Settings | None:
-    """Return the settings of the robot on the command line; None if they cannot be read."""
     try:
         return load_settings(find_configuration(str(ctx.params.get("config") or "")))
     except WbcError:

@@ -178,7 +178,6 @@ def find_topic(text: str, topics: dict[tuple[str, str, str], Endpoint]) -> Endpo
 
 
 def _split_requests(words: tuple[str, ...]) -> list[list[str]]:
-    """Split words at ``then``; an argument may hold several words."""
     requests: list[list[str]] = [[]]
     for word in words if words[0] in ("update", "fault") else " ".join(words).split():
         if word == "then":

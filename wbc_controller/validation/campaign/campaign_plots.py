@@ -62,7 +62,6 @@ def campaign_plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plo
 
 
 def _shares(rows: Sequence[Row]) -> list[Series]:
-    """Return the shares of each outcome, and a cross for each kind with violations."""
     kinds = list(dict.fromkeys(row.kind for row in rows))
     trials = {kind: sum(row.trials for row in rows if row.kind == kind) for kind in kinds}
     series = []

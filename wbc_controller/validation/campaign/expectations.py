@@ -95,7 +95,6 @@ def _spike(fault: Any, context: RuleContext) -> Expectation:
 
 
 def _share_refused(fault: Any, context: RuleContext) -> Expectation:
-    """A share of the messages of a stream is missing or refused."""
     return context.expect_stale(fault.duration) if fault.share == 1.0 else STALE_OR_BALANCE
 
 
@@ -106,7 +105,6 @@ def _message_loss(fault: Any, context: RuleContext) -> Expectation:
 
 
 def _missing_stream(fault: Any, context: RuleContext) -> Expectation:
-    """All messages of a stream are missing for the duration."""
     return HARMLESS if getattr(fault, "stream", "") == "imu" else context.expect_stale(fault.duration)
 
 
@@ -144,7 +142,6 @@ def _refused_for(key: str) -> _Rule:
 
 
 def _harmless_below(limits: Mapping[str, float], otherwise: Expectation = EITHER) -> _Rule:
-    """Harmless if each parameter is within its limit."""
     return lambda fault, context: (
         HARMLESS if all(abs(getattr(fault, key)) <= limit for key, limit in limits.items()) else otherwise
     )

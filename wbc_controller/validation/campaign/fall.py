@@ -26,7 +26,6 @@ class TrueFall:
         return not (upright and self._height_above_feet() >= _HEIGHT * self._height)
 
     def _height_above_feet(self) -> float:
-        """Return the height of the base above the lowest contact, m."""
         if not (self._model.floating_base and self._plant.contacts):
             return math.inf
         feet = [float(self._plant.foot_placement(name).translation[2]) for name in self._plant.contacts]

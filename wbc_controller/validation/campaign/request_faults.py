@@ -59,10 +59,7 @@ class RequestFault(Fault):
 
 
 class _OneTimeFault(RequestFault):
-    """A fault with messages at one time."""
-
     def interval(self) -> float:
-        """Return infinity."""
         return math.inf
 
 

@@ -117,7 +117,6 @@ def _sources(package: Path) -> Iterator[Path]:
 
 
 def _without_infinities(content: dict[str, Any]) -> dict[str, Any]:
-    """Convert infinities to texts, because JSON has none."""
     return {
         key: repr(value) if isinstance(value, float) and not math.isfinite(value) else value
         for key, value in content.items()

@@ -90,8 +90,6 @@ def run_trial(
 
 
 class _Trial(Lockstep):
-    """Robot, controller, user and observations."""
-
     def __init__(
         self, robot: str, fault: Fault, rng: np.random.Generator, place: TrialRecordings | None, *, synchronized: bool
     ) -> None:

@@ -111,8 +111,6 @@ def run_trial(robot: str, seed: int, number: int) -> ClockTrial:
 
 
 class _Standing(Lockstep):
-    """A standing robot, and its controller with a clock and pauses."""
-
     def __init__(self, trial: ClockTrial, faults: Sequence[Fault], before: bool, rng: np.random.Generator) -> None:
         changes = {
             "safety.activation_ramp": 0.0,
@@ -186,7 +184,6 @@ class _Standing(Lockstep):
 
 
 def _between(rng: np.random.Generator, ends: tuple[float, float]) -> float:
-    """Draw a time, s, on a logarithmic scale."""
     return float(np.exp(rng.uniform(*np.log(ends))))
 
 

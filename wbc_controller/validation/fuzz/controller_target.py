@@ -161,7 +161,6 @@ class ControllerTarget(Target):
                 self._disturbed = True
 
     def _check_refused(self, publish: bool) -> None:
-        """Run one cycle with all refused messages, which must not change anything."""
         self._gate.passed += self._refused
         self._refused = []
         before, mode = self._parts(), self._controller.mode

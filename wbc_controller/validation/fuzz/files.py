@@ -204,7 +204,6 @@ def _named(path: Path) -> Iterator[None]:
 
 @cache
 def _originals(robot: str) -> tuple[str, str]:
-    """Return a supplied robot's configuration, and its URDF without visuals."""
     path = find_configuration(robot)
     urdf = read_urdf(load_settings(path).robot.urdf)
     return path.read_text(encoding="utf-8"), re.sub(r"(?s)<visual.*?</visual>|<!--.*?-->|\n\s*(?=\n)", "", urdf)

@@ -53,8 +53,6 @@ class _Height(MotionTask):
 
 
 class _Grip(AnchoredContact):
-    """A fixed point of a link."""
-
     def __init__(self, model: RobotModel) -> None:
         basis, cone = np.eye(6)[:, :3], np.zeros((0, 3))
         super().__init__("own", basis, cone, "world", stiffness=1.0, damping=20.0, internal=False)

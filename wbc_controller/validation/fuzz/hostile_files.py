@@ -75,6 +75,5 @@ def _chain(text: str, size: int) -> str:
 
 
 def _loop(text: str, at: re.Match[str], same: bool) -> str:
-    """Return a URDF with exchanged parent and child of a joint, or with the child as both."""
     parent, child = at.group(2), at.group(2 if same else 1)
     return text[: at.start()] + f'<parent link="{parent}"/><child link="{child}"/>' + text[at.end() :]

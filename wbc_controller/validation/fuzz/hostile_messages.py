@@ -127,7 +127,6 @@ def _of(key: str) -> tuple[Callable[[str], Target], float]:
 
 
 def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> Failure | None:
-    """Send the messages of one episode to a fresh node, and return the failure or None."""
     messages: list[Message] = []
     with collected_errors() as errors:
         try:

@@ -91,7 +91,6 @@ def write_messages(path: Path, topics: dict[int, Topic], messages: Messages) -> 
 
 @st.composite
 def _hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
-    """Change, delete, repeat or move some messages of a recording."""
     result = list(messages)
     for _ in range(draw(st.sampled_from((1, 1, 1, 2, 3)))):
         kinds: dict[str, list[int]] = {}
@@ -130,7 +129,6 @@ def _hostile_payload(draw: DrawFn, topic: Topic, payload: bytes) -> bytes:
 
 @st.composite
 def _hostile_text(draw: DrawFn, text: str) -> str:
-    """Change a value of a JSON text, or a token of another text."""
     try:
         tree = json.loads(text)
     except ValueError:

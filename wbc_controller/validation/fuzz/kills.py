@@ -105,7 +105,6 @@ def _kill_once(nodes: RobotProcesses, victim: str, way: str, rng: np.random.Gene
 
 
 def _stand(nodes: RobotProcesses, seconds: float) -> None:
-    """Let the robot stand for a time, repeatedly if lateness of the machine causes damping."""
     for _ in range(_ATTEMPTS):
         nodes.activate()
         nodes.until(lambda: nodes.state_of("guard") == "watching", "the guard's watching state")
@@ -144,7 +143,6 @@ def _stalest(nodes: RobotProcesses, since: float) -> float:
 def _sentence(
     nodes: RobotProcesses, victim: str, way: str, stopped: float, late: float, since: float
 ) -> tuple[str, bool]:
-    """Return the state of the controller or guard after a kill, and True for a correct state."""
     settings = nodes.settings
     guard = [str(content.data) for _, content in nodes.messages_since("guard/state", since)]
     took_over = next((said for said in guard if "COMMANDS_STOPPED" in said), "")

@@ -94,7 +94,6 @@ class GuardTarget(Target):
         self._fall_silent()
 
     def _fall_silent(self) -> None:
-        """Stop the commands but not the joint states until the guard damps, then resume."""
         self.send("controller_state", message("std_msgs/msg/String", data="active"))
         self._command()
         self._cycle("commands")

@@ -181,7 +181,6 @@ def hostile(draw: DrawFn, content: Any, names: Sequence[str]) -> Any:
 
 @st.composite
 def _numbers(draw: DrawFn, value: Any, type_name: str, size: int) -> Any:
-    """Draw an array with replaced values, or of another length if not fixed."""
     change = draw(st.integers(0, 2))
     length = size or len(value)
     if not size and draw(share(_LARGE)):

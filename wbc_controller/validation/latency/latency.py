@@ -200,7 +200,6 @@ class _Bench:
         )
 
     def _inactive_share(self, seconds: float) -> float:
-        """Return the share of one processor used by the controller before its first activation."""
         self._until(lambda: self._mode() == "inactive", "the inactive mode", lambda: None)
         time.sleep(_SETTLE)
         controller = self._processes.processes["controller"].pid
@@ -220,8 +219,6 @@ class _Bench:
         return self._states[-1] if self._states else ""
 
     def _activate(self) -> None:
-        """Activate the controller from any mode, and release a mock robot from the hoist."""
-
         def ask() -> None:
             for word in activation_commands(self._mode()):
                 self._send(word)
