@@ -77,7 +77,7 @@ def launch(started: Playwright) -> Browser:
 
 def _act(session: Session, settings: object) -> None:
     for request in REQUESTS:
-        session.ask(parse_request(request.split(" ", 1) if "{" in request else request.split(), settings))
+        session.execute(parse_request(request.split(" ", 1) if "{" in request else request.split(), settings))
 
 
 def _picture(address: str, act: object) -> bytes:

@@ -1,4 +1,4 @@
-"""The benchmark of the base's estimate."""
+"""Benchmark of the base estimate."""
 
 import estimator
 

@@ -1,4 +1,4 @@
-"""The table of docs/robots.md, of a few robots: their drafted files are good as they are, and they stand with them."""
+"""Table of drafted configurations for some robots."""
 
 import new_robots
 import pytest

@@ -1,4 +1,4 @@
-"""The cases in which one size of the problem grows."""
+"""Cases with one varying size of the problem."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from wbc_controller.controller.build.program import make_qp
 
 
 def grown(series: sizes.Series) -> list[tuple[int, object]]:
-    """Our quadratic programs of the two smallest cases and of the largest one, with their sizes."""
+    """Return our quadratic programs of the two smallest cases and the largest one, with their sizes."""
     assert len(series.cases) >= 4
     made = []
     for size in (*sorted(series.cases)[:2], max(series.cases)):

@@ -1,4 +1,4 @@
-"""What the tables of `make bench` say of measured seconds."""
+"""Statistics in the tables of `make bench`."""
 
 import numpy as np
 import pytest

@@ -129,7 +129,7 @@ class StateWatch:
             if self._base_values is not None:
                 self._base_values.since = state.stamp
         else:
-            self.doubt = self._judged(found, state)
+            self.doubt = self.x(found, state)
         return self.doubt
 
     def damped(self, joint_velocity: Array) -> Array | None:
@@ -163,7 +163,7 @@ class StateWatch:
             f"(limit {self._fastest[i]:.3g}, safety.{key})"
         )
 
-    def _judged(self, found: int, state: RobotState) -> Fault | None:
+    def x(self, found: int, state: RobotState) -> Fault | None:
         """What follows from what a comparison has found; the first fault counts."""
         self.some_untold = bool(found & UNTOLD)
         fault = None

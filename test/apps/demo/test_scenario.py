@@ -4,7 +4,7 @@ import yaml
 from chains import joint, link
 from chains import robot as urdf_of
 
-from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.demo.scenario import SCENARIOS, Move, Scenario
 from wbc_controller.controller.build.robot import make_model
@@ -26,7 +26,7 @@ def test_what_a_demo_asks_for_is_in_the_configuration(robot):
         assert reach.duration > settings.tasks[reach.task].setpoint_duration
     names = [part.name for part in (*scenario.moves, *scenario.shoves)]
     assert len(set(names)) == len(names)
-    for move in scenario.moves:  # they go on in time, and come back
+    for move in scenario.moves:  # in order of time, with the end at the start position
         times = [time for time, _ in move.points]
         assert times[0] > 0.0
         assert times == sorted(set(times))
@@ -59,10 +59,10 @@ def test_a_scenario_is_derived_that_is_like_the_one_made_for_the_robot(robot, ro
 def test_what_does_not_stand_on_legs_has_no_demo(robot_of):
     settings, model = robot_of("go2")
     without = settings.model_copy(update={"contacts": {}})
-    with pytest.raises(ConfigurationError, match="the demo needs a robot that stands"):
+    with pytest.raises(ConfigurationError, match="the demo requires a standing robot"):
         derived_scenario(without, model)
     posture = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
-    with pytest.raises(ConfigurationError, match="the demo needs a task of type com that is enabled"):
+    with pytest.raises(ConfigurationError, match="the demo requires an enabled task of type com"):
         derived_scenario(posture, model)
 
 
@@ -85,7 +85,7 @@ ARM = {
 
 @pytest.fixture
 def arm(tmp_path):
-    """Path of its file."""
+    """Return the path of the robot's configuration."""
     urdf = urdf_of(
         link("base"), link("column"), joint("turn", "base", "column", "0 0 1"),
         link("upper"), joint("lift", "column", "upper"), link("lower"), joint("bend", "upper", "lower"),
@@ -102,7 +102,7 @@ def test_an_arm_on_a_fixed_base_reaches_and_is_shoved_at_its_hand(arm, tmp_path,
     assert run_demo(str(arm), tmp_path, lockstep=True)
     printed = capsys.readouterr().out
     assert "4 joints" in printed
-    assert "a fixed base" in printed
+    assert "fixed base" in printed
     assert [word in printed for word in ("reach: hand error", "shove left", "let go", "vertical")] == [
         True, True, False, False,
     ]  # fmt: skip
@@ -124,7 +124,7 @@ def test_the_demo_of_an_arm_asks_for_what_the_hand_can_do(arm):
 def test_an_arm_without_a_posture_has_no_demo(arm):
     settings = load(str(arm)).settings
     without = settings.model_copy(update={"tasks": {"hand": settings.tasks["hand"]}})
-    with pytest.raises(ConfigurationError, match="the demo of a fixed base needs a posture task"):
+    with pytest.raises(ConfigurationError, match="the demo of a fixed base requires an enabled posture task"):
         derived_scenario(without, make_model(settings))
 
 

@@ -1,4 +1,4 @@
-"""A configuration drafted from a URDF: feet as in its shapes, a posture in which it stands, and honest notes."""
+"""Draft of a configuration from a URDF: measured feet, a standing posture, and notes."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ LEGS = ("front_left", "front_right", "rear_left", "rear_right")
 
 
 def said(draft, key, origin):
-    """The notes of an origin on a key, as one text."""
+    """Return the notes of an origin on a key as one text."""
     return " ".join(note.text for note in draft.notes if note.key.startswith(key) and note.origin == origin)
 
 
 def wagon(*, wheel="cylinder", limit="effort='20' velocity='20'", kind="continuous", root="box"):
-    """A box on four legs of a hip and a knee, with a wheel or a box at the end of each."""
+    """Return the URDF of a box on four legs with hip, knee and a wheel or box at each end."""
     shapes = {
         "cylinder": "<origin rpy='1.5707963 0 0'/><geometry><cylinder radius='0.1' length='0.04'/></geometry>",
         "box": "<geometry><box size='0.12 0.06 0.02'/></geometry>",
@@ -51,7 +51,7 @@ def wagon(*, wheel="cylinder", limit="effort='20' velocity='20'", kind="continuo
 
 @pytest.fixture
 def drafted(tmp_path):
-    """Drafts the configuration of a URDF's text."""
+    """Return a function that drafts the configuration of a URDF's text."""
 
     def make(text, **options):
         path = tmp_path / "robot.urdf"
@@ -155,13 +155,13 @@ def test_the_base_and_the_feet_can_be_said(drafted):
     draft = drafted(wagon(), base="floating", feet=["rear_left_end", "front_left_end", "rear_right_end"])
     assert set(draft.values["contacts"]) == {"rear_left_end", "front_left_end", "rear_right_end"}
     with pytest.raises(
-        ConfigurationError, match=r"--feet: 'front_left_nd' is no link .* did you mean 'front_left_end'"
+        ConfigurationError, match=r"--feet: unknown moving link 'front_left_nd'; did you mean 'front_left_end'"
     ):
         drafted(wagon(), feet=["front_left_nd"])
 
 
 def srdf(tmp_path, hip, knee):
-    """An SRDF with a posture of the wagon, and the path of its file."""
+    """Write an SRDF with a posture of the wagon, and return its path."""
     joints = "".join(
         f"<joint name='{leg}_hip' value='{hip}'/><joint name='{leg}_knee' value='{knee}'/>" for leg in LEGS
     )
@@ -194,7 +194,9 @@ def test_joints_of_the_srdf_that_stand_at_a_limit_are_moved_off_it_and_named(dra
 
 
 def test_an_srdf_value_that_is_no_number_is_refused(drafted, tmp_path):
-    with pytest.raises(ConfigurationError, match=r"'half_sitting' gives the joint 'front_left_hip' the value 'bent'"):
+    with pytest.raises(
+        ConfigurationError, match=r"'half_sitting': invalid position of joint 'front_left_hip': 'bent'; valid"
+    ):
         drafted(wagon(), srdf=srdf(tmp_path, "bent", 0.0))
 
 
@@ -203,8 +205,8 @@ def test_every_doubt_is_a_comment_in_the_file_and_the_file_has_the_values(g1):
     assert yaml.safe_load(text)["wbc_controller"]["ros__parameters"] == g1.values
     assert max(map(len, text.splitlines())) <= 120
     comments = " ".join(line.strip("# ") for line in text.splitlines() if line.lstrip().startswith("#"))
-    assert len(g1.doubts) > 4
-    for doubt in g1.doubts:
+    assert len(g1.open_points) > 4
+    for doubt in g1.open_points:
         assert doubt.split(": ", 1)[1] in comments
 
 

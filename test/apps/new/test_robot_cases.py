@@ -1,4 +1,4 @@
-"""Robots that other readers misread: `wbc new`, `wbc check`, the mock robot and the demo agree on them."""
+"""Agreement of `wbc new`, `wbc check`, the mock robot and the demo on unusual robots."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from robot_cases import EDGED_SOLE, REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped
 
 import wbc_controller as wbc
-from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE, new_configuration
 from wbc_controller.controller.build.collision_elements import read_collision_elements
@@ -20,7 +20,7 @@ from wbc_controller.settings.config import load
 
 @pytest.fixture
 def drafted(tmp_path):
-    """Drafts the configuration of a URDF's text."""
+    """Return a function that drafts the configuration of a URDF's text."""
 
     def make(text, **options):
         (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
@@ -75,7 +75,7 @@ def test_both_feet_below_a_waist_are_found(drafted):
 
 
 def test_visuals_change_nothing(drafted):
-    """Neither the draft nor the mechanism: only the shapes of links without collision shapes are looked at."""
+    """Only shapes of links without collision shapes are read, for the draft and the mechanism."""
     plain = drafted(biped())
     for visual in (UNNAMED, "<visual/>", "<visual><geometry><mesh filename='none.dae'/></geometry></visual>"):
         draft = drafted(biped(sole=visual + SOLE + visual))
@@ -96,21 +96,21 @@ def test_a_corner_on_an_edge_is_left_out(drafted):
 
 
 def test_joints_without_effort_beside_motors_are_reported(drafted):
-    """A spring in the shank, with an effort of 0 as in the URDFs of robots with series springs."""
+    """A spring in the shank with an effort of 0, as in URDFs of robots with series springs."""
     effort = 'effort="100" velocity="10"'
     start = biped().index('name="left_ankle_pitch"')
     spring = biped()[:start] + biped()[start:].replace(effort, effort.replace("100", "0"), 1)
     draft = drafted(spring)
-    assert any("left_ankle_pitch have no effort in the URDF, and other" in line for line in draft.doubts)
+    assert any("left_ankle_pitch have no effort in the URDF, unlike" in line for line in draft.open_points)
     found = {finding.subject: finding.text for finding in wbc.check(draft.settings)}
     assert found["no motor?"].startswith("left_ankle_pitch: their effort in the URDF is 0")
     all_idle = drafted(biped().replace(effort, effort.replace("100", "0")))
-    assert not any("belong in `passive_joints`" in line for line in all_idle.doubts)
+    assert not any("belong in `passive_joints`" in line for line in all_idle.open_points)
     assert "no motor?" not in {finding.subject for finding in wbc.check(all_idle.settings)}
 
 
 def test_keys_of_a_draft_are_names_whatever_is_in_them(drafted, tmp_path):
-    """A name with a dot, which nests parameters, and one that means something else in YAML."""
+    """Names with a dot, which nests parameters, and with special characters of YAML."""
     urdf = arm(SLIDING).replace('"j2"', '"left.j2"').replace('"j3"', '"no: {}#"').replace('effort="50"', "")
     draft = drafted(urdf)
     assert {"left.j2", "no: {}#"} < set(draft.values["robot"]["joint_limits"])
@@ -146,7 +146,7 @@ def test_the_demo_of_a_draft_meets_its_targets(drafted, tmp_path, case):
 
 
 def test_the_audit_is_silent_on_wheels_that_lean(drafted):
-    """The edges of a tread would carry a leaning wheel 25 mm beside its contact."""
+    """The edges of a tread would support a leaning wheel 25 mm beside its contact."""
     settings = drafted(STANDING["legs on wheels"]).settings
     assert {contact.type for contact in settings.contacts.values()} == {"rolling"}
     simulation = wbc.Simulation(settings)

@@ -1,4 +1,4 @@
-"""What is drawn: the robot's meshes, and a robot whose base nobody measures."""
+"""Drawing of the robot's meshes, and of a robot without a measured base."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_without_viser_one_sentence_says_what_to_install(monkeypatch, command):
 
 @pytest.fixture(scope="module")
 def robot():
-    pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+    pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
     from wbc_controller.apps.page.snapshot import Robot
 
     return Robot(load_settings(find_configuration("go2")))
@@ -46,7 +46,7 @@ def test_meshes_are_small_enough_and_where_the_visuals_are(robot):
     for visual in visuals:
         triangles = map(visual.shape.tri_indices, range(visual.shape.num_tris))
         corners = [(each[0], each[1], each[2]) for each in triangles]
-        used = visual.shape.vertices()[np.unique(corners)]  # Go2's files have vertices of no triangle, too
+        used = visual.shape.vertices()[np.unique(corners)]  # Go2's files contain unused vertices
         placed = used @ visual.placement.rotation.T + visual.placement.translation
         drawn = meshes[visual.name].vertices
         np.testing.assert_allclose(drawn.min(axis=0), placed.min(axis=0), atol=0.003)
@@ -70,4 +70,4 @@ def test_a_base_that_nobody_measures_stands_on_its_contacts(robot):
     q = standing.place(model.configuration(crouched, tilted))
     assert feet(q).mean(axis=0) == pytest.approx(there.mean(axis=0), abs=1e-9)
     assert np.abs(feet(q) - there).max() < 0.03
-    assert abs(q[2] - 0.3) < 0.15  # upright above its feet, and not where the base was said to be
+    assert abs(q[2] - 0.3) < 0.15  # upright above its feet, not at the given base pose

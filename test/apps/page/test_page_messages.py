@@ -1,4 +1,4 @@
-"""The allow-list of messages, and the pace at which they are read."""
+"""Allow-list and rate limit of messages."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 import msgspec
 import viser
 from viser import _messages as viser_messages
 
-from wbc_controller.apps.page.connection import Pace
+from wbc_controller.apps.page.connection import RateLimit
 from wbc_controller.apps.page.page_messages import COMMANDING, WATCHING, AllowList
 
 CAMERA = {
@@ -40,7 +40,7 @@ def fault(message, *, commands=True):
 
 @pytest.fixture(scope="module")
 def gui():
-    """Controls of each kind that the page has, and a text field, on a server of viser's own."""
+    """Yield a control of each kind on the page, and a text field, on a server of viser."""
     server = viser.ViserServer("127.0.0.1", 0, verbose=False)
     made = SimpleNamespace(
         api=server.gui,
@@ -100,7 +100,7 @@ BAD = [
     (DRAG, {"position": {"0": 1, "1": 1, "2": 1}}, "- at `$.position`"),
     (DRAG, {"wxyz": (1, 0, 0)}, "Expected `array` of length 4, got 3 - at `$.wxyz`"),
     (DRAG, {"wxyz": (NAN, 0, 0, 0)}, "- at `$.wxyz[0]`"),
-    (DRAG, {"wxyz": (0, 0, 0, 0)}, "`wxyz` has the norm 0, not 1"),
+    (DRAG, {"wxyz": (0, 0, 0, 0)}, "`wxyz` has the norm 0; required: 1"),
     (DRAG, {"name": 5}, "- at `$.name`"),
     (DRAG, {"name": "/" * 501}, "- at `$.name`"),
     (DRAG, {"owner": "client"}, "- at `$.owner`"),
@@ -134,8 +134,8 @@ def test_no_field_may_be_missing(field):
     [
         b"",
         b"\xc1",
-        b"\xa2\xff\xfe",  # no UTF-8
-        b"\xdd\xff\xff\xff\xff",  # an array of 4 294 967 295 elements, none of which follows
+        b"\xa2\xff\xfe",  # invalid UTF-8
+        b"\xdd\xff\xff\xff\xff",  # an array of 4 294 967 295 elements without content
         b"\x91" * 4000 + b"\xc0",  # 4 000 levels
         b"\x81\xa4type" * 600 + b"\xc0",
         b"\x81\xa4type\xdf\xff\xff\xff\xff",
@@ -204,8 +204,8 @@ def test_a_refused_value_is_named(gui):
 
 
 def test_a_burst_is_read_at_once_and_more_at_the_rate():
-    pace = Pace(rate=100.0, burst=5.0)
-    assert [pace.wait(10.0) for _ in range(8)] == pytest.approx([0, 0, 0, 0, 0, 0.01, 0.02, 0.03])
-    assert [pace.wait(20.0) for _ in range(6)] == pytest.approx([0, 0, 0, 0, 0, 0.01])
-    pace = Pace(rate=100.0, burst=5.0)
-    assert {pace.wait(0.01 * i) for i in range(1000)} == {0.0}
+    rate_limit = RateLimit(rate=100.0, burst=5.0)
+    assert [rate_limit.wait(10.0) for _ in range(8)] == pytest.approx([0, 0, 0, 0, 0, 0.01, 0.02, 0.03])
+    assert [rate_limit.wait(20.0) for _ in range(6)] == pytest.approx([0, 0, 0, 0, 0, 0.01])
+    rate_limit = RateLimit(rate=100.0, burst=5.0)
+    assert {rate_limit.wait(0.01 * i) for i in range(1000)} == {0.0}

@@ -1,6 +1,6 @@
-"""Who may look at the page, on the real server and by real requests."""
+"""Access to the page on the real server, with real requests."""
 
-# ruff: noqa: E402 - the server is imported after the check for viser, whose absence skips these tests
+# ruff: noqa: E402 - imports follow the check for viser
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import urllib.request
 
 import pytest
 
-viser = pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+viser = pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 import websockets.asyncio.server
 from browser import Browser
@@ -22,8 +22,8 @@ from wbc_controller.errors import ConfigurationError, TransportError
 
 @pytest.fixture(scope="module")
 def locked():
-    """A server that asks for a token, as one does on any address beyond the loopback."""
-    gate = Gate("0.0.0.0")  # noqa: S104 - what is asked for, not listened on
+    """Yield a server with a token, as on addresses beyond the loopback."""
+    gate = Gate("0.0.0.0")  # noqa: S104 - requested, not listened on
     gate.server = open_server("127.0.0.1", 0, gate)
     yield gate
     gate.server.stop()
@@ -38,7 +38,7 @@ def local():
 
 
 def get(gate, path="/", **headers):
-    """Status, headers and the first bytes of the answer."""
+    """Return status, headers and content of the answer."""
     place = f"http://127.0.0.1:{gate.port}{path}"
     request = urllib.request.Request(place, headers=headers)
     try:
@@ -49,7 +49,7 @@ def get(gate, path="/", **headers):
 
 
 def raw(gate, request):
-    """The first bytes of the answer to a request that urllib would not send."""
+    """Return the first bytes of the answer to a request that urllib cannot send."""
     with socket.create_connection(("127.0.0.1", gate.port), timeout=10.0) as connection:
         connection.sendall(request + b"\r\n")
         return connection.recv(4096)
@@ -58,7 +58,7 @@ def raw(gate, request):
 @pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", "/index.html", "/?websocket"])
 def test_without_the_token_there_is_no_page(locked, path):
     status, headers, text = get(locked, path)
-    assert (status, b"needs the token" in text, headers["Set-Cookie"]) == (403, True, None)
+    assert (status, b"requires the token" in text, headers["Set-Cookie"]) == (403, True, None)
 
 
 @pytest.mark.parametrize("headers", [{}, {"Cookie": "wbc_token=x"}, {"Cookie": ";;=, wbc"}, {"Upgrade": "websocket"}])
@@ -89,7 +89,7 @@ def test_two_servers_have_two_tokens():
 @pytest.mark.parametrize(
     "headers",
     [
-        {"Host": "robot.example"},  # a name that a web site has point to this computer
+        {"Host": "robot.example"},  # a name of a web site that resolves to this computer
         {"Origin": "http://robot.example"},
         {"Origin": "null"},
         *(
@@ -148,8 +148,8 @@ def test_a_tunnel_may_end_at_another_port(local, host):
 
 def test_nothing_is_served_where_viser_does_not_ask(monkeypatch):
     serve = websockets.asyncio.server.serve
-    monkeypatch.setattr("wbc_controller.apps.page.server._checked", _unchecked)
-    with pytest.raises(TransportError, match="does not use the checks of its requests; nothing is served"):
+    monkeypatch.setattr("wbc_controller.apps.page.server._install_checks", _unchecked)
+    with pytest.raises(TransportError, match="bypasses the request checks, so the server was stopped"):
         open_server("127.0.0.1", 0, Gate("127.0.0.1"))
     assert websockets.asyncio.server.serve is serve
 
@@ -162,5 +162,5 @@ def _unchecked(gate, allowed):
 
 
 def test_an_address_that_is_not_of_this_computer():
-    with pytest.raises(ConfigurationError, match=r"--host 192\.0\.2\.1: this computer cannot listen there"):
+    with pytest.raises(ConfigurationError, match=r"--host 192\.0\.2\.1: not an address of this computer"):
         open_server("192.0.2.1", 0, Gate("192.0.2.1"))

@@ -1,4 +1,4 @@
-"""The page of `wbc check --html`."""
+"""Page of `wbc check --html`."""
 
 import json
 import re
@@ -16,7 +16,7 @@ WIDE = {f"contacts.{side}_foot.{key}": size for side in ("left", "right")
 
 
 def polygons(page, kind):
-    """The polygons of a kind, corners in pixels, by what their titles say."""
+    """Return the polygons of a kind by title, corners in pixels."""
     drawn = re.findall(rf'<polygon class="{kind}" points="([^"]*)"><title>([^<]*)</title>', page)
     return {title: [tuple(map(float, corner.split(","))) for corner in points.split()] for points, title in drawn}
 
@@ -70,7 +70,7 @@ def test_a_check_that_fails_leaves_a_page_with_its_sentence(tmp_path):
     assert sides(assumed["left_foot: in the configuration"])[0] > 1.3 * width
 
 
-def test_where_there_is_nothing_to_draw_the_check_still_says_why(tmp_path):
+def test_check_without_a_drawing(tmp_path):
     path = tmp_path / "none.yaml"
     path.write_text(load("g1").to_yaml().replace("left_knee_joint", "no_such_joint"), encoding="utf-8")
     result = CliRunner().invoke(main, ["check", str(path), "--html", str(tmp_path / "page.html")])

@@ -1,4 +1,4 @@
-"""What `wbc send` understands: each sentence becomes one message on one topic."""
+"""Requests of `wbc send`: each becomes one message on one topic."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def read(text, settings=G1):
     return parse_request(text.split(), settings)
 
 
-def nothing_is_asked(*place):
+def no_message(*place):
     raise AssertionError(f"the message needs nothing of {place}")
 
 
-def made(text, hear=nothing_is_asked):
-    return read(text).make(hear)
+def made(text, wait_for_message=no_message):
+    return read(text).make(wait_for_message)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def made(text, hear=nothing_is_asked):
 def test_words_and_switches(text, node, key, subject, data):
     request = read(text)
     assert (request.node, request.key, request.subject) == (node, key, subject)
-    assert request.make(nothing_is_asked).data == data
+    assert request.make(no_message).data == data
 
 
 @pytest.mark.parametrize(
@@ -129,19 +129,19 @@ def test_a_push_goes_where_the_robot_looks(make):
         ("activate now", "'activate' takes no arguments, got 'now'"),
         ("contact left_fot off", "did you mean 'left_foot'?"),
         ("contact left_foot of", "unknown value 'of'; did you mean 'off'? Valid: off, on"),
-        ("task left_hand", "task takes TASK on|off, got 'left_hand'"),
-        ("weight com heavy", "a weight is a number, got 'heavy'"),
-        ("com 0.02", "com takes pairs of a number and a direction, such as 0.02 forward, got '0.02'"),
+        ("task left_hand", "task requires TASK on|off; got 'left_hand'"),
+        ("weight com heavy", "weight: expected a number, got 'heavy'"),
+        ("com 0.02", "com requires pairs of a number and a direction, such as 0.02 forward; got '0.02'"),
         ("com 0.02 forwards", "com: unknown direction 'forwards'; did you mean 'forward'?"),
-        ("com 2in forward", "com is '2in': unknown unit"),
-        ("com 0.02 forward 0.01 x", "mixes the robot's directions with the world's axes"),
-        ("torso 0.02 forward", "torso is a frame_orientation task: it takes turn 10deg left"),
+        ("com 2in forward", "com: unknown unit in '2in'; Valid: "),
+        ("com 0.02 forward 0.01 x", "mixes directions of the robot with axes x, y, z of the world"),
+        ("torso 0.02 forward", "torso is a frame_orientation task; valid forms: turn 10deg left"),
         ("torso turn 10deg up", "torso turn: unknown direction 'up'; Valid: left, right"),
-        ("posture left_knee_joint 0.1", "posture takes JOINT by NUMBER, or JOINT to NUMBER"),
-        ("push 60 forward for 0.3", "180 N for 0.1 s are the same impulse"),
-        ("update", "update takes YAML"),
+        ("posture left_knee_joint 0.1", "posture requires JOINT by NUMBER or JOINT to NUMBER"),
+        ("push 60 forward for 0.3", "180 N for 0.1 s give the same impulse"),
+        ("update", "update requires YAML"),
     ],
 )
-def test_what_is_refused(text, said):
+def test_refusals(text, said):
     with pytest.raises(InputRefused, match=re.escape(said)):
         made(text)

@@ -1,4 +1,4 @@
-"""The commands without any node: topics by name, completion, and messages as text."""
+"""Commands without a node: topics by name, completion, and messages as text."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_shell_completes_robots_and_tasks():
         assert expected in [item.partition(",")[2] for item in result.output.splitlines()], (last, result.output)
 
 
-def test_a_sentence_that_makes_no_sense_ends_before_anything_is_sent():
+def test_an_invalid_request_is_not_sent():
     result = CliRunner().invoke(main, ["send", "g1", "com", "0.02", "forwards"])
     assert result.exit_code == 2
     assert "did you mean 'forward'?" in result.stderr

@@ -1,4 +1,4 @@
-"""What has to come of a fault follows from its parameters and from the settings."""
+"""Expected outcomes of faults, from their parameters and the settings."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
 
 
 @pytest.mark.parametrize(
-    ("kind", "parameters", "word", "deadline"),
+    ("kind", "parameters", "label", "deadline"),
     [
         ("message_dropout", {"duration": 0.04}, "either", None),
         ("message_dropout", {"duration": 0.1}, "detect", 0.05 + CYCLE),
@@ -43,11 +43,11 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
         ("joint_not_a_number", {"duration": 0.1, "share": 0.5}, "either", None),
         ("joint_states_frozen", {"duration": 0.2}, "detect", 0.1 + 2 * CYCLE),
         ("odom_jump", {"size": 0.3}, "detect", 2 * CYCLE),
-        ("odom_jump", {"size": 0.12}, "either", None),  # along one axis it may be less than the limit
+        ("odom_jump", {"size": 0.12}, "either", None),  # possibly below the limit along each axis
         ("odom_drift", {"speed": 1.0, "duration": 0.5}, "detect", -0.2 * np.log(1 - 0.11 / (0.2 * 0.5**0.5)) + CYCLE),
         ("odom_drift", {"speed": 0.005}, "survive", None),
         ("joint_bias", {"bias": 0.5, "ramp": 0.0}, "detect", 2 * CYCLE),
-        ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # it is forgotten as it grows
+        ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # forgotten during its growth
         ("joint_noise", {"sigma": 1e-4, "velocity_sigma": 1e-3}, "survive", None),
         ("joint_noise", {"sigma": 1e-2}, "either", None),
         ("message_replay", {"length": 0.1, "duration": 0.5}, "detect", 0.15 + CYCLE),
@@ -59,9 +59,9 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
         ("estop", {}, "detect", CYCLE),
     ],
 )
-def test_what_is_expected(kind, parameters, word, deadline):
+def test_what_is_expected(kind, parameters, label, deadline):
     expected = expect(made(kind, **parameters), SETTINGS)
-    assert (expected.word, expected.deadline) == (word, deadline if deadline is None else pytest.approx(deadline))
+    assert (expected.label, expected.deadline) == (label, deadline if deadline is None else pytest.approx(deadline))
 
 
 def test_a_deadline_follows_from_the_settings():
@@ -74,8 +74,8 @@ def test_a_deadline_follows_from_the_settings():
     [("message_growing_delay", {"growth": 0.5, "duration": 1.0}), ("stamp_ahead", {"by": 0.1, "duration": 0.5})],
 )
 def test_with_synchronized_clocks_more_has_to_be_detected(kind, parameters):
-    assert expect(made(kind, **parameters), SETTINGS).word == "either"
-    assert expect(made(kind, **parameters), SYNCHRONIZED).word == "detect"
+    assert expect(made(kind, **parameters), SETTINGS).label == "either"
+    assert expect(made(kind, **parameters), SYNCHRONIZED).label == "detect"
 
 
 def test_no_physical_fault_may_end_for_a_reason_of_the_inputs():

@@ -1,4 +1,4 @@
-"""The monitor sees each violation at its threshold, and nothing below it."""
+"""Detection of each violation at its threshold, and not below."""
 
 from types import SimpleNamespace
 
@@ -18,7 +18,7 @@ STEP = CONFIG.settings.limits.torque_rate / CONFIG.settings.control.rate * MODEL
 
 
 class Cycles:
-    """A controller that sends what it is told."""
+    """A controller with given outputs."""
 
     def __init__(self, **changes) -> None:
         settings = CONFIG.replace(changes).settings
@@ -82,7 +82,7 @@ def test_a_torque_is_finite_and_within_its_limit(cycles):
 
 
 @pytest.mark.parametrize("stream", ["joint_states", "odom"])
-def test_a_state_is_stale_by_the_true_time_of_what_it_tells(cycles, stream):
+def test_a_state_is_stale_by_its_true_age(cycles, stream):
     """Latency that jumps up is seen, whatever the arrival says."""
     fresh = {"joint_states", "odom"} - {stream}
     for _ in range(25):
@@ -117,6 +117,7 @@ def test_constant_latency_counts_where_clocks_are_synchronized(synchronized, fou
 
 
 def test_latency_that_jumps_up_counts_without_synchronized_clocks(cycles):
+    """A jump of the latency is detected independently of the arrival."""
     late = cycles.monitor.now + 0.002
     cycles.state(joint_states=late, odom=late)
     cycles.cycle(STEP)
@@ -126,9 +127,9 @@ def test_latency_that_jumps_up_counts_without_synchronized_clocks(cycles):
 
 def test_a_defect_and_a_stall_are_violations(cycles):
     assert "internal_error" in cycles.cycle(np.zeros(12), mode=Mode.DAMPING, code="INTERNAL_ERROR", solution=False)
-    cycles.monitor.spent(0.99 * STALL)
+    cycles.monitor.check_processor_time(0.99 * STALL)
     assert "stall" not in cycles.monitor.violations
-    cycles.monitor.spent(1.01 * STALL)
+    cycles.monitor.check_processor_time(1.01 * STALL)
     assert "stall" in cycles.monitor.violations
 
 
@@ -136,8 +137,8 @@ def test_a_defect_and_a_stall_are_violations(cycles):
 def test_the_moment_at_which_control_was_left_is_kept_with_its_reason(cycles, through):
     for mode in through:
         cycles.cycle(np.zeros(12), mode=mode, code="NO_SOLUTION", solution=False)
-    assert cycles.monitor.left is None
+    assert cycles.monitor.deactivation is None
     cycles.cycle(np.zeros(12), mode=Mode.DAMPING, code="FALLEN", solution=False)
     cycles.cycle(np.zeros(12), mode=Mode.FAULT, code="OTHER", solution=False)
-    time, code, sentence = cycles.monitor.left
+    time, code, sentence = cycles.monitor.deactivation
     assert (round(time, 4), code, sentence) == (round(1.002 + 0.002 * len(through), 4), "FALLEN", "why")

@@ -1,4 +1,4 @@
-"""Trials: what they find on the controller as it is, and on one that is broken on purpose."""
+"""Trials of the controller, and of a controller with an injected defect."""
 
 import dataclasses
 import itertools
@@ -30,7 +30,7 @@ SHORT = {"start": 0.02, "duration": 0.06}
         ("garbage", {}, "survived", ""),
     ],
 )
-def test_the_controller_survives_what_is_harmless_and_is_damped_in_time_for_the_rest(kind, parameters, result, code):
+def test_the_controller_survives_harmless_faults_and_is_damped_in_time(kind, parameters, result, code):
     outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters})
     assert (outcome.result, outcome.code, dict(outcome.violations)) == (result, code, {})
     if code:
@@ -59,7 +59,7 @@ def _without_rate(controller):
 
 
 def _with_torques(change):
-    """Let every command pass through a function before it is sent."""
+    """Apply a function to every command before it is sent."""
 
     def prepare(controller):
         supervisor = controller.supervisor
@@ -75,7 +75,7 @@ def _with_torques(change):
 
 
 def _once(change):
-    """Only the fifteenth command, which is sent before the fault."""
+    """Apply a function to the fifteenth command, before the fault."""
     count = [0]
 
     def changed(tau):
@@ -85,14 +85,14 @@ def _once(change):
     return changed
 
 
-def _blind(controller):
-    """No state is ever implausible, and the robot never falls."""
+def _without_detection(controller):
+    """Disable the detection of implausible states and falls."""
     limits = controller.supervisor.limits
     controller.supervisor.limits = dataclasses.replace(limits, plausibility=None, fall=None)
 
 
 def _old_states(controller):
-    """States are used however old they are."""
+    """Use states of any age."""
     cycle = controller.cycle
     velocity = np.zeros(controller.model.nj)
 
@@ -101,7 +101,7 @@ def _old_states(controller):
         return cycle(dataclasses.replace(inputs, problem=None, joint_velocity=measured))
 
     controller.cycle = careless
-    # The loop asks for the largest age as well.
+    # The loop also uses the largest age.
     controller._parts = dataclasses.replace(controller._parts, state_timeout=10.0)
 
 
@@ -128,8 +128,8 @@ def _fails(controller):
         ("estop", {}, _fails, "internal_error"),
         ("estop", {}, lambda controller: controller.supervisor.request("estop", 0.0, None), "start"),
         ("message_dropout", {"duration": 0.15}, _old_states, "stale"),
-        ("joint_states_frozen", {"duration": 0.2}, _blind, "undetected"),
-        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _blind, "fell"),
+        ("joint_states_frozen", {"duration": 0.2}, _without_detection, "undetected"),
+        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _without_detection, "fell"),
     ],
 )
 def test_a_controller_that_is_broken_on_purpose_is_found_out(kind, parameters, prepare, violation):
@@ -139,13 +139,13 @@ def test_a_controller_that_is_broken_on_purpose_is_found_out(kind, parameters, p
 
 
 def test_a_supervisor_that_does_not_clip_to_the_torque_rate_is_found_out():
-    """Where a heavy robot is activated, its torques rise to those of standing."""
+    """The torques of a heavy robot rise at its activation."""
     assert "over_rate" in run_trial("talos", "estop", 0, parameters=SHORT, prepare=_without_rate).violations
     assert not run_trial("talos", "estop", 0, parameters=SHORT).violations
 
 
 def _in_cycle(number, change):
-    """Let the inputs of one cycle pass through a function."""
+    """Apply a function to the inputs of one cycle."""
 
     def prepare(controller):
         cycle, numbers = controller.cycle, itertools.count(1)
@@ -166,7 +166,7 @@ def test_a_loop_that_takes_too_long_is_a_stall():
 
 
 def test_a_reason_that_a_fault_does_not_have_is_a_violation():
-    """The trial of a harmless fault in which somebody else stops the robot."""
+    """An external stop during the trial of a harmless fault."""
     stops = _in_cycle(40, lambda inputs: dataclasses.replace(inputs, requests=("estop",)))
     outcome = run_trial("go2", "imu_noise", 0, parameters=SHORT, prepare=stops)
     assert "wrong_reason" in outcome.violations

@@ -1,4 +1,4 @@
-"""The fuzzer of clocks and load: robots stand or are damped with a fault, and what breaks that is found."""
+"""Fuzzer of clocks and load: robots stand or are damped by a fault; injected defects are detected."""
 
 import dataclasses
 
@@ -35,7 +35,7 @@ def test_torques_from_stale_states_are_found(monkeypatch):
 
 
 def test_a_fall_without_a_fault_ends_the_command_with_1(monkeypatch):
-    monkeypatch.setattr(TrueFall, "seen", lambda self: True)
+    monkeypatch.setattr(TrueFall, "has_fallen", lambda self: True)
     result = CliRunner().invoke(main, ["fuzz", "clocks", "go2", "--count", "3", "--first", "10"])
     assert result.exit_code == 1
     assert "go2, trial 1" in result.output
@@ -43,15 +43,15 @@ def test_a_fall_without_a_fault_ends_the_command_with_1(monkeypatch):
 
 
 def test_steps_of_the_clock_are_seen_by_the_controller():
-    seen = []
+    has_fallen = []
 
     class Watched(clocks._Standing):
         def _period(self):
             super()._period()
-            seen.append(self.clock.stamp())
+            has_fallen.append(self.clock.stamp())
 
     trial = dataclasses.replace(run_trial("go2", 0, 0), clock="simulated")
     steps = clocks.ClockSteps(step=0.02, start=0.0, duration=60.0)
     Watched(trial, [steps], True, clocks.np.random.default_rng(0)).run()
-    assert {stamp % 20_000_000 for stamp in seen} == {0}
-    assert len(set(seen)) > 20
+    assert {stamp % 20_000_000 for stamp in has_fallen} == {0}
+    assert len(set(has_fallen)) > 20

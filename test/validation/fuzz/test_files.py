@@ -1,4 +1,4 @@
-"""The fuzzer of files: hostile ones are refused in a sentence, and a crash or a hang of the reader is seen."""
+"""Fuzzer of files: hostile ones are refused; crashes and hangs of the reader are detected."""
 
 import re
 
@@ -11,9 +11,9 @@ from wbc_controller.cli import main
 from wbc_controller.validation.fuzz import files
 from wbc_controller.validation.fuzz.files import case_folder, fuzz_files, make_case, read_case
 from wbc_controller.validation.fuzz.hostile_files import structures
-from wbc_controller.validation.fuzz.strategies import drawn
+from wbc_controller.validation.fuzz.strategies import draw_by_key
 
-#: Cases here; `wbc fuzz configurations` and `urdf` read tens of thousands.
+#: Number of cases; `wbc fuzz configurations` and `urdf` read tens of thousands.
 COUNT = 20
 URDF = files._originals("go2")[1]
 
@@ -31,7 +31,7 @@ def test_hostile_files_work_or_are_refused(tmp_path, kind, robots):
 def test_hostile_structures_of_a_urdf_work_or_are_refused(tmp_path, name):
     make_case("urdf", "go2", 0, 0, tmp_path)
     for number in range(3):
-        text = drawn(structures(URDF)[name], name, number)
+        text = draw_by_key(structures(URDF)[name], name, number)
         assert text != URDF
         (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
         assert read_case(tmp_path) in ("works", "refused")

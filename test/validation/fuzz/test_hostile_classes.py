@@ -1,4 +1,4 @@
-"""The fuzzer of users' classes: hostile members are refused, or the robot is damped with the name of the method."""
+"""Fuzzer of user classes: hostile members are refused, or the robot is damped with the name of the method."""
 
 from __future__ import annotations
 

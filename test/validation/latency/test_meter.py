@@ -1,4 +1,4 @@
-"""Which torques belong to which state, and what is late: from given times."""
+"""Assignment of torques to states, and late states, for given times."""
 
 from types import SimpleNamespace
 
@@ -19,7 +19,7 @@ def stamp(number):
 
 
 def trips(sent, efforts, commands, period=PERIOD):
-    """States and commands are given as pairs of a time in ms and a number; efforts by their time in ms."""
+    """States and commands: pairs of a time in ms and a number; efforts: times in ms."""
     return round_trips(
         [(1e-3 * when, stamp(number)) for when, number in sent],
         [1e-3 * when for when in efforts],
@@ -35,7 +35,7 @@ THREE = [(0, 1), (2, 2), (4, 3)]
     ("sent", "efforts", "commands", "seconds", "late"),
     [
         pytest.param(THREE, [0.9, 2.8, 4.7], [(1.0, 1), (2.9, 2), (4.8, 3)], [0.9, 0.8, 0.7], 0, id="in time"),
-        # The torques for the first state come after the second was sent; they are not the second's.
+        # The torques of the first state arrive after the second state.
         pytest.param(THREE, [2.5, 5.0], [(2.6, 1), (5.1, 2)], [2.5, 3.0, np.inf], 3, id="longer than the period"),
         pytest.param(THREE, [1.0, 5.0], [(1.1, 1), (5.1, 3)], [1.0, np.inf, 1.0], 1, id="a state is left out"),
         pytest.param(THREE[:2], [1.0], [(1.1, 1), (3.3, 2)], [1.0, 1.3], 0, id="lost torques: the command counts"),
@@ -95,7 +95,7 @@ def test_a_meter_notes_what_passes_and_begins_anew_with_each_measurement(monkeyp
         send(payload)
 
     def pass_time(seconds):
-        if seconds == 0.1:  # what is left for the last torques
+        if seconds == 0.1:  # time for the last torques
             at(9.0, publish, state(4))
             return
         for k in (1, 2, 3):

@@ -1,4 +1,4 @@
-"""The verdict: each target is met by a good run, and missed by a run that is bad in just that."""
+"""Verdict of the demo: a good run meets each target; a bad run misses the one that it violates."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from wbc_controller.apps.demo.director import Window
-from wbc_controller.apps.demo.measure import judge, passed
 from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove
+from wbc_controller.apps.demo.verdict import judge, passed
 from wbc_controller.recording.report.run_data import Result, RunData
 
 WEIGHT, START = 100.0, 50.0
@@ -48,7 +48,7 @@ def good_run():
 
 
 def distances():
-    """The distance of the hand from its target."""
+    """Return the distance of the hand from its target."""
     distance = np.linspace(0.5, 0.0, len(TIME))
     distance[np.flatnonzero(ROWS["reach hand"])[-1]] = 0.008
     return {"hand": distance}
@@ -138,7 +138,7 @@ def test_one_torque_over_its_limit_or_not_finite(value):
 def test_no_torque_at_all_is_no_good_run():
     run = good_run()
     result = verdict(replace(run, tau=np.full_like(run.tau, np.nan)))[TORQUE]
-    assert (result.passed, result.measured) == (False, "none was sent")
+    assert (result.passed, result.measured) == (False, "no command")
 
 
 @pytest.mark.parametrize(
