@@ -14,7 +14,7 @@ from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 
-_SWAY, _SWING = 0.015, 0.15  # amplitude of the centre of mass, m, and of the joints, rad
+_SWAY, _SWING = 0.015, 0.15  # of the centre of mass, m, and of the joints, rad
 _BEAT = 0.3  # time from one side to the other, s
 _LONGEST = 4.0  # s
 

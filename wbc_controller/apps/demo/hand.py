@@ -12,7 +12,7 @@ from wbc_controller.records import Array
 #: Steps of a motion, Newton iterations per step, and largest remaining error, m and rad.
 _STEPS, _ITERATIONS, _REACHED = 10, 8, 1.0e-3
 _LEAST_MOTION = 1.0e-3  # regularization weight of the joint motions
-_EFFORT = 0.8  # largest share of an effort limit that gravity may take
+_EFFORT = 0.8  # of an effort limit, for gravity
 
 
 class Hand:

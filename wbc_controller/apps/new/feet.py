@@ -17,7 +17,7 @@ from wbc_controller.records import Array
 #: Largest height difference of two feet and smallest height of other parts above them, as shares of the robot's height.
 _LEVEL, _ABOVE = 0.15, 0.02
 _ALIKE = 0.2  # largest relative difference of the masses of two legs
-_LEG_JOINTS = 3  # smallest number of joints of a leg that does not begin at the base; fingers have fewer
+_LEG_JOINTS = 3  # smallest number; fingers have fewer
 
 Elements = Mapping[int, Sequence[pin.GeometryObject]]  # shapes by frame index of the link
 

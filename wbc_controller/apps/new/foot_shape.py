@@ -15,7 +15,7 @@ from wbc_controller.controller.build.footprint import fewer_corners, fitted_ball
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-_DOWN = np.cos(np.radians(30.0))  # cosine of the largest angle between ground and sole during the search, 30°
+_DOWN = np.cos(np.radians(30.0))  # largest angle between ground and sole, 30°
 #: Cosine of the largest angle between facet normals of one sole, 3°, and of one flat face, 0.3°.
 _ALIKE, _FLAT = np.cos(np.radians(3.0)), np.cos(np.radians(0.3))
 #: Smallest area of a sole in m², as a share of the outline from below, and smallest length of its shorter side, m.
@@ -23,7 +23,7 @@ _LEAST_AREA, _LEAST_SHARE, _LEAST_SIDE = 4.0e-4, 0.25, 0.015
 #: Thickness of the layers above the sole's plane, m, in order, and required share of the sole within; edges may be
 #: round.
 _LAYERS, _MOST = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
-_RECTANGLE = 0.97  # smallest area of a rectangular sole, as a share of its bounding rectangle
+_RECTANGLE = 0.97  # share of the bounding rectangle
 _MOST_CORNERS = 8  # largest number of corners of a sole; a contact may have 12
 _LINE = 1.0e-3  # smallest width of a plane set of points, as a share of its length
 #: Smallest radius of a wheel's rim as a share of the largest, and number of sectors that are checked.
@@ -31,7 +31,7 @@ _ROUND, _SECTORS = 0.97, 24
 _ENDLESS = 1.9 * np.pi  # smallest range of a continuous joint, rad
 #: Largest deviation of a ball from a sphere, as a share of the radius, and largest radius, m.
 _BALL, _LARGEST_BALL = 0.15, 0.15
-_CAP = 0.5  # cosine of the angle around the downward direction for fitting a ball, 60°
+_CAP = 0.5  # angle around the downward direction, 60°
 UNKNOWN_RADIUS = 0.01  # m
 
 

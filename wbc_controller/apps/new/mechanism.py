@@ -28,7 +28,7 @@ from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
 
-_FINGER = 1.0 / 200.0  # smallest share of the robot's mass moved by a joint other than a finger
+_FINGER = 1.0 / 200.0  # smallest share of the mass, except fingers
 _SEVERAL_TURNS = 4.1 * np.pi  # smallest range of a joint with several turns, rad
 #: Words in the names of SRDF postures, in order of preference.
 _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
@@ -38,9 +38,9 @@ _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
 class UrdfSource:
     """A URDF with its location."""
 
-    address: str  # value of ``robot.urdf``: a ``package://`` address if possible, otherwise an absolute path
+    address: str  # ``package://`` address if possible, otherwise an absolute path
     path: Path
-    text: str  # text of the URDF, with planar joints split into three and missing limits set to 0
+    text: str  # with planar joints split, and missing limits set to 0
     tree: ElementTree.Element  # the text as XML
 
     @property

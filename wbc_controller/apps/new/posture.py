@@ -18,10 +18,10 @@ from wbc_controller.records import Array
 #: Limits of an acceptable posture: height difference of the feet, m, or tilt of soles, as a sine; distance of the
 #: centre of mass from the support's edge, m.
 _LEVEL, _INSIDE = 0.008, 0.01
-_KEPT = 0.03  # distance of the SRDF's posture from the limits, rad; above the default of ``limits.position_margin``
+_KEPT = 0.03  # from the limits, rad; above the default of ``limits.position_margin``
 #: Distance of a computed posture from the limits: share of the range, and maximum, rad.
 _MARGIN, _LARGEST_MARGIN = 0.1, 0.2
-_NOTICED = 1.0e-3  # smallest change of an SRDF position that gets a note, rad
+_NOTICED = 1.0e-3  # smallest noted change, rad
 #: Number of sampled arm postures, and largest distance of each joint from the middle of its range, rad.
 _SAMPLES, _SPREAD = 400, 1.0
 

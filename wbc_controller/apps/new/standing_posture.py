@@ -16,14 +16,14 @@ from wbc_controller.records import Array
 
 #: Leg length, as a share of the longest with level feet: with flat feet, and with other feet.
 _BENT, _BENT_POINT = 0.94, 0.85
-_MARGIN, _LARGEST_MARGIN = 0.08, 0.15  # distance from the limits: share of a joint's range, and maximum, rad
-_STARTS, _SPREAD = 8, 0.8  # number of starts of the search, and their largest distance from the reference, rad
+_MARGIN, _LARGEST_MARGIN = 0.08, 0.15  # share of the range, and maximum, rad
+_STARTS, _SPREAD = 8, 0.8  # starts, and distance from the reference, rad
 _TOLERANCE = 1.0e-3  # largest accepted constraint error, m or rad
 #: Weights: centre of mass off the feet's middle and foot off the hip, relative to the robot's size; tilt and yaw of
 #: soles.
 _CENTRE, _UNDER_HIP, _TILT, _YAW = 3000.0, 30.0, 3000.0, 5.0
-_MIRROR = 0.02  # largest difference of mirrored legs: of directions, and of positions, m
-_LATERAL = 0.7  # cosine of the largest angle between the lateral axis and a joint axis that bends the leg, 45°
+_MIRROR = 0.02  # of directions, and of positions, m
+_LATERAL = 0.7  # cosine of the largest angle to the lateral axis, 45°
 
 
 @dataclass(frozen=True, slots=True)

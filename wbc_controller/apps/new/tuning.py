@@ -23,12 +23,12 @@ _LOAD = 3.0  # largest normal force of a contact, in weights of the robot
 _FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}  # assumed friction of soles, and of small feet and wheels
 #: Joint damping in emergencies, as a share of m g h, N·m·s/rad, and its maximum, the value of G1.
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
-_MARGIN = 0.1  # distance from the position limits, as a share of the smallest range
+_MARGIN = 0.1  # share of the smallest range
 _FAST = 8.0  # largest fully used joint speed, rad/s
 #: Smallest number of joints of an arm with a hand task: on a legged robot, where heads have fewer, and on a fixed base.
 _ARM, _FIXED_ARM = 4, 3
-_POSE = 6  # number of joints for position and orientation
-_UPRIGHT = 0.005  # largest orientation angle from rounding of a mesh, rad
+_POSE = 6
+_UPRIGHT = 0.005  # rounding of a mesh, rad
 
 
 def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:

@@ -12,8 +12,8 @@ from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.settings import Settings
 
-_OVERRIDE_TIME = 2.0  # time after a user's change during which a control does not follow the controller, s
-_RANGE = 4.0  # range of a slider for a weight or gain, as a multiple of the configured value
+_OVERRIDE_TIME = 2.0  # after user input, without updates from the controller, s
+_RANGE = 4.0  # maximum of a slider, as a multiple of the configured value
 #: Faults of the mock robot with a slider: label, maximum, step, unit and beginning of the YAML.
 _FAULTS: tuple[tuple[str, float, float, str, Callable[[float], str]], ...] = (
     ("Sensor noise", 0.01, 0.0005, "rad",
@@ -21,8 +21,8 @@ _FAULTS: tuple[tuple[str, float, float, str, Callable[[float], str]], ...] = (
     ("Delay of states", 60.0, 2.0, "ms", lambda value: f"{{kind: message_delay, delay: {1e-3 * value:g}"),
     ("Delay of torques", 20.0, 2.0, "ms", lambda value: f"{{kind: command_delay, delay: {1e-3 * value:g}"),
 )  # fmt: skip
-_SLIPPERY = 0.5  # largest floor friction on the slider of the fault `slippery_floor`
-_DURATION = 3600.0  # duration of a fault, s
+_SLIPPERY = 0.5  # maximum of the slider of `slippery_floor`
+_DURATION = 3600.0  # s
 
 
 class Controls:

@@ -42,7 +42,7 @@ class Drawing:
         self._server = server
         self._data = robot.model.pinocchio.createData()
         self.links: list[tuple[Any, int]] = []  # handle, and index of the joint
-        self.placements: list[pin.SE3] = []  # placement of each joint in the world at the last drawn snapshot
+        self.placements: list[pin.SE3] = []  # of each joint in the world, as last drawn
         self._shown = dict.fromkeys(GROUPS, True)
         self._shapes: dict[tuple[str, int], _DrawnShape] = {}
         self._light = self._scene.add_light_hemisphere(

@@ -31,7 +31,7 @@ _log = logging.getLogger(__name__)
 RATE, _PANELS, _PLOTS = 30.0, 6, 15
 _LOG_PERIOD = 10.0  # wall time, s
 _IDLE = 0.05  # period of the check for pages, wall time, s
-_SHOWN, _POINTS = 12.0, 10.0  # time range of the plots, s, and their points per second
+_SHOWN, _POINTS = 12.0, 10.0  # time range, s, and points per second
 _LINES = 12
 _LEFT, _RIGHT = 330, 290  # px
 _HELP = f"""<div style="font-size:12px;line-height:1.5;padding:2px 10px 8px">

@@ -20,7 +20,7 @@ from wbc_controller.records import Array
 _MODES = {"active": "#2f9e44", "holding": "#e8890c", "damping": "#e8590c", "fault": "#e03131", "stopped": "#e03131"}
 _NO_MODE, _SILENT = "#868e96", "#e03131"
 _MUCH, _ALL = 0.7, 0.95  # shares of a limit for an orange and a red bar
-_SILENCE = 1.5  # wall time without states or controller status before a warning, s
+_SILENCE = 1.5  # without states or status, wall time, s
 _NAMED = 8  # largest number of binding constraints shown
 
 STYLE = """<style>

@@ -24,8 +24,8 @@ from wbc_controller.recording.report.run_data import RunData, supports_of
 from wbc_controller.records import Array, RobotState, frozen
 from wbc_controller.settings.config import Config
 
-_MARGIN, _WIDTH = 0.05, 560  # margin around the contacts, m, and width of the drawing, pixels
-_DOT = 0.012  # radius of dots for the centre of mass and point contacts, as a share of the drawing's width
+_MARGIN, _WIDTH = 0.05, 560  # m, and width of the drawing, pixels
+_DOT = 0.012  # radius of dots, as a share of the drawing's width
 
 
 def write_check_page(config: Config, findings: Sequence[Finding], failure: str, path: Path) -> None:

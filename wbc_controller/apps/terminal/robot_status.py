@@ -12,7 +12,7 @@ from wbc_controller.apps.terminal.session import Session
 from wbc_controller.settings import Settings
 
 _WINDOW = 2.0  # wall time, s
-_PERIODS = 3.0  # waiting time for the tasks before the first status, in periods of the diagnostics
+_PERIODS = 3.0  # for the first status, in periods of the diagnostics
 
 
 @dataclass(frozen=True, slots=True)

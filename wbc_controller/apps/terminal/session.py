@@ -33,7 +33,7 @@ from wbc_controller.nodes.wiring import named_frames
 from wbc_controller.settings import NODE_NAME, Settings
 
 _NODE = "wbc_user"
-ANSWER_TIMEOUT = 20.0  # time limit for the answer of a discovered node on a busy computer, wall time, s
+ANSWER_TIMEOUT = 20.0  # of a discovered node, wall time, s
 _RAMPED = {"activate": "active", "deactivate": "inactive"}  # commands with a torque ramp, and their final mode
 
 

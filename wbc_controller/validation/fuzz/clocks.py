@@ -28,9 +28,9 @@ from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
 CLOCKS = ("simulated", "synchronized", "own")  # clocks of the controller
-_DURATION, _HANGING = 1.2, 10  # simulated time after the activation, s, and periods on the hoist before it
-_BETWEEN, _ATTEMPTS = 5, 4  # periods between two activation attempts, and number of attempts
-_PAUSE, _BUSY = (0.002, 0.1), (0.005, 0.5)  # ranges of the pauses of the controller, s, and of the time between them, s
+_DURATION, _HANGING = 1.2, 10  # s, and periods on the hoist before
+_BETWEEN, _ATTEMPTS = 5, 4  # periods between attempts, and attempts
+_PAUSE, _BUSY = (0.002, 0.1), (0.005, 0.5)  # pauses of the controller, and time between them, s
 #: Kinds of fault that change only times.
 _TIMES = [kind for kind in KINDS.values() if kind.place in ("stamps and clock", "delivery")]
 
@@ -53,9 +53,9 @@ class ClockTrial:
     number: int
     clock: str
     faults: str
-    late: bool  # True if the controller loses the processor repeatedly
+    late: bool  # with pauses of the controller
     result: str = "stood"  # `stood`, `refused`, or the code of the fault that ended the control
-    why: str = ""  # or empty
+    why: str = ""  # violated invariant, or empty
 
     def line(self) -> str:
         """Return the trial in one line."""

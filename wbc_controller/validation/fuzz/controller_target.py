@@ -25,7 +25,7 @@ from wbc_controller.validation.fuzz.target import (
 )
 from wbc_controller.validation.lockstep import Lockstep
 
-_STATES = ("joint_states", "odom", "clock")  # topics with messages that the cycle itself reads
+_STATES = ("joint_states", "odom", "clock")  # read by the cycle itself
 _BATCH = 16  # number of refused messages per cycle
 _SETTLE = 8  # cycles from the activation to settled torques
 

@@ -20,7 +20,7 @@ from wbc_controller.validation.fuzz.target import (
     with_all_diagnostics,
 )
 
-_SETTLING = 0.1  # settling time of the estimator, s; short, because every episode begins with it
+_SETTLING = 0.1  # of the estimator, s; short for short episodes
 #: Time between two states during the first absolute poses, s; long for the same reason, but below IMU gaps.
 _STRIDE = 0.05
 

@@ -41,7 +41,7 @@ from wbc_controller.validation.fuzz.hostile_recordings import (
 from wbc_controller.validation.fuzz.strategies import draw_by_key
 
 _LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
-_HANG, _START = 60.0, 300.0  # wall time limits of a case and of the child process's start, s
+_HANG, _START = 60.0, 300.0  # wall time limits of a case and of the start, s
 _MEMORY = 8 << 30  # bytes
 _READY = "ready"
 _URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")  # line of the configuration with the URDF

@@ -23,17 +23,17 @@ from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 from wbc_controller.validation.user import com_trajectory
 
-_RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second of a flood, and of a flood of large messages
-_DISCOVERY = 0.2  # time for the discovery of the flood's participant, s
+_RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second; second value for large messages
+_DISCOVERY = 0.2  # s
 _LARGE = 10_000_000  # characters
 _POINTS = 100
-_BEFORE, _AFTER = (0.2, 0.6), 0.15  # duration of a flood before and after the stop, s
-_DIAGNOSTICS_TIMEOUT = 2.0  # time limit of the diagnostics after a flood, s
-_ATTEMPTS = 5  # largest number of attempts per counted stop; stalls of the machine may cause another fault first
+_BEFORE, _AFTER = (0.2, 0.6), 0.15  # duration before and after the stop, s
+_DIAGNOSTICS_TIMEOUT = 2.0  # s
+_ATTEMPTS = 5  # per counted stop; stalls of the machine may cause another fault
 #: Settings that prevent other faults on a slow machine.
 _CHANGES = {"safety.activation_ramp": 0.1, "safety.state_timeout": 0.3}
-CYCLES = 2  # largest number of cycles until a stop is obeyed, from the newest state known to its sender
-STALL = 0.02  # longest cycle without the lateness of the machine, s
+CYCLES = 2  # until a stop is obeyed, from the newest state known to its sender
+STALL = 0.02  # longest cycle, s
 
 
 def _string(text: str) -> Callable[[], bytes]:
@@ -66,14 +66,14 @@ FLOODS: Mapping[str, tuple[str, Callable[[], bytes]]] = {
 class Stop:
     """An emergency stop from its sender's view."""
 
-    began: int  # stamp of the robot's state at the beginning of the flood, ns
+    began: int  # stamp at the beginning of the flood, ns
     known: int  # newest stamp known to the sender at the stop, ns
     ended: int  # stamp at the end, ns
     seen: float  # time from sending to the arrival of zero torques, s
     late: float  # s
     sent: int
     seconds: float
-    losses_reported: bool  # True if the diagnostics reported lost or refused messages
+    losses_reported: bool  # by the diagnostics
 
 
 @dataclass(frozen=True, slots=True)

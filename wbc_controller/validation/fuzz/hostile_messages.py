@@ -43,7 +43,7 @@ TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
 }
 _EPISODE = 400
 _HANG = 120.0  # wall time, s; then the process ends with a traceback
-WARM_UP, _GROWTH = 0.2, 40_000  # share of messages as warm-up, and largest growth of the memory afterwards, kB
+WARM_UP, _GROWTH = 0.2, 40_000  # share of messages, and growth of the memory afterwards, kB
 
 Message = tuple[str, bytes]
 
@@ -62,11 +62,11 @@ class Failure:
 class Outcome:
     """Result of a run."""
 
-    counts: Counter[str] = field(default_factory=Counter)  # number of messages by node and kind of topic
+    counts: Counter[str] = field(default_factory=Counter)  # messages by node and topic
     failures: list[Failure] = field(default_factory=list)  # broken nodes
     seconds: float = 0.0
     processor: float = 0.0
-    growth: int = 0  # growth of the memory after the warm-up, kB
+    growth: int = 0  # kB, after the warm-up
 
     @property
     def sent(self) -> int:

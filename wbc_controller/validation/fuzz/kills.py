@@ -17,12 +17,12 @@ from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 #: Signals that end or stop a process.
 WAYS: Mapping[str, signal.Signals] = {"kill": signal.SIGKILL, "hang up": signal.SIGHUP, "stop": signal.SIGSTOP}
-_STOPPED = (0.03, 3.0)  # range of the duration of a stop, s; drawn on a logarithmic scale
-_MOMENT = (0.3, 1.0)  # time of the kill after the activation, s
-_ATTEMPTS = 10  # largest number of activations per kill; stalls of the machine may cause a fault before
-_SETTLED = 0.1  # time after which the lateness of a stall is known, s
-SLACK = 0.01  # slack of the guard's bound on a punctual machine, s
-_WATCH = 0.6  # observation time of the joints after the last event, s
+_STOPPED = (0.03, 3.0)  # s, on a logarithmic scale
+_MOMENT = (0.3, 1.0)  # after the activation, s
+_ATTEMPTS = 10  # per kill; stalls of the machine may cause a fault before
+_SETTLED = 0.1  # until the lateness of a stall is known, s
+SLACK = 0.01  # of the guard's bound, s
+_WATCH = 0.6  # after the last event, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class KillTrial:
     victim: str  # `controller` or `mock`
     way: str  # key in `WAYS`
     stopped: float  # duration of a stop, s; 0 for an end
-    gap: float  # longest time of constant nonzero torques at the joints, s
+    gap: float  # longest time of constant nonzero torques, s
     bound: float  # bound from the guard or the controller, s
     # largest age of a state used for later torques, s, except one message in transit at the stop
     stale: float

@@ -38,9 +38,9 @@ from wbc_controller.validation.fuzz.target import (
     with_all_diagnostics,
 )
 
-_UNTIL_SILENCE = 25  # messages to the guard between two silences of the controller
-_SILENCE = 40  # periods of a silence, beyond the guard's patience and the age of the last joint states
-_UNTIL_RESTORED = 100  # messages after which the mock robot is reset
+_UNTIL_SILENCE = 25  # messages
+_SILENCE = 40  # periods, above the guard's patience
+_UNTIL_RESTORED = 100  # messages
 
 
 class GuardTarget(Target):

@@ -22,8 +22,8 @@ from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 
-_MARGIN = 1.0e-6  # largest constraint distance of an infeasible linear program, in the problem's units
-NO_SOLUTION = "no solution"  # name of the relaxation of problems without a solution
+_MARGIN = 1.0e-6  # margin of an infeasible problem, in its units
+NO_SOLUTION = "no solution"
 
 
 @dataclass(slots=True)

@@ -28,7 +28,7 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import Lateness
 from wbc_controller.validation.user import User, activation_commands, reliable_counterpart
 
-_CAPACITY = 30_000  # stored messages per topic: one minute of the fastest
+_CAPACITY = 30_000  # messages per topic
 
 
 def _store(messages: deque[tuple[float, bytes]], payload: bytes) -> None:

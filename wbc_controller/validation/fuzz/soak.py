@@ -13,7 +13,7 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
-_CHECK_PERIOD, _SETPOINT = 1.0, 3.0  # periods of the checks of the processes and of the setpoints, s
+_CHECK_PERIOD, _SETPOINT = 1.0, 3.0  # s
 _SWAY = 0.01  # m
 #: Share of the time as warm-up, and largest growth of the memory afterwards, kB and kB per minute.
 _WARM_UP, _GROWTH, _SLOPE = 0.5, 1024, 256
@@ -24,11 +24,10 @@ class SoakResult:
     """Result of a long run."""
 
     seconds: float = 0.0
-    memory: dict[str, list[int]] = field(default_factory=dict)  # memory of each process at each check, kB
-    # inactive states of the controller and the guard, with the lateness of the machine in the last second and the time
-    # limit of the fault, s received commands per second
+    memory: dict[str, list[int]] = field(default_factory=dict)  # of each process at each check, kB
+    # inactive states, each with the lateness of the machine in the last second and the time limit of the fault, s
     faults: list[tuple[str, float, float]] = field(default_factory=list)
-    rate: float = 0.0  # commands per second that the user received
+    rate: float = 0.0  # received commands per second
     late: float = 0.0  # s
 
     def growth(self, name: str) -> int:

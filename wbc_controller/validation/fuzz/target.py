@@ -21,8 +21,8 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 from wbc_controller.validation.error_log import logged_errors
 
-READ_LIMIT = 0.5  # processor time limit for reading a request, s; the largest trajectory requires half on a slow core
-CYCLE_LIMIT = 0.02  # processor time limit of one cycle and its own messages, s
+READ_LIMIT = 0.5  # processor time of reading a request, s
+CYCLE_LIMIT = 0.02  # processor time of a cycle and its messages, s
 _ROUNDING = 1.0e-9  # N·m
 
 
