@@ -53,7 +53,7 @@ def test_files_that_are_not_changed_work(tmp_path, monkeypatch):
 
 
 def test_a_reader_that_dies_or_hangs_is_named_and_the_next_case_is_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_HANG", 3.0)
+    monkeypatch.setattr(files, "_CASE_TIMEOUT", 3.0)
     monkeypatch.setattr(files, "_reader", dies_and_hangs)
     outcome = fuzz_files("configurations", ("go2",), 4, 0, tmp_path)
     dead, hanging = (case_folder(tmp_path, "configurations", number) for number in (1, 2))
@@ -80,6 +80,6 @@ def test_a_traceback_and_a_sentence_without_a_path_are_seen(tmp_path, monkeypatc
 
 
 def test_a_case_that_takes_long_is_seen(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_LIMIT", 0.0)
+    monkeypatch.setattr(files, "_PROCESSOR_TIME_LIMIT", 0.0)
     make_case("configurations", "go2", 0, 0, tmp_path)
     assert read_case(tmp_path).startswith("slow: ")

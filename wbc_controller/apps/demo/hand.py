@@ -10,9 +10,9 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 #: Steps of a motion, Newton iterations per step, and largest remaining error, m and rad.
-_STEPS, _ITERATIONS, _REACHED = 10, 8, 1.0e-3
-_LEAST_MOTION = 1.0e-3  # regularization weight of the joint motions
-_EFFORT = 0.8  # of an effort limit, for gravity
+_STEPS, _ITERATIONS, _MAX_ERROR = 10, 8, 1.0e-3
+_MOTION_WEIGHT = 1.0e-3  # regularization weight of the joint motions
+_MAX_EFFORT = 0.8  # of an effort limit, for gravity
 
 
 class Hand:
@@ -61,10 +61,10 @@ class Hand:
                 turned = pin.log3(self._start.rotation @ place.rotation.T)
                 error = np.concatenate([goal - place.translation, np.zeros(3) if self._free_orientation else turned])
                 J = J[:3] if self._free_orientation else J
-                rows = np.vstack([J, _LEAST_MOTION * np.eye(len(self._joint_indices))])
+                rows = np.vstack([J, _MOTION_WEIGHT * np.eye(len(self._joint_indices))])
                 wanted = np.concatenate([error[: len(J)], np.zeros(len(self._joint_indices))])
                 posture[self._joint_indices] += np.linalg.lstsq(rows, wanted, rcond=None)[0]
-            if np.abs(error).max() > _REACHED or not self._is_feasible(posture, lower, upper):
+            if np.abs(error).max() > _MAX_ERROR or not self._is_feasible(posture, lower, upper):
                 break
             reached = step / _STEPS
         return reached * way
@@ -72,7 +72,7 @@ class Hand:
     def _is_feasible(self, posture: Array, lower: Array, upper: Array) -> bool:
         model = self._model
         within = np.all((lower <= posture) & (posture <= upper))
-        return bool(within and self._effort(posture) <= max(_EFFORT, self._effort(np.array(model.posture))))
+        return bool(within and self._effort(posture) <= max(_MAX_EFFORT, self._effort(np.array(model.posture))))
 
     def _effort(self, posture: Array) -> float:
         """Return the largest share of an effort limit that gravity takes without contact forces."""

@@ -22,13 +22,13 @@ _ALIKE, _FLAT = np.cos(np.radians(3.0)), np.cos(np.radians(0.3))
 _LEAST_AREA, _LEAST_SHARE, _LEAST_SIDE = 4.0e-4, 0.25, 0.015
 #: Thickness of the layers above the sole's plane, m, in order, and required share of the sole within; edges may be
 #: round.
-_LAYERS, _MOST = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
+_LAYERS, _LAYER_SHARE = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
 _RECTANGLE = 0.97  # share of the bounding rectangle
 _MOST_CORNERS = 8  # largest number of corners of a sole; a contact may have 12
 _LINE = 1.0e-3  # smallest width of a plane set of points, as a share of its length
 #: Smallest radius of a wheel's rim as a share of the largest, and number of sectors that are checked.
 _ROUND, _SECTORS = 0.97, 24
-_ENDLESS = 1.9 * np.pi  # smallest range of a continuous joint, rad
+_CONTINUOUS_RANGE = 1.9 * np.pi  # smallest range of a continuous joint, rad
 #: Largest deviation of a ball from a sphere, as a share of the radius, and largest radius, m.
 _BALL, _LARGEST_BALL = 0.15, 0.15
 _CAP = 0.5  # angle around the downward direction, 60°
@@ -99,7 +99,10 @@ def _foot_without_shape(model: RobotModel, joint: int, down: Array) -> Foot:
 def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array) -> Foot | None:
     own = model.pinocchio.joints[joint]
     at = own.idx_q
-    endless = own.nq == 2 or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _ENDLESS
+    endless = (
+        own.nq == 2
+        or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _CONTINUOUS_RANGE
+    )
     if not endless:
         return None
     aside = points - np.outer(points @ axis, axis)
@@ -168,7 +171,7 @@ def _sole(
     if whole is None or _area(whole.polygon) < _LEAST_AREA:
         return None
     thin = (footprint(model, elements, joint, plane, layer) for layer in _LAYERS)
-    found = next((one for one in thin if one and _area(one.polygon) >= _MOST * _area(whole.polygon)), whole)
+    found = next((one for one in thin if one and _area(one.polygon) >= _LAYER_SHARE * _area(whole.polygon)), whole)
     if not (found.size.min() >= _LEAST_SIDE):
         return None
     low, high = found.polygon.min(axis=0), found.polygon.max(axis=0)

@@ -28,7 +28,7 @@ from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
 
-_FINGER = 1.0 / 200.0  # smallest share of the mass, except fingers
+_FINGER_SHARE = 1.0 / 200.0  # smallest share of the mass, except fingers
 _SEVERAL_TURNS = 4.1 * np.pi  # smallest range of a joint with several turns, rad
 #: Words in the names of SRDF postures, in order of preference.
 _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
@@ -111,7 +111,7 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()
             other.append(name)
         elif not (ranges[name][0] < ranges[name][1]):
             stiff.append(name)
-        elif _moved_mass(model, joint.id) < _FINGER * mass and not _supports_links(model, joint.id, carrying):
+        elif _moved_mass(model, joint.id) < _FINGER_SHARE * mass and not _supports_links(model, joint.id, carrying):
             light.append(name)
         else:
             joints.append(name)
@@ -127,7 +127,7 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()
         "guess",
     )
     for names, why in (
-        (light, f"each moves less than {100.0 * _FINGER:g} % of the robot's mass, as fingers do"),
+        (light, f"each moves less than {100.0 * _FINGER_SHARE:g} % of the robot's mass, as fingers do"),
         (stiff, "their range in the URDF is empty"),
         (other, "they have several degrees of freedom"),
         (virtual, "they represent a floating base"),

@@ -18,10 +18,10 @@ from wbc_controller.records import Array
 #: Limits of an acceptable posture: height difference of the feet, m, or tilt of soles, as a sine; distance of the
 #: centre of mass from the support's edge, m.
 _LEVEL, _INSIDE = 0.008, 0.01
-_KEPT = 0.03  # from the limits, rad; above the default of ``limits.position_margin``
+_SRDF_MARGIN = 0.03  # from the limits, rad; above the default of ``limits.position_margin``
 #: Distance of a computed posture from the limits: share of the range, and maximum, rad.
 _MARGIN, _LARGEST_MARGIN = 0.1, 0.2
-_NOTICED = 1.0e-3  # smallest noted change, rad
+_NOTED_CHANGE = 1.0e-3  # smallest noted change, rad
 #: Number of sampled arm postures, and largest distance of each joint from the middle of its range, rad.
 _SAMPLES, _SPREAD = 400, 1.0
 
@@ -32,7 +32,7 @@ def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
     """Return name and joint positions, (nj,), of the first SRDF posture, or no name and zeros, off the limits."""
     name = next(iter(postures), "")
     lower, upper = model.position_lower, model.position_upper
-    kept = np.minimum(_KEPT, 0.1 * (upper - lower))
+    kept = np.minimum(_SRDF_MARGIN, 0.1 * (upper - lower))
     return name, clamped_posture(model.joints, lower + kept, upper - kept, postures.get(name, {}))
 
 
@@ -89,7 +89,7 @@ def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
 def _note_moved(draft: Draft, model: RobotModel, posture: Array, given: Mapping[str, float]) -> None:
     moved = [
         name for name, value in zip(model.joints, posture, strict=True)
-        if abs(value - given.get(name, 0.0)) > _NOTICED
+        if abs(value - given.get(name, 0.0)) > _NOTED_CHANGE
     ]  # fmt: skip
     if moved:
         draft.note("robot.posture", f"Moved off their limits: {', '.join(moved)}.", "guess")

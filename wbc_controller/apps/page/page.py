@@ -31,8 +31,8 @@ _log = logging.getLogger(__name__)
 RATE, _PANELS, _PLOTS = 30.0, 6, 15
 _LOG_PERIOD = 10.0  # wall time, s
 _IDLE = 0.05  # period of the check for pages, wall time, s
-_SHOWN, _POINTS = 12.0, 10.0  # time range, s, and points per second
-_LINES = 12
+_PLOT_TIME, _PLOT_RATE = 12.0, 10.0  # time range, s, and points per second
+_MAX_REQUESTS = 12
 _LEFT, _RIGHT = 330, 290  # px
 _HELP = f"""<div style="font-size:12px;line-height:1.5;padding:2px 10px 8px">
 <b>Drag a handle</b> to send a setpoint for a hand, a foot or the centre of mass. Dragging a pale handle enables its
@@ -60,10 +60,10 @@ class Page:
         self.server, self._robot, self._source = server, robot, source
         self._is_mock: Callable[[], bool] | None = None
         self._time_line: TimeLine | None = None
-        self._requests: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_LINES)
+        self._requests: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_MAX_REQUESTS)
         self._requests_changed = False
         self._history: collections.deque[tuple[float, float, float, float]] = collections.deque(
-            maxlen=int(_SHOWN * _POINTS)
+            maxlen=int(_PLOT_TIME * _PLOT_RATE)
         )
         gui = server.gui
         gui.configure_theme(
@@ -184,7 +184,7 @@ class Page:
                 if self._requests_changed:
                     self._requests_changed = False
                     self._request_list.content = panels.request_list(list(self._requests))
-        if count % int(RATE / _POINTS) == 0:
+        if count % int(RATE / _PLOT_RATE) == 0:
             self._record_history(snapshot)
         if count % _PLOTS == 0:
             self._plot()

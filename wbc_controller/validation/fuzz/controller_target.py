@@ -27,7 +27,7 @@ from wbc_controller.validation.lockstep import Lockstep
 
 _STATES = ("joint_states", "odom", "clock")  # read by the cycle itself
 _BATCH = 16  # number of refused messages per cycle
-_SETTLE = 8  # cycles from the activation to settled torques
+_SETTLING_CYCLES = 8  # cycles from the activation to settled torques
 
 
 class _InputGate:
@@ -88,7 +88,7 @@ class ControllerTarget(Target):
             self._cycle("the start", publish=True)
         self.deliver(self.by_key["command"], encode(message("std_msgs/msg/String", data="activate")))
         self.finish()
-        for _ in range(_SETTLE):
+        for _ in range(_SETTLING_CYCLES):
             self._cycle("the start", publish=True)
         if self._controller.mode is not Mode.ACTIVE:
             raise InvariantViolation(f"activation failed: {self._controller.mode.value} {self._controller.fault}")

@@ -17,12 +17,12 @@ from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 #: Signals that end or stop a process.
 WAYS: Mapping[str, signal.Signals] = {"kill": signal.SIGKILL, "hang up": signal.SIGHUP, "stop": signal.SIGSTOP}
-_STOPPED = (0.03, 3.0)  # s, on a logarithmic scale
-_MOMENT = (0.3, 1.0)  # after the activation, s
+_STOP_DURATION = (0.03, 3.0)  # s, on a logarithmic scale
+_KILL_TIME = (0.3, 1.0)  # after the activation, s
 _ATTEMPTS = 10  # per kill; stalls of the machine may cause a fault before
-_SETTLED = 0.1  # until the lateness of a stall is known, s
+_LATENESS_DELAY = 0.1  # until the lateness of a stall is known, s
 SLACK = 0.01  # of the guard's bound, s
-_WATCH = 0.6  # after the last event, s
+_OBSERVATION_TIME = 0.6  # after the last event, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +73,8 @@ def kill_trials(
 
 
 def _kill_once(nodes: RobotProcesses, victim: str, way: str, rng: np.random.Generator) -> KillTrial:
-    moment = float(rng.uniform(*_MOMENT))
-    stopped = float(np.exp(rng.uniform(*np.log(_STOPPED)))) if way == "stop" else 0.0
+    moment = float(rng.uniform(*_KILL_TIME))
+    stopped = float(np.exp(rng.uniform(*np.log(_STOP_DURATION)))) if way == "stop" else 0.0
     _stand(nodes, moment)
     nodes.lateness.reset()
     process = nodes.processes[victim]
@@ -83,9 +83,9 @@ def _kill_once(nodes: RobotProcesses, victim: str, way: str, rng: np.random.Gene
     if way == "stop":
         time.sleep(stopped)
         process.send_signal(signal.SIGCONT)
-    time.sleep(_WATCH)
+    time.sleep(_OBSERVATION_TIME)
     gap, stale = _longest_hold(nodes, killed_at), _stalest(nodes, killed_at)
-    time.sleep(_SETTLED)  # the lateness after a stall is known only now
+    time.sleep(_LATENESS_DELAY)  # the lateness after a stall is known only now
     late, settings = nodes.lateness.worst, nodes.settings
     patience = settings.guard.patience if victim == "controller" else settings.safety.state_timeout
     sentence, state_correct = _sentence(nodes, victim, way, stopped, late, killed_at)

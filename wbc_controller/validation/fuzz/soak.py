@@ -13,10 +13,10 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
-_CHECK_PERIOD, _SETPOINT = 1.0, 3.0  # s
+_CHECK_PERIOD, _SETPOINT_PERIOD = 1.0, 3.0  # s
 _SWAY = 0.01  # m
 #: Share of the time as warm-up, and largest growth of the memory afterwards, kB and kB per minute.
-_WARM_UP, _GROWTH, _SLOPE = 0.5, 1024, 256
+_WARM_UP, _MAX_GROWTH, _MAX_SLOPE = 0.5, 1024, 256
 
 
 @dataclass(slots=True)
@@ -38,7 +38,7 @@ class SoakResult:
 
     def flat(self, name: str) -> bool:
         """Return True if a process's memory was constant after the warm-up."""
-        return self.growth(name) <= _GROWTH + _SLOPE * (1.0 - _WARM_UP) * self.seconds / 60.0
+        return self.growth(name) <= _MAX_GROWTH + _MAX_SLOPE * (1.0 - _WARM_UP) * self.seconds / 60.0
 
     @property
     def own_faults(self) -> list[str]:
@@ -69,7 +69,7 @@ def soak(
         side, count = 1.0, 0
         while time.monotonic() - began < seconds:
             if time.monotonic() >= due:
-                due, side = due + _SETPOINT, -side
+                due, side = due + _SETPOINT_PERIOD, -side
                 there = start + [0.0, side * _SWAY, 0.0]
                 nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", there), "com")
             time.sleep(_CHECK_PERIOD)
