@@ -106,10 +106,10 @@ class Page:
         self._pushes = LinkPushes(self.server, self._robot, self.drawing, sender)
         with gui.add_folder("Handles"):
             gui.add_html(_HELP)
-            turn = gui.add_checkbox(
+            rings = gui.add_checkbox(
                 "Rotation rings", False, hint="Show rings on the handles of poses and orientations."
             )
-            turn.on_update(lambda event: self._handles.show_rings(turn.value))
+            rings.on_update(lambda event: self._handles.show_rings(rings.value))
         with gui.add_folder("Requests"):
             self._request_list = gui.add_html(panels.request_list(()))
 
@@ -130,10 +130,10 @@ class Page:
             for group, label in GROUPS.items():
                 box = gui.add_checkbox(label, True)
                 box.on_update(self._toggles(group))
-            through = gui.add_checkbox("Translucent robot", False)
-            through.on_update(lambda event: self.drawing.set_translucent(through.value))
-            fine = gui.add_checkbox("Shadows", False, hint="Shadows and reflections; requires a GPU.")
-            fine.on_update(lambda event: self.drawing.set_shadows(fine.value))
+            translucent = gui.add_checkbox("Translucent robot", False)
+            translucent.on_update(lambda event: self.drawing.set_translucent(translucent.value))
+            shadows = gui.add_checkbox("Shadows", False, hint="Shadows and reflections; requires a GPU.")
+            shadows.on_update(lambda event: self.drawing.set_shadows(shadows.value))
         if self._is_mock is None and self._time_line is None:
             gui.add_html('<div style="font-size:12px;padding:4px 10px;opacity:.7">This page is read-only. '
                          "Start it with --command to send requests.</div>")  # fmt: skip

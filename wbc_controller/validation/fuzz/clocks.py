@@ -54,7 +54,7 @@ class ClockTrial:
     clock: str
     faults: str
     late: bool  # with pauses of the controller
-    result: str = "stood"  # `stood`, `refused`, or the code of the fault that ended the control
+    result: str = "survived"  # `survived`, `refused`, or the code of the fault that ended the control
     why: str = ""  # violated invariant, or empty
 
     def line(self) -> str:
