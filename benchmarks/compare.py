@@ -94,15 +94,15 @@ def print_times(title: str, parties: Sequence[Contestant], warm: Turns, cold: Tu
         if failures:
             print(f"{'':13}{failures} cycles without a solution, excluded from the times")
     for each in parties:
-        said = each.hello
-        if said["unknowns"]:
-            sizes = f"{said['unknowns']} unknowns, {said['equalities']} equalities, {said['inequalities']} rows"
-            print(f"  {' '.join((each.name, said['version'])).strip()}: {sizes}")
+        hello = each.hello
+        if hello["unknowns"]:
+            sizes = f"{hello['unknowns']} unknowns, {hello['equalities']} equalities, {hello['inequalities']} rows"
+            print(f"  {' '.join((each.name, hello['version'])).strip()}: {sizes}")
         for name, turns in both:
             blocks = turns[each.name]
             parts = np.nanmedian(np.concatenate([answers.parts for answers in blocks]), axis=0)
             stages = ", ".join(
-                f"{part} {1e6 * seconds:.0f}" for part, seconds in zip(said["parts"], parts, strict=True)
+                f"{part} {1e6 * seconds:.0f}" for part, seconds in zip(hello["parts"], parts, strict=True)
             )
             mean = 1e6 * summary([answers.seconds for answers in blocks]).mean
             print(f"  {each.name}, {name}: {stages}; mean of the whole {mean:.0f}")
@@ -176,12 +176,12 @@ def compare(
 ) -> Shares:
     """Measure and print one case of frozen states."""
     scene = scenes.make(case, blocks * (WARM + COLD), folder)
-    told = scene.message()
+    content = scene.message()
     with ExitStack() as stack:
-        parties = [stack.enter_context(contestants.floor(told)), stack.enter_context(contestants.ours(told))]
+        parties = [stack.enter_context(contestants.floor(content)), stack.enter_context(contestants.ours(content))]
         if older:
-            parties.append(stack.enter_context(contestants.ours(told, *older)))
-        parties += [stack.enter_context(contestants.rival(name, told)) for name in rivals]
+            parties.append(stack.enter_context(contestants.ours(content, *older)))
+        parties += [stack.enter_context(contestants.rival(name, content)) for name in rivals]
         warm, cold = take_turns(parties, scene.rows, blocks, WARM, COLD, ELSEWHERE)
     shares = print_times(f"{case.title} ({case.name})", parties, warm, cold)
     states = [scene.rows[i * (WARM + COLD) + FILLING : i * (WARM + COLD) + WARM] for i in range(blocks)]
@@ -191,11 +191,11 @@ def compare(
 
 def compare_services(robot: str, older: tuple[str, Path] | None, blocks: int) -> Shares:
     """Measure and print the whole cycle of a supplied robot, from input to output messages."""
-    told, rows = scenes.make_service(robot, blocks * (WARM + COLD))
+    content, rows = scenes.make_service(robot, blocks * (WARM + COLD))
     with ExitStack() as stack:
-        parties = [stack.enter_context(contestants.service(told))]
+        parties = [stack.enter_context(contestants.service(content))]
         if older:
-            parties.append(stack.enter_context(contestants.service(told, *older)))
+            parties.append(stack.enter_context(contestants.service(content, *older)))
         warm, cold = take_turns(parties, rows, blocks, WARM, COLD, ELSEWHERE)
     shares = print_times(f"{robot} as supplied, messages to messages ({robot}-service)", parties, warm, cold)
     for each in parties[1:]:

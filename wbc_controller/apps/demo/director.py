@@ -278,8 +278,8 @@ class Director:
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
         self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
-        there = np.concatenate([target, quaternion_of(pose.rotation)])
-        content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", there)
+        pose_value = np.concatenate([target, quaternion_of(pose.rotation)])
+        content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", pose_value)
         self._send("controller", "setpoint", reach.task, content)
         start = self.time
         self._run(reach.duration)

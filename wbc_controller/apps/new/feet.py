@@ -131,9 +131,9 @@ class Body:
 
     def remeasured(self, feet: Sequence[Foot]) -> list[Foot]:
         """Return the feet as measured in this posture: the contact point of a ball depends on the posture."""
-        again = {foot.joint: foot for foot in self._measure_feet([foot.joint for foot in feet])}
-        balls = {joint for joint, foot in again.items() if foot.kind == "point"}
-        return [again[f.joint] if f.kind == "point" and f.measured_on and f.joint in balls else f for f in feet]
+        measured = {foot.joint: foot for foot in self._measure_feet([foot.joint for foot in feet])}
+        balls = {joint for joint, foot in measured.items() if foot.kind == "point"}
+        return [measured[f.joint] if f.kind == "point" and f.measured_on and f.joint in balls else f for f in feet]
 
     def _measure_feet(self, ends: Sequence[int]) -> list[Foot]:
         feet = [measure(self.model, self.elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]

@@ -205,5 +205,5 @@ def _ball(points: Array, down: Array) -> tuple[Array, float] | None:
     if ball is None or not ball[1] < _LARGEST_BALL:
         return None
     centre, radius = ball
-    away = np.linalg.norm(points[chosen] - centre, axis=1) - radius
-    return (centre, radius) if np.abs(away).max() <= _BALL * radius else None
+    deviations = np.linalg.norm(points[chosen] - centre, axis=1) - radius
+    return (centre, radius) if np.abs(deviations).max() <= _BALL * radius else None

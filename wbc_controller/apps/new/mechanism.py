@@ -81,7 +81,7 @@ def _address(path: Path) -> str:
 
 def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
     """Return the position limits of the movable joints, after replacement of URDF limits."""
-    tree, _ = read_robot(source.text, {name: JointLimits(**given) for name, given in limits.items()})
+    tree, _ = read_robot(source.text, {name: JointLimits(**entries) for name, entries in limits.items()})
     found = {}
     for joint in tree.iterfind("joint"):
         limit = joint.find("limit")
@@ -179,9 +179,9 @@ def _rank(name: str) -> int:
     return next((i for i, word in enumerate(_POSTURES) if word in name.lower()), len(_POSTURES))
 
 
-def clamped_posture(joints: Sequence[str], lower: Array, upper: Array, given: Mapping[str, float]) -> Array:
-    """Return joint positions, (nj,), from `given` with default zero, clamped to the limits."""
-    return np.clip([given.get(name, 0.0) for name in joints], lower, upper)
+def clamped_posture(joints: Sequence[str], lower: Array, upper: Array, positions: Mapping[str, float]) -> Array:
+    """Return joint positions, (nj,), from positions by name, default zero, clamped to the limits."""
+    return np.clip([positions.get(name, 0.0) for name in joints], lower, upper)
 
 
 def usable_ranges(model: RobotModel) -> tuple[Array, Array]:

@@ -114,15 +114,15 @@ class Legs:
 
     def _foot_targets(self, start: FeetPlacement) -> Array:
         """Return the target of each foot, (n, 2) in m: laterally as in the reference, and below its hip."""
-        wanted = np.array(start.middles[:, :2])
+        targets = np.array(start.middles[:, :2])
         if self._keep_feet:
-            return wanted
+            return targets
         axes, places = self._zero_kinematics()
         for i, leg in enumerate(self._legs):
             hip = next((j for j in leg.joints if abs(axes[j][1]) > _LATERAL), None)
             if hip is not None:
-                wanted[i, 0] = places[hip][0]
-        return wanted
+                targets[i, 0] = places[hip][0]
+        return targets
 
     def _hip_height(self) -> float:
         places = self._zero_kinematics()[1]
@@ -201,14 +201,14 @@ class Legs:
     def _cost(self, x: Array) -> float:
         posture = self._expand(x)
         placement = self.place_feet(posture)
-        away = (placement.middles[:, :2] - self._targets) / self._size
-        away[:, 0] -= away[:, 0].mean()  # all feet may shift forward: the centre of mass decides
+        offsets = (placement.middles[:, :2] - self._targets) / self._size
+        offsets[:, 0] -= offsets[:, 0].mean()  # all feet may shift forward: the centre of mass decides
         offset = (placement.com - placement.middles.mean(axis=0))[:2] / self._size
         change = float(((posture - self.reference) ** 2).sum())
         return (
             change
             + _CENTRE * float(offset @ offset)
             + _TILT * float(placement.tilts @ placement.tilts)
-            + _UNDER_HIP * float((away**2).sum())
+            + _UNDER_HIP * float((offsets**2).sum())
             + _YAW * float((placement.yaw**2).sum())
         )

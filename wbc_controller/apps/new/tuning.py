@@ -97,12 +97,12 @@ def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], draft: Draft) -> None
 
 
 def _put_hands(
-    model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, least: int, draft: Draft
+    model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, min_joints: int, draft: Draft
 ) -> None:
     own = set(model.v_index.tolist())
     for arm in arms:
         joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without mimic joints
-        if arm.end not in feet and len(joints) >= least:
+        if arm.end not in feet and len(joints) >= min_joints:
             link = link_of(model, arm.end)
             task = {"type": "frame_pose", "frame": link, "weight": 5.0, "stiffness": stiffness, "enabled": False}
             text = "End of an arm: enable this task for a reach."

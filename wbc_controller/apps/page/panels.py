@@ -85,13 +85,13 @@ def _mode(snapshot: Snapshot) -> str:
     lines += [(warning, "") for warning in warnings]
     if not snapshot.base_measured:
         lines.append(("No topic contains the pose of the base; the robot is drawn standing on its contacts.", ""))
-    said = "".join(
+    rows = "".join(
         f'<div class="why" style="border-color:{color}">{escape(text)}'
         + (f'<br><span class="muted">Next: {escape(advice)}</span>' if advice else "")
         + "</div>"
         for text, advice in lines
     )
-    return f'<span class="mode" style="background:{color}">{escape(mode or "no controller")}</span>{said}'
+    return f'<span class="mode" style="background:{color}">{escape(mode or "no controller")}</span>{rows}'
 
 
 def _binding(status: RobotStatus) -> str:

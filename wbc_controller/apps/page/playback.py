@@ -227,12 +227,14 @@ def time_of(recorded: Recording, stamp: int) -> float:
     return 1.0e-9 * (stamp - recorded.start)
 
 
-def _references(wanted: Mapping[str, Array], robot: Robot) -> References | None:
-    if not wanted:
+def _references(reference_values: Mapping[str, Array], robot: Robot) -> References | None:
+    if not reference_values:
         return None
     tasks = {
-        name: Reference(*(np.array(wanted[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration")))
+        name: Reference(
+            *(np.array(reference_values[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration"))
+        )
         for name in robot.tasks
-        if f"position/{name}" in wanted
+        if f"position/{name}" in reference_values
     }
-    return References(tasks, {name: float(wanted[f"weight/{name}"][0]) for name in tasks}, {})
+    return References(tasks, {name: float(reference_values[f"weight/{name}"][0]) for name in tasks}, {})

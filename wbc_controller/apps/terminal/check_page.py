@@ -109,8 +109,8 @@ def _floor_plan(qp: WholeBodyQP, active: Sequence[str], true: Mapping[str, Array
         if len(corners) < 3:
             dots = [f'cx="{x}" cy="{y}" r="{_DOT * _WIDTH}"' for x, y in map(at, points)]
             return "".join(f'<circle class="{kind}" {dot}>{tooltip}</circle>' for dot in dots)
-        drawn = " ".join(f"{x},{y}" for x, y in map(at, corners))
-        return f'<polygon class="{kind}" points="{drawn}">{tooltip}</polygon>'
+        vertices = " ".join(f"{x},{y}" for x, y in map(at, corners))
+        return f'<polygon class="{kind}" points="{vertices}">{tooltip}</polygon>'
 
     parts = [shape(np.vstack(list(feet.values())), "support", "support polygon")]
     parts += [shape(corners[:, :2], "true", f"{name}: underside in the URDF") for name, corners in true.items()]

@@ -228,7 +228,7 @@ class _Comparison:
         )
 
 
-def longest_run(wrong: np.ndarray) -> int:
+def longest_run(flags: np.ndarray) -> int:
     """Return the length of the longest run of True in booleans, (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -176,9 +176,9 @@ def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequen
         lines += [f"- `{name}`: {ALL_VIOLATIONS[name]}" for name in _SEVERITY if any(name in o.violations for o in bad)]
         lines.append("")
         for outcome in bad:
-            said = "; ".join(f"{name}: {sentence}" for name, sentence in outcome.violations.items())
+            texts = "; ".join(f"{name}: {sentence}" for name, sentence in outcome.violations.items())
             lines.append(
-                f"- `{repeat_command(outcome)}`: {said} (`{json.dumps(dict(outcome.parameters), default=str)}`)"
+                f"- `{repeat_command(outcome)}`: {texts} (`{json.dumps(dict(outcome.parameters), default=str)}`)"
             )
     return "\n".join(lines) + "\n"
 

@@ -137,8 +137,8 @@ class OutputMonitor:
         ):
             self.add_violation("stale", "torques increased by damping with " + _ages_text(old))
 
-    def _named(self, wrong: np.ndarray, values: Array, limits: Array) -> str:
-        at = int(np.flatnonzero(wrong)[0])
+    def _named(self, violated: np.ndarray, values: Array, limits: Array) -> str:
+        at = int(np.flatnonzero(violated)[0])
         return f"{self._actuators[at]}: {values[at]:.6g} N·m (limit {limits[at]:.6g})"
 
 

@@ -51,9 +51,9 @@ class _InputGate:
             passed[-1],
             refused_states=tuple(sentence for latched in passed for sentence in latched.refused_states),
             requests=TakenRequests(
-                commands=tuple(word for taken in requests for word in taken.commands),
-                changes=tuple(change for taken in requests for change in taken.changes),
-                refused=tuple(sentence for taken in requests for sentence in taken.refused),
+                commands=tuple(word for request in requests for word in request.commands),
+                changes=tuple(change for request in requests for change in request.changes),
+                refused=tuple(sentence for request in requests for sentence in request.refused),
                 total=requests[-1].total,
             ),
         )

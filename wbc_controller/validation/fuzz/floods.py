@@ -69,7 +69,7 @@ class Stop:
     began: int  # stamp at the beginning of the flood, ns
     known: int  # newest stamp known to the sender at the stop, ns
     ended: int  # stamp at the end, ns
-    seen: float  # time from sending to the arrival of zero torques, s
+    delay: float  # time from sending to the arrival of zero torques, s
     late: float  # s
     sent: int
     seconds: float
@@ -189,7 +189,7 @@ def _compared(
     stamps = record["stamp"]
     after = stamps > stop.known
     obeyed = np.flatnonzero(after & ~record["tau"].any(axis=1) & (record["mode"] == "fault"))
-    cycles = most = math.ceil(stop.seen / period) + 1  # upper bound from the sender's waiting time
+    cycles = most = math.ceil(stop.delay / period) + 1  # upper bound from the sender's waiting time
     if len(obeyed):  # otherwise the following cycles are not in the record
         missing = sum(count for start, end, count in gaps if end > stop.known and start < stamps[obeyed[0]])
         cycles = int(after[: obeyed[0] + 1].sum()) + min(missing, most)
@@ -237,5 +237,5 @@ def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -
             for entry in content.status[0].values
         )  # fmt: skip
         time.sleep(0.02)
-    seen = float(times[~torques.any(axis=1)][0] - sent_at)
-    return Stop(start, known, nodes.stamp(), seen, late, sent, seconds, losses_reported)
+    delay = float(times[~torques.any(axis=1)][0] - sent_at)
+    return Stop(start, known, nodes.stamp(), delay, late, sent, seconds, losses_reported)

@@ -32,9 +32,9 @@ class SoakResult:
 
     def growth(self, name: str) -> int:
         """Return the growth of a process's memory after the warm-up, kB, between the medians of two quarters."""
-        kept = self.memory[name][int(_WARM_UP * len(self.memory[name])) :]
-        quarter = max(1, len(kept) // 4)
-        return int(np.median(kept[-quarter:]) - np.median(kept[:quarter]))
+        values = self.memory[name][int(_WARM_UP * len(self.memory[name])) :]
+        quarter = max(1, len(values) // 4)
+        return int(np.median(values[-quarter:]) - np.median(values[:quarter]))
 
     def flat(self, name: str) -> bool:
         """Return True if a process's memory was constant after the warm-up."""
@@ -43,7 +43,7 @@ class SoakResult:
     @property
     def own_faults(self) -> list[str]:
         """Faults that were not caused by the machine."""
-        return [said for said, late, allowed in self.faults if late < MACHINE * allowed]
+        return [text for text, late, allowed in self.faults if late < MACHINE * allowed]
 
 
 def soak(
@@ -65,18 +65,18 @@ def soak(
         start = nodes.centre_of_mass()
         nodes.clear("controller", "guard")
         nodes.lateness.reset()
-        began = seen = due = time.monotonic()
+        began = checked_at = due = time.monotonic()
         side, count = 1.0, 0
         while time.monotonic() - began < seconds:
             if time.monotonic() >= due:
                 due, side = due + _SETPOINT_PERIOD, -side
-                there = start + [0.0, side * _SWAY, 0.0]
-                nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", there), "com")
+                target = start + [0.0, side * _SWAY, 0.0]
+                nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", target), "com")
             time.sleep(_CHECK_PERIOD)
             now = time.monotonic()
-            count += len(nodes.messages_since("controller/joint_commands", seen))
-            _check(nodes, result, seen)
-            seen = now
+            count += len(nodes.messages_since("controller/joint_commands", checked_at))
+            _check(nodes, result, checked_at)
+            checked_at = now
             result.seconds = now - began
             result.rate = count / result.seconds
             progress(result)
@@ -87,15 +87,15 @@ def _check(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
     late = nodes.lateness.worst
     nodes.lateness.reset()
     result.late = max(result.late, late)
-    for name, kept in result.memory.items():
-        kept.append(memory(nodes.processes[name].pid))
+    for name, values in result.memory.items():
+        values.append(memory(nodes.processes[name].pid))
     settings = nodes.settings
     for node, usual, allowed in (
         ("controller", ("active",), settings.safety.state_timeout),
         ("guard", ("watching",), settings.guard.patience),
     ):
-        said = [str(content.data) for _, content in nodes.messages_since(f"{node}/state", since)]
-        result.faults += [(text, late, allowed) for text in said if text not in usual]
+        states = [str(content.data) for _, content in nodes.messages_since(f"{node}/state", since)]
+        result.faults += [(text, late, allowed) for text in states if text not in usual]
     if nodes.state_of("controller") not in ("", "active"):
         nodes.activate()
         nodes.clear("controller")

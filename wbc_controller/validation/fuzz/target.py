@@ -122,8 +122,8 @@ def fuzzed_robot(name: str) -> Robot:
         "contact_wrench": {"contact": contact},
     }
     needs |= {kind: {"frame": base} for kind in ("frame_pose", "frame_position", "frame_orientation")}
-    there = {task["type"] for task in content["tasks"].values()}
-    for kind in sorted(TASK_TYPES.keys() - there):
+    present = {task["type"] for task in content["tasks"].values()}
+    for kind in sorted(TASK_TYPES.keys() - present):
         content["tasks"][f"any_{kind}"] = {"type": kind, "enabled": False, **needs.get(kind, {})}
     content["contacts"]["grip"] = {
         "type": "fixed", "frame": frame, "max_force": 100.0, "max_moment": 10.0, "enabled": False

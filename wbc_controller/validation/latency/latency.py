@@ -168,7 +168,7 @@ class _Bench:
                 if count == 1:
                     inactive = self._inactive_share(seconds / blocks)
                 self._activate()
-                heard = len(self._states)
+                known = len(self._states)
                 first = first or memory(controller.pid)
                 used, waited, began = processor_time(controller.pid), waiting_time(controller.pid), time.monotonic()
                 found = self._meter.measure(seconds / blocks, self._period)
@@ -176,7 +176,7 @@ class _Bench:
                 self._check_process()
                 active += (processor_time(controller.pid) - used) / spent
                 waiting += (waiting_time(controller.pid) - waited) / spent
-                inactive_states += self._states[heard:]
+                inactive_states += self._states[known:]
                 last, scheduling = memory(controller.pid), in_force(controller.pid)
                 if not self._mock:
                     self._end_active()
@@ -236,10 +236,10 @@ class _Bench:
 
         self._until(lambda: self._mode() == "inactive", "the inactive mode", ask)
 
-    def _until(self, condition: Callable[[], bool], what: str, again: Callable[[], None]) -> None:
+    def _until(self, condition: Callable[[], bool], what: str, repeat: Callable[[], None]) -> None:
         def alive() -> None:
             self._check_process()
-            again()
+            repeat()
 
         until(condition, what, alive, told=lambda: f"; it said {self._mode()!r}\n{self._processes.log('controller')}")
 
