@@ -32,9 +32,9 @@ WARM, COLD, BLOCKS = 1000, 50, 20
 #: Untimed cycles at the beginning of a warm block, until the caches are filled.
 FILLING = 100
 #: Bytes written before a cold cycle: twice the last-level cache of a usual processor.
-ELSEWHERE = 64 * 2**20
+EVICTION_BYTES = 64 * 2**20
 #: One in so many warm states is used in the comparison of the answers.
-LOOKED_AT = 25
+COMPARED_STRIDE = 25
 
 FOOT = """\
 Times in µs; columns warm and cold: medians. Share: our median over theirs; in brackets, range of adjacent blocks.
@@ -131,7 +131,7 @@ def print_answers(scene: scenes.Scene, parties: Sequence[Contestant], rows: list
             continue
         worst = dict.fromkeys(("v̇", "sum of the wrenches", "each force", "τ", "cost"), 0.0)
         for block, states in enumerate(rows):
-            for i in range(0, len(states), LOOKED_AT):
+            for i in range(0, len(states), COMPARED_STRIDE):
                 ours, theirs = warm["ours"][block], warm[each.name][block]
                 if not (np.isfinite(ours.seconds[i]) and np.isfinite(theirs.seconds[i])):
                     continue
@@ -182,7 +182,7 @@ def compare(
         if older:
             parties.append(stack.enter_context(contestants.ours(content, *older)))
         parties += [stack.enter_context(contestants.rival(name, content)) for name in rivals]
-        warm, cold = take_turns(parties, scene.rows, blocks, WARM, COLD, ELSEWHERE)
+        warm, cold = take_turns(parties, scene.rows, blocks, WARM, COLD, EVICTION_BYTES)
     shares = print_times(f"{case.title} ({case.name})", parties, warm, cold)
     states = [scene.rows[i * (WARM + COLD) + FILLING : i * (WARM + COLD) + WARM] for i in range(blocks)]
     print_answers(scene, parties, states, warm)
@@ -196,7 +196,7 @@ def compare_services(robot: str, older: tuple[str, Path] | None, blocks: int) ->
         parties = [stack.enter_context(contestants.service(content))]
         if older:
             parties.append(stack.enter_context(contestants.service(content, *older)))
-        warm, cold = take_turns(parties, rows, blocks, WARM, COLD, ELSEWHERE)
+        warm, cold = take_turns(parties, rows, blocks, WARM, COLD, EVICTION_BYTES)
     shares = print_times(f"{robot} as supplied, messages to messages ({robot}-service)", parties, warm, cold)
     for each in parties[1:]:
         pairs = zip(warm["ours"] + cold["ours"], warm[each.name] + cold[each.name], strict=True)
@@ -248,7 +248,7 @@ def main(arguments: Sequence[str]) -> None:
                 found[name] = compare_services(name.removesuffix("-service"), older, chosen.blocks)
             sys.stdout.flush()
         print_shares(found)
-    print("\n" + FOOT.format(megabytes=ELSEWHERE / 2**20))
+    print("\n" + FOOT.format(megabytes=EVICTION_BYTES / 2**20))
 
 
 if __name__ == "__main__":
