@@ -156,7 +156,7 @@ def test_older_code_and_services_are_timed(capsys, monkeypatch):
         assert cells is not None
         assert int(cells[1]) <= int(cells[2]) <= int(cells[3])
     assert re.search(rf"^{older} .*\(\d", said, flags=re.MULTILINE)
-    services = said[said.index("g1 as shipped, bytes to bytes") :]
+    services = said[said.index("g1 as supplied, messages to messages") :]
     assert "read" in services
     assert "processor" in services
     assert f"largest difference of {older} from ours: τ " in services
