@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 from call_kernels import Six, from_arguments, from_struct, from_struct_and_array
-from serving import Elsewhere
+from serving import CacheEviction
 
 CALLS, ROUNDS, COLD = 20000, 15, 400
 #: Bytes written before a cold call.
-ELSEWHERE = 64 << 20
+EVICTION_BYTES = 64 << 20
 
 
 def measure(cold: int, rounds: int) -> dict[str, tuple[float, float]]:
@@ -41,10 +41,10 @@ def measure(cold: int, rounds: int) -> dict[str, tuple[float, float]]:
     if set(expected.values()) != {20.0}:
         raise RuntimeError(f"the results differ: {expected}")
     warm = {name: min(timeit.repeat(call, number=CALLS, repeat=rounds)) / CALLS for name, call in ways.items()}
-    elsewhere, seconds = Elsewhere(), {name: np.zeros(cold) for name in ways}
+    eviction, seconds = CacheEviction(), {name: np.zeros(cold) for name in ways}
     for i in range(cold):
         for name, call in ways.items():
-            elsewhere.work(ELSEWHERE)
+            eviction.work(EVICTION_BYTES)
             started = time.perf_counter()
             call()
             seconds[name][i] = time.perf_counter() - started

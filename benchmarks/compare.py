@@ -32,9 +32,9 @@ WARM, COLD, BLOCKS = 1000, 50, 20
 #: Untimed cycles at the beginning of a warm block, until the caches are filled.
 FILLING = 100
 #: Bytes written before a cold cycle: twice the last-level cache of a usual processor.
-ELSEWHERE = 64 * 2**20
+EVICTION_BYTES = 64 * 2**20
 #: One in so many warm states is used in the comparison of the answers.
-LOOKED_AT = 25
+COMPARED_STRIDE = 25
 
 FOOT = """\
 Times in µs; columns warm and cold: medians. Share: our median over theirs; in brackets, range of adjacent blocks.
@@ -94,15 +94,15 @@ def print_times(title: str, parties: Sequence[Contestant], warm: Turns, cold: Tu
         if failures:
             print(f"{'':13}{failures} cycles without a solution, excluded from the times")
     for each in parties:
-        said = each.hello
-        if said["unknowns"]:
-            sizes = f"{said['unknowns']} unknowns, {said['equalities']} equalities, {said['inequalities']} rows"
-            print(f"  {' '.join((each.name, said['version'])).strip()}: {sizes}")
+        hello = each.hello
+        if hello["unknowns"]:
+            sizes = f"{hello['unknowns']} unknowns, {hello['equalities']} equalities, {hello['inequalities']} rows"
+            print(f"  {' '.join((each.name, hello['version'])).strip()}: {sizes}")
         for name, turns in both:
             blocks = turns[each.name]
             parts = np.nanmedian(np.concatenate([answers.parts for answers in blocks]), axis=0)
             stages = ", ".join(
-                f"{part} {1e6 * seconds:.0f}" for part, seconds in zip(said["parts"], parts, strict=True)
+                f"{part} {1e6 * seconds:.0f}" for part, seconds in zip(hello["parts"], parts, strict=True)
             )
             mean = 1e6 * summary([answers.seconds for answers in blocks]).mean
             print(f"  {each.name}, {name}: {stages}; mean of the whole {mean:.0f}")
@@ -131,7 +131,7 @@ def print_answers(scene: scenes.Scene, parties: Sequence[Contestant], rows: list
             continue
         worst = dict.fromkeys(("v̇", "sum of the wrenches", "each force", "τ", "cost"), 0.0)
         for block, states in enumerate(rows):
-            for i in range(0, len(states), LOOKED_AT):
+            for i in range(0, len(states), COMPARED_STRIDE):
                 ours, theirs = warm["ours"][block], warm[each.name][block]
                 if not (np.isfinite(ours.seconds[i]) and np.isfinite(theirs.seconds[i])):
                     continue
@@ -176,13 +176,13 @@ def compare(
 ) -> Shares:
     """Measure and print one case of frozen states."""
     scene = scenes.make(case, blocks * (WARM + COLD), folder)
-    told = scene.message()
+    content = scene.message()
     with ExitStack() as stack:
-        parties = [stack.enter_context(contestants.floor(told)), stack.enter_context(contestants.ours(told))]
+        parties = [stack.enter_context(contestants.floor(content)), stack.enter_context(contestants.ours(content))]
         if older:
-            parties.append(stack.enter_context(contestants.ours(told, *older)))
-        parties += [stack.enter_context(contestants.rival(name, told)) for name in rivals]
-        warm, cold = take_turns(parties, scene.rows, blocks, WARM, COLD, ELSEWHERE)
+            parties.append(stack.enter_context(contestants.ours(content, *older)))
+        parties += [stack.enter_context(contestants.rival(name, content)) for name in rivals]
+        warm, cold = take_turns(parties, scene.rows, blocks, WARM, COLD, EVICTION_BYTES)
     shares = print_times(f"{case.title} ({case.name})", parties, warm, cold)
     states = [scene.rows[i * (WARM + COLD) + FILLING : i * (WARM + COLD) + WARM] for i in range(blocks)]
     print_answers(scene, parties, states, warm)
@@ -191,12 +191,12 @@ def compare(
 
 def compare_services(robot: str, older: tuple[str, Path] | None, blocks: int) -> Shares:
     """Measure and print the whole cycle of a supplied robot, from input to output messages."""
-    told, rows = scenes.make_service(robot, blocks * (WARM + COLD))
+    content, rows = scenes.make_service(robot, blocks * (WARM + COLD))
     with ExitStack() as stack:
-        parties = [stack.enter_context(contestants.service(told))]
+        parties = [stack.enter_context(contestants.service(content))]
         if older:
-            parties.append(stack.enter_context(contestants.service(told, *older)))
-        warm, cold = take_turns(parties, rows, blocks, WARM, COLD, ELSEWHERE)
+            parties.append(stack.enter_context(contestants.service(content, *older)))
+        warm, cold = take_turns(parties, rows, blocks, WARM, COLD, EVICTION_BYTES)
     shares = print_times(f"{robot} as supplied, messages to messages ({robot}-service)", parties, warm, cold)
     for each in parties[1:]:
         pairs = zip(warm["ours"] + cold["ours"], warm[each.name] + cold[each.name], strict=True)
@@ -248,7 +248,7 @@ def main(arguments: Sequence[str]) -> None:
                 found[name] = compare_services(name.removesuffix("-service"), older, chosen.blocks)
             sys.stdout.flush()
         print_shares(found)
-    print("\n" + FOOT.format(megabytes=ELSEWHERE / 2**20))
+    print("\n" + FOOT.format(megabytes=EVICTION_BYTES / 2**20))
 
 
 if __name__ == "__main__":

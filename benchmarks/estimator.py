@@ -27,9 +27,9 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
     cycles: list[float] = []
 
     def timed(call: Callable[..., Any], times: list[float]) -> Callable[..., Any]:
-        def run(*given: Any) -> Any:
+        def run(*arguments: Any) -> Any:
             begin = time.perf_counter()
-            made = call(*given)
+            made = call(*arguments)
             times.append(time.perf_counter() - begin)
             return made
 
@@ -39,8 +39,8 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
     if estimator is None or estimator.filter is None:
         raise SystemExit(f"{robot} has no base estimate")
 
-    def update(*given: Any) -> Any:
-        BaseEstimator.update(estimator, *given)
+    def update(*arguments: Any) -> Any:
+        BaseEstimator.update(estimator, *arguments)
         return estimator.base
 
     estimator.update = timed(update, updates)  # type: ignore[method-assign]

@@ -183,13 +183,13 @@ class Standing:
 
     def sway(self) -> str:
         """Move the centre of mass to the left, to the right and back."""
-        said = [self._to(self.com + np.array([0.0, side * SWAY * self.height, 0.0])) for side in (1.0, -1.0, 0.0)]
-        return next((one for one in said if one != "yes"), "yes")
+        results = [self._to(self.com + np.array([0.0, side * SWAY * self.height, 0.0])) for side in (1.0, -1.0, 0.0)]
+        return next((one for one in results if one != "yes"), "yes")
 
     def squat(self) -> str:
         """Move the centre of mass down and up."""
-        said = [self._to(self.com - np.array([0.0, 0.0, down * SQUAT * self.height])) for down in (1.0, 0.0)]
-        return next((one for one in said if one != "yes"), "yes")
+        results = [self._to(self.com - np.array([0.0, 0.0, down * SQUAT * self.height])) for down in (1.0, 0.0)]
+        return next((one for one in results if one != "yes"), "yes")
 
     def push(self) -> str:
         """Push to the side."""
@@ -233,8 +233,8 @@ class Holding:
 
     def squat(self) -> str:
         """Move all joints to the other side, and back."""
-        said = self._to(self.posture - self.swing)
-        return said if said != "yes" else self._to(self.posture)
+        result = self._to(self.posture - self.swing)
+        return result if result != "yes" else self._to(self.posture)
 
     def push(self) -> str:
         """Push at the last link."""

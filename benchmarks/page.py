@@ -47,7 +47,7 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
     changes = CHANGES | {"control.realtime.scheduling": scheduling}
     recording = folder / "page.mcap"
     windows: dict[str, list[tuple[int, int]]] = {"without": [], "with": []}
-    drawn: list[float] = []
+    rates: list[float] = []
     with (
         contextlib.closing(
             Processes(robot, folder, int(os.environ["ROS_DOMAIN_ID"]), changes, own_sessions=True)
@@ -81,7 +81,7 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
             windows[kind].append((begin, end))
             if kind == "with":
                 seconds = 1e-9 * (end - begin)
-                drawn += [
+                rates += [
                     max((each.moved - old).values(), default=0) / seconds
                     for each, old in zip(browsers, before, strict=True)
                 ]
@@ -93,8 +93,8 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         for each in browsers:
             each.close()
     print(f"{robot}, {minutes:g} min, {count} browsers, scheduling class of the loop: {scheduling}")
-    slow = np.quantile(drawn, 0.05)
-    print(f"drawn states per second: median {np.median(drawn):.1f}, at least {slow:.1f} in 95 % of the blocks")
+    slow = np.quantile(rates, 0.05)
+    print(f"drawn states per second: median {np.median(rates):.1f}, at least {slow:.1f} in 95 % of the blocks")
     print(f"memory of the page: {first / 1024:.1f} MB at the start, {last / 1024:.1f} MB at the end")
     print(f"processor time of the page: {100.0 * used / (30.0 * minutes):.0f} % of one processor")
     return loop_times(recording, windows)

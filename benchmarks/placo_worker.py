@@ -54,16 +54,16 @@ class PlacoController:
         placement = self.robot.get_T_world_frame(contact["frame"])
         if contact["type"] == "point":
             task = self.solver.add_position_task(contact["frame"], placement[:3, 3])
-            held = [task]
+            objectives = [task]
             made = self.solver.add_unilateral_point_contact(task)
         else:
             task = self.solver.add_frame_task(contact["frame"], placement)
-            held = [task.position(), task.orientation()]
+            objectives = [task.position(), task.orientation()]
             made = self.solver.add_planar_contact(task)
             made.length, made.width = 2.0 * contact["half_length"], 2.0 * contact["half_width"]
             made.weight_moments = weight
         task.configure(contact["name"], "hard")
-        for each in held:
+        for each in objectives:
             each.kp, each.kd = contact["stiffness"], contact["damping"]
         # placo limits |f_t| ≤ μ f_n along two axes, outside of the cone; ours uses the inner pyramid.
         made.mu = contact["friction"] / math.sqrt(2.0)

@@ -76,10 +76,10 @@ class Stand:
         self.start, _ = self.plant.state()
         self._view = Cycle(settings, model).controller
         self._dynamics = self._view.dynamics
-        self.com = self._look()[0]
+        self.com = self._measure()[0]
         self.lifted = self.slid = 0.0
 
-    def _look(self) -> tuple[Array, Array]:
+    def _measure(self) -> tuple[Array, Array]:
         """Return centre of mass, (3,), and corners of the soles, (n, 3), in the world."""
         self._dynamics.update(*self.plant.state())
         corners = [contact.points(self._dynamics) for contact in self._view.contacts.values()]
@@ -87,7 +87,7 @@ class Stand:
 
     def bound(self, direction: tuple[float, float]) -> float:
         """Return m ω d of the pendulum in a direction, N·s."""
-        com, corners = self._look()
+        com, corners = self._measure()
         edge = float(np.max((corners - com)[:, :2] @ direction))
         return self.model.mass * math.sqrt(self.model.gravity / float(com[2])) * edge
 
@@ -106,13 +106,13 @@ class Stand:
             if plant.held and plant.time >= 0.1:
                 plant.hold(False, ramp=0.1)
             if corners is None and plant.time >= PUSH_AT:
-                corners = self._look()[1]
+                corners = self._measure()[1]
                 plant.push(self.model.base_link, force, PUSH_SECONDS)
             plant.step()
             if plant.fallen:
                 return f"fell at {plant.time:.2f} s"
             if corners is not None and plant.stamp % 10_000_000 == 0:
-                com, now = self._look()
+                com, now = self._measure()
                 moved = now - corners
                 self.lifted = max(self.lifted, float(np.max(moved[:, 2])))
                 self.slid = max(self.slid, float(np.max(np.linalg.norm(moved[:, :2], axis=1))))

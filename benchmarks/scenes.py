@@ -185,8 +185,8 @@ def make_service(robot: str, count: int) -> tuple[dict[str, Any], Array]:
     cycle = Cycle(settings, make_model(settings))
     model = cycle.controller.model
     q = stance(model, cycle.controller, list(cycle.controller.contacts))
-    told = {"robot": robot, "nq": model.nq, "nv": model.nv, "q": q.tolist()}
-    return told, swaying(cycle, q, SERVICE_SWAY, count, 1.0 / settings.control.rate)
+    content = {"robot": robot, "nq": model.nq, "nv": model.nv, "q": q.tolist()}
+    return content, swaying(cycle, q, SERVICE_SWAY, count, 1.0 / settings.control.rate)
 
 
 def message(
@@ -199,13 +199,13 @@ def message(
 ) -> dict[str, Any]:
     """Return the scene for a worker as plain values."""
     pinocchio = model.pinocchio
-    held = [
+    contacts = [
         contact.model_dump() | {"name": name, "frame": f"contact_{name}", "type": contact.type, "link": contact.frame}
         for name, contact in settings.contacts.items()
     ]
     return {
         "settings": dict(content),
-        "urdf": _plain_urdf(model, held),
+        "urdf": _plain_urdf(model, contacts),
         "joints": list(pinocchio.names)[2:],
         "nq": model.nq,
         "nv": model.nv,
@@ -216,7 +216,7 @@ def message(
         "stiffness": STIFFNESS,
         "damping": DAMPING,
         "waist": waist,
-        "contacts": held,
+        "contacts": contacts,
     }
 
 

@@ -50,14 +50,14 @@ def measure(name: str, speed: float) -> None:
     rows = []
     for cycle in range(CYCLES):
         frequency = 2.0 * np.pi
-        wanted = dict(tasks)
+        targets = dict(tasks)
         for hand in HANDS:
             move = np.zeros(len(tasks[hand].position))
             move[1] = speed / frequency * np.sin(frequency * cycle * period)
             velocity = np.zeros(len(tasks[hand].velocity))
             velocity[1] = speed * np.cos(frequency * cycle * period)
-            wanted[hand] = replace(tasks[hand], position=tasks[hand].position + move, velocity=velocity)
-        references = References(wanted, weights, dict.fromkeys(first.contacts, 1.0))
+            targets[hand] = replace(tasks[hand], position=tasks[hand].position + move, velocity=velocity)
+        references = References(targets, weights, dict.fromkeys(first.contacts, 1.0))
         state = RobotState(0, frozen(q), frozen(v))
         for what in ("without", "with") if cycle % 2 else ("with", "without"):
             started = time.perf_counter()

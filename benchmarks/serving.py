@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-#: Text for the parser of `Elsewhere`, which uses other branches and memory than a control cycle.
+#: Text for the parser of `CacheEviction`, which uses other branches and memory than a control cycle.
 _TEXT = Path(__file__).read_text(encoding="utf-8")
 
 
@@ -37,7 +37,7 @@ class Contestant(Protocol):
         """Answer one state: v̇, τ, forces, seconds of the parts, seconds of the whole; NaN without a solution."""
 
 
-class Elsewhere:
+class CacheEviction:
     """Other work between two cycles that evicts the cycle from the caches: memory writes and a parsed text."""
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ def serve(make: Any) -> None:
     scene = json.loads(questions.readline())
     contestant: Contestant = make(scene)
     nq, nv = scene["nq"], scene["nv"]
-    elsewhere = Elsewhere()
+    eviction = CacheEviction()
     gc.collect()
     gc.freeze()  # as in a running service; the collector remains active
     # Last work before waiting: then the other contestants are timed on the same processor.
@@ -90,7 +90,7 @@ def serve(make: Any) -> None:
         found = []
         for row in rows:
             q, v, reference = np.split(row, [nq, nq + nv])
-            elsewhere.work(size)
+            eviction.work(size)
             found.append(contestant.cycle(q, v, reference))
         answers.write(np.concatenate(found).tobytes())
         answers.flush()

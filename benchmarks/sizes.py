@@ -57,13 +57,13 @@ class Series:
     Attributes:
         title: name of the size.
         cases: our settings as plain values, by size.
-        least: smallest size in the fit.
+        smallest: smallest size in the fit.
         seconds: times of each case, in blocks.
     """
 
     title: str
     cases: dict[int, dict[str, Any]]
-    least: int = 1
+    smallest: int = 1
 
     def __post_init__(self) -> None:
         self.seconds: dict[int, list[Array]] = {size: [] for size in self.cases}
@@ -75,13 +75,13 @@ class Series:
         gc.freeze()
         for block in range(BLOCKS):
             for size, (cycle, references, states) in made.items():
-                taken = []
+                times = []
                 for i in range(block * CYCLES, (block + 1) * CYCLES):
                     state = cycle.state(*states[i])
                     started = time.perf_counter()
                     cycle.step(state, references[i])
-                    taken.append(time.perf_counter() - started)
-                self.seconds[size].append(np.array(taken[FILLING:]))
+                    times.append(time.perf_counter() - started)
+                self.seconds[size].append(np.array(times[FILLING:]))
         gc.unfreeze()
 
     def medians(self) -> tuple[Array, Array]:
@@ -91,7 +91,7 @@ class Series:
     def fit(self) -> tuple[float, float]:
         """Return exponent and factor."""
         sizes, medians = self.medians()
-        return exponent(sizes[sizes >= self.least], medians[sizes >= self.least])
+        return exponent(sizes[sizes >= self.smallest], medians[sizes >= self.smallest])
 
 
 def _ready(content: Mapping[str, Any]) -> tuple[Cycle, list[References], list[tuple[Array, Array]]]:
@@ -121,8 +121,8 @@ def degrees_of_freedom(folder: Path) -> Series:
     cases = {}
     for count in range(1, len(groups) + 1):
         chosen = [name for name in robot["joints"] if name.startswith(sum(groups[:count], ()))]
-        held = {"joints": chosen, "posture": [posture[name] for name in chosen]}
-        cases[6 + len(chosen)] = {**content, "robot": {**robot, **held}}
+        own_joints = {"joints": chosen, "posture": [posture[name] for name in chosen]}
+        cases[6 + len(chosen)] = {**content, "robot": {**robot, **own_joints}}
     return Series("degrees of freedom", cases)
 
 
@@ -140,21 +140,21 @@ def contacts() -> Series:
 
 def tasks() -> Series:
     """Vary the number of tasks: the three tasks of Talos, and positions and orientations of links."""
-    wanted = scenes.tasks("base_link")
-    cases = {len(wanted): _talos(wanted)}
+    own_tasks = scenes.tasks("base_link")
+    cases = {len(own_tasks): _talos(own_tasks)}
     kinds = ("frame_position", "frame_orientation")
     for i, link in enumerate((*LINKS, *LINKS)):
         kind = kinds[i // len(LINKS)]
-        wanted = {**wanted, f"{kind}_{link}": {"type": kind, "frame": link, "weight": 0.1, **GAINS}}
-        if len(wanted) in (5, 7, 11, 15, 19):
-            cases[len(wanted)] = _talos(wanted)
+        own_tasks = {**own_tasks, f"{kind}_{link}": {"type": kind, "frame": link, "weight": 0.1, **GAINS}}
+        if len(own_tasks) in (5, 7, 11, 15, 19):
+            cases[len(own_tasks)] = _talos(own_tasks)
     return Series("tasks", cases)
 
 
 def levels() -> Series:
     """Vary the number of strict priority levels of four tasks of Talos."""
     hand = {"hand": {"type": "frame_pose", "frame": LINKS[0], "weight": 1.0, **GAINS}}
-    wanted = scenes.tasks("base_link") | hand
+    own_tasks = scenes.tasks("base_link") | hand
     assigned = {
         1: {},
         2: {"posture": 1},
@@ -162,7 +162,7 @@ def levels() -> Series:
         4: {"waist": 1, "hand": 2, "posture": 3},
     }
     cases = {
-        count: _talos({name: task | {"level": level.get(name, 0)} for name, task in wanted.items()})
+        count: _talos({name: task | {"level": level.get(name, 0)} for name, task in own_tasks.items()})
         for count, level in assigned.items()
     }
     return Series("levels", cases)
@@ -217,7 +217,7 @@ def draw(plt: Any, found: list[Series]) -> None:
     figure, panels = plt.subplots(1, len(found), figsize=(2.1 * len(found), 2.6), sharey=True)
     for panel, series in zip(panels, found, strict=True):
         sizes, medians = series.medians()
-        fitted = sizes >= series.least
+        fitted = sizes >= series.smallest
         power, factor = series.fit()
         panel.plot(sizes[fitted], 1e6 * factor * sizes[fitted] ** power, color="tab:orange", linewidth=1.0)
         panel.plot(sizes[fitted], 1e6 * medians[fitted], "o", color="tab:blue", markersize=3.5)

@@ -37,7 +37,7 @@ def answered(scene: scenes.Scene) -> list:
     return found
 
 
-def test_a_process_answers_what_our_cycle_answers_here_to_the_bit(scene):
+def test_worker_process_and_local_cycle_agree_bitwise(scene):
     with contestants.ours(scene.message()) as process:
         first, second = process.solve(scene.rows[:10]), process.solve(scene.rows[10:], 2**20)
     for i, solution in enumerate(answered(scene)):
@@ -51,7 +51,7 @@ def test_a_process_answers_what_our_cycle_answers_here_to_the_bit(scene):
         assert (answers.seconds > 0.0).all()
 
 
-def test_the_floor_has_the_size_of_accelerations_and_forces(scene):
+def test_floor_has_the_size_of_accelerations_and_forces(scene):
     with contestants.floor(scene.message()) as process:
         answers = process.solve(scene.rows[:5])
     assert process.hello["unknowns"] == scene.model.nv + 6
@@ -59,7 +59,7 @@ def test_the_floor_has_the_size_of_accelerations_and_forces(scene):
     assert np.allclose(answers.parts.sum(axis=1), answers.seconds)
 
 
-def test_a_process_that_ends_is_named(scene, capfd):
+def test_ended_process_is_named(scene, capfd):
     with pytest.raises(SystemExit, match="the process of broken ended before it was ready"):
         contestants.ours({**scene.message(), "joints": ["elbow"]}, "broken")
     assert "expected ['elbow']" in capfd.readouterr().err
@@ -70,7 +70,7 @@ def test_a_process_that_ends_is_named(scene, capfd):
             process.solve(np.repeat(fallen, 200, axis=0))
 
 
-def test_an_unknown_commit_is_refused_by_name():
+def test_unknown_commit_is_refused():
     with pytest.raises(SystemExit, match="--against: unknown commit 'no-such-commit'"):
         compare.main(["--against", "no-such-commit", "--cases", "go2-two"])
 
@@ -83,12 +83,12 @@ def test_an_unknown_commit_is_refused_by_name():
         (["--blocks", "0"], "--blocks 0; valid: at least 1"),
     ],
 )
-def test_what_cannot_be_compared_is_refused_by_name(arguments, sentence):
+def test_unknown_cases_and_rivals_are_refused(arguments, sentence):
     with pytest.raises(SystemExit, match=sentence):
         compare.main(arguments)
 
 
-def test_all_contestants_meet_all_states_in_turn_and_in_order(monkeypatch):
+def test_contestants_get_all_states_in_turn(monkeypatch):
     monkeypatch.setattr(compare, "FILLING", 8)
     asked = []
 
@@ -111,7 +111,7 @@ def test_all_contestants_meet_all_states_in_turn_and_in_order(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["talos-double", "talos-full", "g1-single"])
-def test_the_rivals_robot_is_ours_with_a_frame_at_each_contact(name, tmp_path):
+def test_robot_of_the_rivals_has_contact_frames(name, tmp_path):
     scene = scenes.make(scenes.CASES[name], 1, tmp_path)
     told = scene.message()
     model = pin.buildModelFromXML(told["urdf"], pin.JointModelFreeFlyer())
@@ -136,7 +136,7 @@ def test_the_rivals_robot_is_ours_with_a_frame_at_each_contact(name, tmp_path):
         assert np.linalg.norm((dynamics.com - feet[0])[:2]) < 0.01
 
 
-def test_our_older_code_and_whole_services_are_timed_beside_ours(capsys, monkeypatch):
+def test_older_code_and_services_are_timed(capsys, monkeypatch):
     """The present commit is also the older one."""
     monkeypatch.setattr(compare, "WARM", 30)
     monkeypatch.setattr(compare, "FILLING", 10)
@@ -156,7 +156,7 @@ def test_our_older_code_and_whole_services_are_timed_beside_ours(capsys, monkeyp
         assert cells is not None
         assert int(cells[1]) <= int(cells[2]) <= int(cells[3])
     assert re.search(rf"^{older} .*\(\d", said, flags=re.MULTILINE)
-    services = said[said.index("g1 as shipped, bytes to bytes") :]
+    services = said[said.index("g1 as supplied, messages to messages") :]
     assert "read" in services
     assert "processor" in services
     assert f"largest difference of {older} from ours: τ " in services
@@ -166,7 +166,7 @@ def test_our_older_code_and_whole_services_are_timed_beside_ours(capsys, monkeyp
     assert re.search(r"^g1-service +\d+\.\d\d/\d+\.\d\d$", shares, flags=re.MULTILINE)
 
 
-def test_older_code_is_never_the_package_that_is_installed(scene, tmp_path, capfd):
+def test_older_code_is_not_the_installed_package(scene, tmp_path, capfd):
     with pytest.raises(SystemExit, match="the process of older ended before it was ready"):
         contestants.ours(scene.message(), "older", tmp_path)
     assert f"not in {tmp_path}" in capfd.readouterr().err

@@ -9,7 +9,7 @@ import page
 pytestmark = pytest.mark.live
 
 
-def test_it_measures_the_loop_with_the_page_and_without_it(monkeypatch, tmp_path, capsys):
+def test_loop_is_measured_with_and_without_the_page(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(page, "LOADING", 2.0)
     found = dict(page.measure("go2", 4 * page.BLOCK / 60.0, 3, "other", tmp_path))
     said = capsys.readouterr().out

@@ -7,14 +7,14 @@ import dataclasses
 import pytest
 from domains import own_domain
 
-from wbc_controller.validation.fuzz.kills import SLACK, WAYS, KillTrial, kill_trials
+from wbc_controller.validation.fuzz.kills import METHODS, SLACK, KillTrial, kill_trials
 
 
 @pytest.mark.live
 def test_no_torques_stay_whatever_is_killed_and_everything_starts_again(tmp_path):
     trials = kill_trials("go2", tmp_path, 1, domain=own_domain())  # `wbc fuzz kills` does 50 of each
-    assert [(trial.victim, trial.way) for trial in trials] == [
-        (victim, way) for victim in ("controller", "mock") for way in WAYS
+    assert [(trial.victim, trial.method) for trial in trials] == [
+        (victim, method) for victim in ("controller", "mock") for method in METHODS
     ]
     for trial in trials:
         print(trial)

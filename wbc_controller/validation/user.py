@@ -14,9 +14,9 @@ from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 
-_SWAY, _SWING = 0.015, 0.15  # amplitude of the centre of mass, m, and of the joints, rad
-_BEAT = 0.3  # time from one side to the other, s
-_LONGEST = 4.0  # s
+_SWAY, _SWING = 0.015, 0.15  # of the centre of mass, m, and of the joints, rad
+_HALF_PERIOD = 0.3  # time from one side to the other, s
+_DURATION = 4.0  # s
 
 
 class User:
@@ -47,7 +47,7 @@ class User:
 
     def move(self, com: Array) -> None:
         """Sway the centre of mass about `com`, (3,) in m, and swing the joints, to reveal frozen values."""
-        times = np.arange(_BEAT, _LONGEST, _BEAT)
+        times = np.arange(_HALF_PERIOD, _DURATION, _HALF_PERIOD)
         sides = (-1.0) ** np.arange(len(times))
         still = np.zeros(len(times)), com[None, :] + np.outer(sides, [0.5 * _SWAY, _SWAY, 0.0])
         for name in self.tasks("com"):

@@ -52,7 +52,7 @@ def play(make):
     return play
 
 
-def test_a_robot_may_start_long_before_its_controller_and_that_long_before_it_can_be_activated(play):
+def test_late_controller_and_late_activation(play):
     with pytest.raises(Activated):
         play({3000: "inactive", 9000: "active"})
 
@@ -64,7 +64,7 @@ def test_a_robot_may_start_long_before_its_controller_and_that_long_before_it_ca
         ({5: "inactive"}, "did not become active; its state is 'inactive'"),
     ],
 )
-def test_it_does_not_wait_for_ever(play, monkeypatch, modes, sentence):
+def test_timeout(play, monkeypatch, modes, sentence):
     monkeypatch.setattr(director, "_TIMEOUT", 0.2)
     with pytest.raises(DemoFailed, match=sentence):
         play(modes)

@@ -148,7 +148,7 @@ def position(content):
     return np.array([point.x, point.y, point.z])
 
 
-def test_a_handle_that_is_dragged_moves_the_hand(page, session):
+def test_drag_of_a_handle_moves_the_hand(page, session):
     updates = session.follow(session.topics["controller", "update", ""])
     setpoints = session.follow(session.topics["controller", "setpoint", "left_hand"])
     start = position(session.wait_for_message("controller", "task_value", "left_hand"))
@@ -166,7 +166,7 @@ def test_a_handle_that_is_dragged_moves_the_hand(page, session):
     )
 
 
-def test_a_pull_on_the_torso_shoves_the_robot(page, session):
+def test_pull_on_the_torso_pushes_the_robot(page, session):
     pushes = session.follow(session.topics["mock", "push", ""])
     session.listen("mock", "odom")
     model = make_model(CONFIG.settings)
@@ -181,7 +181,7 @@ def test_a_pull_on_the_torso_shoves_the_robot(page, session):
     session.until(lambda: abs(session.newest("mock", "odom").twist.twist.linear.y) > 0.01, "the robot did not sway")
 
 
-def test_a_slider_makes_the_sensors_noisy(page, session):
+def test_slider_of_the_sensor_noise(page, session):
     faults = session.follow(session.topics["mock", "fault", ""])
     page.get_by_role("slider").nth(1).focus()
     page.keyboard.press("ArrowRight")
@@ -190,7 +190,7 @@ def test_a_slider_makes_the_sensors_noisy(page, session):
     assert first(faults)[-1].data == "clear"
 
 
-def test_the_switches_and_the_camera_pass_the_allow_list(page, playing):
+def test_switches_and_camera_pass_the_allow_list(page, playing):
     page.get_by_text("Show", exact=True).click()
     for label in [*GROUPS.values(), "Translucent robot", "Shadows", "Rotation rings"]:
         switch = page.get_by_label(label, exact=True)
@@ -206,7 +206,7 @@ def test_the_switches_and_the_camera_pass_the_allow_list(page, playing):
     page.wait_for_timeout(500)
 
 
-def test_the_page_asks_its_own_server_alone(page, playing, requested):
+def test_page_contacts_only_its_own_server(page, playing, requested):
     own = playing[1].removeprefix("http://")
     assert any(url.startswith(f"http://{own}") for url in requested)
     foreign = [url for url in requested if not url.startswith((f"http://{own}", f"ws://{own}", "data:", "blob:"))]
@@ -214,7 +214,7 @@ def test_the_page_asks_its_own_server_alone(page, playing, requested):
 
 
 @pytest.mark.parametrize("query", ["?websocket=ws://127.0.0.1:{port}", "?playbackPath=http://127.0.0.1:{port}/x.viser"])
-def test_an_address_cannot_have_the_page_load_from_another_server(page, playing, query):
+def test_address_cannot_load_from_another_server(page, playing, query):
     """Messages of another server would run code in this page, which may command the robot."""
     with socket.create_server(("127.0.0.1", 0)) as other:
         other.settimeout(10.0)
@@ -225,7 +225,7 @@ def test_an_address_cannot_have_the_page_load_from_another_server(page, playing,
         opened.close()
 
 
-def test_each_button_does_what_it_says(page, session):
+def test_effect_of_each_button(page, session):
     holds = session.follow(session.topics["mock", "hold", ""])
 
     def press(name, mode="", patience=30.0):
@@ -250,11 +250,11 @@ def test_each_button_does_what_it_says(page, session):
     press("Damp", "damping")
 
 
-def test_no_message_of_the_page_has_been_dropped(page, playing):
+def test_no_message_of_the_page_is_dropped(page, playing):
     assert "message dropped" not in playing[2].read_text(encoding="utf-8")
 
 
-def test_the_end_of_the_page_ends_the_robot(playing, session):
+def test_end_of_the_page_ends_the_robot(playing, session):
     process = playing[0]
     nodes = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
     assert len(nodes.split()) >= 2

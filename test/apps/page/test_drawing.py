@@ -14,7 +14,7 @@ from wbc_controller.settings.files import find_configuration, load_settings
 
 
 @pytest.mark.parametrize("command", ["view", "play"])
-def test_without_viser_one_sentence_says_what_to_install(monkeypatch, command):
+def test_missing_viser_is_refused_with_the_installation(monkeypatch, command):
     real = builtins.__import__
 
     def missing(name, *rest):
@@ -36,7 +36,7 @@ def robot():
     return Robot(load_settings(find_configuration("go2")))
 
 
-def test_meshes_are_small_enough_and_where_the_visuals_are(robot):
+def test_meshes_have_the_place_of_the_visuals(robot):
     from wbc_controller.apps.page.meshes import TRIANGLES, build_meshes
     from wbc_controller.controller.visualization.geometry import read_visuals
 
@@ -53,7 +53,7 @@ def test_meshes_are_small_enough_and_where_the_visuals_are(robot):
         np.testing.assert_allclose(drawn.max(axis=0), placed.max(axis=0), atol=0.003)
 
 
-def test_a_base_that_nobody_measures_stands_on_its_contacts(robot):
+def test_unmeasured_base_is_fitted_to_the_contacts(robot):
     from wbc_controller.apps.page.base_on_contacts import BaseOnContacts
 
     model, dynamics = robot.model, robot.dynamics

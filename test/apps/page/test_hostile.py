@@ -109,7 +109,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_message_changes_nothing(rig, pages, name):
+def test_hostile_messages_change_nothing(rig, pages, name):
     user, hostile = pages
     hostile.drag("com", "start")
     hostile.send(msgspec.msgpack.encode(HOSTILE[name](hostile)))
@@ -120,12 +120,12 @@ def test_a_hostile_message_changes_nothing(rig, pages, name):
 
 
 @pytest.mark.parametrize("payload", [b"", b"\xc1", b"\x91" * 4000, b"\xdd\xff\xff\xff\xff", "a text message"])
-def test_a_payload_that_is_no_message_changes_nothing(rig, pages, payload):
+def test_invalid_payloads_change_nothing(rig, pages, payload):
     pages[1].send(payload)
     check_pages(rig, pages)
 
 
-def test_a_large_message_ends_the_connection_of_its_page_alone(rig, pages):
+def test_large_message_ends_only_its_connection(rig, pages):
     user, hostile = pages
     hostile.say("GuiUpdateMessage", uuid="a" * MAX_MESSAGE_SIZE, updates={"value": True})
     user.until(lambda: len(rig.server.get_clients()) == 1)
@@ -153,7 +153,7 @@ _updates = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
     suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=80, derandomize=True
 )  # fmt: skip
 @given(data=st.data())
-def test_no_message_takes_stop_or_the_handles_from_the_others(rig, pages, data):
+def test_stop_and_handles_remain_for_other_pages(rig, pages, data):
     hostile = pages[1]
     kind = data.draw(st.sampled_from(["update", "drag", "any", "bytes"]))
     label = data.draw(st.sampled_from(["STOP", "weight", "left_foot", "Rotation rings"]))
@@ -169,7 +169,7 @@ def test_no_message_takes_stop_or_the_handles_from_the_others(rig, pages, data):
     check_pages(rig, pages)
 
 
-def test_a_flood_delays_no_other_page(rig, pages):
+def test_flood_delays_no_other_page(rig, pages):
     user, hostile = pages
     ended = threading.Event()
 
@@ -192,7 +192,7 @@ def test_a_flood_delays_no_other_page(rig, pages):
     check_pages(rig, [user])
 
 
-def test_the_first_dropped_message_of_a_page_is_logged(rig, pages, caplog):
+def test_first_dropped_message_of_a_page_is_logged(rig, pages, caplog):
     hostile = pages[1]
     with caplog.at_level(logging.WARNING, "wbc_controller.apps.page.connection"):
         for _ in range(3):
@@ -204,7 +204,7 @@ def test_the_first_dropped_message_of_a_page_is_logged(rig, pages, caplog):
     assert "'type': 'TransformControlsUpdateMessage'" in record.getMessage()
 
 
-def test_more_pages_than_may_be_open_are_refused(rig):
+def test_number_of_pages_is_limited(rig):
     opened_pages = [Browser(rig.gate.port) for _ in range(MAX_PAGES)]
     with pytest.raises(InvalidStatus) as refusal:
         Browser(rig.gate.port)
@@ -214,7 +214,7 @@ def test_more_pages_than_may_be_open_are_refused(rig):
     opened_pages[0].until(lambda: not rig.server.get_clients())
 
 
-def test_a_pull_that_never_began_ends_with_its_page(rig, pages):
+def test_pull_without_a_start_ends_with_its_page(rig, pages):
     """viser ends only pulls with a known start."""
     user = pages[0]
     other = opened(rig)
@@ -226,7 +226,7 @@ def test_a_pull_that_never_began_ends_with_its_page(rig, pages):
     user.until(lambda: rig.server.scene.get_handle_by_name(arrow) is None)
 
 
-def test_a_page_that_watches_changes_nothing():
+def test_read_only_page_changes_nothing():
     rig = Rig(commands=False)
     shared = []
     rig.server.request_share_url = lambda: shared.append(1)
@@ -254,7 +254,7 @@ def test_a_page_that_watches_changes_nothing():
         rig.close()
 
 
-def test_an_error_while_drawing_is_logged_and_the_page_draws_again(rig, pages, monkeypatch, caplog):
+def test_drawing_continues_after_an_error(rig, pages, monkeypatch, caplog):
     failed, error = [], ValueError("a malformed message")
 
     def fails():

@@ -44,7 +44,7 @@ def settled(rig, pause=0.3):
     return rig.said()
 
 
-def test_the_robot_is_drawn_at_the_page_s_rate_whatever_comes(rig, browser):
+def test_drawing_rate_is_independent_of_the_topics(rig, browser):
     before, began = rig.page.shown, time.monotonic()
     browser.until(lambda: rig.page.shown - before >= 20)
     rate = (rig.page.shown - before) / (time.monotonic() - began)
@@ -77,7 +77,7 @@ def pose(rig):
     take(there)
 
 
-def test_every_link_is_drawn_where_it_is(rig, browser, pose):
+def test_placement_of_every_link(rig, browser, pose):
     model = rig.robot.model.pinocchio
     names = rig.page.drawing.links
     q = pin.integrate(model, rig.story.now.q, 0.3 * np.cos(np.arange(model.nv)))
@@ -113,7 +113,7 @@ def test_every_link_is_drawn_where_it_is(rig, browser, pose):
         ("Release", "the hoist releases the robot"),
     ],
 )
-def test_each_button_sends_what_its_name_says(rig, browser, label, said):
+def test_request_of_each_button(rig, browser, label, said):
     browser.set(label, True)
     browser.until(lambda: rig.said() == [said])
 
@@ -163,7 +163,7 @@ def test_user_input_is_sent_during_updates():
         rig.close()
 
 
-def test_a_handle_that_is_dragged_sends_setpoints_and_nothing_after_it_is_let_go(rig, browser):
+def test_drag_of_a_handle_sends_setpoints_until_its_end(rig, browser):
     browser.drag("com", "start")
     for i in range(60):
         browser.drag("com", "update", (0.02, 0.0, 0.6 - 0.001 * i))
@@ -176,7 +176,7 @@ def test_a_handle_that_is_dragged_sends_setpoints_and_nothing_after_it_is_let_go
     assert settled(rig, 0.5) == said
 
 
-def test_a_drag_enables_a_disabled_task(rig, browser):
+def test_drag_enables_a_disabled_task(rig, browser):
     browser.drag("left_hand", "start")
     browser.drag("left_hand", "update", (0.3, 0.2, 0.9))
     browser.drag("left_hand", "end")
@@ -185,7 +185,7 @@ def test_a_drag_enables_a_disabled_task(rig, browser):
     assert said.startswith("update {tasks: {left_hand: {enabled: true, setpoint: [0.30000, 0.20000, 0.90000, 0.0")
 
 
-def test_a_page_that_is_closed_in_mid_drag_moves_nothing_any_more(rig, browser):
+def test_closed_page_ends_its_drag(rig, browser):
     other = Browser(rig.gate.port)
     other.until(lambda: len(rig.server.get_clients()) == 2)
     other.drag("com", "start")
@@ -199,7 +199,7 @@ def test_a_page_that_is_closed_in_mid_drag_moves_nothing_any_more(rig, browser):
     assert len(rig.sent) == before
 
 
-def test_a_pull_on_a_link_shoves_it_there_when_it_is_let_go(rig, browser):
+def test_pull_on_a_link_pushes_at_its_end(rig, browser):
     start, end = np.array([0.0, 0.0, 0.86]), np.array([0.2, 0.0, 0.86])
     for phase in ("start", "update"):
         browser.pull("/robot/1/m1", phase, start, end)
@@ -215,7 +215,7 @@ def test_a_pull_on_a_link_shoves_it_there_when_it_is_let_go(rig, browser):
     assert wrench.torque.y == pytest.approx(0.1 * 0.16 * weight, rel=0.02)  # a pull above the origin of the pelvis
 
 
-def test_a_page_that_is_closed_in_mid_pull_shoves_nothing(rig, browser):
+def test_closed_page_ends_its_pull(rig, browser):
     other = Browser(rig.gate.port)
     other.until(lambda: len(rig.server.get_clients()) == 2)
     for phase in ("start", "update"):
@@ -248,7 +248,7 @@ def test_texts_of_the_controller_are_escaped(rig, browser):
     assert "left knee&#x27;s upper torque limit" in panel()
 
 
-def test_a_page_that_watches_has_nothing_to_command_with():
+def test_read_only_page_has_no_controls():
     with Rig(commands=False) as rig:
         page = Browser(rig.gate.port)
         page.until(lambda: rig.page.shown > 5 and page.controls)

@@ -63,7 +63,7 @@ def test_allowed_types():
 
 
 @pytest.mark.parametrize("allowed", typing.get_args(COMMANDING))
-def test_fields_are_those_of_viser(allowed):
+def test_fields_agree_with_viser(allowed):
     theirs = dataclasses.fields(getattr(viser_messages, allowed.__name__))
     assert [field.name for field in theirs] == list(allowed.__struct_fields__)
 
@@ -84,7 +84,7 @@ def test_messages_of_the_page_are_allowed():
 
 
 @pytest.mark.parametrize("message", [DRAG, PULL, {"type": "TransformControlsDragStartMessage", "name": "/handles/com"}])
-def test_a_page_that_watches_may_not_drag(message):
+def test_read_only_page_cannot_drag(message):
     assert fault(message) == ""
     assert fault(message, commands=False).startswith(f"Invalid value '{message['type']}' - at `$.type`")
 
@@ -125,7 +125,7 @@ def test_each_field_is_checked(message, change, reason):
 
 
 @pytest.mark.parametrize("field", sorted(set(PULL) - {"type", "owner"}))
-def test_no_field_may_be_missing(field):
+def test_missing_fields_are_refused(field):
     assert f"missing required field `{field}`" in fault({key: value for key, value in PULL.items() if key != field})
 
 
@@ -145,7 +145,7 @@ def test_no_field_may_be_missing(field):
         msgspec.msgpack.encode({"type": ["GuiUpdateMessage"]}),
     ],
 )
-def test_payloads_that_are_no_message(payload):
+def test_invalid_payloads(payload):
     assert AllowList(commands=True).fault(payload) != ""
 
 
@@ -159,7 +159,7 @@ def test_payloads_that_are_no_message(payload):
         st.binary(max_size=2),
     )
 )
-def test_any_payload_is_judged_without_an_error(payload):
+def test_any_payload_is_checked_without_an_exception(payload):
     allowed = AllowList(commands=True)
     if not allowed.fault(payload):
         assert msgspec.msgpack.decode(payload)["type"] in {each.__name__ for each in typing.get_args(COMMANDING)}
@@ -191,11 +191,11 @@ def test_values_of_controls(gui, name, valid, invalid):
 @pytest.mark.parametrize(
     "updates", [{}, {"update_cb": []}, {"value": True, "removed": True}, {"value": None}, None, []]
 )
-def test_only_the_value_of_a_control_may_change(gui, updates):
+def test_only_values_of_controls_can_change(gui, updates):
     assert value_fault(gui, gui.button, updates) != ""
 
 
-def test_a_refused_value_is_named(gui):
+def test_refused_value_is_named(gui):
     said = value_fault(gui, gui.slider, {"value": 7.5})
     assert said == "GuiUpdateMessage: updates.value of 'weight': 7.5; valid: 0 to 4"
     assert value_fault(gui, SimpleNamespace(uuid="none"), {"value": True}) == (
@@ -203,7 +203,7 @@ def test_a_refused_value_is_named(gui):
     )
 
 
-def test_a_burst_is_read_at_once_and_more_at_the_rate():
+def test_burst_and_rate_limit():
     rate_limit = RateLimit(rate=100.0, burst=5.0)
     assert [rate_limit.wait(10.0) for _ in range(8)] == pytest.approx([0, 0, 0, 0, 0, 0.01, 0.02, 0.03])
     assert [rate_limit.wait(20.0) for _ in range(6)] == pytest.approx([0, 0, 0, 0, 0, 0.01])

@@ -34,7 +34,7 @@ def playback(recorded):
     return made
 
 
-def test_the_moments_are_those_that_were_recorded(recorded, playback):
+def test_snapshots_agree_with_the_recording(recorded, playback):
     cycles = [cycle for cycle in recorded.cycles() if cycle.number_of("has_state")]
     for cycle in (cycles[0], cycles[len(cycles) // 2], cycles[-1]):
         playback.seek(1e-9 * (cycle.time - recorded.start))
@@ -59,7 +59,7 @@ def test_events_are_marked(recorded, playback):
     assert "emergency stop" in marks_html(playback)
 
 
-def test_time_passes_only_while_it_plays_and_ends_at_the_end(playback):
+def test_time_advances_only_during_playback(playback):
     playback.snapshot()
     time.sleep(0.02)
     assert playback.snapshot().stamp == playback.snapshot().stamp
@@ -71,7 +71,7 @@ def test_time_passes_only_while_it_plays_and_ends_at_the_end(playback):
 
 
 @pytest.mark.live
-def test_a_time_that_a_user_sets_is_gone_to_though_time_passes(playback):
+def test_user_sets_the_time_during_playback(playback):
     gate, ended = Gate("127.0.0.1"), threading.Event()
     server = open_server("127.0.0.1", 0, gate)
     line = TimeLine(server, playback)

@@ -38,7 +38,7 @@ def rig():
     return Rig()
 
 
-def test_the_newest_drag_is_sent_once_per_period(rig):
+def test_newest_drag_is_sent_once_per_period(rig):
     sent = []
     for i in range(100):  # 1 s of events, 100 per second
         rig.drag(i / 100.0)
@@ -48,7 +48,7 @@ def test_the_newest_drag_is_sent_once_per_period(rig):
     assert "com goes to 0.99 0 0.6" in sent[-1]
 
 
-def test_after_the_last_event_nothing_is_sent(rig):
+def test_no_requests_after_the_last_event(rig):
     rig.drag(0.1)
     assert len(rig.send_due_drags()) == 1
     assert [rig.send_due_drags(0.1) for _ in range(50)] == [[]] * 50
@@ -73,7 +73,7 @@ def test_stale_drags_are_dropped(rig):
     assert rig.send_due_drags(MAX_AGE + 0.01) == []
 
 
-def test_an_emergency_stop_overtakes_requests_and_drops_drags(rig):
+def test_emergency_stop_overtakes_requests_and_drops_drags(rig):
     rig.sender.send_words("activate")  # it stays in the queue: the thread is not running
     rig.drag(0.1)
     rig.sender.send_words("estop")
@@ -95,7 +95,7 @@ def test_requests_are_sent_in_order_and_invalid_ones_reported(rig):
     assert [words for words, error in rig.told if error] == ["left_hand nowhere"]
 
 
-def test_an_error_in_one_sentence_does_not_end_the_sender(rig, monkeypatch, caplog):
+def test_error_does_not_end_the_sender(rig, monkeypatch, caplog):
     def fails(words, settings):
         raise ValueError(f"cannot read {words}")
 
@@ -117,7 +117,7 @@ def test_an_error_in_one_sentence_does_not_end_the_sender(rig, monkeypatch, capl
     assert [said for _, _, said in rig.sent] == ["deactivate"]
 
 
-def test_a_missing_controller_is_reported(rig):
+def test_missing_controller_is_reported(rig):
     def nobody(request):
         raise NoAnswer("no controller is there")
 
@@ -126,7 +126,7 @@ def test_a_missing_controller_is_reported(rig):
     assert rig.told == [("estop", "no controller is there")]
 
 
-def test_more_than_a_user_can_ask_for_is_refused(rig):
+def test_full_queue_is_reported(rig):
     for _ in range(300):
         rig.sender.send_words("activate")
     assert {error for _, error in rig.told} == {"dropped: the queue of 200 requests is full"}

@@ -60,13 +60,13 @@ def test_words_and_switches(text, node, key, subject, data):
         ("com -0.02 x 0.01 up", "com/reference", (-0.02, 0.0, 0.01)),
     ],
 )
-def test_a_step_of_a_task(text, frame, step):
+def test_relative_setpoint_of_a_task(text, frame, step):
     request, content = read(text), made(text)
     assert (request.key, request.subject, content.header.frame_id) == ("setpoint", "com", frame)
     np.testing.assert_allclose([content.point.x, content.point.y, content.point.z], step, atol=1e-12)
 
 
-def test_a_step_of_a_pose_does_not_turn_it():
+def test_relative_setpoint_of_a_pose_keeps_its_orientation():
     content = made("left_hand 0.1 up")
     assert content.header.frame_id == "left_hand/heading"
     assert (content.pose.position.z, content.pose.orientation.w) == (0.1, 1.0)
@@ -85,13 +85,13 @@ def test_turning_and_leaning(text, axis):
     np.testing.assert_allclose([turned.x, turned.y, turned.z, turned.w], [*(HALF * np.array(axis)), HALF], atol=1e-12)
 
 
-def test_a_place_in_the_world_and_in_a_frame():
+def test_absolute_setpoint_in_the_world_and_in_a_frame():
     content = made("com to 0.01 -0.02 0.6")
     assert (content.header.frame_id, content.point.y, content.point.z) == ("world", -0.02, 0.6)
     assert made("com to 0 0 0 in pelvis").header.frame_id == "pelvis"
 
 
-def test_a_place_of_a_pose_keeps_its_orientation():
+def test_absolute_setpoint_of_a_pose_keeps_its_orientation():
     reference = made("left_hand to 0 0 0 0 0 0.7071 0.7071")
     content = made(
         "left_hand to 0.3 0.2 0.9", lambda *place: {("controller", "task_reference", "left_hand"): reference}[place]
@@ -112,7 +112,7 @@ def test_joints_by_and_to():
         made("posture c to 0.6", lambda *place: before)
 
 
-def test_a_push_goes_where_the_robot_looks(make):
+def test_push_has_heading_axes(make):
     request = read("push 60 forward for 0.1 at torso")
     assert (request.node, request.key, request.frame) == ("mock", "push", "torso_link")
     odometry = make.odom([0, 0, 1, 0, 0, HALF, HALF], child="pelvis")

@@ -43,7 +43,7 @@ class TransportDouble:
 
 
 @pytest.mark.parametrize("mode", ["fault ESTOP: emergency stop by command", ""])
-def test_an_emergency_stop_is_sent_first(monkeypatch, mode):
+def test_emergency_stop_is_sent_first(monkeypatch, mode):
     monkeypatch.setattr(session, "DdsTransport", TransportDouble)
     monkeypatch.setattr(TransportDouble, "mode", mode)
     stop = Request("controller", "command", "", "estop", lambda _: message("std_msgs/msg/String", data="estop"))
@@ -82,7 +82,7 @@ class RecorderDouble(TransportDouble):
         ),
     ],
 )
-def test_a_requested_recording_is_answered_by_the_recorder(monkeypatch, before, behind, done, text):
+def test_recorder_answers_a_requested_recording(monkeypatch, before, behind, done, text):
     def values(said):
         return {"requests_taken": "0", "recorder": said[1], **({"recorder_said": said[0]} if said[0] else {})}
 

@@ -21,7 +21,7 @@ from wbc_controller.validation.accuracy.walks import mean_velocity, walk
 SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
 
 
-def test_a_robot_stands_on_its_estimate_and_the_figures_are_those_of_the_truth():
+def test_errors_of_a_standing_robot_agree_with_the_truth():
     found = stand("go2", "good", 0, 0.5)
     assert found.ended == ""
     assert 0.0 < found.tilt < np.deg2rad(0.4)
@@ -33,13 +33,13 @@ def test_a_robot_stands_on_its_estimate_and_the_figures_are_those_of_the_truth()
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-def test_a_tall_robot_with_light_ankles_is_let_down_on_cheap_sensors(seed):
+def test_tall_robot_with_light_ankles_and_cheap_sensors(seed):
     found = stand("talos", "cheap", seed, 0.5)
     assert found.ended == ""
     assert found.velocity < 0.005
 
 
-def test_with_true_sensors_the_estimate_is_the_truth_and_a_wrong_one_is_seen():
+def test_ideal_sensors_and_a_wrong_estimate():
     trial = EstimationTrial("go2", SHORT)
     trial.stand()
     error, P = error_of(trial)
@@ -51,7 +51,7 @@ def test_with_true_sensors_the_estimate_is_the_truth_and_a_wrong_one_is_seen():
     np.testing.assert_allclose(error_of(trial)[0] - error, [0, 0, 0, 0.1, 0, 0, 0, 0.2, 0], atol=1e-9)
 
 
-def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch):
+def test_errors_and_nees_by_component(monkeypatch):
     class Still:
         def __init__(self, *_):
             self.settings = SimpleNamespace(control=SimpleNamespace(rate=10.0))
@@ -78,7 +78,7 @@ def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch
     np.testing.assert_allclose(found.drifting_nees[1:], heading_and_position * np.array([1.0, 4.0 / 4.0]))
 
 
-def test_the_filter_is_told_the_figures_of_its_sensors():
+def test_filter_settings_of_the_sensors():
     settings = load("go2").replace(sensor_settings("cheap")).settings.estimation
     assert settings.accelerometer_bias == PARTS["cheap"].accelerometer_bias
     assert settings.gyroscope_noise == PARTS["cheap"].gyroscope_noise
@@ -101,7 +101,7 @@ def test_faults_are_reported():
 
 
 @pytest.mark.parametrize(("factor", "share"), [(1.0, 0.95), (0.1, 0.0), (3.0, 0.0)])
-def test_consistency_is_the_share_of_the_time_within_the_bounds(factor, share):
+def test_consistency_is_the_share_of_time_within_the_bounds(factor, share):
     rng = np.random.default_rng(0)
     squares = [factor * rng.chisquare(5, 2000) for _ in range(20)]
     within, mean = consistency(squares, 5)
@@ -153,7 +153,7 @@ class Motions:
             raise NoSolution("FALLEN: it fell", "damping", None)
 
 
-def test_errors_of_a_flaw_are_the_largest_distances(monkeypatch):
+def test_flaw_errors_are_the_largest_distances(monkeypatch):
     monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.EstimationTrial", Motions)
     cost = measure_flaw("go2", "joint friction 2 N·m", disturbance="never", known_friction=True)
     assert (cost.sway, cost.squat, cost.ended) == (pytest.approx(0.005), pytest.approx(0.010), "")
@@ -169,7 +169,7 @@ def test_errors_of_a_flaw_are_the_largest_distances(monkeypatch):
     assert np.isnan(cost.squat)
 
 
-def test_the_table_of_standing_is_printed_and_judged(monkeypatch):
+def test_table_of_standing(monkeypatch):
     def made_up(robot, sensors, seed, seconds):
         tilt, drift = (0.001, 0.001, 0.002)[seed], 0.02 if robot == "g1" else 0.004
         return StandingErrors(seed, tilt, 0.002, 0.003, drift, np.full(9, 5.0), np.full(9, 4.0))
@@ -182,7 +182,7 @@ def test_the_table_of_standing_is_printed_and_judged(monkeypatch):
     assert CliRunner().invoke(standing, ["g1", "--seeds", "1", "--jobs", "1"]).exit_code == 1  # excessive drift
 
 
-def test_the_table_of_flaws_is_printed(monkeypatch):
+def test_table_of_flaws(monkeypatch):
     def made_up(robot, name, *settings):
         return FlawErrors(0.001, 0.002, 0.003, "FALLEN: it fell" if robot == "g1" else "")
 
@@ -192,13 +192,13 @@ def test_the_table_of_flaws_is_printed(monkeypatch):
     assert run.exit_code == 1
 
 
-def test_a_flaw_that_is_unknown_is_refused_with_the_valid_ones():
+def test_unknown_flaw_is_refused():
     run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "--flaw", "nothing"])
     assert "unknown flaw 'nothing'" in str(run.exception)
     assert len({flaw.name for flaw in FLAWS}) == len(FLAWS)
 
 
-def test_a_foot_on_ice_and_an_imu_that_stops_are_survived_with_force_sensors_and_a_wrong_estimate_is_seen(monkeypatch):
+def test_mishaps_with_force_sensors_and_a_wrong_estimate(monkeypatch):
     monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._DURATION", 0.3)
     short = {"estimation.settling": 0.1, "safety.activation_ramp": 0.0}
     for name in ("one foot on ice, friction 0.05", "IMU silent for 20 ms"):
@@ -215,7 +215,7 @@ def test_a_foot_on_ice_and_an_imu_that_stops_are_survived_with_force_sensors_and
         ("go2", "IMU shock of 5 rad/s for 1.5 s, on the hoist"),
     ],
 )
-def test_an_imu_that_fails_is_a_fault_in_time_and_the_robot_can_be_activated_again(monkeypatch, robot, name):
+def test_failed_imu_is_a_fault_and_the_robot_can_be_reactivated(monkeypatch, robot, name):
     monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._LIFT_TIME", 2.0)
     found = run_mishap(robot, name, changes={"safety.activation_ramp": 0.0})
     assert [sentence.partition(":")[0] for sentence in found.fault_texts] == ["ESTIMATE_LOST"]
@@ -224,7 +224,7 @@ def test_an_imu_that_fails_is_a_fault_in_time_and_the_robot_can_be_activated_aga
     assert 0.4 < found.recovery < 2.0  # 'reset' restarts the settling of 0.5 s
 
 
-def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
+def test_table_of_mishaps(monkeypatch):
     fine, said = Outcome(0.01, 0.0, ()), ("NO_SOLUTION: there is none (daqp)",)
     found = {
         "one foot pulled up": Outcome(0.3, 0.1, ("left", "right"), said, ended=True, recovery=0.5),
@@ -251,7 +251,7 @@ def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
     assert [longest_run(np.array(values, dtype=bool)) for values in ([], [0, 1, 1, 0, 1], [1, 1, 1])] == [0, 2, 3]
 
 
-def test_a_robot_turns_on_its_estimate_and_stops():
+def test_robot_turns_on_its_estimate_and_stops():
     found = walk("g1", "turn", "good", 0, 6.0)
     assert found.ended == ""
     np.testing.assert_allclose(found.speed[:2], 0.0, atol=0.1)  # the base sways during steps
@@ -260,7 +260,7 @@ def test_a_robot_turns_on_its_estimate_and_stops():
     assert found.relaxed == 0
 
 
-def test_mean_velocities_are_those_in_the_heading():
+def test_mean_velocities_have_heading_axes():
     times = np.linspace(0.0, 6.0, 601)
     heading = 0.5 * times
     way = np.cumsum(0.01 * (0.3 + 0.1j) * np.exp(1j * heading))

@@ -32,7 +32,7 @@ OUTCOMES = [
 ]  # fmt: skip
 
 
-def test_a_row_counts_the_trials_of_a_kind_on_a_robot():
+def test_row_counts_the_trials_of_a_kind_on_a_robot():
     dropout_g1, dropout, kick = rows_of(OUTCOMES)
     assert (dropout_g1.robot, dropout.robot, kick.kind) == ("g1", "go2", "kick")
     assert (kick.trials, kick.survived, kick.reasons, kick.must_detect, kick.delays) == (10, 7, {"FALLEN": 3}, 0, ())
@@ -41,21 +41,21 @@ def test_a_row_counts_the_trials_of_a_kind_on_a_robot():
     assert dropout.violations == {"undetected": 1}
 
 
-def test_the_summary_counts_all():
+def test_summary_counts_all_trials():
     assert summary(OUTCOMES).startswith(
         "15 trials, 2 kinds of fault, 2 robots: 8 survived, 7 damped; 3 of 5 faults with a deadline were detected "
         "in time; 2 trials with violations"
     )
 
 
-def test_the_worst_trial_is_named_with_the_command_that_repeats_it():
+def test_worst_trial_has_a_command_for_repetition():
     assert worst_trial(OUTCOMES) is OUTCOMES[-1]
     assert worst_trial(OUTCOMES[:-2]) is None
     assert repeat_command(OUTCOMES[-1]) == "wbc faults g1 --kinds message_dropout --seed 7 --out repeated"
     assert set(_SEVERITY) == set(ALL_VIOLATIONS)
 
 
-def test_the_table_shows_each_row_whole():
+def test_table_shows_complete_rows():
     console = Console(width=150, file=io.StringIO())
     console.print(terminal_table(OUTCOMES))
     text = console.file.getvalue()
@@ -78,7 +78,7 @@ class _Texts(HTMLParser):
             self._inside = False
 
 
-def test_the_files_hold_the_same(tmp_path):
+def test_files_agree(tmp_path):
     write_report(OUTCOMES, tmp_path)
     page = (tmp_path / "faults.md").read_text(encoding="utf-8")
     assert summary(OUTCOMES) in page
@@ -97,7 +97,7 @@ def test_the_files_hold_the_same(tmp_path):
     assert parser.headings == ["Trials", "Outcomes of the trials", "Time until detection", "Motion of the robot"]
 
 
-def test_the_report_needs_no_outcome_of_any_sort(tmp_path):
+def test_empty_report(tmp_path):
     write_report([outcome()], tmp_path)
     write_report([outcome("message_dropout", after=0.05, **DETECTED)], tmp_path)
     assert "Time until detection" in (tmp_path / "faults.html").read_text(encoding="utf-8")

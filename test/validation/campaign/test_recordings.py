@@ -39,7 +39,7 @@ def test_different_replays_are_detected(left, monkeypatch):
     assert re.search(r"replay of (\d+) of \1 cycles differs", place.error_of_fault(outcome.code, outcome.sentence))
 
 
-def test_a_damaged_recording_is_found_out(left):
+def test_damaged_recording_is_detected(left):
     place, outcome = left
     (path,) = place.folder.iterdir()
     path.write_bytes(path.read_bytes()[:40])

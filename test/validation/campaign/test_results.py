@@ -17,7 +17,7 @@ def write(folder, *outcomes) -> None:
     results.close()
 
 
-def test_what_was_added_is_there_again(tmp_path):
+def test_outcomes_are_read_again(tmp_path):
     both = outcome(), outcome(seed=1, result="damped", code="FALLEN", after=0.25, sentence="it fell: 60°")
     write(tmp_path, *both)
     again = Results(tmp_path)
@@ -26,14 +26,14 @@ def test_what_was_added_is_there_again(tmp_path):
     assert again.other_versions == 0
 
 
-def test_each_outcome_is_in_the_file_when_it_is_added(tmp_path):
+def test_outcomes_are_written_at_once(tmp_path):
     results = Results(tmp_path)
     results.add(outcome())
     assert len((tmp_path / FILE).read_text(encoding="utf-8").splitlines()) == 1
     results.close()
 
 
-def test_results_of_another_version_are_kept_and_not_used(tmp_path, monkeypatch):
+def test_results_of_other_versions_are_unused(tmp_path, monkeypatch):
     write(tmp_path, outcome())
     monkeypatch.setattr(results_module, "version_of", lambda robot: "another")
     again = Results(tmp_path)
@@ -43,7 +43,7 @@ def test_results_of_another_version_are_kept_and_not_used(tmp_path, monkeypatch)
     assert len((tmp_path / FILE).read_text(encoding="utf-8").splitlines()) == 2
 
 
-def test_the_version_is_that_of_the_code_and_of_the_configuration(tmp_path):
+def test_version_depends_on_code_and_configuration(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("a: 1\n", encoding="utf-8")
     before = version_of(str(path))
@@ -53,7 +53,7 @@ def test_the_version_is_that_of_the_code_and_of_the_configuration(tmp_path):
     assert version_of("go2") != version_of("g1")
 
 
-def test_an_incomplete_line_is_dropped(tmp_path):
+def test_incomplete_line_is_dropped(tmp_path):
     write(tmp_path, outcome(), outcome(seed=1))
     path = tmp_path / FILE
     path.write_text(path.read_text(encoding="utf-8")[:-30], encoding="utf-8")
@@ -67,7 +67,7 @@ def test_an_incomplete_line_is_dropped(tmp_path):
 
 
 @pytest.mark.parametrize("line", ["no json", "5", json.dumps({"version": "x"}), json.dumps({"robot": "go2"})])
-def test_a_file_of_something_else_is_refused_with_its_line(tmp_path, line):
+def test_invalid_file_is_refused_with_its_line(tmp_path, line):
     write(tmp_path, outcome())
     path = tmp_path / FILE
     path.write_text(path.read_text(encoding="utf-8") + line + "\n", encoding="utf-8")
@@ -75,7 +75,7 @@ def test_a_file_of_something_else_is_refused_with_its_line(tmp_path, line):
         Results(tmp_path)
 
 
-def test_a_folder_that_cannot_be_used_is_refused(tmp_path):
+def test_invalid_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(ConfigurationError, match="opening of the results failed"):
         Results(tmp_path / "file")

@@ -42,7 +42,7 @@ def bench(monkeypatch):
     return Bench(monkeypatch)
 
 
-def test_every_kind_runs_with_every_seed_on_every_robot(bench, tmp_path):
+def test_kinds_seeds_and_robots_are_combined(bench, tmp_path):
     assert bench.campaign(tmp_path, robots=("go2", "g1"))
     assert sorted(bench.keys) == sorted((r, k, s) for r in ("go2", "g1") for k in ("kick", "push") for s in (0, 1))
     assert "8 trials, 2 kinds of fault, 2 robots: 8 survived" in bench.said
@@ -50,12 +50,12 @@ def test_every_kind_runs_with_every_seed_on_every_robot(bench, tmp_path):
     assert bench.recordings is None
 
 
-def test_recordings_are_asked_of_every_trial(bench, tmp_path):
+def test_every_trial_records(bench, tmp_path):
     assert bench.campaign(tmp_path, recordings=tmp_path / "recordings")
     assert bench.recordings == tmp_path / "recordings"
 
 
-def test_a_second_call_runs_missing_trials_and_reports_all(bench, tmp_path):
+def test_second_call_runs_missing_trials_and_reports_all(bench, tmp_path):
     bench.campaign(tmp_path, seeds=(0,))
     bench.keys.clear()
     assert bench.campaign(tmp_path, seeds=(0, 1))
@@ -64,7 +64,7 @@ def test_a_second_call_runs_missing_trials_and_reports_all(bench, tmp_path):
     assert "4 trials, 2 kinds" in bench.said
 
 
-def test_an_interrupted_campaign_keeps_its_results_and_fails(bench, tmp_path):
+def test_interrupted_campaign_keeps_its_results(bench, tmp_path):
     def interrupted(kind, seed, **rest):
         if len(bench.keys) == 3:
             raise KeyboardInterrupt
@@ -80,7 +80,7 @@ def test_an_interrupted_campaign_keeps_its_results_and_fails(bench, tmp_path):
     assert len(bench.keys) == 2
 
 
-def test_a_violation_is_reported_with_its_command(bench, tmp_path):
+def test_violation_is_reported_with_its_command(bench, tmp_path):
     bench.outcome = lambda kind, seed, **rest: outcome(
         kind, seed, **rest, **({"result": "violation", "violations": {"stale": "old"}} if kind == "push" else {})
     )
@@ -89,7 +89,7 @@ def test_a_violation_is_reported_with_its_command(bench, tmp_path):
     assert "repeat with: wbc faults go2 --kinds push --seed 0" in bench.said
 
 
-def test_results_of_another_version_are_said_not_to_be_used(bench, tmp_path, monkeypatch):
+def test_unused_results_are_reported(bench, tmp_path, monkeypatch):
     bench.campaign(tmp_path)
     monkeypatch.setattr("wbc_controller.validation.campaign.results.version_of", lambda robot: "another")
     bench.keys.clear()
@@ -107,7 +107,7 @@ def test_results_of_another_version_are_said_not_to_be_used(bench, tmp_path, mon
         ({"address": "tcp://x:1"}, "--address 'tcp://x:1': not valid for the backend loky"),
     ],
 )
-def test_unknown_names_are_refused_with_the_valid_ones(bench, tmp_path, options, said):
+def test_unknown_names_are_refused(bench, tmp_path, options, said):
     with pytest.raises(ConfigurationError, match=said):
         bench.campaign(tmp_path, **options)
     assert not bench.keys
@@ -120,7 +120,7 @@ def test_missing_packages_are_reported(bench, tmp_path, monkeypatch, backend, mi
         bench.campaign(tmp_path, backend=backend)
 
 
-def test_the_command_runs_trials_in_processes(tmp_path):
+def test_command_runs_trials_in_processes(tmp_path):
     words = ["faults", "go2", "--kinds", "estop,odom_absurd", "--seed", "4", "--jobs", "2", "--out", str(tmp_path)]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 0, result.output
@@ -134,7 +134,7 @@ def stalled(seconds):
 
 
 @pytest.mark.parametrize(("again", "good"), [({"longest": 0.002}, True), (stalled(0.035), False)])
-def test_a_stall_counts_if_it_recurs_in_a_new_process(bench, tmp_path, monkeypatch, again, good):
+def test_stall_counts_only_after_a_repetition(bench, tmp_path, monkeypatch, again, good):
     repeated = []
 
     def in_new_process(key, trial):
@@ -156,6 +156,6 @@ def test_a_stall_counts_if_it_recurs_in_a_new_process(bench, tmp_path, monkeypat
     assert len((tmp_path / FILE).read_text(encoding="utf-8").splitlines()) == 5
 
 
-def test_a_trial_in_a_new_process_is_the_same_trial():
+def test_trial_is_the_same_in_a_new_process():
     key = TrialKey("go2", "estop", 4)
     assert repeatable(run_module._in_new_process(key, run_module.run_trial)) == repeatable(run_module.run_trial(*key))

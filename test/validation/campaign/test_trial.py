@@ -30,7 +30,7 @@ SHORT = {"start": 0.02, "duration": 0.06}
         ("garbage", {}, "survived", ""),
     ],
 )
-def test_the_controller_survives_harmless_faults_and_is_damped_in_time(kind, parameters, result, code):
+def test_controller_survives_harmless_faults_and_is_damped_in_time(kind, parameters, result, code):
     outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters})
     assert (outcome.result, outcome.code, dict(outcome.violations)) == (result, code, {})
     if code:
@@ -39,7 +39,7 @@ def test_the_controller_survives_harmless_faults_and_is_damped_in_time(kind, par
         assert outcome.after is None
 
 
-def test_a_trial_is_the_same_whenever_it_is_repeated_and_another_with_another_seed():
+def test_seed_determines_the_trial():
     given = {"start": 0.02}
     first = run_trial("go2", "joint_absurd", 2, parameters=given)
     assert repeatable(first) == repeatable(run_trial("go2", "joint_absurd", 2, parameters=given))
@@ -48,7 +48,7 @@ def test_a_trial_is_the_same_whenever_it_is_repeated_and_another_with_another_se
     assert repeatable(other) != repeatable(first)
 
 
-def test_an_unknown_kind_is_refused_with_the_valid_ones():
+def test_unknown_kind_is_refused():
     with pytest.raises(ConfigurationError, match="did you mean 'odom_jump'"):
         run_trial("go2", "odom_jumb", 0)
 
@@ -132,13 +132,13 @@ def _fails(controller):
         ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _without_detection, "fell"),
     ],
 )
-def test_a_controller_that_is_broken_on_purpose_is_found_out(kind, parameters, prepare, violation):
+def test_broken_controllers_are_detected(kind, parameters, prepare, violation):
     outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters}, prepare=prepare)
     assert outcome.result == "violation"
     assert violation in outcome.violations, outcome.violations
 
 
-def test_a_supervisor_that_does_not_clip_to_the_torque_rate_is_found_out():
+def test_unclipped_torque_rate_is_detected():
     """The torques of a heavy robot rise at its activation."""
     assert "over_rate" in run_trial("talos", "estop", 0, parameters=SHORT, prepare=_without_rate).violations
     assert not run_trial("talos", "estop", 0, parameters=SHORT).violations
@@ -154,7 +154,7 @@ def _in_cycle(number, change):
     return prepare
 
 
-def test_a_loop_that_takes_too_long_is_a_stall():
+def test_slow_loop_is_a_stall():
     def slow(inputs):
         began = time.thread_time()
         while time.thread_time() - began < 0.025:
@@ -165,7 +165,7 @@ def test_a_loop_that_takes_too_long_is_a_stall():
     assert "stall" in outcome.violations
 
 
-def test_a_reason_that_a_fault_does_not_have_is_a_violation():
+def test_wrong_fault_code_is_a_violation():
     """An external stop during the trial of a harmless fault."""
     stops = _in_cycle(40, lambda inputs: dataclasses.replace(inputs, requests=("estop",)))
     outcome = run_trial("go2", "imu_noise", 0, parameters=SHORT, prepare=stops)
@@ -174,7 +174,7 @@ def test_a_reason_that_a_fault_does_not_have_is_a_violation():
     assert "early" in early.violations
 
 
-def test_every_violation_has_a_meaning_and_every_kind_of_a_user_a_place():
+def test_violations_and_request_faults_are_complete():
     assert set(VIOLATIONS) < set(ALL_VIOLATIONS)
     assert set(REQUEST_KINDS) < set(ALL_KINDS)
     assert {kind.place for kind in REQUEST_KINDS.values()} == {"user"}

@@ -37,7 +37,7 @@ def test_hostile_structures_of_a_urdf_work_or_are_refused(tmp_path, name):
         assert read_case(tmp_path) in ("works", "refused")
 
 
-def test_a_case_follows_from_its_seed_and_number(tmp_path):
+def test_seed_and_number_determine_the_case(tmp_path):
     for place in ("a", "b"):
         make_case("configurations", "go2", 5, 7, tmp_path / place)
     texts = [(tmp_path / place / "robot.yaml").read_bytes().replace(b"/b/", b"/a/") for place in ("a", "b")]
@@ -46,14 +46,14 @@ def test_a_case_follows_from_its_seed_and_number(tmp_path):
     assert (tmp_path / "a" / "robot.yaml").read_bytes() != texts[0]
 
 
-def test_files_that_are_not_changed_work(tmp_path, monkeypatch):
+def test_unchanged_files_work(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "hostile_urdf", lambda text: st.just(text.encode()))
     make_case("urdf", "go2", 0, 0, tmp_path)
     assert read_case(tmp_path) == "works"
 
 
-def test_a_reader_that_dies_or_hangs_is_named_and_the_next_case_is_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_HANG", 3.0)
+def test_crash_and_hang_of_the_reader(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_CASE_TIMEOUT", 3.0)
     monkeypatch.setattr(files, "_reader", dies_and_hangs)
     outcome = fuzz_files("configurations", ("go2",), 4, 0, tmp_path)
     dead, hanging = (case_folder(tmp_path, "configurations", number) for number in (1, 2))
@@ -70,7 +70,7 @@ def test_a_reader_that_dies_or_hangs_is_named_and_the_next_case_is_read(tmp_path
         (files.ConfigurationError("some sentence"), "unnamed: no path in 'some sentence'"),
     ],
 )
-def test_a_traceback_and_a_sentence_without_a_path_are_seen(tmp_path, monkeypatch, error, said):
+def test_tracebacks_and_errors_without_a_path_are_failures(tmp_path, monkeypatch, error, said):
     def broken(path):
         raise error
 
@@ -79,7 +79,7 @@ def test_a_traceback_and_a_sentence_without_a_path_are_seen(tmp_path, monkeypatc
     assert read_case(tmp_path).startswith(said)
 
 
-def test_a_case_that_takes_long_is_seen(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_LIMIT", 0.0)
+def test_slow_case_is_a_failure(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_PROCESSOR_TIME_LIMIT", 0.0)
     make_case("configurations", "go2", 0, 0, tmp_path)
     assert read_case(tmp_path).startswith("slow: ")

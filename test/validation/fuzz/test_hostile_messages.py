@@ -45,7 +45,7 @@ def whys(outcome):
     return [f"{failure.target}: {failure.why}" for failure in outcome.failures]
 
 
-def test_no_message_on_any_input_of_any_node_breaks_it():
+def test_nodes_survive_hostile_messages():
     outcome = fuzz_messages(ROBOT, COUNT, 0)
     assert whys(outcome) == []
     assert outcome.sent == COUNT
@@ -61,13 +61,13 @@ def test_no_message_on_any_input_of_any_node_breaks_it():
     assert set(outcome.counts) == wanted | {"urdf: robot_description"}
 
 
-def test_the_fuzzed_robot_has_a_task_of_every_kind():
+def test_fuzzed_robot_has_a_task_of_every_type():
     robot = fuzzed_robot(ROBOT)
     assert {task.type for task in robot.settings.tasks.values()} == set(TASK_TYPES)
 
 
 @pytest.mark.parametrize("robot", [ROBOT, "g1"])
-def test_an_ordinary_request_on_every_topic_is_accepted(robot):
+def test_valid_requests_are_accepted(robot):
     target = ControllerTarget(robot)
     for topic in target.topics.values():
         if topic.key not in ("joint_states", "odom", "clock", "command", "update"):
@@ -75,7 +75,7 @@ def test_an_ordinary_request_on_every_topic_is_accepted(robot):
             assert not target._refused, topic.name
 
 
-def test_the_same_seed_sends_the_same_messages(monkeypatch):
+def test_seed_determines_the_messages(monkeypatch):
     def sent(seed):
         messages = []
         with monkeypatch.context() as patch:
@@ -88,7 +88,7 @@ def test_the_same_seed_sends_the_same_messages(monkeypatch):
 
 
 @pytest.mark.parametrize("key", TARGETS)
-def test_no_node_outlives_its_episode(key, monkeypatch):
+def test_nodes_end_with_their_episode(key, monkeypatch):
     """Memory of one robot per episode would hide a leak of the node."""
     nodes, original = weakref.WeakSet(), Target.__init__
 
@@ -207,7 +207,7 @@ class TestWhatIsBrokenIsFound:
         assert "the guard exceeded a torque limit" in self.found("guard", 200).why
 
 
-def test_a_failure_is_written_and_sent_again(tmp_path, monkeypatch):
+def test_failure_is_saved_and_replayed(tmp_path, monkeypatch):
     def broken(vocabulary, subject, content):
         raise KeyError("weight")
 
@@ -225,14 +225,14 @@ def test_a_failure_is_written_and_sent_again(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"messages": [{"topic": "/a", "payload": 3}]}'])
-def test_a_file_that_holds_no_failure_is_refused(tmp_path, text):
+def test_invalid_failure_file_is_refused(tmp_path, text):
     path = tmp_path / "none.json"
     path.write_text(text)
     with pytest.raises(ConfigurationError, match="not a file of fuzzer messages"):
         load(path)
 
 
-def test_the_command_sends_messages_says_how_many_and_keeps_what_broke(tmp_path, monkeypatch):
+def test_command_reports_messages_and_saves_failures(tmp_path, monkeypatch):
     arguments = ["fuzz", "messages", "--count", "300", "--seed", "2", "--nodes", "controller", "--out", str(tmp_path)]
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 0, result.output
@@ -247,7 +247,7 @@ def test_the_command_sends_messages_says_how_many_and_keeps_what_broke(tmp_path,
     assert decode(base64.b64decode(sent["payload"]), "std_msgs/msg/Float64") is not None
 
 
-def test_an_unknown_node_is_refused():
+def test_unknown_node_is_refused():
     result = CliRunner().invoke(main, ["fuzz", "messages", "--nodes", "controler"])
     assert result.exit_code == 2
     assert (

@@ -14,7 +14,7 @@ SPIN = [sys.executable, "-c", "while True: pass"]
 
 
 @pytest.mark.live
-def test_processes_that_wait_for_a_processor_are_late_though_this_one_is_not():
+def test_waiting_processes_are_late():
     lateness = Lateness()
     many = [subprocess.Popen(SPIN) for _ in range(3 * len(os.sched_getaffinity(0)))]
     try:
@@ -30,7 +30,7 @@ def test_processes_that_wait_for_a_processor_are_late_though_this_one_is_not():
         lateness.end()
 
 
-def test_a_process_that_ends_while_it_is_looked_at_stops_nothing(monkeypatch):
+def test_process_may_end_during_the_measurement(monkeypatch):
     ended, looks, glob = Path("/proc/0/task"), [], Path.glob
 
     def look(path, pattern):

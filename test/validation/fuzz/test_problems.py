@@ -32,7 +32,7 @@ def qp_and_draw():
     return qp, partial(random_problem, qp.model, standing, references)
 
 
-def test_nothing_is_relaxed_without_need():
+def test_no_unnecessary_relaxation():
     result = CliRunner().invoke(main, ["fuzz", "problems", "go2,g1,talos", "--count", "60"])
     assert result.exit_code == 0, result.output
     assert [line.split()[:3] for line in result.stdout.splitlines()] == [
@@ -64,7 +64,7 @@ def test_unnecessary_relaxation_is_reported(qp_and_draw, needed, given_up, said)
     assert relaxation_error(qp_and_draw[0], problem, needed) is None
 
 
-def test_a_solver_that_gives_up_ends_the_command_with_1(monkeypatch):
+def test_exit_status_after_a_solver_failure(monkeypatch):
     monkeypatch.setattr(problems, "random_problem", lambda *given, draw=random_problem: draw(*given[:3], 0))
     monkeypatch.setattr(problems.WholeBodyQP, "solve", gives_up)
     result = CliRunner().invoke(main, ["fuzz", "problems", "go2", "--count", "1", "--first", "4"])
@@ -76,7 +76,7 @@ def gives_up(*_, **__):
     raise problems.NoSolution("no", "cycling", None)
 
 
-def test_the_margin_is_the_distance_from_all_bounds(qp_and_draw):
+def test_margin_is_the_distance_from_all_bounds(qp_and_draw):
     qp, draw = qp_and_draw
     layout = qp.formulation.build(*draw(0))
     layout.problem.bounds[:] = [[-np.inf], [np.inf]]

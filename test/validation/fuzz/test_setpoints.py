@@ -17,7 +17,7 @@ def go2():
     return Simulation(load("go2"))
 
 
-def test_joints_keep_their_limits_whatever_is_asked_for():
+def test_joints_keep_their_limits():
     result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2,talos", "--minutes", "0.04"])
     assert result.exit_code == 0, result.output
     line = re.compile(
@@ -27,14 +27,14 @@ def test_joints_keep_their_limits_whatever_is_asked_for():
 
 
 @pytest.mark.parametrize(("number", "kind"), [(0, "centre"), (1, "squat"), (5, "mix")])
-def test_a_trial_follows_from_its_seed_and_number(go2, number, kind):
+def test_seed_and_number_determine_the_trial(go2, number, kind):
     first, other = (run_trial(go2, "go2", 3, n) for n in (number, number + len(KINDS)))
     assert first.kind == kind == other.kind
     assert run_trial(go2, "go2", 3, number) == first != other
     assert -0.8 < first.excess < 0.02
 
 
-def test_a_joint_that_passes_its_limit_ends_the_command_with_1(monkeypatch):
+def test_exit_status_after_a_violated_limit(monkeypatch):
     monkeypatch.setattr(setpoints, "MAX_EXCESS", -10.0)
     result = CliRunner().invoke(main, ["fuzz", "setpoints", "go2", "--minutes", "0.01"])
     assert result.exit_code == 1
@@ -76,7 +76,7 @@ class Struck(Simulation):
         self.plant.links_on_the_floor = lambda: frozenset(["RL_calf"] if self.time >= struck else [])
 
 
-def test_what_an_impact_does_is_measured_apart():
+def test_impacts_are_reported_separately():
     trial = run_trial(Struck(load("go2")), "go2", 0, 0)
     assert trial.impact == pytest.approx(Struck.excess)
     assert trial.within_limits
@@ -91,12 +91,12 @@ class Kneeling(Bent):
 
 
 @pytest.mark.parametrize("robot", [Bent, Kneeling])
-def test_a_joint_beyond_its_limit_counts_and_is_named_with_a_link_on_the_floor_too(robot):
+def test_excess_counts_with_a_link_on_the_floor(robot):
     trial = run_trial(robot(load("go2")), "go2", 0, 0)
     assert (trial.joint, trial.within_limits) == ("RL_calf_joint", False), trial
 
 
-def test_trials_go_on_until_the_time_is_up_and_the_worst_is_named():
+def test_trials_continue_for_the_given_time():
     trials = fuzz_setpoints(["go2"], 0.08, 0, first=2)
     assert [trial.number for trial in trials] == list(range(2, 2 + len(trials)))
     assert sum(trial.seconds for trial in trials) >= 4.8 > sum(trial.seconds for trial in trials[:-1])

@@ -32,7 +32,7 @@ FOUND = Latency(
 )
 
 
-def test_the_table_says_both_and_their_difference_what_was_late_and_what_was_used():
+def test_table_of_a_measurement():
     text = "\n".join(lines(FOUND))
     assert "controller        700     3000     3000" in text
     assert "bare echo         200      200      200" in text
@@ -45,12 +45,12 @@ def test_the_table_says_both_and_their_difference_what_was_late_and_what_was_use
     assert "not always active" not in text
 
 
-def test_the_table_says_when_the_controller_was_not_active():
+def test_table_reports_an_inactive_controller():
     found = Latency(FOUND.controller, FOUND.echo, 0.1, 0.1, 0.0, (1, 1), "", ("damping FALLEN: …", "damping FALLEN: …"))
     assert lines(found)[-1] == "inactive states of the controller: damping FALLEN: …"
 
 
-def test_the_file_holds_the_same_figures():
+def test_file_agrees_with_the_table():
     kept = json.loads(json.dumps(figures(FOUND)))
     assert kept["difference_us"]["median"] == pytest.approx(500.0)
     assert kept["controller"] == {"states": 100, "late": 2, "without_torques": 1}
@@ -59,7 +59,7 @@ def test_the_file_holds_the_same_figures():
     assert kept["controller_memory_kb"] == [102_400, 103_424]
 
 
-def test_the_robot_s_thread_stands_behind_the_others_and_what_it_raises_is_raised(monkeypatch):
+def test_thread_of_the_robot_has_low_priority_and_reports_exceptions(monkeypatch):
     behind, ran = [], []
     monkeypatch.setattr(latency, "step_back", lambda: behind.append(threading.get_ident()))
 
@@ -74,7 +74,7 @@ def test_the_robot_s_thread_stands_behind_the_others_and_what_it_raises_is_raise
 
 
 @pytest.mark.parametrize(("named", "others"), [([2], [0, 1]), ([], []), ([0, 1, 2], [])])
-def test_what_it_starts_has_other_processors_than_the_controller_names(robot_of, monkeypatch, named, others):
+def test_other_processes_avoid_the_controller_s_processors(robot_of, monkeypatch, named, others):
     done = []
     monkeypatch.setattr(latency, "processors", lambda: {0, 1, 2})
     monkeypatch.setattr(latency, "apply", done.append)  # for this process and its children
@@ -89,24 +89,24 @@ def test_what_it_starts_has_other_processors_than_the_controller_names(robot_of,
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_duration_that_is_none_is_refused(tmp_path, seconds):
+def test_invalid_duration_is_refused(tmp_path, seconds):
     with pytest.raises(ConfigurationError, match=r"seconds = .*; valid: positive and finite"):
         measure_latency("go2", tmp_path, seconds=seconds)
 
 
-def test_another_system_than_linux_is_refused(tmp_path, monkeypatch):
+def test_other_systems_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(latency.sys, "platform", "darwin")
     with pytest.raises(ConfigurationError, match=r"requires /proc .Linux., got darwin"):
         measure_latency("go2", tmp_path)
 
 
-def test_a_rate_that_is_none_is_refused_before_anything_starts(tmp_path):
+def test_invalid_rate_is_refused(tmp_path):
     result = CliRunner().invoke(main, ["bench", "latency", "go2", "--rate", "0", "--out", str(tmp_path)])
     assert result.exit_code == 2
     assert "control.rate = 0.0" in result.stderr
 
 
-def test_a_controller_that_ends_is_said_with_its_own_words():
+def test_ended_controller_is_reported_with_its_error():
     bench = object.__new__(latency._Bench)
     bench._processes = SimpleNamespace(
         processes={"controller": SimpleNamespace(poll=lambda: 2)}, log=lambda name: f"{name}: no processor 1000"
@@ -117,7 +117,7 @@ def test_a_controller_that_ends_is_said_with_its_own_words():
 
 @pytest.mark.live
 @pytest.mark.parametrize(("transport", "driver"), [("dds", []), ("dds", ["--mock"]), ("rclpy", [])])
-def test_the_command_measures_a_controller_and_an_echo(tmp_path, monkeypatch, transport, driver):
+def test_command_measures_controller_and_echo(tmp_path, monkeypatch, transport, driver):
     monkeypatch.setattr(latency, "_BLOCK", 0.5)  # two blocks, with a stopped controller in between
     monkeypatch.setattr(latency, "_LANDING", 0.5)
     made = []
@@ -150,7 +150,7 @@ def test_the_command_measures_a_controller_and_an_echo(tmp_path, monkeypatch, tr
 
 
 @pytest.mark.parametrize("alive", [True, False])
-def test_an_echo_that_was_killed_is_not_told_to_stop(monkeypatch, alive):
+def test_killed_echo_is_not_stopped(monkeypatch, alive):
     """Setting an event blocks if a waiting process was killed."""
     told = []
     process = SimpleNamespace(start=lambda: None, is_alive=lambda: alive, join=lambda: told.append("joined"))

@@ -45,29 +45,29 @@ THREE = [(0, 1), (2, 2), (4, 3)]
         pytest.param(THREE[1:2], [0.5, 3.0], [(0.6, 1), (3.1, 2)], [1.0], 0, id="a command for an older state"),
     ],
 )
-def test_torques_belong_to_the_state_of_the_command_that_follows_them(sent, efforts, commands, seconds, late):
+def test_following_command_assigns_torques_to_a_state(sent, efforts, commands, seconds, late):
     found = trips(sent, efforts, commands)
     np.testing.assert_allclose(found.seconds, np.array(seconds) * 1e-3)
     assert (found.late, found.unanswered) == (late, seconds.count(np.inf))
 
 
 @pytest.mark.parametrize(("seconds", "late"), [(PERIOD, 0), (np.nextafter(PERIOD, 1.0), 1), (np.inf, 1), (np.nan, 1)])
-def test_late_is_what_takes_longer_than_the_period_or_forever(seconds, late):
+def test_late_states(seconds, late):
     assert RoundTrips(np.array([0.001, seconds]), np.zeros(1), PERIOD).late == late
 
 
-def test_the_quantiles_are_those_of_the_states_with_torques_and_never_below_a_measured_value():
+def test_quantiles_of_answered_states():
     found = RoundTrips(np.array([np.inf, *np.arange(1.0, 1001.0)]), np.zeros(1000), PERIOD)
     assert found.quantiles == (501.0, 991.0, 1000.0)
     assert np.isnan(RoundTrips(np.array([np.inf]), np.zeros(0), PERIOD).quantiles).all()
 
 
-def test_the_machine_is_late_by_what_lies_between_two_states_beyond_the_period():
+def test_delays_between_states():
     found = trips([(0, 1), (2, 2), (7, 3), (8, 4)], [], [])
     np.testing.assert_allclose(found.delays, [0.0, 3.0e-3, 0.0], atol=1e-12)
 
 
-def test_blocks_are_joined_without_the_time_between_them():
+def test_joined_blocks_omit_the_time_between_them():
     first = trips([(0, 1), (2, 2)], [1.0], [(1.1, 1)])
     second = trips([(1000, 3), (1003, 4)], [1001.0], [(1001.1, 3)])
     both = joined([first, second])
@@ -76,7 +76,7 @@ def test_blocks_are_joined_without_the_time_between_them():
     assert both.period == PERIOD
 
 
-def test_a_meter_notes_what_passes_and_begins_anew_with_each_measurement(monkeypatch):
+def test_measurements_are_independent(monkeypatch):
     by_key = {topic.key: topic for topic in endpoints(CONTROLLER_TOPICS, "wbc_controller")}
     bus, now = MemoryBus(), [0.0]
     robot, other = Meter(MemoryTransport(bus)), MemoryTransport(bus)

@@ -45,7 +45,7 @@ class Time:
     ("name", "base_state", "inactive"),
     [("g1", "odom", 1), ("go2", "odom", 1), ("talos", "imu", 60)],  # with an IMU the robot rests for 0.1 s
 )
-def test_a_controller_stays_active_on_its_states(robot_of, changed, monkeypatch, name, base_state, inactive):
+def test_controller_stays_active(robot_of, changed, monkeypatch, name, base_state, inactive):
     settings, model = robot_of(name)
     settings = changed(settings, {"estimation": {"base_state": base_state, "settling": 0.1}})
     topics, bus, manual, reports = controller_endpoints(settings, model), MemoryBus(), ManualClock(), []
@@ -94,18 +94,18 @@ def states_at(bench, monkeypatch, end, meanwhile=None):
     return times
 
 
-def test_states_go_out_on_a_grid(bench, monkeypatch):
+def test_states_are_sent_on_a_time_grid(bench, monkeypatch):
     np.testing.assert_allclose(states_at(bench, monkeypatch, 0.02), range(11), atol=1e-6)
 
 
-def test_states_that_are_late_by_more_than_a_period_are_left_out(bench, monkeypatch):
+def test_late_states_are_omitted(bench, monkeypatch):
     def stall(clock, count):
         clock.now += {3: 0.0071, 5: 0.0009}.get(count, 0.0)  # 3.55 and 0.45 periods
 
     np.testing.assert_allclose(states_at(bench, monkeypatch, 0.02, stall), [0, 1, 2, 6, 7, 8, 9, 10], atol=1e-6)
 
 
-def test_an_echo_answers_each_state_with_torques_of_the_size_and_with_its_bytes(bench, monkeypatch):
+def test_echo_answers_with_messages_of_the_same_size(bench, monkeypatch):
     controller, bus = bench("go2"), MemoryBus()
     monkeypatch.setattr(robots, "open_transport", lambda *words: contextlib.nullcontext(MemoryTransport(bus)))
     heard = {"effort": [], "joint_commands": []}
@@ -131,7 +131,7 @@ def test_an_echo_answers_each_state_with_torques_of_the_size_and_with_its_bytes(
     assert np.diff(stamps).tolist() == [2_000_000] * 5
 
 
-def test_a_transport_that_there_is_not_is_refused_by_name():
+def test_unknown_transport_is_refused():
     with (
         pytest.raises(ConfigurationError, match=r"unknown transport 'dss'.*did you mean 'dds'\? Valid: dds, rclpy"),
         open_transport("dss", "node", 0),
@@ -139,7 +139,7 @@ def test_a_transport_that_there_is_not_is_refused_by_name():
         pass
 
 
-def test_without_ros2_rclpy_is_refused_in_a_sentence(monkeypatch):
+def test_rclpy_requires_ros2(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setitem(sys.modules, "wbc_controller.nodes.ros2.process", None)
     with (

@@ -64,11 +64,11 @@ def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
         )
     impulse = model.mass * min(_SHOVE * math.sqrt(model.gravity / height) * margin, _LARGEST_SHOVE)
     impulse = float(f"{impulse:.2g}")
-    way = np.array([_REACH, 0.0, _REACH]) * height
+    motion = np.array([_REACH, 0.0, _REACH]) * height
     side, down = np.eye(3)[1], -np.eye(3)[2]
-    amplitude = min(legs.way(sign * side, min(_SWAY * margin, _LARGEST_SWAY)) for sign in (1.0, -1.0))
-    moves = (sway(amplitude, 0.005), squat(legs.way(down, _SQUAT * height), 0.008))
-    reaches = (_reach(settings, model, name, hand, way) for name, hand in list(hands.items())[:1])
+    amplitude = min(legs.safe_distance(sign * side, min(_SWAY * margin, _LARGEST_SWAY)) for sign in (1.0, -1.0))
+    moves = (sway(amplitude, 0.005), squat(legs.safe_distance(down, _SQUAT * height), 0.008))
+    reaches = (_reach(settings, model, name, hand, motion) for name, hand in list(hands.items())[:1])
     return Scenario(
         com=tasks[0],
         moves=tuple(move for move in moves if move.largest > _SMALLEST_MOTION),
@@ -106,19 +106,19 @@ def _mobility(model: RobotModel, frame: str) -> Array:
 
 
 def _reach(
-    settings: Settings, model: RobotModel, name: str, task: FramePoseTask, way: Array | None = None
+    settings: Settings, model: RobotModel, name: str, task: FramePoseTask, motion: Array | None = None
 ) -> Reach | None:
-    """Return the feasible reach of a hand, at most `way`; by default in its easiest direction."""
+    """Return the feasible reach of a hand, at most `motion`; by default in its easiest direction."""
     hand = Hand(model, task.frame, free_orientation=not any(task.mask[3:]))
     margin = settings.limits.position_margin if settings.limits.position else 0.0
-    if way is None:
+    if motion is None:
         length = min(_ARM_REACH * float(np.linalg.norm(hand.position)), _LONGEST_ARM_REACH)
-        ways = [hand.easiest_direction * length, -hand.easiest_direction * length]
-        ways.sort(key=lambda one: float(one @ hand.position))
+        motions = [hand.easiest_direction * length, -hand.easiest_direction * length]
+        motions.sort(key=lambda one: float(one @ hand.position))
     else:
-        ways = [way]
+        motions = [motion]
     offset = max(
-        (hand.feasible_part(one, margin) for one in ways), key=lambda one: round(float(np.linalg.norm(one)), 3)
+        (hand.feasible_part(one, margin) for one in motions), key=lambda one: round(float(np.linalg.norm(one)), 3)
     )
     if not (np.linalg.norm(offset) > _SMALLEST_MOTION):
         return None
@@ -146,7 +146,7 @@ class _Stance:
         #: Distance of the centre of mass from the edge of the support, m.
         self.margin = 0.0 if len(floor) < 3 else support_margin(floor[:, :2], dynamics.com[:2])
 
-    def way(self, direction: Array, most: float) -> float:
+    def safe_distance(self, direction: Array, most: float) -> float:
         """Return the safe motion of the centre of mass in a direction, at most `most`, in m."""
         limits = self._settings.limits
         margin = limits.position_margin if limits.position else 0.0

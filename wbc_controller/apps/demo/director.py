@@ -27,8 +27,8 @@ from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.records import Array
 
 _TIMEOUT = 20.0  # wall time, s
-_LEAD = 0.1  # before the start of a trajectory, s
-_SETTLE = 1.5  # s
+_START_DELAY = 0.1  # before the start of a trajectory, s
+_SETTLING_TIME = 1.5  # s
 
 _AT_REST = np.zeros(3)
 
@@ -142,7 +142,7 @@ class Director:
             "joint state of the mock robot", lambda: self.log.newest_message("mock", "joint_states") is not None
         )
         self._wait_for("state of the controller", lambda: self._mode() != "")
-        self._let_pass(_SETTLE)  # the base estimator initializes at rest
+        self._let_pass(_SETTLING_TIME)  # the base estimator initializes at rest
         self._activate()
         self._run(1.2)
         if self._model.floating_base:
@@ -239,7 +239,7 @@ class Director:
         self._run(1.0)
 
     def _follow(self, points: Iterable[tuple[float, tuple[float, float, float]]], origin: Array) -> float:
-        start = self.time + _LEAD
+        start = self.time + _START_DELAY
         knots = [Knot(start, origin, _AT_REST, _AT_REST)]
         knots += [Knot(start + time, origin + np.array(offset), _AT_REST, _AT_REST) for time, offset in points]
         self.references.append((start, Trajectory(knots)))
@@ -266,7 +266,7 @@ class Director:
     def _move(self, move: Move) -> None:
         self._begin(move.name)
         start = self._follow(move.points, self._standing())
-        self._run(move.duration + _LEAD)
+        self._run(move.duration + _START_DELAY)
         self.windows[move.name] = Window(start, self.time)
         self._run(0.5)
 
@@ -278,14 +278,14 @@ class Director:
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
         self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
-        there = np.concatenate([target, quaternion_of(pose.rotation)])
-        content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", there)
+        pose_value = np.concatenate([target, quaternion_of(pose.rotation)])
+        content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", pose_value)
         self._send("controller", "setpoint", reach.task, content)
         start = self.time
         self._run(reach.duration)
         self.windows[f"reach {reach.task}"] = Window(start, self.time)
         self._update(f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
-        self._run(_SETTLE)
+        self._run(_SETTLING_TIME)
 
     def _update(self, text: str) -> None:
         self._send("controller", "update", "", message("std_msgs/msg/String", data=text))

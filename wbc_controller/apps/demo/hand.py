@@ -10,9 +10,9 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
 #: Steps of a motion, Newton iterations per step, and largest remaining error, m and rad.
-_STEPS, _ITERATIONS, _REACHED = 10, 8, 1.0e-3
-_LEAST_MOTION = 1.0e-3  # regularization weight of the joint motions
-_EFFORT = 0.8  # largest share of an effort limit that gravity may take
+_STEPS, _ITERATIONS, _MAX_ERROR = 10, 8, 1.0e-3
+_MOTION_WEIGHT = 1.0e-3  # regularization weight of the joint motions
+_MAX_EFFORT = 0.8  # of an effort limit, for gravity
 
 
 class Hand:
@@ -48,31 +48,31 @@ class Hand:
                 model.followers.carry(row)
         return self._data.oMf[self._frame], J[:, model.v_index[self._joint_indices]]
 
-    def feasible_part(self, way: Array, margin: float) -> Array:
-        """Return the feasible part of a straight motion `way`, (3,) in m, with joints `margin` rad off the limits."""
+    def feasible_part(self, motion: Array, margin: float) -> Array:
+        """Return the feasible part of a straight `motion`, (3,) in m, with joints `margin` rad off the limits."""
         model, posture = self._model, np.array(self._model.posture)
         lower = np.minimum(model.position_lower + margin, posture)
         upper = np.maximum(model.position_upper - margin, posture)
         reached = 0.0
         for step in range(1, _STEPS + 1):
-            goal = self.position + step / _STEPS * way
+            goal = self.position + step / _STEPS * motion
             for _ in range(_ITERATIONS):
                 place, J = self._kinematics(posture)
                 turned = pin.log3(self._start.rotation @ place.rotation.T)
                 error = np.concatenate([goal - place.translation, np.zeros(3) if self._free_orientation else turned])
                 J = J[:3] if self._free_orientation else J
-                rows = np.vstack([J, _LEAST_MOTION * np.eye(len(self._joint_indices))])
-                wanted = np.concatenate([error[: len(J)], np.zeros(len(self._joint_indices))])
-                posture[self._joint_indices] += np.linalg.lstsq(rows, wanted, rcond=None)[0]
-            if np.abs(error).max() > _REACHED or not self._is_feasible(posture, lower, upper):
+                rows = np.vstack([J, _MOTION_WEIGHT * np.eye(len(self._joint_indices))])
+                right_side = np.concatenate([error[: len(J)], np.zeros(len(self._joint_indices))])
+                posture[self._joint_indices] += np.linalg.lstsq(rows, right_side, rcond=None)[0]
+            if np.abs(error).max() > _MAX_ERROR or not self._is_feasible(posture, lower, upper):
                 break
             reached = step / _STEPS
-        return reached * way
+        return reached * motion
 
     def _is_feasible(self, posture: Array, lower: Array, upper: Array) -> bool:
         model = self._model
         within = np.all((lower <= posture) & (posture <= upper))
-        return bool(within and self._effort(posture) <= max(_EFFORT, self._effort(np.array(model.posture))))
+        return bool(within and self._effort(posture) <= max(_MAX_EFFORT, self._effort(np.array(model.posture))))
 
     def _effort(self, posture: Array) -> float:
         """Return the largest share of an effort limit that gravity takes without contact forces."""

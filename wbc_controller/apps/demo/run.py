@@ -46,7 +46,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.mock_robot import MockRobot
 
-_FIRST_DOMAIN = 100  # the domain is 100 to 199 by process ID, so that concurrent demos do not interfere
+_FIRST_DOMAIN = 100  # 100 to 199 by process ID, for concurrent demos
 
 
 _UserSession = tuple[Transport, Callable[[Log], None]]  # transport of the user, and the function that advances time

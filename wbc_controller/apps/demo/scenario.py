@@ -42,7 +42,7 @@ class Shove:
 
     name: str
     impulse: tuple[float, float, float]  # world axes, (3,) in N·s
-    frame: str = ""  # frame of the point of application; empty for the base link
+    frame: str = ""  # empty for the base link
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +53,10 @@ class Scenario:
     moves: tuple[Move, ...] = ()
     reaches: tuple[Reach, ...] = ()
     shoves: tuple[Shove, ...] = ()
-    recovery: float = 2.0  # time after a push within which the centre of mass must return, s
-    recovery_target: float = 0.02  # largest distance of the centre of mass then, m
-    force_target: float = 0.01  # largest deviation of the total vertical force, as a share of the weight
-    com: str = "com"  # name of the centre-of-mass task; empty without one, as on a fixed base
+    recovery: float = 2.0  # until the centre of mass must return after a push, s
+    recovery_target: float = 0.02  # largest distance then, m
+    force_target: float = 0.01  # of the total vertical force, as a share of the weight
+    com: str = "com"  # centre-of-mass task; empty without one
 
 
 def sway(amplitude: float, target: float) -> Move:

@@ -17,7 +17,7 @@ from wbc_controller.records import Array
 #: Largest height difference of two feet and smallest height of other parts above them, as shares of the robot's height.
 _LEVEL, _ABOVE = 0.15, 0.02
 _ALIKE = 0.2  # largest relative difference of the masses of two legs
-_LEG_JOINTS = 3  # smallest number of joints of a leg that does not begin at the base; fingers have fewer
+_LEG_JOINTS = 3  # smallest number; fingers have fewer
 
 Elements = Mapping[int, Sequence[pin.GeometryObject]]  # shapes by frame index of the link
 
@@ -131,9 +131,9 @@ class Body:
 
     def remeasured(self, feet: Sequence[Foot]) -> list[Foot]:
         """Return the feet as measured in this posture: the contact point of a ball depends on the posture."""
-        again = {foot.joint: foot for foot in self._measure_feet([foot.joint for foot in feet])}
-        balls = {joint for joint, foot in again.items() if foot.kind == "point"}
-        return [again[f.joint] if f.kind == "point" and f.measured_on and f.joint in balls else f for f in feet]
+        measured = {foot.joint: foot for foot in self._measure_feet([foot.joint for foot in feet])}
+        balls = {joint for joint, foot in measured.items() if foot.kind == "point"}
+        return [measured[f.joint] if f.kind == "point" and f.measured_on and f.joint in balls else f for f in feet]
 
     def _measure_feet(self, ends: Sequence[int]) -> list[Foot]:
         feet = [measure(self.model, self.elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]

@@ -15,23 +15,23 @@ from wbc_controller.controller.build.footprint import fewer_corners, fitted_ball
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-_DOWN = np.cos(np.radians(30.0))  # cosine of the largest angle between ground and sole during the search, 30°
+_DOWN = np.cos(np.radians(30.0))  # largest angle between ground and sole, 30°
 #: Cosine of the largest angle between facet normals of one sole, 3°, and of one flat face, 0.3°.
 _ALIKE, _FLAT = np.cos(np.radians(3.0)), np.cos(np.radians(0.3))
 #: Smallest area of a sole in m², as a share of the outline from below, and smallest length of its shorter side, m.
 _LEAST_AREA, _LEAST_SHARE, _LEAST_SIDE = 4.0e-4, 0.25, 0.015
 #: Thickness of the layers above the sole's plane, m, in order, and required share of the sole within; edges may be
 #: round.
-_LAYERS, _MOST = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
-_RECTANGLE = 0.97  # smallest area of a rectangular sole, as a share of its bounding rectangle
+_LAYERS, _LAYER_SHARE = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
+_RECTANGLE = 0.97  # share of the bounding rectangle
 _MOST_CORNERS = 8  # largest number of corners of a sole; a contact may have 12
 _LINE = 1.0e-3  # smallest width of a plane set of points, as a share of its length
 #: Smallest radius of a wheel's rim as a share of the largest, and number of sectors that are checked.
 _ROUND, _SECTORS = 0.97, 24
-_ENDLESS = 1.9 * np.pi  # smallest range of a continuous joint, rad
+_CONTINUOUS_RANGE = 1.9 * np.pi  # smallest range of a continuous joint, rad
 #: Largest deviation of a ball from a sphere, as a share of the radius, and largest radius, m.
 _BALL, _LARGEST_BALL = 0.15, 0.15
-_CAP = 0.5  # cosine of the angle around the downward direction for fitting a ball, 60°
+_CAP = 0.5  # angle around the downward direction, 60°
 UNKNOWN_RADIUS = 0.01  # m
 
 
@@ -99,7 +99,10 @@ def _foot_without_shape(model: RobotModel, joint: int, down: Array) -> Foot:
 def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array) -> Foot | None:
     own = model.pinocchio.joints[joint]
     at = own.idx_q
-    endless = own.nq == 2 or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _ENDLESS
+    endless = (
+        own.nq == 2
+        or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _CONTINUOUS_RANGE
+    )
     if not endless:
         return None
     aside = points - np.outer(points @ axis, axis)
@@ -168,7 +171,7 @@ def _sole(
     if whole is None or _area(whole.polygon) < _LEAST_AREA:
         return None
     thin = (footprint(model, elements, joint, plane, layer) for layer in _LAYERS)
-    found = next((one for one in thin if one and _area(one.polygon) >= _MOST * _area(whole.polygon)), whole)
+    found = next((one for one in thin if one and _area(one.polygon) >= _LAYER_SHARE * _area(whole.polygon)), whole)
     if not (found.size.min() >= _LEAST_SIDE):
         return None
     low, high = found.polygon.min(axis=0), found.polygon.max(axis=0)
@@ -202,5 +205,5 @@ def _ball(points: Array, down: Array) -> tuple[Array, float] | None:
     if ball is None or not ball[1] < _LARGEST_BALL:
         return None
     centre, radius = ball
-    away = np.linalg.norm(points[chosen] - centre, axis=1) - radius
-    return (centre, radius) if np.abs(away).max() <= _BALL * radius else None
+    deviations = np.linalg.norm(points[chosen] - centre, axis=1) - radius
+    return (centre, radius) if np.abs(deviations).max() <= _BALL * radius else None

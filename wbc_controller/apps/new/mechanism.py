@@ -28,7 +28,7 @@ from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
 
-_FINGER = 1.0 / 200.0  # smallest share of the robot's mass moved by a joint other than a finger
+_FINGER_SHARE = 1.0 / 200.0  # smallest share of the mass, except fingers
 _SEVERAL_TURNS = 4.1 * np.pi  # smallest range of a joint with several turns, rad
 #: Words in the names of SRDF postures, in order of preference.
 _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
@@ -38,9 +38,9 @@ _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
 class UrdfSource:
     """A URDF with its location."""
 
-    address: str  # value of ``robot.urdf``: a ``package://`` address if possible, otherwise an absolute path
+    address: str  # ``package://`` address if possible, otherwise an absolute path
     path: Path
-    text: str  # text of the URDF, with planar joints split into three and missing limits set to 0
+    text: str  # with planar joints split, and missing limits set to 0
     tree: ElementTree.Element  # the text as XML
 
     @property
@@ -81,7 +81,7 @@ def _address(path: Path) -> str:
 
 def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
     """Return the position limits of the movable joints, after replacement of URDF limits."""
-    tree, _ = read_robot(source.text, {name: JointLimits(**given) for name, given in limits.items()})
+    tree, _ = read_robot(source.text, {name: JointLimits(**entries) for name, entries in limits.items()})
     found = {}
     for joint in tree.iterfind("joint"):
         limit = joint.find("limit")
@@ -111,7 +111,7 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()
             other.append(name)
         elif not (ranges[name][0] < ranges[name][1]):
             stiff.append(name)
-        elif _moved_mass(model, joint.id) < _FINGER * mass and not _supports_links(model, joint.id, carrying):
+        elif _moved_mass(model, joint.id) < _FINGER_SHARE * mass and not _supports_links(model, joint.id, carrying):
             light.append(name)
         else:
             joints.append(name)
@@ -127,7 +127,7 @@ def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()
         "guess",
     )
     for names, why in (
-        (light, f"each moves less than {100.0 * _FINGER:g} % of the robot's mass, as fingers do"),
+        (light, f"each moves less than {100.0 * _FINGER_SHARE:g} % of the robot's mass, as fingers do"),
         (stiff, "their range in the URDF is empty"),
         (other, "they have several degrees of freedom"),
         (virtual, "they represent a floating base"),
@@ -179,9 +179,9 @@ def _rank(name: str) -> int:
     return next((i for i, word in enumerate(_POSTURES) if word in name.lower()), len(_POSTURES))
 
 
-def clamped_posture(joints: Sequence[str], lower: Array, upper: Array, given: Mapping[str, float]) -> Array:
-    """Return joint positions, (nj,), from `given` with default zero, clamped to the limits."""
-    return np.clip([given.get(name, 0.0) for name in joints], lower, upper)
+def clamped_posture(joints: Sequence[str], lower: Array, upper: Array, positions: Mapping[str, float]) -> Array:
+    """Return joint positions, (nj,), from positions by name, default zero, clamped to the limits."""
+    return np.clip([positions.get(name, 0.0) for name in joints], lower, upper)
 
 
 def usable_ranges(model: RobotModel) -> tuple[Array, Array]:

@@ -79,8 +79,10 @@ def replaced_limits(joints: Sequence[ElementTree.Element], mass: float, reach: f
         if joint.get("type") not in _LIMITED:
             continue
         limit = joint.find("limit")
-        given = {key: None if limit is None else limit.get(key) for key in ("effort", "velocity", "lower", "upper")}
-        number = {key: float(value) for key, value in given.items() if value is not None}
+        attributes = {
+            key: None if limit is None else limit.get(key) for key in ("effort", "velocity", "lower", "upper")
+        }
+        number = {key: float(value) for key, value in attributes.items() if value is not None}
         values: dict[str, float] = {}
         reasons: dict[str, str] = {}
         effort, velocity = number.get("effort", 0.0), number.get("velocity", 0.0)

@@ -53,8 +53,8 @@ class Draft:
 
     def free_name(self, section: str, link: str) -> str:
         """Return an unused name for a task or contact of a link."""
-        name, taken = identifier(link), {*self.values.get(section, {}), *_TASKS}
-        while name in taken:
+        name, used = identifier(link), {*self.values.get(section, {}), *_TASKS}
+        while name in used:
             name += "_"
         return name
 

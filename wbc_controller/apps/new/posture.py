@@ -18,10 +18,10 @@ from wbc_controller.records import Array
 #: Limits of an acceptable posture: height difference of the feet, m, or tilt of soles, as a sine; distance of the
 #: centre of mass from the support's edge, m.
 _LEVEL, _INSIDE = 0.008, 0.01
-_KEPT = 0.03  # distance of the SRDF's posture from the limits, rad; above the default of ``limits.position_margin``
+_SRDF_MARGIN = 0.03  # from the limits, rad; above the default of ``limits.position_margin``
 #: Distance of a computed posture from the limits: share of the range, and maximum, rad.
 _MARGIN, _LARGEST_MARGIN = 0.1, 0.2
-_NOTICED = 1.0e-3  # smallest change of an SRDF position that gets a note, rad
+_NOTED_CHANGE = 1.0e-3  # smallest noted change, rad
 #: Number of sampled arm postures, and largest distance of each joint from the middle of its range, rad.
 _SAMPLES, _SPREAD = 400, 1.0
 
@@ -32,29 +32,29 @@ def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
     """Return name and joint positions, (nj,), of the first SRDF posture, or no name and zeros, off the limits."""
     name = next(iter(postures), "")
     lower, upper = model.position_lower, model.position_upper
-    kept = np.minimum(_KEPT, 0.1 * (upper - lower))
-    return name, clamped_posture(model.joints, lower + kept, upper - kept, postures.get(name, {}))
+    limit_margin = np.minimum(_SRDF_MARGIN, 0.1 * (upper - lower))
+    return name, clamped_posture(model.joints, lower + limit_margin, upper - limit_margin, postures.get(name, {}))
 
 
 def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, draft: Draft) -> Array:
     """Write the posture of a standing robot, and return it, (nj,) in rad."""
-    name, wanted = srdf_posture(model, postures)
+    name, reference = srdf_posture(model, postures)
     if not name:
-        wanted = _with_margin(model, wanted)
-    legs = Legs(model, feet, wanted, keep_feet=bool(name))
-    why = _standing_fault(feet, legs.place_feet(wanted)) if name else ""
+        reference = _with_margin(model, reference)
+    legs = Legs(model, feet, reference, keep_feet=bool(name))
+    why = _standing_fault(feet, legs.place_feet(reference)) if name else ""
     if name and not why:
-        _put(draft, model, wanted, f"Posture {name!r} of the SRDF: level feet, centre of mass above them.")
-        _note_moved(draft, model, wanted, postures[name])
-        return wanted
+        _put(draft, model, reference, f"Posture {name!r} of the SRDF: level feet, centre of mass above them.")
+        _note_moved(draft, model, reference, postures[name])
+        return reference
     # If no posture keeps the SRDF's height and foot distances, one with bent legs may be found.
-    searches = [legs, Legs(model, feet, wanted, keep_feet=False)] if name else [legs]
+    searches = [legs, Legs(model, feet, reference, keep_feet=False)] if name else [legs]
     stands = (posture for search in searches if (posture := search.solve()) is not None)
     found = next((posture for posture in stands if not _standing_fault(feet, legs.place_feet(posture))), None)
     if found is None:
-        _put(draft, model, wanted, "posture: none found with level feet and the centre of mass above them; these "
+        _put(draft, model, reference, "posture: none found with level feet and the centre of mass above them; these "
              "values are " + (f"the SRDF's {name!r}." if name else "zeros."), "missing")  # fmt: skip
-        return wanted
+        return reference
     _put(
         draft,
         model,
@@ -69,11 +69,11 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
 
 def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
     """Write the posture of a robot on a fixed base, and return it, (nj,) in rad."""
-    name, wanted = srdf_posture(model, postures)
+    name, reference = srdf_posture(model, postures)
     if name:
-        _put(draft, model, wanted, f"Posture {name!r} of the SRDF.")
-        _note_moved(draft, model, wanted, postures[name])
-        return wanted
+        _put(draft, model, reference, f"Posture {name!r} of the SRDF.")
+        _note_moved(draft, model, reference, postures[name])
+        return reference
     found = _dexterous(model)
     _put(
         draft,
@@ -86,10 +86,10 @@ def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
     return found
 
 
-def _note_moved(draft: Draft, model: RobotModel, posture: Array, given: Mapping[str, float]) -> None:
+def _note_moved(draft: Draft, model: RobotModel, posture: Array, srdf_values: Mapping[str, float]) -> None:
     moved = [
         name for name, value in zip(model.joints, posture, strict=True)
-        if abs(value - given.get(name, 0.0)) > _NOTICED
+        if abs(value - srdf_values.get(name, 0.0)) > _NOTED_CHANGE
     ]  # fmt: skip
     if moved:
         draft.note("robot.posture", f"Moved off their limits: {', '.join(moved)}.", "guess")
@@ -142,8 +142,8 @@ def _dexterous(model: RobotModel) -> Array:
             values = np.linalg.svd(jacobian[:, np.any(jacobian, axis=0)], compute_uv=False)
             ease += float(np.log(max(values[-1] / values[0], 1.0e-6))) / len(ends)
         low = min((float(data.oMi[end].translation[2]) for end in ends), default=0.0)
-        away = float((((posture - middle) / spread) ** 2).mean())
-        return ease - away - 4.0 * float(gravity.max()) - (10.0 if low < 0.0 else 0.0)
+        deviation = float((((posture - middle) / spread) ** 2).mean())
+        return ease - deviation - 4.0 * float(gravity.max()) - (10.0 if low < 0.0 else 0.0)
 
     tried = [middle, *(middle + spread * rng.uniform(-1.0, 1.0, (_SAMPLES, model.nj)))]
     return max(tried, key=score)

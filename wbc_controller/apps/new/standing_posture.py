@@ -16,14 +16,14 @@ from wbc_controller.records import Array
 
 #: Leg length, as a share of the longest with level feet: with flat feet, and with other feet.
 _BENT, _BENT_POINT = 0.94, 0.85
-_MARGIN, _LARGEST_MARGIN = 0.08, 0.15  # distance from the limits: share of a joint's range, and maximum, rad
-_STARTS, _SPREAD = 8, 0.8  # number of starts of the search, and their largest distance from the reference, rad
+_MARGIN, _LARGEST_MARGIN = 0.08, 0.15  # share of the range, and maximum, rad
+_STARTS, _SPREAD = 8, 0.8  # starts, and distance from the reference, rad
 _TOLERANCE = 1.0e-3  # largest accepted constraint error, m or rad
 #: Weights: centre of mass off the feet's middle and foot off the hip, relative to the robot's size; tilt and yaw of
 #: soles.
 _CENTRE, _UNDER_HIP, _TILT, _YAW = 3000.0, 30.0, 3000.0, 5.0
-_MIRROR = 0.02  # largest difference of mirrored legs: of directions, and of positions, m
-_LATERAL = 0.7  # cosine of the largest angle between the lateral axis and a joint axis that bends the leg, 45°
+_MIRROR = 0.02  # of directions, and of positions, m
+_LATERAL = 0.7  # cosine of the largest angle to the lateral axis, 45°
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,15 +114,15 @@ class Legs:
 
     def _foot_targets(self, start: FeetPlacement) -> Array:
         """Return the target of each foot, (n, 2) in m: laterally as in the reference, and below its hip."""
-        wanted = np.array(start.middles[:, :2])
+        targets = np.array(start.middles[:, :2])
         if self._keep_feet:
-            return wanted
+            return targets
         axes, places = self._zero_kinematics()
         for i, leg in enumerate(self._legs):
             hip = next((j for j in leg.joints if abs(axes[j][1]) > _LATERAL), None)
             if hip is not None:
-                wanted[i, 0] = places[hip][0]
-        return wanted
+                targets[i, 0] = places[hip][0]
+        return targets
 
     def _hip_height(self) -> float:
         places = self._zero_kinematics()[1]
@@ -201,14 +201,14 @@ class Legs:
     def _cost(self, x: Array) -> float:
         posture = self._expand(x)
         placement = self.place_feet(posture)
-        away = (placement.middles[:, :2] - self._targets) / self._size
-        away[:, 0] -= away[:, 0].mean()  # all feet may shift forward: the centre of mass decides
+        offsets = (placement.middles[:, :2] - self._targets) / self._size
+        offsets[:, 0] -= offsets[:, 0].mean()  # all feet may shift forward: the centre of mass decides
         offset = (placement.com - placement.middles.mean(axis=0))[:2] / self._size
         change = float(((posture - self.reference) ** 2).sum())
         return (
             change
             + _CENTRE * float(offset @ offset)
             + _TILT * float(placement.tilts @ placement.tilts)
-            + _UNDER_HIP * float((away**2).sum())
+            + _UNDER_HIP * float((offsets**2).sum())
             + _YAW * float((placement.yaw**2).sum())
         )

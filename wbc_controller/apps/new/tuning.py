@@ -19,22 +19,22 @@ from wbc_controller.settings import LimitSettings
 
 #: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
-_LOAD = 3.0  # largest normal force of a contact, in weights of the robot
+_MAX_LOAD = 3.0  # largest normal force of a contact, in weights of the robot
 _FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}  # assumed friction of soles, and of small feet and wheels
 #: Joint damping in emergencies, as a share of m g h, N·m·s/rad, and its maximum, the value of G1.
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
-_MARGIN = 0.1  # distance from the position limits, as a share of the smallest range
-_FAST = 8.0  # largest fully used joint speed, rad/s
+_MARGIN = 0.1  # share of the smallest range
+_MAX_SPEED = 8.0  # largest fully used joint speed, rad/s
 #: Smallest number of joints of an arm with a hand task: on a legged robot, where heads have fewer, and on a fixed base.
-_ARM, _FIXED_ARM = 4, 3
-_POSE = 6  # number of joints for position and orientation
-_UPRIGHT = 0.005  # largest orientation angle from rounding of a mesh, rad
+_ARM_JOINTS, _FIXED_ARM_JOINTS = 4, 3
+_POSE_JOINTS = 6
+_ROUNDING_ANGLE = 0.005  # rounding of a mesh, rad
 
 
 def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
     """Write the contacts."""
     frames, weight = model.pinocchio.frames, model.mass * model.gravity
-    force = float(f"{_LOAD * weight:.2g}")
+    force = float(f"{_MAX_LOAD * weight:.2g}")
     for number, foot in enumerate(feet):
         frame = frames[model.frame_id(foot.link, "contacts")]
         placement = frame.placement.actInv(foot.placement)
@@ -45,7 +45,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
             contact["translation"] = translation
         if foot.kind == "surface":
             rpy = pin.rpy.matrixToRpy(placement.rotation)
-            rpy = np.where(np.abs(rpy) < _UPRIGHT, 0.0, rpy)
+            rpy = np.where(np.abs(rpy) < _ROUNDING_ANGLE, 0.0, rpy)
             if np.any(rpy):
                 contact["rpy"] = _rounded(rpy)
             if foot.rectangle:
@@ -66,7 +66,7 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
             draft.note(f"{key}.radius", f"radius of the foot, and its position on {foot.link!r} as `translation`: the "
                        "URDF has no measurable shape there.", "missing")  # fmt: skip
         if number == 0:
-            draft.note("contacts", f"Friction of a dry floor, and {_LOAD:g} weights of the robot as the largest force: "
+            draft.note("contacts", f"Friction of a dry floor; a largest force of {_MAX_LOAD:g} weights of the robot: "
                        "a URDF does not contain the limits of your floor and feet.", "guess")  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def put_standing_tasks(
     trunk = _trunk(model, arms, feet)
     if trunk:
         draft.put("tasks.torso", {"type": "frame_orientation", "frame": trunk, "weight": 1.0, "stiffness": stiffness})
-    _put_hands(model, arms, {foot.joint for foot in feet}, stiffness, _ARM, draft)
+    _put_hands(model, arms, {foot.joint for foot in feet}, stiffness, _ARM_JOINTS, draft)
     heavy = 0.01 if model.mass > 60.0 else 0.002
     draft.put("tasks.posture", {"type": "posture", "weight": heavy, "stiffness": 0.5 * stiffness})
 
@@ -92,21 +92,21 @@ def put_standing_tasks(
 def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], draft: Draft) -> None:
     """Write the tasks of a robot on a fixed base."""
     draft.note("tasks", "Weights and stiffnesses of the arm in examples/fixed_arm.py.", "guess")
-    _put_hands(model, arms, set(), 100.0, _FIXED_ARM, draft)
+    _put_hands(model, arms, set(), 100.0, _FIXED_ARM_JOINTS, draft)
     draft.put("tasks.posture", {"type": "posture", "weight": 0.1, "stiffness": 50.0})
 
 
 def _put_hands(
-    model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, least: int, draft: Draft
+    model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, min_joints: int, draft: Draft
 ) -> None:
     own = set(model.v_index.tolist())
     for arm in arms:
         joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without mimic joints
-        if arm.end not in feet and len(joints) >= least:
+        if arm.end not in feet and len(joints) >= min_joints:
             link = link_of(model, arm.end)
             task = {"type": "frame_pose", "frame": link, "weight": 5.0, "stiffness": stiffness, "enabled": False}
             text = "End of an arm: enable this task for a reach."
-            if len(joints) < _POSE:
+            if len(joints) < _POSE_JOINTS:
                 task["mask"] = [True, True, True, False, False, False]
                 text += f" {len(joints)} joints can control its position, but not its orientation."
             draft.put(f"tasks.{draft.free_name('tasks', link)}", task, text)
@@ -135,8 +135,8 @@ def put_limits(model: RobotModel, draft: Draft) -> None:
         draft.put("limits.position_margin", margin, f"In proportion to the smallest range, {model.joints[smallest]}: "
                   f"{ranges[smallest]:.3g} {model.units[smallest]}.", "guess")  # fmt: skip
     fastest = float(model.velocity_limits.max())
-    if fastest > _FAST:
-        share = float(np.clip(round(_FAST / fastest, 2), 0.15, 1.0))
+    if fastest > _MAX_SPEED:
+        share = float(np.clip(round(_MAX_SPEED / fastest, 2), 0.15, 1.0))
         draft.put("limits.velocity_scale", share, f"{fastest:g} rad/s in the URDF may be a motor speed: limbs at such "
                   "speeds cannot stop before their limits.", "guess")  # fmt: skip
 

@@ -33,10 +33,10 @@ class BaseOnContacts:
         here = self._points(q)
         if not len(here):
             return q
-        middle, wanted = here.mean(axis=0), self._reference_points.mean(axis=0)
-        # Kabsch's algorithm: the rotation R minimizes Σ ‖R (here - middle) - (there - wanted)‖².
-        u, _, vt = np.linalg.svd((here - middle).T @ (self._reference_points - wanted))
+        middle, reference_middle = here.mean(axis=0), self._reference_points.mean(axis=0)
+        # Kabsch's algorithm: the rotation R minimizes Σ ‖R (here - middle) - (reference - reference_middle)‖².
+        u, _, vt = np.linalg.svd((here - middle).T @ (self._reference_points - reference_middle))
         turned = np.diag([1.0, 1.0, np.sign(np.linalg.det(vt.T @ u.T)) or 1.0])
         rotation = vt.T @ turned @ u.T if len(here) > 2 else np.eye(3)
-        q[:7] = pin.SE3ToXYZQUAT(pin.SE3(rotation, wanted - rotation @ middle))
+        q[:7] = pin.SE3ToXYZQUAT(pin.SE3(rotation, reference_middle - rotation @ middle))
         return q

@@ -12,8 +12,8 @@ from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.settings import Settings
 
-_OVERRIDE_TIME = 2.0  # time after a user's change during which a control does not follow the controller, s
-_RANGE = 4.0  # range of a slider for a weight or gain, as a multiple of the configured value
+_OVERRIDE_TIME = 2.0  # after user input, without updates from the controller, s
+_SLIDER_RANGE = 4.0  # maximum of a slider, as a multiple of the configured value
 #: Faults of the mock robot with a slider: label, maximum, step, unit and beginning of the YAML.
 _FAULTS: tuple[tuple[str, float, float, str, Callable[[float], str]], ...] = (
     ("Sensor noise", 0.01, 0.0005, "rad",
@@ -21,8 +21,8 @@ _FAULTS: tuple[tuple[str, float, float, str, Callable[[float], str]], ...] = (
     ("Delay of states", 60.0, 2.0, "ms", lambda value: f"{{kind: message_delay, delay: {1e-3 * value:g}"),
     ("Delay of torques", 20.0, 2.0, "ms", lambda value: f"{{kind: command_delay, delay: {1e-3 * value:g}"),
 )  # fmt: skip
-_SLIPPERY = 0.5  # largest floor friction on the slider of the fault `slippery_floor`
-_DURATION = 3600.0  # duration of a fault, s
+_MAX_FRICTION = 0.5  # maximum of the slider of `slippery_floor`
+_DURATION = 3600.0  # s
 
 
 class Controls:
@@ -84,7 +84,7 @@ class Controls:
     def _add_fault_controls(self) -> None:
         """Add the controls of faults; each change sends all faults, as required by the mock robot's topic."""
         slippery = self._gui.add_checkbox("Slippery floor", False)
-        friction = self._gui.add_slider("Floor friction", 0.0, _SLIPPERY, 0.01, 0.2)
+        friction = self._gui.add_slider("Floor friction", 0.0, _MAX_FRICTION, 0.01, 0.2)
         sliders = [
             (self._gui.add_slider(f"{label} [{unit}]", 0.0, most, step, 0.0), fault)
             for label, most, step, unit, fault in _FAULTS
@@ -128,7 +128,7 @@ class Controls:
     def _slider(self, label: str, value: float, task: str, request: Callable[[str], list[str]]) -> Any | None:
         if not value > 0.0:
             return None
-        slider = self._gui.add_slider(label, 0.0, _RANGE * value, value / 50.0, value)
+        slider = self._gui.add_slider(label, 0.0, _SLIDER_RANGE * value, value / 50.0, value)
 
         async def moved(event: Any) -> None:
             if event.client_id is not None:

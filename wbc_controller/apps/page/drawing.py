@@ -42,7 +42,7 @@ class Drawing:
         self._server = server
         self._data = robot.model.pinocchio.createData()
         self.links: list[tuple[Any, int]] = []  # handle, and index of the joint
-        self.placements: list[pin.SE3] = []  # placement of each joint in the world at the last drawn snapshot
+        self.placements: list[pin.SE3] = []  # of each joint in the world, as last drawn
         self._shown = dict.fromkeys(GROUPS, True)
         self._shapes: dict[tuple[str, int], _DrawnShape] = {}
         self._light = self._scene.add_light_hemisphere(
@@ -80,11 +80,11 @@ class Drawing:
         for handle, _ in self.links:
             handle.opacity = _TRANSLUCENT if translucent else None
 
-    def set_shadows(self, set_shadows: bool) -> None:
+    def set_shadows(self, shadows: bool) -> None:
         """Switch shadows and reflections, which are expensive without a GPU."""
-        self._scene.configure_default_lights(True, cast_shadow=set_shadows)
-        self._light.visible = not set_shadows  # reflections replace this light
-        self._scene.configure_environment_map("studio" if set_shadows else None, environment_intensity=0.6)
+        self._scene.configure_default_lights(True, cast_shadow=shadows)
+        self._light.visible = not shadows  # reflections replace this light
+        self._scene.configure_environment_map("studio" if shadows else None, environment_intensity=0.6)
 
     def _draw(self, shapes: Sequence[Shape]) -> None:
         absent = set(self._shapes)

@@ -22,8 +22,8 @@ _KINDS = {
     "frame_orientation": (False, True),
 }
 _SIZE = 0.14  # m
-_DISABLED_OPACITY = 0.35  # opacity of the handle of a disabled task; a drag enables the task
-_HOLD_TIME = 0.3  # time after a setpoint ramp during which the handle stays at its setpoint, s
+_DISABLED_OPACITY = 0.35
+_HOLD_TIME = 0.3  # after a setpoint ramp, s
 
 
 class Handles:

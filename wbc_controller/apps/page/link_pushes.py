@@ -17,7 +17,7 @@ from wbc_controller.records import Array
 
 KEY = "shift"  # modifier key; a drag without it turns the view
 _FORCE_PER_METRE, _MAX_FORCE = 0.8, 1.0  # force per length of a pull, 1/m, and largest force, in weights of the robot
-_SHORTEST = 0.02  # length below which a pull is ignored, m
+_MIN_LENGTH = 0.02  # length below which a pull is ignored, m
 _COLOR = (255, 120, 30)
 
 
@@ -53,7 +53,7 @@ class LinkPushes:
         """Return the force of a pull, (3,) in N: zero below the smallest length, bounded above."""
         length = float(np.linalg.norm(pull))
         weight = self._robot.model.mass * self._robot.model.gravity
-        if not length >= _SHORTEST:
+        if not length >= _MIN_LENGTH:
             return np.zeros(3)
         return np.asarray(pull / length * weight * min(_MAX_FORCE, _FORCE_PER_METRE * length))
 

@@ -18,7 +18,7 @@ from wbc_controller.records import Array
 #: Approximate number of triangles of a robot; a browser without a GPU draws them a few times per second.
 TRIANGLES = 60_000
 _MIN_TRIANGLES = 200  # not simplified below
-_AGGRESSIVENESS = 3  # aggressiveness of the simplification, 0 to 10; larger values separate parts at their edges
+_AGGRESSIVENESS = 3  # 0 to 10; larger values separate parts at their edges
 _SHARP = 0.6  # smallest angle between two triangles with a sharp edge, rad
 _MERGE_DISTANCE = 1.0e-5  # m
 

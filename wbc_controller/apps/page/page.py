@@ -31,8 +31,8 @@ _log = logging.getLogger(__name__)
 RATE, _PANELS, _PLOTS = 30.0, 6, 15
 _LOG_PERIOD = 10.0  # wall time, s
 _IDLE = 0.05  # period of the check for pages, wall time, s
-_SHOWN, _POINTS = 12.0, 10.0  # time range of the plots, s, and their points per second
-_LINES = 12
+_PLOT_TIME, _PLOT_RATE = 12.0, 10.0  # time range, s, and points per second
+_MAX_REQUESTS = 12
 _LEFT, _RIGHT = 330, 290  # px
 _HELP = f"""<div style="font-size:12px;line-height:1.5;padding:2px 10px 8px">
 <b>Drag a handle</b> to send a setpoint for a hand, a foot or the centre of mass. Dragging a pale handle enables its
@@ -60,10 +60,10 @@ class Page:
         self.server, self._robot, self._source = server, robot, source
         self._is_mock: Callable[[], bool] | None = None
         self._time_line: TimeLine | None = None
-        self._requests: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_LINES)
+        self._requests: collections.deque[tuple[str, bool]] = collections.deque(maxlen=_MAX_REQUESTS)
         self._requests_changed = False
         self._history: collections.deque[tuple[float, float, float, float]] = collections.deque(
-            maxlen=int(_SHOWN * _POINTS)
+            maxlen=int(_PLOT_TIME * _PLOT_RATE)
         )
         gui = server.gui
         gui.configure_theme(
@@ -106,10 +106,10 @@ class Page:
         self._pushes = LinkPushes(self.server, self._robot, self.drawing, sender)
         with gui.add_folder("Handles"):
             gui.add_html(_HELP)
-            turn = gui.add_checkbox(
+            rings = gui.add_checkbox(
                 "Rotation rings", False, hint="Show rings on the handles of poses and orientations."
             )
-            turn.on_update(lambda event: self._handles.show_rings(turn.value))
+            rings.on_update(lambda event: self._handles.show_rings(rings.value))
         with gui.add_folder("Requests"):
             self._request_list = gui.add_html(panels.request_list(()))
 
@@ -130,10 +130,10 @@ class Page:
             for group, label in GROUPS.items():
                 box = gui.add_checkbox(label, True)
                 box.on_update(self._toggles(group))
-            through = gui.add_checkbox("Translucent robot", False)
-            through.on_update(lambda event: self.drawing.set_translucent(through.value))
-            fine = gui.add_checkbox("Shadows", False, hint="Shadows and reflections; requires a GPU.")
-            fine.on_update(lambda event: self.drawing.set_shadows(fine.value))
+            translucent = gui.add_checkbox("Translucent robot", False)
+            translucent.on_update(lambda event: self.drawing.set_translucent(translucent.value))
+            shadows = gui.add_checkbox("Shadows", False, hint="Shadows and reflections; requires a GPU.")
+            shadows.on_update(lambda event: self.drawing.set_shadows(shadows.value))
         if self._is_mock is None and self._time_line is None:
             gui.add_html('<div style="font-size:12px;padding:4px 10px;opacity:.7">This page is read-only. '
                          "Start it with --command to send requests.</div>")  # fmt: skip
@@ -184,7 +184,7 @@ class Page:
                 if self._requests_changed:
                     self._requests_changed = False
                     self._request_list.content = panels.request_list(list(self._requests))
-        if count % int(RATE / _POINTS) == 0:
+        if count % int(RATE / _PLOT_RATE) == 0:
             self._record_history(snapshot)
         if count % _PLOTS == 0:
             self._plot()

@@ -139,21 +139,21 @@ class AllowList:
             case None:
                 return f"GuiUpdateMessage: unknown control {reprlib.repr(uuid)}"
             case viser.GuiButtonHandle():
-                valid, wanted = value is True, "True"
+                valid, valid_values = value is True, "True"
             case viser.GuiCheckboxHandle():
-                valid, wanted = isinstance(value, bool), "True or False"
+                valid, valid_values = isinstance(value, bool), "True or False"
             case viser.GuiSliderHandle():
                 # The browser rounds to the decimals of the step.
                 margin = 0.5 * 10.0**-control.precision
                 valid = type(value) is float and control.min - margin <= value <= control.max + margin
-                wanted = f"{control.min:g} to {control.max:g}"
+                valid_values = f"{control.min:g} to {control.max:g}"
             case viser.GuiDropdownHandle():
-                valid, wanted = value in control.options, f"one of {reprlib.repr(control.options)}"
+                valid, valid_values = value in control.options, f"one of {reprlib.repr(control.options)}"
             case _:
-                valid, wanted = False, "none, this control takes no input"
+                valid, valid_values = False, "none, this control takes no input"
         if valid:
             return ""
-        return f"GuiUpdateMessage: updates.value of {control.label!r}: {reprlib.repr(value)}; valid: {wanted}"
+        return f"GuiUpdateMessage: updates.value of {control.label!r}: {reprlib.repr(value)}; valid: {valid_values}"
 
 
 def _excerpt(payload: bytes) -> str:

@@ -19,9 +19,9 @@ from wbc_controller.records import Array
 #: Colours of the modes.
 _MODES = {"active": "#2f9e44", "holding": "#e8890c", "damping": "#e8590c", "fault": "#e03131", "stopped": "#e03131"}
 _NO_MODE, _SILENT = "#868e96", "#e03131"
-_MUCH, _ALL = 0.7, 0.95  # shares of a limit for an orange and a red bar
-_SILENCE = 1.5  # wall time without states or controller status before a warning, s
-_NAMED = 8  # largest number of binding constraints shown
+_ORANGE_SHARE, _RED_SHARE = 0.7, 0.95  # shares of a limit for an orange and a red bar
+_SILENCE_TIMEOUT = 1.5  # without states or status, wall time, s
+_MAX_BINDING = 8  # largest number of binding constraints shown
 
 STYLE = """<style>
 .wbc { font-size: 12.5px; line-height: 1.45; padding: 2px 10px 8px; overflow-wrap: anywhere; }
@@ -68,14 +68,16 @@ def _mode(snapshot: Snapshot) -> str:
     mode, _, rest = snapshot.mode.partition(" ")
     color = _MODES.get(mode, _NO_MODE)
     lines = []
-    if snapshot.silence > _SILENCE:
+    if snapshot.silence > _SILENCE_TIMEOUT:
         color, silent = _SILENT, snapshot.silence
         since = "" if math.isinf(silent) else f" for {silent:.0f} s"
         lines.append((f"No status of the controller{since}.", "Start the controller (wbc run), or read its log."))
-    if snapshot.age > _SILENCE:
+    if snapshot.age > _SILENCE_TIMEOUT:
         since = "No joint states yet." if math.isinf(snapshot.age) else f"No joint states for {snapshot.age:.0f} s."
         lines.append((since, "Check that the robot or wbc mock runs in this DDS domain."))
-    message = snapshot.status.status.message if snapshot.status is not None and snapshot.silence <= _SILENCE else ""
+    message = (
+        snapshot.status.status.message if snapshot.status is not None and snapshot.silence <= _SILENCE_TIMEOUT else ""
+    )
     warnings = [part for part in message.split("; ")[1:] if not rest or part not in rest]
     if rest:
         lines.append((rest, next_step(rest)))
@@ -83,13 +85,13 @@ def _mode(snapshot: Snapshot) -> str:
     lines += [(warning, "") for warning in warnings]
     if not snapshot.base_measured:
         lines.append(("No topic contains the pose of the base; the robot is drawn standing on its contacts.", ""))
-    said = "".join(
+    rows = "".join(
         f'<div class="why" style="border-color:{color}">{escape(text)}'
         + (f'<br><span class="muted">Next: {escape(advice)}</span>' if advice else "")
         + "</div>"
         for text, advice in lines
     )
-    return f'<span class="mode" style="background:{color}">{escape(mode or "no controller")}</span>{said}'
+    return f'<span class="mode" style="background:{color}">{escape(mode or "no controller")}</span>{rows}'
 
 
 def _binding(status: RobotStatus) -> str:
@@ -100,9 +102,9 @@ def _binding(status: RobotStatus) -> str:
     rows = "".join(
         f"<tr><td>{escape(_plain(in_words(name)))}</td><td>{_bar(_leading(cost) / most, color='#7950f2')}</td>"
         f'<td class="n muted">{escape(cost)}</td></tr>'
-        for name, cost in found[:_NAMED]
+        for name, cost in found[:_MAX_BINDING]
     )
-    more = f'<tr><td class="muted">and {len(found) - _NAMED} more</td></tr>' if len(found) > _NAMED else ""
+    more = f'<tr><td class="muted">and {len(found) - _MAX_BINDING} more</td></tr>' if len(found) > _MAX_BINDING else ""
     return f'<h4>Binding constraints and their cost</h4><table class="binding">{rows}{more}</table>'
 
 
@@ -168,7 +170,7 @@ def _torques(robot: Robot, snapshot: Snapshot) -> str:
 
 def _bar(share: float, *, signed: bool = False, color: str = "") -> str:
     size = min(1.0, abs(share))
-    color = color or ("#e03131" if size >= _ALL else "#f08c00" if size >= _MUCH else "#228be6")
+    color = color or ("#e03131" if size >= _RED_SHARE else "#f08c00" if size >= _ORANGE_SHARE else "#228be6")
     width = 100.0 * size / (2.0 if signed else 1.0)
     left = 50.0 - (width if share < 0.0 else 0.0) if signed else 0.0
     middle = "<b></b>" if signed else ""

@@ -22,7 +22,7 @@ from wbc_controller.settings import Settings
 _FIRST_DOMAIN, _DOMAINS = 100, 100  # as for the demo, on the loopback
 _START_TIMEOUT = 120.0  # wall time, s; a first start compiles the kernels
 _CHECK_PERIOD = 0.5  # s
-_LINES = 12
+_LOG_LINES = 12
 
 
 def play(
@@ -95,7 +95,7 @@ def _watch(processes: Processes, stop: threading.Event, errors: list[str]) -> No
     while not stop.wait(_CHECK_PERIOD):
         for name, process in processes.processes.items():
             if process.poll() is not None:
-                last = "\n".join(processes.log(name).splitlines()[-_LINES:])
+                last = "\n".join(processes.log(name).splitlines()[-_LOG_LINES:])
                 errors.append(f"the {name} ended with exit status {process.returncode}:\n{last}")
                 stop.set()
                 return

@@ -21,7 +21,7 @@ from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import Array, Reference, References
 
 MAX_CYCLES = 20_000  # longer recordings are decimated
-_PUSH = 0.1  # in weights of the robot
+_PUSH_FORCE = 0.1  # in weights of the robot
 _PUSH_GAP = 0.5  # s
 _LONGEST_STEP = 0.5  # s; playback pauses without a page
 _LONGEST_NUMBER = 18  # digits of a cycle number
@@ -136,7 +136,7 @@ class Playback:
                     yield from (Mark(at, "contact", f"{name} inactive") for name in sorted(before[1] - active_contacts))
             before = mode, active_contacts
             unmodelled_force = float(np.linalg.norm(cycle.values["audit/force"]))
-            if unmodelled_force > _PUSH * weight and mode == "active":
+            if unmodelled_force > _PUSH_FORCE * weight and mode == "active":
                 if at - pushed > _PUSH_GAP:
                     yield Mark(at, "push", f"unmodelled force of {unmodelled_force:.0f} N: push or collision")
                 pushed = at
@@ -227,12 +227,14 @@ def time_of(recorded: Recording, stamp: int) -> float:
     return 1.0e-9 * (stamp - recorded.start)
 
 
-def _references(wanted: Mapping[str, Array], robot: Robot) -> References | None:
-    if not wanted:
+def _references(reference_values: Mapping[str, Array], robot: Robot) -> References | None:
+    if not reference_values:
         return None
     tasks = {
-        name: Reference(*(np.array(wanted[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration")))
+        name: Reference(
+            *(np.array(reference_values[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration"))
+        )
         for name in robot.tasks
-        if f"position/{name}" in wanted
+        if f"position/{name}" in reference_values
     }
-    return References(tasks, {name: float(wanted[f"weight/{name}"][0]) for name in tasks}, {})
+    return References(tasks, {name: float(reference_values[f"weight/{name}"][0]) for name in tasks}, {})

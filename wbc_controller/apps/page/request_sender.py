@@ -92,11 +92,11 @@ class RequestSender:
         """Send the drags that are due."""
         now, due = self._clock(), []
         with self._lock:
-            for key, (asked, _, words) in list(self._dragged.items()):
+            for key, (requested_at, _, words) in list(self._dragged.items()):
                 if now - self._sent.get(key, -1.0e9) < PERIOD:
                     continue
                 del self._dragged[key]
-                if now - asked <= MAX_AGE:
+                if now - requested_at <= MAX_AGE:
                     self._sent[key] = now
                     due.append(words)
         for words in due:

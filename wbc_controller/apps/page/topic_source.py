@@ -21,7 +21,7 @@ from wbc_controller.middleware.states import BaseState, OdometryReader
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.records import Array, Reference, References
 
-_MAX_AGE = 0.2  # largest age of torques and contact forces relative to the state, robot time, s
+_MAX_AGE = 0.2  # of torques and forces relative to the state, robot time, s
 
 
 class TopicSource:

@@ -24,8 +24,8 @@ from wbc_controller.recording.report.run_data import RunData, supports_of
 from wbc_controller.records import Array, RobotState, frozen
 from wbc_controller.settings.config import Config
 
-_MARGIN, _WIDTH = 0.05, 560  # margin around the contacts, m, and width of the drawing, pixels
-_DOT = 0.012  # radius of dots for the centre of mass and point contacts, as a share of the drawing's width
+_MARGIN, _WIDTH = 0.05, 560  # m, and width of the drawing, pixels
+_DOT = 0.012  # radius of dots, as a share of the drawing's width
 
 
 def write_check_page(config: Config, findings: Sequence[Finding], failure: str, path: Path) -> None:
@@ -109,8 +109,8 @@ def _floor_plan(qp: WholeBodyQP, active: Sequence[str], true: Mapping[str, Array
         if len(corners) < 3:
             dots = [f'cx="{x}" cy="{y}" r="{_DOT * _WIDTH}"' for x, y in map(at, points)]
             return "".join(f'<circle class="{kind}" {dot}>{tooltip}</circle>' for dot in dots)
-        drawn = " ".join(f"{x},{y}" for x, y in map(at, corners))
-        return f'<polygon class="{kind}" points="{drawn}">{tooltip}</polygon>'
+        vertices = " ".join(f"{x},{y}" for x, y in map(at, corners))
+        return f'<polygon class="{kind}" points="{vertices}">{tooltip}</polygon>'
 
     parts = [shape(np.vstack(list(feet.values())), "support", "support polygon")]
     parts += [shape(corners[:, :2], "true", f"{name}: underside in the URDF") for name, corners in true.items()]

@@ -184,7 +184,7 @@ def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[Rea
     names, values = words[::3], np.array([number(word, task, units) for word in words[2::3]])
 
     def joints(names: Sequence[str], values: Array, frame: str) -> Any:
-        kind = next(kind for kind, held in JOINT_FIELDS.items() if held == field)
+        kind = next(kind for kind, field_kind in JOINT_FIELDS.items() if field_kind == field)
         return setpoint_message("sensor_msgs/msg/JointState", kind, values, frame=frame, joints=names)
 
     if keywords == {"by"}:
@@ -208,13 +208,13 @@ def _push(words: list[str], settings: Settings) -> Request:
         tail[words[-2]] = words[-1]
         words = words[:-2]
     force, by_heading = displacement(words, "push", FORCE)
-    lasts = settings.mock.push_duration
-    asked = number(tail["for"], "push: the duration", TIME) if tail["for"] else lasts
-    if not abs(asked - lasts) <= 1.0e-6:
-        same = np.linalg.norm(force) * asked / lasts
+    push_time = settings.mock.push_duration
+    requested_time = number(tail["for"], "push: the duration", TIME) if tail["for"] else push_time
+    if not abs(requested_time - push_time) <= 1.0e-6:
+        same = np.linalg.norm(force) * requested_time / push_time
         raise InputRefused(
-            f"push: duration {asked:g} s; valid: {lasts:g} s (mock.push_duration). "
-            f"{same:g} N for {lasts:g} s give the same impulse"
+            f"push: duration {requested_time:g} s; valid: {push_time:g} s (mock.push_duration). "
+            f"{same:g} N for {push_time:g} s give the same impulse"
         )
     named = settings.tasks.get(tail["at"]) or settings.contacts.get(tail["at"])
     frame = getattr(named, "frame", tail["at"])
@@ -225,7 +225,7 @@ def _push(words: list[str], settings: Settings) -> Request:
             np.array([*_heading(wait_for_message, floating and by_heading) @ force, 0.0, 0.0, 0.0]), frame
         )
 
-    summary = f"a push of {' '.join(words)} (N) for {lasts:g} s at {frame or 'the base'}"
+    summary = f"a push of {' '.join(words)} (N) for {push_time:g} s at {frame or 'the base'}"
     return Request("mock", "push", "", summary, content, frame)
 
 

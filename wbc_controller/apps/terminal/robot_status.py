@@ -12,7 +12,7 @@ from wbc_controller.apps.terminal.session import Session
 from wbc_controller.settings import Settings
 
 _WINDOW = 2.0  # wall time, s
-_PERIODS = 3.0  # waiting time for the tasks before the first status, in periods of the diagnostics
+_TASK_PERIODS = 3.0  # for the first status, in periods of the diagnostics
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class StatusListener:
             lambda: self.read_statuses() and len(self._cycles) > 1, "the controller has stopped publishing its status"
         )
         if self._session.mode().startswith(("active", "holding")):
-            deadline = time.monotonic() + _PERIODS / self._settings.control.diagnostics_rate
+            deadline = time.monotonic() + _TASK_PERIODS / self._settings.control.diagnostics_rate
             while time.monotonic() < deadline and not all(self._newest(*place) for place in self._task_topics):
                 time.sleep(0.02)
 

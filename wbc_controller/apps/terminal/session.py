@@ -33,7 +33,7 @@ from wbc_controller.nodes.wiring import named_frames
 from wbc_controller.settings import NODE_NAME, Settings
 
 _NODE = "wbc_user"
-ANSWER_TIMEOUT = 20.0  # time limit for the answer of a discovered node on a busy computer, wall time, s
+ANSWER_TIMEOUT = 20.0  # of a discovered node, wall time, s
 _RAMPED = {"activate": "active", "deactivate": "inactive"}  # commands with a torque ramp, and their final mode
 
 
@@ -127,8 +127,8 @@ class Session:
         stream = self._transport.stream(topic, depth=1)
 
         def newest() -> bytes | None:
-            taken = stream.take()
-            return taken[-1] if taken else None
+            received = stream.take()
+            return received[-1] if received else None
 
         return newest
 
@@ -293,9 +293,9 @@ class Session:
         def messages(wait: float) -> list[Any]:
             with self._arrival:
                 self._arrival.wait_for(lambda: payloads, wait)
-                taken = list(payloads)
+                received = list(payloads)
                 payloads.clear()
-            return [decode(payload, topic.type) for payload in taken]
+            return [decode(payload, topic.type) for payload in received]
 
         return messages
 

@@ -199,14 +199,14 @@ def walking(
         found = _run_parallel(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
         fell = [each for each in found if each.ended]
         fallen += len(fell)
-        wanted = "" if name == RANDOM else ", ".join(f"{scale * each:g}" for each in COMMANDS[kind][name])
+        commanded = "" if name == RANDOM else ", ".join(f"{scale * each:g}" for each in COMMANDS[kind][name])
         whole = [each for each in found if not each.ended]
         reached = "" if name == RANDOM or not whole else ", ".join(
             f"{each:.2f}" for each in np.mean([walk.speed for walk in whole], axis=0)
         )  # fmt: skip
         drift = max((each.drift / max(each.distance, 1.0) for each in whole), default=math.nan)
         relaxed = sum(each.relaxed for each in found)
-        click.echo(f"| {kind} | {name} | {wanted} | {reached} | {100.0 * drift:.1f} % | {relaxed} | {len(fell)} |")
+        click.echo(f"| {kind} | {name} | {commanded} | {reached} | {100.0 * drift:.1f} % | {relaxed} | {len(fell)} |")
         for each in fell:
             click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
     sys.exit(1 if fallen else 0)

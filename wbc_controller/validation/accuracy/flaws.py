@@ -17,7 +17,7 @@ from wbc_controller.simulation.faults.joint_sensors import JointNoise
 from wbc_controller.simulation.faults.world import MassError, SoftFloor
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
-SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5  # amplitudes of sway and squat, m, and the time between points, s
+SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5  # amplitudes, m, and time between points, s
 CHATTER = 8.0  # Hz
 
 

@@ -24,7 +24,7 @@ WRONG, MAX_UNDETECTED = 0.2, 0.3
 _SWAY, _BEAT = 0.03, 0.5  # amplitude of the sway, m, and time between points, s
 _DURATION = 2.0  # duration after the mishap, s
 _LIFT_TIME, _TIMEOUT = 4.0, 5.0  # time for lifting a fallen robot, and timeout of the reactivation, s
-_PULL, _PULL_TIME = 1.5, 0.1  # upward force on a foot as a multiple of its share of the weight, and duration, s
+_PULL, _PULL_TIME = 1.5, 0.1  # multiple of the foot's share of the weight, and duration, s
 #: Sliding distance of a foot, m, and largest duration, s. The force is proportional to the missing momentum, 1/s, up to
 #: a share of the weight.
 _SLIDE, _SLIDE_TIME = 0.05, 0.5
@@ -93,7 +93,7 @@ MISHAPS = (
 class Outcome:
     """Outcome of one mishap."""
 
-    error: float  # largest error of the base's linear velocity during control, m/s
+    error: float  # largest error of the base velocity during control, m/s
     undetected: float  # longest time above `WRONG` without a fault, s
     left_out: tuple[str, ...]  # contacts excluded from the estimate
     fault_texts: tuple[str, ...] = ()  # one text per fault, in order
@@ -228,7 +228,7 @@ class _Comparison:
         )
 
 
-def longest_run(wrong: np.ndarray) -> int:
+def longest_run(flags: np.ndarray) -> int:
     """Return the length of the longest run of True in booleans, (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -17,7 +17,7 @@ from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 _SAMPLING_PERIOD = 0.1  # s
 _SIGNIFICANCE = 0.05  # probability outside the consistency bounds
-_CREEP = 8.0e-5  # creep of the contact points on the mock robot's ground, m/s/√Hz, from the drift of several robots
+_CREEP = 8.0e-5  # creep of contact points in the mock robot, m/s/√Hz
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,10 +44,10 @@ class Row:
     survived: int
     interval: tuple[float, float]  # Wilson's 95 % interval of the share of survived trials
     reasons: dict[str, int]  # by fault code
-    must_detect: int  # number of trials with a fault that must be detected
-    delays: tuple[float, ...]  # detection times in these trials, s
-    deadline: float | None  # longest deadline of these trials, s; None without any
-    violations: dict[str, int]  # number of trials by name of a violation
+    must_detect: int  # trials with a deadline
+    delays: tuple[float, ...]  # s
+    deadline: float | None  # longest, s; None without any
+    violations: dict[str, int]  # trials by name
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
@@ -176,9 +176,9 @@ def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequen
         lines += [f"- `{name}`: {ALL_VIOLATIONS[name]}" for name in _SEVERITY if any(name in o.violations for o in bad)]
         lines.append("")
         for outcome in bad:
-            said = "; ".join(f"{name}: {sentence}" for name, sentence in outcome.violations.items())
+            texts = "; ".join(f"{name}: {sentence}" for name, sentence in outcome.violations.items())
             lines.append(
-                f"- `{repeat_command(outcome)}`: {said} (`{json.dumps(dict(outcome.parameters), default=str)}`)"
+                f"- `{repeat_command(outcome)}`: {texts} (`{json.dumps(dict(outcome.parameters), default=str)}`)"
             )
     return "\n".join(lines) + "\n"
 

@@ -16,8 +16,8 @@ BALANCE = frozenset({"FALLEN", "NO_SOLUTION", "RELAXED", "BAD_TORQUE", "IMPLAUSI
 STALE = frozenset({"STALE_INPUT"})
 IMPLAUSIBLE = frozenset({"IMPLAUSIBLE_STATE"})
 CLOCK = frozenset({"CLOCK"})
-_MARGIN = 1.1  # factor by which a threshold must be exceeded for certain detection, because the robot moves
-_NEGLIGIBLE = 1.0e-6  # probability below which a random event is excluded
+_MARGIN = 1.1  # excess over a threshold for certain detection
+_NEGLIGIBLE = 1.0e-6  # probability
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class RuleContext:
     """Settings and times for the rules."""
 
     settings: Settings
-    cycle: float  # two control periods, for begin and detection of a fault, s
+    cycle: float  # two control periods, s
     timeout: float  # `safety.state_timeout`, s
 
     @property
@@ -184,9 +184,9 @@ def _frozen(fault: Any, context: RuleContext) -> Expectation:
     return context.expect_detection(fault.duration > lasts, lasts)
 
 
-_FAR_AHEAD = 0.26  # advance of a refused stamp without synchronized clocks, s (middleware/stamps.py)
-_SLOW_DRIFT = 0.01  # drift of odometry that a standing robot can follow, m/s or rad/s
-_ALONG = float(np.sqrt(0.5))  # smallest share of a random horizontal direction along one of two axes
+_FAR_AHEAD = 0.26  # advance of a refused stamp, s (middleware/stamps.py)
+_SLOW_DRIFT = 0.01  # m/s or rad/s
+_ALONG = float(np.sqrt(0.5))  # smallest share of a horizontal direction along an axis
 
 _EITHER_RULE, _HARMLESS_RULE = _always(EITHER), _always(HARMLESS)
 

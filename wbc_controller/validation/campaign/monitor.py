@@ -13,7 +13,7 @@ from wbc_controller.records import Array, Mode
 from wbc_controller.settings import Settings
 
 _ROUNDING, _SAME_TIME = 1.0e-9, 1.0e-6  # rounding tolerance: share of a limit, and time, s
-STALL = 0.02  # largest processor time of the loop for one cycle, s
+STALL = 0.02  # largest processor time of a cycle, s
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from a solution
 #: Latency that looks like a slow clock without synchronized clocks (docs/safety.md, the age of a state): share of the
 #: elapsed time, and maximum between two messages, s.
@@ -58,7 +58,7 @@ class OutputMonitor:
         self._timeout = settings.safety.state_timeout + (settings.safety.clock_tolerance if stamps_lie else 0.0)
         self._synchronized = settings.safety.synchronized_clocks
         self._topics = dict(names)
-        self._delivered: dict[str, int] = {}  # true time of the newest message since the last cycle, ns, by stream
+        self._delivered: dict[str, int] = {}  # true time of the newest message, ns, by stream
         self._used = {name: _AcceptedMessage() for name in names}  # newest accepted message
         self._tau, self._tau_time = np.zeros(model.na), -math.inf
         self._previous_tau = np.zeros(model.na)  # torques before this cycle
@@ -137,8 +137,8 @@ class OutputMonitor:
         ):
             self.add_violation("stale", "torques increased by damping with " + _ages_text(old))
 
-    def _named(self, wrong: np.ndarray, values: Array, limits: Array) -> str:
-        at = int(np.flatnonzero(wrong)[0])
+    def _named(self, violated: np.ndarray, values: Array, limits: Array) -> str:
+        at = int(np.flatnonzero(violated)[0])
         return f"{self._actuators[at]}: {values[at]:.6g} N·m (limit {limits[at]:.6g})"
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from wbc_controller.validation.campaign.monitor import VIOLATIONS
 
-MAX_FALLEN_TIME = 0.2  # longest permitted time of a fallen robot with an active controller, s
+MAX_FALLEN_TIME = 0.2  # with an active controller, s
 #: Meaning of each violation, of the monitor and of the outcome.
 ALL_VIOLATIONS: Mapping[str, str] = {
     **VIOLATIONS,
@@ -29,13 +29,13 @@ class Outcome:
     seed: int
     parameters: Mapping[str, Any]
     expected: str  # `survive`, `detect` or `either`
-    deadline: float | None  # time limit of the detection after the beginning of the fault, s; or None
+    deadline: float | None  # time limit of the detection, s; or None
     result: str  # `survived`, `damped` or `violation`
-    code: str  # code of the controller's fault, or its mode without a fault; empty if it stayed active
+    code: str  # fault code, or mode without a fault; empty if active
     sentence: str
-    after: float | None  # time from the beginning of the fault to the end of the active mode, s; or None
-    moved: float  # largest displacement of the centre of mass since the beginning of the fault, m
-    longest: float  # longest processor time of the loop for one cycle, s
+    after: float | None  # from the beginning of the fault to the end of the active mode, s; or None
+    moved: float  # largest displacement of the centre of mass, m
+    longest: float  # longest processor time of a cycle, s
     simulated: float  # s
     wall: float  # s
     violations: Mapping[str, str]  # texts by name, as in `ALL_VIOLATIONS`

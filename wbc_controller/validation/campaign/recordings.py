@@ -17,7 +17,7 @@ class TrialRecordings:
     """Recordings of one trial."""
 
     folder: Path
-    name: str  # name of the trial, and beginning of the file names
+    name: str  # beginning of the file names
 
     @property
     def settings(self) -> Mapping[str, object]:

@@ -22,8 +22,8 @@ class RequestFaultState:
 
     user: User
     rng: np.random.Generator
-    com: Array | None = None  # centre of mass at the beginning, (3,) in m
-    periods: int = 0  # control periods since the beginning
+    com: Array | None = None  # initial, (3,) in m
+    periods: int = 0  # since the beginning
 
     def send_text(self, key: str, text: str, count: int = 1) -> None:
         """Send a text `count` times."""

@@ -58,15 +58,15 @@ def run_campaign(
     for kind in kinds:
         if kind not in ALL_KINDS:
             raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
-    wanted = [TrialKey(robot, kind, seed) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots]
+    requested = [TrialKey(robot, kind, seed) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots]
     results = Results(folder)
     if results.other_versions:
         console.print(
             f"{results.path}: {results.other_versions} trials of another version of the code or the robot are ignored"
         )
-    missing = [key for key in wanted if key not in results.outcomes]
-    if len(missing) < len(wanted):
-        console.print(f"{len(wanted) - len(missing)} of {len(wanted)} trials exist already")
+    missing = [key for key in requested if key not in results.outcomes]
+    if len(missing) < len(requested):
+        console.print(f"{len(requested) - len(missing)} of {len(requested)} trials exist already")
     interrupted = False
     try:
         trial = partial(run_trial, recordings=recordings)
@@ -74,13 +74,13 @@ def run_campaign(
             for outcome in run(missing):
                 results.add(outcome)
                 done(outcome)
-        _repeat_stalls(results, wanted, trial)
+        _repeat_stalls(results, requested, trial)
     except KeyboardInterrupt:
         interrupted = True
         console.print(f"interrupted; the same command resumes the campaign in {results.path}")
     finally:
         results.close()
-    outcomes = [results.outcomes[key] for key in wanted if key in results.outcomes]
+    outcomes = [results.outcomes[key] for key in requested if key in results.outcomes]
     if not outcomes:
         return not interrupted
     console.print(terminal_table(outcomes))
@@ -98,9 +98,9 @@ def run_campaign(
     return bad is None and not interrupted
 
 
-def _repeat_stalls(results: Results, wanted: Sequence[TrialKey], trial: Callable[..., Outcome]) -> None:
+def _repeat_stalls(results: Results, requested: Sequence[TrialKey], trial: Callable[..., Outcome]) -> None:
     """Repeat trials with a stall in a new process: stalls of the host or kernel do not recur."""
-    for key in wanted:
+    for key in requested:
         if "stall" in results.outcomes[key].violations and key not in results.repeated:
             results.add(_in_new_process(key, trial))
 

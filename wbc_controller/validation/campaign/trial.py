@@ -39,7 +39,7 @@ ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
 _BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")  # kinds with a controller on the time of /clock
 #: Ranges of the fault's start after the beginning of the motion, and of its duration, s.
 _START_RANGE, _DURATION_RANGE = (0.2, 0.5), (0.05, 0.6)
-_AFTER, _AFTER_DAMPING = 0.6, 0.2  # time after the end of the fault, and after the end of the active mode, s
+_AFTER_FAULT, _AFTER_DAMPING = 0.6, 0.2  # after the fault, and after the active mode, s
 _CHECK_PERIOD = 0.01  # s
 _HOLD_PERIODS = 3
 
@@ -107,7 +107,7 @@ class _Trial(Lockstep):
         names = {topic.key: topic.name for topic in controller_endpoints(settings, model) if topic.key in streams}
         self.monitor = OutputMonitor(model, settings, names, stamps_lie=fault.place == "stamps and clock")
         self._recorder = None if place is None else Recorder(settings, patient=True, name=place.name)
-        self._read = 0.0  # processor time of reading in the last cycle; a service uses another thread for it
+        self._read = 0.0  # processor time of reading; a service uses another thread
         super().__init__(
             settings,
             model=model,
@@ -164,7 +164,7 @@ class _Trial(Lockstep):
 
     def _run_fault(self, begins: float, ends: float) -> None:
         plant, checked_at, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
-        while plant.time < ends + _AFTER:
+        while plant.time < ends + _AFTER_FAULT:
             now = plant.time
             if now - checked_at >= _CHECK_PERIOD:
                 checked_at, com = now, self.com()

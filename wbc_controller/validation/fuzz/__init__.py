@@ -1,3 +1,3 @@
 """Tests with hostile input: fuzzers of messages and files, floods, killed processes, and long runs."""
 
-DOMAIN = 91  # default DDS domain of live trials, unlike the domain 0 of ROS 2 with possible real robots
+DOMAIN = 91  # DDS domain of live trials, unlike ROS 2's default of 0

@@ -28,11 +28,11 @@ from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
 CLOCKS = ("simulated", "synchronized", "own")  # clocks of the controller
-_DURATION, _HANGING = 1.2, 10  # simulated time after the activation, s, and periods on the hoist before it
-_BETWEEN, _ATTEMPTS = 5, 4  # periods between two activation attempts, and number of attempts
-_PAUSE, _BUSY = (0.002, 0.1), (0.005, 0.5)  # ranges of the pauses of the controller, s, and of the time between them, s
+_DURATION, _HANGING_PERIODS = 1.2, 10  # s, and periods on the hoist before
+_PERIODS_BETWEEN_ATTEMPTS, _ATTEMPTS = 5, 4  # periods between attempts, and attempts
+_PAUSE_DURATION, _TIME_BETWEEN_PAUSES = (0.002, 0.1), (0.005, 0.5)  # pauses of the controller, and time between them, s
 #: Kinds of fault that change only times.
-_TIMES = [kind for kind in KINDS.values() if kind.place in ("stamps and clock", "delivery")]
+_TIME_FAULTS = [kind for kind in KINDS.values() if kind.place in ("stamps and clock", "delivery")]
 
 
 class ClockSteps(MeasurementFault):
@@ -53,9 +53,9 @@ class ClockTrial:
     number: int
     clock: str
     faults: str
-    late: bool  # True if the controller loses the processor repeatedly
-    result: str = "stood"  # `stood`, `refused`, or the code of the fault that ended the control
-    why: str = ""  # or empty
+    late: bool  # with pauses of the controller
+    result: str = "survived"  # `survived`, `refused`, or the code of the fault that ended the control
+    why: str = ""  # violated invariant, or empty
 
     def line(self) -> str:
         """Return the trial in one line."""
@@ -86,7 +86,9 @@ def run_trial(robot: str, seed: int, number: int) -> ClockTrial:
     rng = np.random.default_rng([seed, number])
     clock, late = CLOCKS[number % len(CLOCKS)], bool(rng.random() < 0.4)
     before = rng.random() < 0.3  # True for faults before the activation
-    kinds: list[type[Fault]] = [_TIMES[i] for i in rng.choice(len(_TIMES), rng.integers(0 if late else 1, 4))]
+    kinds: list[type[Fault]] = [
+        _TIME_FAULTS[i] for i in rng.choice(len(_TIME_FAULTS), rng.integers(0 if late else 1, 4))
+    ]
     if clock == "simulated" and rng.random() < 0.5:
         kinds.append(ClockSteps)
     faults = [
@@ -134,11 +136,11 @@ class _Standing(Lockstep):
     def run(self) -> None:
         if self._before:
             self.mock.plan(self._faults, self.time)
-        for _ in range(_HANGING):
+        for _ in range(_HANGING_PERIODS):
             self._period()
         for _ in range(_ATTEMPTS):
             self.user.send_text("command", "activate")
-            for _ in range(_BETWEEN):
+            for _ in range(_PERIODS_BETWEEN_ATTEMPTS):
                 self._period()
             if self._monitor.mode is Mode.ACTIVE:
                 break
@@ -166,8 +168,8 @@ class _Standing(Lockstep):
         self._monitor.now = 1.0e-9 * self.mock.stamp
         self.publish_state()
         if self.time >= self._pauses_at:
-            self._paused_until = self.time + _between(self._rng, _PAUSE)
-            self._pauses_at = self._paused_until + _between(self._rng, _BUSY)
+            self._paused_until = self.time + _between(self._rng, _PAUSE_DURATION)
+            self._pauses_at = self._paused_until + _between(self._rng, _TIME_BETWEEN_PAUSES)
         if self.time >= self._paused_until:
             self.loop.run_due(self._monitor.now, self.controller.period)
         self.mock.advance()

@@ -25,9 +25,9 @@ from wbc_controller.validation.fuzz.target import (
 )
 from wbc_controller.validation.lockstep import Lockstep
 
-_STATES = ("joint_states", "odom", "clock")  # topics with messages that the cycle itself reads
+_STATES = ("joint_states", "odom", "clock")  # read by the cycle itself
 _BATCH = 16  # number of refused messages per cycle
-_SETTLE = 8  # cycles from the activation to settled torques
+_SETTLING_CYCLES = 8  # cycles from the activation to settled torques
 
 
 class _InputGate:
@@ -51,9 +51,9 @@ class _InputGate:
             passed[-1],
             refused_states=tuple(sentence for latched in passed for sentence in latched.refused_states),
             requests=TakenRequests(
-                commands=tuple(word for taken in requests for word in taken.commands),
-                changes=tuple(change for taken in requests for change in taken.changes),
-                refused=tuple(sentence for taken in requests for sentence in taken.refused),
+                commands=tuple(word for request in requests for word in request.commands),
+                changes=tuple(change for request in requests for change in request.changes),
+                refused=tuple(sentence for request in requests for sentence in request.refused),
                 total=requests[-1].total,
             ),
         )
@@ -88,7 +88,7 @@ class ControllerTarget(Target):
             self._cycle("the start", publish=True)
         self.deliver(self.by_key["command"], encode(message("std_msgs/msg/String", data="activate")))
         self.finish()
-        for _ in range(_SETTLE):
+        for _ in range(_SETTLING_CYCLES):
             self._cycle("the start", publish=True)
         if self._controller.mode is not Mode.ACTIVE:
             raise InvariantViolation(f"activation failed: {self._controller.mode.value} {self._controller.fault}")

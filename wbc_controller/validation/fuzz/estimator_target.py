@@ -20,9 +20,9 @@ from wbc_controller.validation.fuzz.target import (
     with_all_diagnostics,
 )
 
-_SETTLING = 0.1  # settling time of the estimator, s; short, because every episode begins with it
+_SETTLING = 0.1  # of the estimator, s; short for short episodes
 #: Time between two states during the first absolute poses, s; long for the same reason, but below IMU gaps.
-_STRIDE = 0.05
+_POSE_PERIOD = 0.05
 
 
 class EstimatorTarget(Target):
@@ -41,8 +41,8 @@ class EstimatorTarget(Target):
         self._standing = measure(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
         for _ in range(round(2.0 * _SETTLING / self._period)):
             self._advance("the start")
-        for _ in range(round(AGREED / _STRIDE) + 2):
-            self.clock.time += _STRIDE - self._period
+        for _ in range(round(AGREED / _POSE_PERIOD) + 2):
+            self.clock.time += _POSE_PERIOD - self._period
             self.send("pose", self._sensed("pose"))
             self._advance("the start of poses")
         self.alive = self._node.estimator.base is not None

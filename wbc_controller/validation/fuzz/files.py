@@ -40,8 +40,8 @@ from wbc_controller.validation.fuzz.hostile_recordings import (
 )
 from wbc_controller.validation.fuzz.strategies import draw_by_key
 
-_LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
-_HANG, _START = 60.0, 300.0  # wall time limits of a case and of the child process's start, s
+_PROCESSOR_TIME_LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
+_CASE_TIMEOUT, _START_TIMEOUT = 60.0, 300.0  # wall time limits of a case and of the start, s
 _MEMORY = 8 << 30  # bytes
 _READY = "ready"
 _URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")  # line of the configuration with the URDF
@@ -104,11 +104,11 @@ def case_folder(folder: Path, kind: str, number: int) -> Path:
 
 def _results(child: Any, ours: Connection, number: int) -> Iterator[tuple[int, str]]:
     """Yield number and result of each case; after a crash, the last one describes it."""
-    if not ours.poll(_START) or ours.recv() != _READY:
-        raise WbcError(f"the child process is not ready after {_START:g} s")
+    if not ours.poll(_START_TIMEOUT) or ours.recv() != _READY:
+        raise WbcError(f"the child process is not ready after {_START_TIMEOUT:g} s")
     while True:
-        if not ours.poll(_HANG):
-            yield number, f"hang: no result after {_HANG:g} s"
+        if not ours.poll(_CASE_TIMEOUT):
+            yield number, f"hang: no result after {_CASE_TIMEOUT:g} s"
             return
         try:
             number, result = ours.recv()
@@ -177,7 +177,7 @@ def read_case(place: Path) -> str:
         where = traceback.extract_tb(error.__traceback__)[-1]
         result = f"traceback: {type(error).__name__}: {str(error)[:300]} ({Path(where.filename).name}:{where.lineno})"
     spent = time.process_time() - began
-    return result if spent <= _LIMIT else f"slow: {spent:.1f} s of processor time, then: {result}"
+    return result if spent <= _PROCESSOR_TIME_LIMIT else f"slow: {spent:.1f} s of processor time, then: {result}"
 
 
 def _read_configuration(path: Path) -> None:

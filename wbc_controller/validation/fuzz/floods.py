@@ -23,17 +23,17 @@ from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 from wbc_controller.validation.user import com_trajectory
 
-_RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second of a flood, and of a flood of large messages
-_DISCOVERY = 0.2  # time for the discovery of the flood's participant, s
-_LARGE = 10_000_000  # characters
+_RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second; second value for large messages
+_DISCOVERY_TIME = 0.2  # s
+_LARGE_LENGTH = 10_000_000  # characters
 _POINTS = 100
-_BEFORE, _AFTER = (0.2, 0.6), 0.15  # duration of a flood before and after the stop, s
-_DIAGNOSTICS_TIMEOUT = 2.0  # time limit of the diagnostics after a flood, s
-_ATTEMPTS = 5  # largest number of attempts per counted stop; stalls of the machine may cause another fault first
+_TIME_BEFORE_STOP, _TIME_AFTER_STOP = (0.2, 0.6), 0.15  # duration before and after the stop, s
+_DIAGNOSTICS_TIMEOUT = 2.0  # s
+_ATTEMPTS = 5  # per counted stop; stalls of the machine may cause another fault
 #: Settings that prevent other faults on a slow machine.
 _CHANGES = {"safety.activation_ramp": 0.1, "safety.state_timeout": 0.3}
-CYCLES = 2  # largest number of cycles until a stop is obeyed, from the newest state known to its sender
-STALL = 0.02  # longest cycle without the lateness of the machine, s
+CYCLES = 2  # until a stop is obeyed, from the newest state known to its sender
+STALL = 0.02  # longest cycle, s
 
 
 def _string(text: str) -> Callable[[], bytes]:
@@ -58,7 +58,7 @@ FLOODS: Mapping[str, tuple[str, Callable[[], bytes]]] = {
     "nonsense": ("update", _string("{tasks: {com: {stiffness: [" + "1, " * 1000 + "]}}}")),
     "odometry": ("odom", _example("nav_msgs/msg/Odometry", (), "world", 1)),
     "joint_states": ("joint_states", _example("sensor_msgs/msg/JointState", ("nose",), "", 1)),
-    "large": ("update", _string("x" * _LARGE)),
+    "large": ("update", _string("x" * _LARGE_LENGTH)),
 }
 
 
@@ -66,14 +66,14 @@ FLOODS: Mapping[str, tuple[str, Callable[[], bytes]]] = {
 class Stop:
     """An emergency stop from its sender's view."""
 
-    began: int  # stamp of the robot's state at the beginning of the flood, ns
+    began: int  # stamp at the beginning of the flood, ns
     known: int  # newest stamp known to the sender at the stop, ns
     ended: int  # stamp at the end, ns
-    seen: float  # time from sending to the arrival of zero torques, s
+    delay: float  # time from sending to the arrival of zero torques, s
     late: float  # s
     sent: int
     seconds: float
-    losses_reported: bool  # True if the diagnostics reported lost or refused messages
+    losses_reported: bool  # by the diagnostics
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any,
         # A temporary participant, because a permanent one would be a second publisher of the odometry.
         transport = DdsTransport(f"flood_{kind}", domain_id=domain, discovery_range="LOCALHOST")
         publish = transport.advertise(counterpart(topic))
-        time.sleep(_DISCOVERY)
+        time.sleep(_DISCOVERY_TIME)
         began, sent = time.monotonic(), 0
         while running.is_set():
             due = (time.monotonic() - began) * rate
@@ -165,7 +165,9 @@ def _under_one_flood(
     try:
         nodes.wait_for("mock", "controller")
         nodes.until(lambda: bool(count.value == 0), "the flooder")
-        attempts = (_stop_once(nodes, running, count, float(rng.uniform(*_BEFORE))) for _ in range(_ATTEMPTS * trials))
+        attempts = (
+            _stop_once(nodes, running, count, float(rng.uniform(*_TIME_BEFORE_STOP))) for _ in range(_ATTEMPTS * trials)
+        )
         stops = list(islice((stop for stop in attempts if stop is not None), trials))
         if len(stops) < trials:
             raise WbcError(f"machine too slow for {trials} stops under the flood {kind!r}")
@@ -187,7 +189,7 @@ def _compared(
     stamps = record["stamp"]
     after = stamps > stop.known
     obeyed = np.flatnonzero(after & ~record["tau"].any(axis=1) & (record["mode"] == "fault"))
-    cycles = most = math.ceil(stop.seen / period) + 1  # upper bound from the sender's waiting time
+    cycles = most = math.ceil(stop.delay / period) + 1  # upper bound from the sender's waiting time
     if len(obeyed):  # otherwise the following cycles are not in the record
         missing = sum(count for start, end, count in gaps if end > stop.known and start < stamps[obeyed[0]])
         cycles = int(after[: obeyed[0] + 1].sum()) + min(missing, most)
@@ -217,7 +219,7 @@ def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -
     nodes.user.send_text("command", "estop")
     sent_at = time.monotonic()
     nodes.until(lambda: nodes.state_of("controller").startswith("fault"), "the stop", patience=60.0)
-    time.sleep(_AFTER)
+    time.sleep(_TIME_AFTER_STOP)
     running.clear()
     if "ESTOP" not in (fault := nodes.state_of("controller")):
         if nodes.lateness.worst < MACHINE * nodes.settings.safety.state_timeout:
@@ -235,5 +237,5 @@ def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -
             for entry in content.status[0].values
         )  # fmt: skip
         time.sleep(0.02)
-    seen = float(times[~torques.any(axis=1)][0] - sent_at)
-    return Stop(start, known, nodes.stamp(), seen, late, sent, seconds, losses_reported)
+    delay = float(times[~torques.any(axis=1)][0] - sent_at)
+    return Stop(start, known, nodes.stamp(), delay, late, sent, seconds, losses_reported)

@@ -97,8 +97,8 @@ def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{failure.target}-{seed}-{number}.json"
         run.save(failure, robot, path)
-        again = "" if failure.repeated else " (not reproduced)"
-        click.echo(f"{failure.target}, {len(failure.messages)} messages{again}: {failure.why[:500]}\n  --replay {path}")
+        note = "" if failure.repeated else " (not reproduced)"
+        click.echo(f"{failure.target}, {len(failure.messages)} messages{note}: {failure.why[:500]}\n  --replay {path}")
     sys.exit(0 if not outcome.failures and outcome.flat else 1)
 
 
@@ -182,10 +182,10 @@ def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, f
     for kind in dict.fromkeys(trial.flood for trial in done):
         of_kind = [trial for trial in done if trial.flood == kind]
         rates, cycles = [trial.rate for trial in of_kind], max(trial.cycles for trial in of_kind)
-        seen, slowest = 1e3 * max(t.stop.seen for t in of_kind), 1e3 * max(t.slowest for t in of_kind)
+        delay, slowest = 1e3 * max(t.stop.delay for t in of_kind), 1e3 * max(t.slowest for t in of_kind)
         click.echo(
             f"{kind:14} at {min(rates):.0f} to {max(rates):.0f} messages/s: obeyed within {run.CYCLES} cycles in "
-            f"{sum(t.obeyed for t in of_kind)} of {len(of_kind)} (max. {cycles}), zero torques within {seen:.1f} ms; "
+            f"{sum(t.obeyed for t in of_kind)} of {len(of_kind)} (max. {cycles}), zero torques within {delay:.1f} ms; "
             f"slowest cycle {slowest:.1f} ms, steady in {sum(t.steady for t in of_kind)}; losses reported in "
             f"{sum(t.stop.losses_reported for t in of_kind)}"
         )
@@ -204,11 +204,11 @@ def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None
     done = run.kill_trials(
         robot, folder, trials, domain=domain, seed=seed, progress=lambda trial: click.echo(str(trial), err=True)
     )
-    for victim, way in dict.fromkeys((trial.victim, trial.way) for trial in done):
-        of_kind = [trial for trial in done if (trial.victim, trial.way) == (victim, way)]
+    for victim, method in dict.fromkeys((trial.victim, trial.method) for trial in done):
+        of_kind = [trial for trial in done if (trial.victim, trial.method) == (victim, method)]
         gaps = sorted(1e3 * trial.gap for trial in of_kind)
         click.echo(
-            f"{victim:10} {way:8} passed {sum(t.passed for t in of_kind)} of {len(of_kind)}; constant torques for a "
+            f"{victim:10} {method:8} passed {sum(t.passed for t in of_kind)} of {len(of_kind)}; constant torques for a "
             f"median of {gaps[len(gaps) // 2]:.1f} ms, maximum {gaps[-1]:.1f} (allowed "
             f"{1e3 * of_kind[0].bound:.0f}, lateness of the machine {1e3 * max(t.late for t in of_kind):.0f})"
         )
@@ -232,17 +232,17 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
         domain=domain,
         progress=lambda r: report(f"{r.seconds:.0f} s, {r.rate:.0f} commands/s, {len(r.faults)} faults"),
     )
-    for name, kept in result.memory.items():
+    for name, values in result.memory.items():
         click.echo(
-            f"{name:10} {kept[0] / 1024:.0f} MB at the start, {kept[-1] / 1024:.0f} MB at the end; growth "
+            f"{name:10} {values[0] / 1024:.0f} MB at the start, {values[-1] / 1024:.0f} MB at the end; growth "
             f"{result.growth(name)} kB in the second half{'' if result.flat(name) else ': TOO LARGE'}"
         )
     click.echo(
         f"{result.seconds:.0f} s, {result.rate:.1f} commands/s, lateness of the machine {1e3 * result.late:.0f} ms; "
         f"{len(result.faults)} faults, {len(result.own_faults)} not caused by the machine"
     )
-    for said in result.own_faults:
-        click.echo(f"  {said}")
+    for fault_text in result.own_faults:
+        click.echo(f"  {fault_text}")
     sys.exit(0 if not result.own_faults and all(result.flat(name) for name in result.memory) else 1)
 
 

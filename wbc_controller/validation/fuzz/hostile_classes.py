@@ -26,7 +26,7 @@ from wbc_controller.settings.config import load
 from wbc_controller.validation.fuzz.strategies import draw_by_key
 from wbc_controller.validation.fuzz.values import FLOATS
 
-_CYCLES = 8  # number of cycles of the controller; a method turns hostile before
+_CYCLES = 8
 _TOLERANCE = 1.0e-9
 
 

@@ -41,9 +41,9 @@ TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
     "urdf": (UrdfTarget, 0.05),
     "estimator": (EstimatorTarget, 0.1),
 }
-_EPISODE = 400
-_HANG = 120.0  # wall time, s; then the process ends with a traceback
-WARM_UP, _GROWTH = 0.2, 40_000  # share of messages as warm-up, and largest growth of the memory afterwards, kB
+_EPISODE_LENGTH = 400
+_EPISODE_TIMEOUT = 120.0  # wall time, s; then the process ends with a traceback
+WARM_UP, _MAX_GROWTH = 0.2, 40_000  # share of messages, and growth of the memory afterwards, kB
 
 Message = tuple[str, bytes]
 
@@ -62,11 +62,11 @@ class Failure:
 class Outcome:
     """Result of a run."""
 
-    counts: Counter[str] = field(default_factory=Counter)  # number of messages by node and kind of topic
+    counts: Counter[str] = field(default_factory=Counter)  # messages by node and topic
     failures: list[Failure] = field(default_factory=list)  # broken nodes
     seconds: float = 0.0
     processor: float = 0.0
-    growth: int = 0  # growth of the memory after the warm-up, kB
+    growth: int = 0  # kB, after the warm-up
 
     @property
     def sent(self) -> int:
@@ -76,7 +76,7 @@ class Outcome:
     @property
     def flat(self) -> bool:
         """True if the memory was constant after the warm-up, apart from fragmentation."""
-        return self.growth <= _GROWTH
+        return self.growth <= _MAX_GROWTH
 
 
 def fuzz_messages(
@@ -97,7 +97,7 @@ def fuzz_messages(
         key = min(targets, key=lambda key: done[key] / shares[key])
         progress(outcome, key, episodes[key])
         before = outcome.sent
-        faulthandler.dump_traceback_later(_HANG, exit=True, file=sys.__stderr__ or 2)
+        faulthandler.dump_traceback_later(_EPISODE_TIMEOUT, exit=True, file=sys.__stderr__ or 2)
         failure = _episode(key, robot, f"{seed} {key} {episodes[key]}", outcome, count)
         faulthandler.cancel_dump_traceback_later()
         if failure is not None:
@@ -131,7 +131,7 @@ def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> F
     with collected_errors() as errors:
         try:
             target, names = _of(key)[0](robot), fuzzed_robot(robot).model.joints
-            while target.alive and len(messages) < _EPISODE and outcome.sent < count:
+            while target.alive and len(messages) < _EPISODE_LENGTH and outcome.sent < count:
                 topic, payload = draw_by_key(requests(target, names), seed, len(messages))
                 messages.append((topic.name, payload))
                 outcome.counts[f"{key}: {topic.key}"] += 1
@@ -151,7 +151,7 @@ def _check_log(errors: list[str]) -> None:
 
 def _reduced(key: str, robot: str, messages: list[Message], error: Exception) -> Failure | None:
     """Return the failure with the fewest last messages; slowness that does not recur is ignored."""
-    for length in sorted({min(length, len(messages)) for length in (1, 2, 4, 16, 64, _EPISODE)}):
+    for length in sorted({min(length, len(messages)) for length in (1, 2, 4, 16, 64, _EPISODE_LENGTH)}):
         why = replay(key, robot, messages[-length:])
         if why is not None:
             return Failure(key, why, messages[-length:], True)

@@ -16,13 +16,13 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
 #: Signals that end or stop a process.
-WAYS: Mapping[str, signal.Signals] = {"kill": signal.SIGKILL, "hang up": signal.SIGHUP, "stop": signal.SIGSTOP}
-_STOPPED = (0.03, 3.0)  # range of the duration of a stop, s; drawn on a logarithmic scale
-_MOMENT = (0.3, 1.0)  # time of the kill after the activation, s
-_ATTEMPTS = 10  # largest number of activations per kill; stalls of the machine may cause a fault before
-_SETTLED = 0.1  # time after which the lateness of a stall is known, s
-SLACK = 0.01  # slack of the guard's bound on a punctual machine, s
-_WATCH = 0.6  # observation time of the joints after the last event, s
+METHODS: Mapping[str, signal.Signals] = {"kill": signal.SIGKILL, "hang up": signal.SIGHUP, "stop": signal.SIGSTOP}
+_STOP_DURATION = (0.03, 3.0)  # s, on a logarithmic scale
+_KILL_TIME = (0.3, 1.0)  # after the activation, s
+_ATTEMPTS = 10  # per kill; stalls of the machine may cause a fault before
+_LATENESS_DELAY = 0.1  # until the lateness of a stall is known, s
+SLACK = 0.01  # of the guard's bound, s
+_OBSERVATION_TIME = 0.6  # after the last event, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +30,9 @@ class KillTrial:
     """One kill."""
 
     victim: str  # `controller` or `mock`
-    way: str  # key in `WAYS`
+    method: str  # key in `METHODS`
     stopped: float  # duration of a stop, s; 0 for an end
-    gap: float  # longest time of constant nonzero torques at the joints, s
+    gap: float  # longest time of constant nonzero torques, s
     bound: float  # bound from the guard or the controller, s
     # largest age of a state used for later torques, s, except one message in transit at the stop
     stale: float
@@ -65,33 +65,33 @@ def kill_trials(
         nodes.start_and_wait("mock", "guard", "controller")
         for _ in range(trials):
             for victim in ("controller", "mock"):
-                for way in WAYS:
-                    trial = _kill_once(nodes, victim, way, rng)
+                for method in METHODS:
+                    trial = _kill_once(nodes, victim, method, rng)
                     done.append(trial)
                     progress(trial)
     return done
 
 
-def _kill_once(nodes: RobotProcesses, victim: str, way: str, rng: np.random.Generator) -> KillTrial:
-    moment = float(rng.uniform(*_MOMENT))
-    stopped = float(np.exp(rng.uniform(*np.log(_STOPPED)))) if way == "stop" else 0.0
+def _kill_once(nodes: RobotProcesses, victim: str, method: str, rng: np.random.Generator) -> KillTrial:
+    moment = float(rng.uniform(*_KILL_TIME))
+    stopped = float(np.exp(rng.uniform(*np.log(_STOP_DURATION)))) if method == "stop" else 0.0
     _stand(nodes, moment)
     nodes.lateness.reset()
     process = nodes.processes[victim]
     killed_at = time.monotonic()
-    process.send_signal(WAYS[way])
-    if way == "stop":
+    process.send_signal(METHODS[method])
+    if method == "stop":
         time.sleep(stopped)
         process.send_signal(signal.SIGCONT)
-    time.sleep(_WATCH)
+    time.sleep(_OBSERVATION_TIME)
     gap, stale = _longest_hold(nodes, killed_at), _stalest(nodes, killed_at)
-    time.sleep(_SETTLED)  # the lateness after a stall is known only now
+    time.sleep(_LATENESS_DELAY)  # the lateness after a stall is known only now
     late, settings = nodes.lateness.worst, nodes.settings
     patience = settings.guard.patience if victim == "controller" else settings.safety.state_timeout
-    sentence, state_correct = _sentence(nodes, victim, way, stopped, late, killed_at)
+    sentence, state_correct = _sentence(nodes, victim, method, stopped, late, killed_at)
     return KillTrial(
         victim=victim,
-        way=way,
+        method=method,
         stopped=stopped,
         gap=gap,
         bound=1.0 / settings.control.rate + patience,
@@ -100,7 +100,7 @@ def _kill_once(nodes: RobotProcesses, victim: str, way: str, rng: np.random.Gene
         late=late,
         sentence=sentence,
         state_correct=state_correct,
-        restarted=_restart(nodes, victim, way),
+        restarted=_restart(nodes, victim, method),
     )
 
 
@@ -141,24 +141,26 @@ def _stalest(nodes: RobotProcesses, since: float) -> float:
 
 
 def _sentence(
-    nodes: RobotProcesses, victim: str, way: str, stopped: float, late: float, since: float
+    nodes: RobotProcesses, victim: str, method: str, stopped: float, late: float, since: float
 ) -> tuple[str, bool]:
     settings = nodes.settings
     guard = [str(content.data) for _, content in nodes.messages_since("guard/state", since)]
-    took_over = next((said for said in guard if "COMMANDS_STOPPED" in said), "")
-    said = nodes.state_of("controller")
+    took_over = next((state for state in guard if "COMMANDS_STOPPED" in state), "")
+    state = nodes.state_of("controller")
     if victim == "controller":
-        if way == "hang up":  # the process ends with zeros; no takeover is required
-            return said, said.startswith("stopped") and nodes.processes[victim].wait(10.0) == 0
+        if method == "hang up":  # the process ends with zeros; no takeover is required
+            return state, state.startswith("stopped") and nodes.processes[victim].wait(10.0) == 0
         long = stopped == 0.0 or stopped > settings.guard.patience + 1.0 / settings.control.rate + SLACK + 2.0 * late
-        back = way == "kill" or stopped < settings.safety.state_timeout or said == "active" or "STALE_INPUT" in said
-        return took_over or said, (bool(took_over) or not long) and back
+        back = (
+            method == "kill" or stopped < settings.safety.state_timeout or state == "active" or "STALE_INPUT" in state
+        )
+        return took_over or state, (bool(took_over) or not long) and back
     silent = stopped == 0.0 or stopped > settings.safety.state_timeout + SLACK + 2.0 * late
-    return said, "STALE_INPUT: joint_states is" in said or "STALE_INPUT: odom is" in said or not silent
+    return state, "STALE_INPUT: joint_states is" in state or "STALE_INPUT: odom is" in state or not silent
 
 
-def _restart(nodes: RobotProcesses, victim: str, way: str) -> bool:
-    if way != "stop":
+def _restart(nodes: RobotProcesses, victim: str, method: str) -> bool:
+    if method != "stop":
         nodes.stop(victim)
         nodes.clear(victim)
         nodes.start_and_wait(victim)

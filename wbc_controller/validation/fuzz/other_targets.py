@@ -38,9 +38,9 @@ from wbc_controller.validation.fuzz.target import (
     with_all_diagnostics,
 )
 
-_UNTIL_SILENCE = 25  # messages to the guard between two silences of the controller
-_SILENCE = 40  # periods of a silence, beyond the guard's patience and the age of the last joint states
-_UNTIL_RESTORED = 100  # messages after which the mock robot is reset
+_MESSAGES_PER_SILENCE = 25  # messages
+_SILENT_PERIODS = 40  # periods, above the guard's patience
+_MESSAGES_PER_RESET = 100  # messages
 
 
 class GuardTarget(Target):
@@ -86,7 +86,7 @@ class GuardTarget(Target):
                 f"a refused message ({refused}) changed the guard's mode to {self._guard.guard.mode.value}"
             )
         self._count += 1
-        if self._count % _UNTIL_SILENCE == 0:
+        if self._count % _MESSAGES_PER_SILENCE == 0:
             self._fall_silent()
 
     def finish(self) -> None:
@@ -98,13 +98,13 @@ class GuardTarget(Target):
         self._command()
         self._cycle("commands")
         takeovers = self._guard.guard.takeovers
-        for _ in range(_SILENCE):
+        for _ in range(_SILENT_PERIODS):
             self.clock.time += self._period
             self._send("joint_states")
             self._cycle("silence")
         if self._guard.guard.takeovers != takeovers + 1:
             raise InvariantViolation(
-                f"the guard is {self._guard.guard.mode.value} {_SILENCE} periods after a command; required: takeover"
+                f"guard {self._guard.guard.mode.value} {_SILENT_PERIODS} periods after a command; required: takeover"
             )
         self._command()
         self._cycle("the return")
@@ -171,7 +171,7 @@ class MockTarget(Target):
             tau = robot.plant.applied_torques
             check_torques(tau, tau, limits, limits, f"the mock robot, after a message on {topic.name},")
         self._count += 1
-        if self._count % _UNTIL_RESTORED == 0:
+        if self._count % _MESSAGES_PER_RESET == 0:
             for robot in self._robots:
                 robot.plant.set_state(*self._start)
 

@@ -22,8 +22,8 @@ from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 
-_MARGIN = 1.0e-6  # largest constraint distance of an infeasible linear program, in the problem's units
-NO_SOLUTION = "no solution"  # name of the relaxation of problems without a solution
+_MARGIN = 1.0e-6  # margin of an infeasible problem, in its units
+NO_SOLUTION = "no solution"
 
 
 @dataclass(slots=True)
@@ -60,15 +60,15 @@ def fuzz_problems(
         standing, outcome = stance(qp.model, qp, list(qp.contacts)), ProblemsOutcome(robot)
         references = rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
         for number in range(first, first + count):
-            given = random_problem(qp.model, standing, references, seed + number)
+            arguments = random_problem(qp.model, standing, references, seed + number)
             started = time.thread_time()
             try:
-                relaxed = qp.solve(*given, explained=False).relaxed
+                relaxed = qp.solve(*arguments, explained=False).relaxed
             except NoSolution:
                 relaxed = (NO_SOLUTION,)
             outcome.slowest = max(outcome.slowest, time.thread_time() - started)
             outcome.relaxed[", ".join(relaxed) or "nothing relaxed"] += 1
-            why = relaxation_error(qp, given, relaxed)
+            why = relaxation_error(qp, arguments, relaxed)
             if why is not None:
                 outcome.failures[number] = why
             progress(outcome)
@@ -112,13 +112,13 @@ def random_problem(
 
 
 def relaxation_error(
-    qp: WholeBodyQP, given: tuple[RobotState, References, Array | None], relaxed: Sequence[str]
+    qp: WholeBodyQP, arguments: tuple[RobotState, References, Array | None], relaxed: Sequence[str]
 ) -> str | None:
     """Return the error of a relaxation, with `NO_SOLUTION` for no solution, or None if it was necessary."""
     if not relaxed:
         return None
-    layout = qp.formulation.build(*given)
-    *rate, everything = relaxations(qp.formulation, layout, given[1])
+    layout = qp.formulation.build(*arguments)
+    *rate, everything = relaxations(qp.formulation, layout, arguments[1])
     result = "no solution was found" if NO_SOLUTION in relaxed else f"{', '.join(relaxed)} was relaxed"
     steps: list[tuple[Sequence[Relaxable], str]] = [((), "")]  # groups to soften in order, and text
     if tuple(relaxed) != ("torque_rate",):
@@ -128,9 +128,9 @@ def relaxation_error(
     for groups, without in steps:
         if groups:
             soften(layout, groups)
-        least = feasibility_margin(layout.problem)
-        if least > _MARGIN:
-            return f"feasible with a margin of {least:.3g}{without}, but {result}"
+        largest_margin = feasibility_margin(layout.problem)
+        if largest_margin > _MARGIN:
+            return f"feasible with a margin of {largest_margin:.3g}{without}, but {result}"
     return None
 
 

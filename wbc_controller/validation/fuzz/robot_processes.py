@@ -28,7 +28,7 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import Lateness
 from wbc_controller.validation.user import User, activation_commands, reliable_counterpart
 
-_CAPACITY = 30_000  # stored messages per topic: one minute of the fastest
+_CAPACITY = 30_000  # messages per topic
 
 
 def _store(messages: deque[tuple[float, bytes]], payload: bytes) -> None:
@@ -136,12 +136,12 @@ class RobotProcesses(Processes):
         self,
         condition: Callable[[], Any],
         what: str,
-        again: Callable[[], Any] = lambda: None,
+        repeat: Callable[[], Any] = lambda: None,
         patience: float = PATIENCE,
     ) -> None:
         """Wait for a condition, as `nodes.processes.until`, with the nodes' states in the error."""
         states = lambda: f"; controller: {self.state_of('controller')!r}, guard: {self.state_of('guard')!r}"  # noqa: E731
-        until(condition, what, again, patience, states)
+        until(condition, what, repeat, patience, states)
 
     def wait_for_torques(self, since: float) -> None:
         """Wait for nonzero torques after a time."""

@@ -22,7 +22,7 @@ from wbc_controller.simulation.simulation import Simulation
 DURATION = 2.0  # s
 MAX_EXCESS = 0.02  # largest excess over a position limit, rad or m
 #: Time after an impact on the floor without a check, s: a wrist at 23 rad/s moves 0.3 rad and deflects its stops.
-_IMPACT = 0.02
+_IMPACT_TIME = 0.02
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from solutions
 
 _log = logging.getLogger("wbc_controller")
@@ -105,7 +105,7 @@ def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> Set
         q = plant.state()[0][model.q_places]
         excess = np.maximum(q - model.position_upper, model.position_lower - q)
         i = int(np.argmax(excess))
-        if simulation.time - impact_time <= _IMPACT:
+        if simulation.time - impact_time <= _IMPACT_TIME:
             trial.impact = max(trial.impact, float(excess[i]))
         elif excess[i] > trial.excess:
             trial.excess, trial.joint = float(excess[i]), model.joints[i]

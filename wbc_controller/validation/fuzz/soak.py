@@ -13,10 +13,10 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
-_CHECK_PERIOD, _SETPOINT = 1.0, 3.0  # periods of the checks of the processes and of the setpoints, s
+_CHECK_PERIOD, _SETPOINT_PERIOD = 1.0, 3.0  # s
 _SWAY = 0.01  # m
 #: Share of the time as warm-up, and largest growth of the memory afterwards, kB and kB per minute.
-_WARM_UP, _GROWTH, _SLOPE = 0.5, 1024, 256
+_WARM_UP, _MAX_GROWTH, _MAX_SLOPE = 0.5, 1024, 256
 
 
 @dataclass(slots=True)
@@ -24,27 +24,26 @@ class SoakResult:
     """Result of a long run."""
 
     seconds: float = 0.0
-    memory: dict[str, list[int]] = field(default_factory=dict)  # memory of each process at each check, kB
-    # inactive states of the controller and the guard, with the lateness of the machine in the last second and the time
-    # limit of the fault, s received commands per second
+    memory: dict[str, list[int]] = field(default_factory=dict)  # of each process at each check, kB
+    # inactive states, each with the lateness of the machine in the last second and the time limit of the fault, s
     faults: list[tuple[str, float, float]] = field(default_factory=list)
-    rate: float = 0.0  # commands per second that the user received
+    rate: float = 0.0  # received commands per second
     late: float = 0.0  # s
 
     def growth(self, name: str) -> int:
         """Return the growth of a process's memory after the warm-up, kB, between the medians of two quarters."""
-        kept = self.memory[name][int(_WARM_UP * len(self.memory[name])) :]
-        quarter = max(1, len(kept) // 4)
-        return int(np.median(kept[-quarter:]) - np.median(kept[:quarter]))
+        values = self.memory[name][int(_WARM_UP * len(self.memory[name])) :]
+        quarter = max(1, len(values) // 4)
+        return int(np.median(values[-quarter:]) - np.median(values[:quarter]))
 
     def flat(self, name: str) -> bool:
         """Return True if a process's memory was constant after the warm-up."""
-        return self.growth(name) <= _GROWTH + _SLOPE * (1.0 - _WARM_UP) * self.seconds / 60.0
+        return self.growth(name) <= _MAX_GROWTH + _MAX_SLOPE * (1.0 - _WARM_UP) * self.seconds / 60.0
 
     @property
     def own_faults(self) -> list[str]:
         """Faults that were not caused by the machine."""
-        return [said for said, late, allowed in self.faults if late < MACHINE * allowed]
+        return [text for text, late, allowed in self.faults if late < MACHINE * allowed]
 
 
 def soak(
@@ -66,18 +65,18 @@ def soak(
         start = nodes.centre_of_mass()
         nodes.clear("controller", "guard")
         nodes.lateness.reset()
-        began = seen = due = time.monotonic()
+        began = checked_at = due = time.monotonic()
         side, count = 1.0, 0
         while time.monotonic() - began < seconds:
             if time.monotonic() >= due:
-                due, side = due + _SETPOINT, -side
-                there = start + [0.0, side * _SWAY, 0.0]
-                nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", there), "com")
+                due, side = due + _SETPOINT_PERIOD, -side
+                target = start + [0.0, side * _SWAY, 0.0]
+                nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", target), "com")
             time.sleep(_CHECK_PERIOD)
             now = time.monotonic()
-            count += len(nodes.messages_since("controller/joint_commands", seen))
-            _check(nodes, result, seen)
-            seen = now
+            count += len(nodes.messages_since("controller/joint_commands", checked_at))
+            _check(nodes, result, checked_at)
+            checked_at = now
             result.seconds = now - began
             result.rate = count / result.seconds
             progress(result)
@@ -88,15 +87,15 @@ def _check(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
     late = nodes.lateness.worst
     nodes.lateness.reset()
     result.late = max(result.late, late)
-    for name, kept in result.memory.items():
-        kept.append(memory(nodes.processes[name].pid))
+    for name, values in result.memory.items():
+        values.append(memory(nodes.processes[name].pid))
     settings = nodes.settings
     for node, usual, allowed in (
         ("controller", ("active",), settings.safety.state_timeout),
         ("guard", ("watching",), settings.guard.patience),
     ):
-        said = [str(content.data) for _, content in nodes.messages_since(f"{node}/state", since)]
-        result.faults += [(text, late, allowed) for text in said if text not in usual]
+        states = [str(content.data) for _, content in nodes.messages_since(f"{node}/state", since)]
+        result.faults += [(text, late, allowed) for text in states if text not in usual]
     if nodes.state_of("controller") not in ("", "active"):
         nodes.activate()
         nodes.clear("controller")

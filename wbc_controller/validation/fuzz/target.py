@@ -21,8 +21,8 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 from wbc_controller.validation.error_log import logged_errors
 
-READ_LIMIT = 0.5  # processor time limit for reading a request, s; the largest trajectory requires half on a slow core
-CYCLE_LIMIT = 0.02  # processor time limit of one cycle and its own messages, s
+READ_LIMIT = 0.5  # processor time of reading a request, s
+CYCLE_LIMIT = 0.02  # processor time of a cycle and its messages, s
 _ROUNDING = 1.0e-9  # N·m
 
 
@@ -122,8 +122,8 @@ def fuzzed_robot(name: str) -> Robot:
         "contact_wrench": {"contact": contact},
     }
     needs |= {kind: {"frame": base} for kind in ("frame_pose", "frame_position", "frame_orientation")}
-    there = {task["type"] for task in content["tasks"].values()}
-    for kind in sorted(TASK_TYPES.keys() - there):
+    present = {task["type"] for task in content["tasks"].values()}
+    for kind in sorted(TASK_TYPES.keys() - present):
         content["tasks"][f"any_{kind}"] = {"type": kind, "enabled": False, **needs.get(kind, {})}
     content["contacts"]["grip"] = {
         "type": "fixed", "frame": frame, "max_force": 100.0, "max_moment": 10.0, "enabled": False

@@ -1,3 +1,3 @@
 """Measurements of the running controller: `wbc bench`."""
 
-DOMAIN = 92  # default DDS domain of the measurements, unlike the domain 0 of ROS 2 with possible real robots
+DOMAIN = 92  # DDS domain of the measurements, unlike ROS 2's default of 0

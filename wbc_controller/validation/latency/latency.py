@@ -32,9 +32,9 @@ from wbc_controller.validation.latency.meter import Meter, RoundTrips, joined
 from wbc_controller.validation.latency.robots import StandingRobot, echo, open_transport
 from wbc_controller.validation.user import activation_commands, reliable_counterpart
 
-_BLOCK = 3.0  # duration of a block, s; shorter than DDS's lease of a stopped process
-_SETTLE, _LANDING = 0.5, 2.0  # unmeasured time at the beginning of a block, s, and after the release of a mock robot
-_RAMP = 0.1  # activation ramp without a mock robot, s
+_BLOCK = 3.0  # s; shorter than DDS's lease of a stopped process
+_SETTLE, _LANDING = 0.5, 2.0  # unmeasured, s; second value after the release of a mock robot
+_RAMP = 0.1  # without a mock robot, s
 _ECHO = "/bench_echo"
 
 
@@ -44,12 +44,12 @@ class Latency:
 
     controller: RoundTrips  # round trips of the controller
     echo: RoundTrips  # round trips of the echo
-    active: float  # share of one processor used by the active controller
-    inactive: float  # share used before the first activation, with states
-    waiting: float  # share of the time in which threads of the controller waited for a processor
-    memory: tuple[int, int]  # memory of the controller at the start and at the end, kB
-    scheduling: str  # scheduling of the controller's main thread
-    inactive_states: tuple[str, ...]  # states of the controller other than `active` during the measurement
+    active: float  # share of one processor, active
+    inactive: float  # share before the first activation, with states
+    waiting: float  # share of the time that threads waited for a processor
+    memory: tuple[int, int]  # at the start and at the end, kB
+    scheduling: str  # of the main thread
+    inactive_states: tuple[str, ...]  # during the measurement
 
 
 class _Robot(Protocol):
@@ -168,7 +168,7 @@ class _Bench:
                 if count == 1:
                     inactive = self._inactive_share(seconds / blocks)
                 self._activate()
-                heard = len(self._states)
+                known = len(self._states)
                 first = first or memory(controller.pid)
                 used, waited, began = processor_time(controller.pid), waiting_time(controller.pid), time.monotonic()
                 found = self._meter.measure(seconds / blocks, self._period)
@@ -176,7 +176,7 @@ class _Bench:
                 self._check_process()
                 active += (processor_time(controller.pid) - used) / spent
                 waiting += (waiting_time(controller.pid) - waited) / spent
-                inactive_states += self._states[heard:]
+                inactive_states += self._states[known:]
                 last, scheduling = memory(controller.pid), in_force(controller.pid)
                 if not self._mock:
                     self._end_active()
@@ -236,10 +236,10 @@ class _Bench:
 
         self._until(lambda: self._mode() == "inactive", "the inactive mode", ask)
 
-    def _until(self, condition: Callable[[], bool], what: str, again: Callable[[], None]) -> None:
+    def _until(self, condition: Callable[[], bool], what: str, repeat: Callable[[], None]) -> None:
         def alive() -> None:
             self._check_process()
-            again()
+            repeat()
 
         until(condition, what, alive, told=lambda: f"; it said {self._mode()!r}\n{self._processes.log('controller')}")
 

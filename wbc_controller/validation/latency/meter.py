@@ -13,7 +13,7 @@ from wbc_controller.middleware.transports.transport import Publish, Stream, Tran
 from wbc_controller.records import Array
 
 QUANTILES = (0.5, 0.99, 0.999)  # reported quantiles: median, p99, p99.9
-_LAST_TIMEOUT = 0.1  # waiting time for the torques of the last state, s
+_LAST_TIMEOUT = 0.1  # for the last state, s
 
 
 @dataclass(frozen=True, slots=True)
