@@ -1,7 +1,7 @@
-"""Prints the time of a call of a compiled function: with arrays as arguments, and with a struct of the same arrays.
+"""Measure the call of a compiled function, with arrays as arguments and with a struct of the same arrays.
 
-The functions do next to nothing. Warm is the best of many rounds; cold is the median of single calls, before each of
-which other memory is written and a text parsed, as in `compare.py`.
+The functions are almost empty. Warm: best of many rounds. Cold: median of single calls, each after writing other memory
+and parsing a text, as in `compare.py`.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from typing import Any
 
 import numpy as np
 from call_kernels import Six, from_arguments, from_struct, from_struct_and_array
-from serving import Elsewhere
+from serving import CacheEviction
 
 CALLS, ROUNDS, COLD = 20000, 15, 400
-#: Bytes that are written before a cold call.
-ELSEWHERE = 64 << 20
+#: Bytes written before a cold call.
+EVICTION_BYTES = 64 << 20
 
 
 def measure(cold: int, rounds: int) -> dict[str, tuple[float, float]]:
-    """Measure the seconds of a call, warm and cold, by kind of arguments.
+    """Return the time of a call, warm and cold, s, by kind of arguments.
 
     Args:
-        cold: number of cold calls, in turn.
-        rounds: number of rounds of warm ones.
+        cold: number of cold calls.
+        rounds: number of rounds of warm calls.
     """
     arrays = {name: np.full(30, float(i)) for i, name in enumerate("abcde")}
     out = np.zeros(30)
@@ -41,10 +41,10 @@ def measure(cold: int, rounds: int) -> dict[str, tuple[float, float]]:
     if set(expected.values()) != {20.0}:
         raise RuntimeError(f"the results differ: {expected}")
     warm = {name: min(timeit.repeat(call, number=CALLS, repeat=rounds)) / CALLS for name, call in ways.items()}
-    elsewhere, seconds = Elsewhere(), {name: np.zeros(cold) for name in ways}
+    eviction, seconds = CacheEviction(), {name: np.zeros(cold) for name in ways}
     for i in range(cold):
         for name, call in ways.items():
-            elsewhere.work(ELSEWHERE)
+            eviction.work(EVICTION_BYTES)
             started = time.perf_counter()
             call()
             seconds[name][i] = time.perf_counter() - started
@@ -54,7 +54,7 @@ def measure(cold: int, rounds: int) -> dict[str, tuple[float, float]]:
 def main() -> None:
     """Print the times of all kinds of arguments."""
     if len(sys.argv) > 1:
-        raise SystemExit(f"{sys.argv[1]!r}: no arguments are taken")
+        raise SystemExit(f"unknown argument {sys.argv[1]!r}; this script has no arguments")
     print(f"{'us':24}{'warm':>8}{'cold':>8}")
     for name, (warm, cold) in measure(COLD, ROUNDS).items():
         print(f"{name:24}{1e6 * warm:8.2f}{1e6 * cold:8.1f}")

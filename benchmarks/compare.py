@@ -1,10 +1,10 @@
-"""Whole cycles side by side: ours, tsid's, placo's and the floor's, on the same states; and ours of an older commit.
+"""Compare whole cycles of this controller, tsid, placo, a lower bound, and older commits, on the same states.
 
-    python benchmarks/compare.py                        everything: `make bench`
+    python benchmarks/compare.py                        all: `make bench`
     python benchmarks/compare.py --against d8d35bb      with our code of that commit: `make bench AGAINST=d8d35bb`
     python benchmarks/compare.py --cases talos-double g1-service --rivals tsid
 
-What is compared, what is not the same, and how to read it: docs/benchmarks.md.
+Method and differences of the controllers: docs/benchmarks.md.
 """
 
 from __future__ import annotations
@@ -27,26 +27,25 @@ from timing import share, summary
 from wbc_controller.errors import valid_choices
 from wbc_controller.records import Array, Reference, References
 
-#: Cycles of a block without and with other work in between, and the number of each. Few warm ones would say little of
-#: p99.9, which what else the machine does decides.
+#: Cycles of a warm and of a cold block, and number of blocks.
 WARM, COLD, BLOCKS = 1000, 50, 20
-#: Cycles at the beginning of a warm block that are not timed: the caches are those of the contestant before.
+#: Untimed cycles at the beginning of a warm block, until the caches are filled.
 FILLING = 100
-#: What the other work between two cold cycles writes, in bytes: twice the last cache of a usual processor.
-ELSEWHERE = 64 * 2**20
-#: Of how many warm states one is looked at in the comparison of the answers.
-LOOKED_AT = 25
+#: Bytes written before a cold cycle: twice the last-level cache of a usual processor.
+EVICTION_BYTES = 64 * 2**20
+#: One in so many warm states is used in the comparison of the answers.
+COMPARED_STRIDE = 25
 
 FOOT = """\
-µs; warm and cold head the medians. The share is our median over theirs; in brackets, of neighbouring blocks.
-warm: one state after the other. cold: before each, {megabytes:.0f} MB of other memory are written and a text is parsed.
+Times in µs; columns warm and cold: medians. Share: our median over theirs; in brackets, range of adjacent blocks.
+warm: consecutive states. cold: before each state, {megabytes:.0f} MB of other memory are written and a text is parsed.
 floor: all dynamics terms and one Cholesky factorization of the size of accelerations and forces.
-ours checks all constraints at its answer, and its supervisor limits the rate of the torques; neither rival does.
-No limits of joint motion, in none. placo bounds neither a contact's largest normal force nor its moment about the
-normal; tsid and ours do. Elsewhere friction, torque limits, gains, weights and contacts are the same.
-Answers: the tasks leave no freedom in v̇ and so none in the sum of the wrenches. How several feet share that sum is
-free, and the torques follow: ours counts the moments at a sole as forces at its corners, which are what tsid has there;
-placo takes the smallest wrenches, a newton metre for a newton."""
+Only ours checks all constraints of its answer and limits the torque rate in its supervisor.
+Limits of joint motion are off. placo has no limit of the normal force and of the moment about the normal; tsid and
+ours have both. Friction, torque limits, gains, weights and contacts are the same.
+Answers: the tasks determine v̇ and the sum of the wrenches. The distribution over several feet is free and determines
+the torques. ours regularizes the moments at a sole as forces at its corners, which tsid uses; placo minimizes the
+wrenches, with equal weights of N and N·m."""
 
 Turns = dict[str, list[Answers]]
 #: Our median over that of each contestant, warm and cold.
@@ -56,15 +55,13 @@ Shares = dict[str, tuple[float, float]]
 def take_turns(
     parties: Sequence[Contestant], rows: Array, blocks: int, warm: int, cold: int, touched: int
 ) -> tuple[Turns, Turns]:
-    """Let the contestants answer in turn, block by block (A B C A B C), first warm, then cold; every one all states.
+    """Let the contestants answer in turn, block by block (A B C A B C), first warm, then cold.
 
     Args:
-        parties: the contestants.
-        rows: the states, (blocks (warm + cold), width).
-        blocks: number of blocks.
-        warm: states of a block without other work in between; the first `FILLING` of them are not in the answers.
-        cold: states with.
-        touched: bytes that the other work writes.
+        rows: states, (blocks (warm + cold), width).
+        warm: number of warm states of a block; the first `FILLING` are not in the answers.
+        cold: number of cold states of a block.
+        touched: bytes written before a cold state.
     """
     found: tuple[Turns, Turns] = ({each.name: [] for each in parties}, {each.name: [] for each in parties})
     for i in range(blocks):
@@ -95,17 +92,17 @@ def print_times(title: str, parties: Sequence[Contestant], warm: Turns, cold: Tu
         shares[each.name] = (medians[0], medians[1])
         failures = sum(summary([answers.seconds for answers in turns[each.name]]).failures for _, turns in both)
         if failures:
-            print(f"{'':13}{failures} cycles without a solution, which are not in the times")
+            print(f"{'':13}{failures} cycles without a solution, excluded from the times")
     for each in parties:
-        said = each.hello
-        if said["unknowns"]:
-            sizes = f"{said['unknowns']} unknowns, {said['equalities']} equalities, {said['inequalities']} rows"
-            print(f"  {' '.join((each.name, said['version'])).strip()}: {sizes}")
+        hello = each.hello
+        if hello["unknowns"]:
+            sizes = f"{hello['unknowns']} unknowns, {hello['equalities']} equalities, {hello['inequalities']} rows"
+            print(f"  {' '.join((each.name, hello['version'])).strip()}: {sizes}")
         for name, turns in both:
             blocks = turns[each.name]
             parts = np.nanmedian(np.concatenate([answers.parts for answers in blocks]), axis=0)
             stages = ", ".join(
-                f"{part} {1e6 * seconds:.0f}" for part, seconds in zip(said["parts"], parts, strict=True)
+                f"{part} {1e6 * seconds:.0f}" for part, seconds in zip(hello["parts"], parts, strict=True)
             )
             mean = 1e6 * summary([answers.seconds for answers in blocks]).mean
             print(f"  {each.name}, {name}: {stages}; mean of the whole {mean:.0f}")
@@ -122,7 +119,7 @@ def print_shares(found: dict[str, Shares]) -> None:
 
 
 def print_answers(scene: scenes.Scene, parties: Sequence[Contestant], rows: list[Array], warm: Turns) -> None:
-    """Print how far the answers of each contestant are from ours, at most."""
+    """Print the largest differences of each contestant's answers from ours."""
     view = Cycle(scene.settings, scene.model)
     rest = view.start(scene.q)
     nq, nv = scene.model.nq, scene.model.nv
@@ -134,7 +131,7 @@ def print_answers(scene: scenes.Scene, parties: Sequence[Contestant], rows: list
             continue
         worst = dict.fromkeys(("v̇", "sum of the wrenches", "each force", "τ", "cost"), 0.0)
         for block, states in enumerate(rows):
-            for i in range(0, len(states), LOOKED_AT):
+            for i in range(0, len(states), COMPARED_STRIDE):
                 ours, theirs = warm["ours"][block], warm[each.name][block]
                 if not (np.isfinite(ours.seconds[i]) and np.isfinite(theirs.seconds[i])):
                     continue
@@ -146,7 +143,7 @@ def print_answers(scene: scenes.Scene, parties: Sequence[Contestant], rows: list
                     forces = np.split(answers.forces[i], places)
                     sums.append(sum(c.wrench_in_world(dynamics, f) for c, f in zip(contacts, forces, strict=True)))
                     costs.append(_cost(view, rest, reference, answers.v_dot[i]))
-                # Rivals answer in the order of the model, ours in that of the command.
+                # Rivals use the order of the model, ours the order of the command.
                 tau = theirs.tau[i] if each.name not in contestants.RIVALS else theirs.tau[i][to_command]
                 found = {
                     "v̇": np.abs(ours.v_dot[i] - theirs.v_dot[i]).max(),
@@ -156,11 +153,12 @@ def print_answers(scene: scenes.Scene, parties: Sequence[Contestant], rows: list
                     "cost": abs(costs[0] - costs[1]) / max(*costs, 1.0),
                 }
                 worst = {key: max(value, float(found[key])) for key, value in worst.items()}
-        print(f"  {each.name} from ours, at most: " + ", ".join(f"{key} {value:.1e}" for key, value in worst.items()))
+        differences = ", ".join(f"{key} {value:.1e}" for key, value in worst.items())
+        print(f"  largest differences of {each.name} from ours: {differences}")
 
 
 def _cost(view: Cycle, rest: References, reference: Array, v_dot: Array) -> float:
-    """Σ w ‖J v̇ - b‖² of the tasks, in the state that the view's dynamics were updated to."""
+    """Return Σ w ‖J v̇ - b‖² of the tasks in the state of the view's dynamics."""
     com = Reference(*np.split(reference, 3))
     total = 0.0
     for name, task in view.controller.tasks.items():
@@ -178,13 +176,13 @@ def compare(
 ) -> Shares:
     """Measure and print one case of frozen states."""
     scene = scenes.make(case, blocks * (WARM + COLD), folder)
-    told = scene.message()
+    content = scene.message()
     with ExitStack() as stack:
-        parties = [stack.enter_context(contestants.floor(told)), stack.enter_context(contestants.ours(told))]
+        parties = [stack.enter_context(contestants.floor(content)), stack.enter_context(contestants.ours(content))]
         if older:
-            parties.append(stack.enter_context(contestants.ours(told, *older)))
-        parties += [stack.enter_context(contestants.rival(name, told)) for name in rivals]
-        warm, cold = take_turns(parties, scene.rows, blocks, WARM, COLD, ELSEWHERE)
+            parties.append(stack.enter_context(contestants.ours(content, *older)))
+        parties += [stack.enter_context(contestants.rival(name, content)) for name in rivals]
+        warm, cold = take_turns(parties, scene.rows, blocks, WARM, COLD, EVICTION_BYTES)
     shares = print_times(f"{case.title} ({case.name})", parties, warm, cold)
     states = [scene.rows[i * (WARM + COLD) + FILLING : i * (WARM + COLD) + WARM] for i in range(blocks)]
     print_answers(scene, parties, states, warm)
@@ -192,18 +190,18 @@ def compare(
 
 
 def compare_services(robot: str, older: tuple[str, Path] | None, blocks: int) -> Shares:
-    """Measure and print the whole cycle of a shipped robot, bytes in to bytes out."""
-    told, rows = scenes.make_service(robot, blocks * (WARM + COLD))
+    """Measure and print the whole cycle of a supplied robot, from input to output messages."""
+    content, rows = scenes.make_service(robot, blocks * (WARM + COLD))
     with ExitStack() as stack:
-        parties = [stack.enter_context(contestants.service(told))]
+        parties = [stack.enter_context(contestants.service(content))]
         if older:
-            parties.append(stack.enter_context(contestants.service(told, *older)))
-        warm, cold = take_turns(parties, rows, blocks, WARM, COLD, ELSEWHERE)
-    shares = print_times(f"{robot} as shipped, bytes to bytes ({robot}-service)", parties, warm, cold)
+            parties.append(stack.enter_context(contestants.service(content, *older)))
+        warm, cold = take_turns(parties, rows, blocks, WARM, COLD, EVICTION_BYTES)
+    shares = print_times(f"{robot} as supplied, messages to messages ({robot}-service)", parties, warm, cold)
     for each in parties[1:]:
         pairs = zip(warm["ours"] + cold["ours"], warm[each.name] + cold[each.name], strict=True)
         worst = max(float(np.abs(ours.tau - theirs.tau).max()) for ours, theirs in pairs)
-        print(f"  {each.name} from ours, at most: τ {worst:.1e}")
+        print(f"  largest difference of {each.name} from ours: τ {worst:.1e}")
     return shares
 
 
@@ -211,23 +209,25 @@ def main(arguments: Sequence[str]) -> None:
     """Print all tables.
 
     Raises:
-        SystemExit: where an argument is not valid, or a rival cannot be installed.
+        SystemExit: if an argument is invalid, or a rival cannot be installed.
     """
     services = [f"{robot}-service" for robot in scenes.SERVICES]
     known = [*scenes.CASES, *services]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--against", metavar="COMMIT", help="also our code of this commit")
-    parser.add_argument("--cases", nargs="+", default=known, metavar="CASE", help=f"some of {', '.join(known)}")
+    parser.add_argument("--against", metavar="COMMIT", help="include our code of this commit")
+    parser.add_argument("--cases", nargs="+", default=known, metavar="CASE", help=f"of {', '.join(known)}")
     parser.add_argument("--rivals", nargs="+", default=list(contestants.RIVALS), help="tsid, placo or none")
-    parser.add_argument("--blocks", type=int, default=BLOCKS, help=f"of {WARM} warm and {COLD} cold states each")
+    parser.add_argument(
+        "--blocks", type=int, default=BLOCKS, help=f"number of blocks of {WARM} warm and {COLD} cold states"
+    )
     chosen = parser.parse_args(arguments)
     rivals = [] if chosen.rivals == ["none"] else chosen.rivals
     for key, names, valid in (("--cases", chosen.cases, known), ("--rivals", rivals, contestants.RIVALS)):
         for name in names:
             if name not in valid:
-                raise SystemExit(f"{key} {name!r}: {valid_choices(name, valid)}")
+                raise SystemExit(f"{key}: unknown name {name!r}; {valid_choices(name, valid)}")
     if not chosen.blocks >= 1:
-        raise SystemExit(f"--blocks {chosen.blocks}: at least 1")
+        raise SystemExit(f"--blocks {chosen.blocks}; valid: at least 1")
     with ExitStack() as stack:
         older = None
         if chosen.against:
@@ -239,7 +239,7 @@ def main(arguments: Sequence[str]) -> None:
         if hasattr(os, "sched_setaffinity"):
             allowed = os.sched_getaffinity(0)
             stack.callback(os.sched_setaffinity, 0, allowed)
-            os.sched_setaffinity(0, {max(allowed)})  # the contestants inherit it
+            os.sched_setaffinity(0, {max(allowed)})  # inherited by the contestants
         found = {}
         for name in chosen.cases:
             if name in scenes.CASES:
@@ -248,7 +248,7 @@ def main(arguments: Sequence[str]) -> None:
                 found[name] = compare_services(name.removesuffix("-service"), older, chosen.blocks)
             sys.stdout.flush()
         print_shares(found)
-    print("\n" + FOOT.format(megabytes=ELSEWHERE / 2**20))
+    print("\n" + FOOT.format(megabytes=EVICTION_BYTES / 2**20))
 
 
 if __name__ == "__main__":

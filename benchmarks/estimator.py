@@ -1,8 +1,8 @@
-"""Prints what one update of the base's estimate takes, in the cycles of a robot that stands on it.
+"""Measure an update of the base estimate, in the cycles of a standing robot.
 
-An update begins with what the IMU and the joints have measured, and ends with the pose and the twist of the base.
-Beside it: the whole cycle that it is a part of, bytes in to bytes out with audit and status, on the memory transport.
-Run: python benchmarks/estimator.py [ROBOT ...] [--seconds S]
+An update begins with the measurements of IMU and joints, and ends with pose and twist of the base. The table also
+contains the whole cycle with messages, audit and status, on the memory transport. Run: python benchmarks/estimator.py
+[ROBOT ...] [--seconds S]
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
 
 def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
-    """Times of the updates and of whole cycles, s, and the number of contact points that the filter follows."""
+    """Return the times of updates and of whole cycles, s, and the number of contact points in the filter."""
     trial = EstimationTrial(robot, {"estimation.base_state": "imu", "mock.sensors": "good"})
     trial.stand()
     updates: list[float] = []
     cycles: list[float] = []
 
     def timed(call: Callable[..., Any], times: list[float]) -> Callable[..., Any]:
-        def run(*given: Any) -> Any:
+        def run(*arguments: Any) -> Any:
             begin = time.perf_counter()
-            made = call(*given)
+            made = call(*arguments)
             times.append(time.perf_counter() - begin)
             return made
 
@@ -37,10 +37,10 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
 
     estimator, loop = trial.estimator, trial.loop
     if estimator is None or estimator.filter is None:
-        raise SystemExit(f"{robot} does not stand on an estimate")
+        raise SystemExit(f"{robot} has no base estimate")
 
-    def update(*given: Any) -> Any:
-        BaseEstimator.update(estimator, *given)
+    def update(*arguments: Any) -> Any:
+        BaseEstimator.update(estimator, *arguments)
         return estimator.base
 
     estimator.update = timed(update, updates)  # type: ignore[method-assign]
@@ -50,11 +50,11 @@ def measure(robot: str, seconds: float) -> tuple[list[float], list[float], int]:
 
 
 def main() -> None:
-    """Measure, and print a table."""
+    """Print the table."""
     logging.disable(logging.WARNING)
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robots", nargs="*", default=["g1", "talos", "go2"])
-    parser.add_argument("--seconds", type=float, default=6.0, help="simulated time of each robot")
+    parser.add_argument("--seconds", type=float, default=6.0, help="simulated time per robot, s")
     words = parser.parse_args()
     print(f"{'medians, us':12}{'points':>8}{'update':>8}{'p99':>8}{'cycle':>8}{'share':>8}")
     for robot in words.robots:

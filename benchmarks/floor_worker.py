@@ -1,6 +1,6 @@
-"""The floor of the comparison: all terms of the equations of motion, and one factorization; a control law has more.
+"""Lower bound of the comparison: `pinocchio.computeAllTerms` and one Cholesky factorization.
 
-`pinocchio.computeAllTerms`, and LAPACK's Cholesky factorization of a matrix of the size of accelerations and forces.
+The matrix has the size of accelerations and forces.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from serving import serve
 
 
 class Floor:
-    """What no controller can do without."""
+    """Terms of the equations of motion, and one factorization."""
 
     def __init__(self, scene: dict[str, Any]) -> None:
         self.model = pin.buildModelFromXML(scene["urdf"], pin.JointModelFreeFlyer())

@@ -1,11 +1,11 @@
-"""What `wbc new` makes of the robots of example-robot-data: is its file good as it is, and do they stand with it?
+"""Draft, check and try configurations of `wbc new` for the robots of example-robot-data.
 
-Each file is used as it comes, unedited: checked, then tried in the mock robot. A robot on feet stands for 5 s, sways to
-both sides, squats, and takes a push of a tenth of its weight times a second at the base. An arm holds its posture for
-5 s, moves all joints to one side ("sway") and to the other ("squat"), and takes a push at its last link.
+Each file is used unedited, first checked, then tried in the mock robot. A legged robot stays for 5 s, sways to both
+sides, squats, and withstands a push at the base by a tenth of its weight times one second. An arm holds its posture for
+5 s, moves all joints to one side ("sway") and the other ("squat"), and withstands a push at its last link.
 
-    python benchmarks/new_robots.py                 the table of docs/robots.md, as Markdown
-    python benchmarks/new_robots.py g1 panda        some of them, by a part of the name
+    python benchmarks/new_robots.py                 the table of docs/benchmarks.md, as Markdown
+    python benchmarks/new_robots.py g1 panda        some robots, by a part of the name
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 
 FOLDER = "package://example-robot-data/robots/"
-#: URDF, and SRDF where the robot comes with one.
+#: URDF, and SRDF if the robot has one.
 ROBOTS: dict[str, tuple[str, str]] = {
     "A1": ("a1_description/urdf/a1.urdf", "a1_description/srdf/a1.srdf"),
     "Alex, upper body": ("alex_description/urdf/alex_nub_hands.urdf", ""),
@@ -68,16 +68,16 @@ ROBOTS: dict[str, tuple[str, str]] = {
     "xArm 7": ("xarm_description/urdf/xarm7.urdf", ""),
     "Z1": ("z1_description/urdf/z1.urdf", ""),
 }
-#: What is tried, in this order: methods of the trials, and columns of the table.
+#: Trials in order: methods, and columns of the table.
 TRIED = ("stands", "sway", "squat", "push")
 STAND = 5.0
-#: Way of the centre of mass to a side and down, as a share of its height; of an arm's joints, rad.
+#: Motion of the centre of mass sideways and down, as a share of its height, and of an arm's joints, rad.
 SWAY, SQUAT, SWING = 0.04, 0.08, 0.1
 #: Time of a motion, and of rest after it and after a push, s.
 MOVE, REST = 1.0, 1.5
-#: Change of the base's speed that a push would give the free robot, m/s, and duration of the push, s.
+#: Change of the free robot's speed by a push, m/s, and duration of the push, s.
 PUSH, PUSH_SECONDS = 0.1, 0.1
-#: Largest distance of the centre of mass from where it should be, as a share of its height; of an arm's joints, rad.
+#: Largest error of the centre of mass, as a share of its height, and of an arm's joints, rad.
 NEAR, NEAR_JOINT = 0.02, 0.02
 
 
@@ -97,7 +97,7 @@ class Row:
     to_do: str = ""
 
     def markdown(self) -> str:
-        """The line."""
+        """Return the line."""
         return f"| {' | '.join(astuple(self))} |"
 
 
@@ -137,22 +137,22 @@ def run(robot: str) -> Row:
 
 
 def feet_of(draft: Draft) -> str:
-    """The feet that were found, by kind."""
+    """Return the number of feet by kind."""
     kinds = [contact["type"] for contact in draft.values.get("contacts", {}).values()]
     return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"
 
 
 def first_sentence(error: WbcError) -> str:
-    """An error's text, short enough for a table."""
+    """Return the text of an error, shortened for the table."""
     text = str(error).splitlines()[0].removeprefix("a dictionary: ")
     return (text if len(text) <= 160 else text[:157] + "…").replace("|", "/")
 
 
 class Standing:
-    """A robot on its feet, in the mock robot."""
+    """A legged robot in the mock robot."""
 
     def __init__(self, settings: Settings) -> None:
-        """Stand it up."""
+        """Let the robot stand."""
         self.robot = wbc.Simulation(settings)
         self.com = self._com()
         lowest = min(
@@ -177,22 +177,22 @@ class Standing:
         return self._off(goal)
 
     def stands(self) -> str:
-        """Nothing moves for 5 s."""
+        """Stand for 5 s."""
         self.robot.run(STAND)
         return self._off(self.com)
 
     def sway(self) -> str:
-        """The centre of mass to the left, to the right and back."""
-        said = [self._to(self.com + np.array([0.0, side * SWAY * self.height, 0.0])) for side in (1.0, -1.0, 0.0)]
-        return next((one for one in said if one != "yes"), "yes")
+        """Move the centre of mass to the left, to the right and back."""
+        results = [self._to(self.com + np.array([0.0, side * SWAY * self.height, 0.0])) for side in (1.0, -1.0, 0.0)]
+        return next((one for one in results if one != "yes"), "yes")
 
     def squat(self) -> str:
-        """The centre of mass down and up."""
-        said = [self._to(self.com - np.array([0.0, 0.0, down * SQUAT * self.height])) for down in (1.0, 0.0)]
-        return next((one for one in said if one != "yes"), "yes")
+        """Move the centre of mass down and up."""
+        results = [self._to(self.com - np.array([0.0, 0.0, down * SQUAT * self.height])) for down in (1.0, 0.0)]
+        return next((one for one in results if one != "yes"), "yes")
 
     def push(self) -> str:
-        """A push to the side."""
+        """Push to the side."""
         model = self.robot.controller.model
         force = np.array([0.0, PUSH * model.mass / PUSH_SECONDS, 0.0, 0.0, 0.0, 0.0])
         self.robot.plant.push(model.base_link, force, PUSH_SECONDS)
@@ -201,16 +201,16 @@ class Standing:
 
 
 class Holding:
-    """A robot on a fixed base, in the mock robot."""
+    """A robot on a fixed base in the mock robot."""
 
     def __init__(self, settings: Settings) -> None:
-        """Let it hold its posture."""
+        """Let the robot hold its posture."""
         self.robot = wbc.Simulation(settings)
         model = self.robot.controller.model
         self.posture = np.array(model.posture)
         room = np.minimum(model.position_upper - self.posture, self.posture - model.position_lower)
         speed = self.robot.controller.config.settings.limits.velocity_scale * model.velocity_limits
-        # A quintic from one side to the other is at most 1.875 times as fast as its mean.
+        # A quintic has at most 1.875 times its mean speed.
         self.swing = np.minimum.reduce([np.full(model.nj, SWING), np.maximum(room - 0.03, 0.0), 0.2 * speed * MOVE])
 
     def _to(self, goal: Array) -> str:
@@ -223,21 +223,21 @@ class Holding:
         return "yes" if off <= NEAR_JOINT else f"no: {off:.3f} rad off"
 
     def stands(self) -> str:
-        """Nothing moves for 5 s."""
+        """Hold the posture for 5 s."""
         self.robot.run(STAND)
         return self._off(self.posture)
 
     def sway(self) -> str:
-        """All joints to one side."""
+        """Move all joints to one side."""
         return self._to(self.posture + self.swing)
 
     def squat(self) -> str:
-        """All joints to the other side, and back."""
-        said = self._to(self.posture - self.swing)
-        return said if said != "yes" else self._to(self.posture)
+        """Move all joints to the other side, and back."""
+        result = self._to(self.posture - self.swing)
+        return result if result != "yes" else self._to(self.posture)
 
     def push(self) -> str:
-        """A push at the last link."""
+        """Push at the last link."""
         model = self.robot.controller.model
         last = model.pinocchio.names[int(model.pinocchio.njoints) - 1]
         force = np.array([0.0, PUSH * model.mass / PUSH_SECONDS, 0.0, 0.0, 0.0, 0.0])

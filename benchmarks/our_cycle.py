@@ -1,4 +1,4 @@
-"""One whole cycle of ours without its messages: a frozen state in, a checked command out.
+"""Our cycle without messages: from a frozen state to a checked command.
 
 It also runs on older commits, back to d8d35bb.
 """
@@ -15,7 +15,7 @@ from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import parse_settings
 
-try:  # of d8d35bb; first, as an editable installation would find the newer modules in this repository
+try:  # module of d8d35bb; first, because an editable installation would find the newer modules
     from wbc_controller.assembly.program import make_qp
     from wbc_controller.assembly.references import make_board
     from wbc_controller.assembly.robot import make_model
@@ -33,16 +33,16 @@ __all__ = ["Cycle", "Stopped", "make_model", "parse_settings"]
 
 
 class Stopped(Exception):
-    """The supervisor left its active mode for good."""
+    """The supervisor left its active mode."""
 
 
 class Cycle:
-    """Controller and supervisor, active.
+    """Active controller and supervisor.
 
     Attributes:
         controller: the controller.
-        solution: the last one.
-        failures: cycles without a solution.
+        solution: last solution.
+        failures: number of cycles without a solution.
     """
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
@@ -56,26 +56,26 @@ class Cycle:
         self._v_index = model.v_places
 
     def start(self, q: Array) -> References:
-        """Take the references from a configuration at rest, and activate."""
+        """Set the references to a configuration at rest, and activate."""
         self.controller.dynamics.update(q, np.zeros(self.controller.model.nv))
         self.board.reset(self.controller.dynamics, 0.0)
         self.supervisor.request("activate", self._now, None)
         return self.board.sample(0.0)
 
     def state(self, q: Array, v: Array) -> RobotState:
-        """A frozen state, measured a period after the one that was answered last."""
+        """Return a frozen state, one period after the last one."""
         return RobotState(round(1e9 * (self._now + self._period)), frozen(q), frozen(v))
 
     def step(self, state: RobotState, references: References) -> JointCommand:
-        """Answer a state.
+        """Execute a cycle.
 
         Raises:
-            Stopped: where the supervisor left its active mode for good.
+            Stopped: if the supervisor left its active mode.
         """
         return self.active(self.answer(state, references))
 
     def answer(self, state: RobotState, references: References) -> JointCommand | None:
-        """The command for a state, in whatever mode."""
+        """Return the command for a state in any mode."""
         self._now += self._period
         outcome: Solution | NoSolution
         try:
@@ -87,10 +87,10 @@ class Cycle:
         return self.supervisor.step(self._now, state, state.v[self._v_index], None, outcome)
 
     def active(self, command: JointCommand | None) -> JointCommand:
-        """A command, where the supervisor still is active.
+        """Return a command in active mode.
 
         Raises:
-            Stopped: where it left its active mode for good.
+            Stopped: if the supervisor left its active mode.
         """
         if command is None or self.supervisor.mode not in (Mode.ACTIVE, Mode.HOLDING):
             fault = self.supervisor.fault

@@ -1,6 +1,6 @@
-"""Our side of the comparison: `Cycle`, on the code below the folder that the command line names.
+"""Our worker: `Cycle` on the code in the folder of the command line.
 
-`serving.py` says how it is spoken to. The folder is this repository, or another commit of it.
+`serving.py` contains the protocol. The folder is this repository or another commit.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from serving import serve, take_code_from
 
 
 class Ours:
-    """Controller and supervisor, each state with its references."""
+    """Controller and supervisor; each state has its references."""
 
     def __init__(self, scene: dict[str, Any]) -> None:
-        from our_cycle import Cycle, make_model, parse_settings  # of the code that was taken
+        from our_cycle import Cycle, make_model, parse_settings  # from the chosen code
 
         settings = parse_settings(scene["settings"], "the comparison's settings")
         self.model = make_model(settings)
         if list(self.model.pinocchio.names)[2:] != scene["joints"]:
-            raise ValueError(f"the joints are {list(self.model.pinocchio.names)[2:]}, expected {scene['joints']}")
+            raise ValueError(f"joints {list(self.model.pinocchio.names)[2:]}, expected {scene['joints']}")
         q, v = np.array(scene["q"]), np.zeros(self.model.nv)
         trial = Cycle(settings, self.model)
         rest = trial.start(q)

@@ -1,8 +1,8 @@
-"""What the page costs the loop, how fast it draws, and whether its memory grows: with it and without it, in turn.
+"""Measure cycle times with and without the page, its drawing rate, and the growth of its memory.
 
-A mock robot sways on its controller, which records every cycle. Browsers without a screen look at `wbc view`,
-which is halted in every other block. They get the time that nobody else wants, as if they were on another computer.
-Run: python benchmarks/page.py [ROBOT] [--minutes M] [--browsers N] [--scheduling fifo]
+A mock robot sways on its controller, which records every cycle. Browsers without a screen open `wbc view`, which is
+halted in every other block. The browsers use idle processor time only, as if on another computer. Run: python
+benchmarks/page.py [ROBOT] [--minutes M] [--browsers N] [--scheduling fifo]
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ from wbc_controller.apps.terminal.session import Session
 from wbc_controller.nodes.processes import Processes, memory, processor_time, until
 from wbc_controller.recording.recording_file import Recording
 
-#: Duration of a block, s, and what of its beginning is not looked at. The page drops a browser that is silent for 3 s.
+#: Duration of a block, s, and its unmeasured beginning. The page disconnects a browser after 3 s of silence.
 BLOCK, SETTLE = 2.0, 0.3
-#: Time for all meshes to come, s.
+#: Loading time of the meshes, s.
 LOADING = 10.0
-#: Words that the robot sways by, one per block in turn: with the page and without it to both sides.
+#: Sway requests, one per block in turn.
 SWAY = [["com", "20mm", side] for side in ("right", "left", "left", "right")]
 PATIENCE = 120.0
-#: A robot that is late is measured too, and moves for all of a block: the page sends what moves.
+#: Settings that measure late robots too, and keep the robot in motion.
 CHANGES = {"safety.state_timeout": 1.0, "mock.command_timeout": 1.0, "tasks.com.setpoint_duration": BLOCK}
 
 
 def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Path) -> list[tuple[str, np.ndarray]]:
-    """Run the blocks, print what the page did, and give the times of the loop's cycles in s, by kind of block."""
+    """Run the blocks, print the results of the page, and return the cycle times, s, by kind of block."""
     os.environ |= {"ROS_DOMAIN_ID": str(free_domain()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     changes = CHANGES | {"control.realtime.scheduling": scheduling}
     recording = folder / "page.mcap"
     windows: dict[str, list[tuple[int, int]]] = {"without": [], "with": []}
-    drawn: list[float] = []
+    rates: list[float] = []
     with (
         contextlib.closing(
             Processes(robot, folder, int(os.environ["ROS_DOMAIN_ID"]), changes, own_sessions=True)
@@ -57,14 +57,14 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         processes.start("mock")
         processes.start("controller", "--activate", "--record", str(recording))
         session.listen("controller", "state")
-        session.until(lambda: session.mode().startswith("active"), "the controller is not active", PATIENCE)
+        session.until(lambda: session.mode().startswith("active"), "the controller did not become active", PATIENCE)
         time.sleep(processes.settings.safety.activation_ramp)
-        session.ask(parse_request(["release"], processes.settings))
+        session.execute(parse_request(["release"], processes.settings))
         command = [sys.executable, "-u", "-m", "wbc_controller", "view", str(processes.configuration), "--port", "0"]
         view = processes.launch("view", command)
         until(lambda: "page: " in processes.log("view"), "the page", patience=PATIENCE)
         port = int(re.search(r"page: http://[^:]+:(\d+)", processes.log("view"))[1])
-        # Of this thread, which gives it to those that it starts: each browser's.
+        # of this thread, inherited by the threads of the browsers
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
         browsers = [Browser(port) for _ in range(count)]
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -73,7 +73,7 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         for block in range(round(60.0 * minutes / BLOCK)):
             kind = "with" if block % 2 else "without"
             view.send_signal(signal.SIGCONT if kind == "with" else signal.SIGSTOP)
-            session.ask(parse_request(SWAY[block % len(SWAY)], processes.settings))
+            session.execute(parse_request(SWAY[block % len(SWAY)], processes.settings))
             time.sleep(SETTLE)
             before, begin = [Counter(each.moved) for each in browsers], time.time_ns()
             time.sleep(BLOCK - SETTLE)
@@ -81,7 +81,7 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
             windows[kind].append((begin, end))
             if kind == "with":
                 seconds = 1e-9 * (end - begin)
-                drawn += [
+                rates += [
                     max((each.moved - old).values(), default=0) / seconds
                     for each, old in zip(browsers, before, strict=True)
                 ]
@@ -89,20 +89,20 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
         last, used = memory(view.pid), processor_time(view.pid) - used
         mode = session.mode()
         if mode != "active":
-            raise SystemExit(f"the robot has not stood to the end: {mode}")
+            raise SystemExit(f"the robot did not stand until the end: {mode}")
         for each in browsers:
             each.close()
-    print(f"{robot}, {minutes:g} min, {count} browsers, the loop's scheduling class: {scheduling}")
-    slow = np.quantile(drawn, 0.05)
-    print(f"states drawn per second: {np.median(drawn):.1f} in the median, {slow:.1f} or more in 95 % of the blocks")
-    print(f"the page's process: {first / 1024:.1f} MB at the beginning, {last / 1024:.1f} MB at the end")
-    print(f"it used {100.0 * used / (30.0 * minutes):.0f} % of one processor")
+    print(f"{robot}, {minutes:g} min, {count} browsers, scheduling class of the loop: {scheduling}")
+    slow = np.quantile(rates, 0.05)
+    print(f"drawn states per second: median {np.median(rates):.1f}, at least {slow:.1f} in 95 % of the blocks")
+    print(f"memory of the page: {first / 1024:.1f} MB at the start, {last / 1024:.1f} MB at the end")
+    print(f"processor time of the page: {100.0 * used / (30.0 * minutes):.0f} % of one processor")
     return loop_times(recording, windows)
 
 
 def loop_times(recording: Path, windows: dict[str, list[tuple[int, int]]]) -> list[tuple[str, np.ndarray]]:
-    """The times of the cycles within the windows, s."""
-    cycles = [(each.time, each.scalar("seconds/total")) for each in Recording(recording).cycles()]
+    """Return the cycle times within the windows, s."""
+    cycles = [(each.time, each.number_of("seconds/total")) for each in Recording(recording).cycles()]
     times, seconds = (np.array(column) for column in zip(*cycles, strict=True))
     found = []
     for kind, spans in windows.items():
@@ -114,13 +114,13 @@ def loop_times(recording: Path, windows: dict[str, list[tuple[int, int]]]) -> li
 
 
 def main() -> None:
-    """Measure, and print the tables."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robot", nargs="?", default="g1")
-    parser.add_argument("--minutes", type=float, default=10.0, help="duration, half of it with the page")
-    parser.add_argument("--browsers", type=int, default=3, help="number of pages that are open")
+    parser.add_argument("--minutes", type=float, default=10.0, help="total duration, half of it with the page")
+    parser.add_argument("--browsers", type=int, default=3, help="number of open pages")
     parser.add_argument("--scheduling", default="other", help="control.realtime.scheduling of the controller")
-    parser.add_argument("--keep", type=Path, help="folder for the recording and the logs; removed where none is given")
+    parser.add_argument("--keep", type=Path, help="folder of the recording and logs; by default deleted")
     words = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="wbc_page_") as folder:
         found = measure(words.robot, words.minutes, words.browsers, words.scheduling, words.keep or Path(folder))

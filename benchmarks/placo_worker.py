@@ -1,4 +1,4 @@
-"""placo's side of the comparison, in an environment of its own: `serving.py` says how it is spoken to."""
+"""Worker of placo, in its own environment; `serving.py` contains the protocol."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class PlacoController:
         self.robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, scene["urdf"])
         model = self.robot.model
         if list(model.names)[2:] != scene["joints"]:
-            raise ValueError(f"the joints are {list(model.names)[2:]}, expected {scene['joints']}")
+            raise ValueError(f"joints {list(model.names)[2:]}, expected {scene['joints']}")
         model.armature = np.array(scene["armature"])
         self._place(np.array(scene["q"]), np.zeros(model.nv))
         solver = self.solver = placo.DynamicsSolver(self.robot)
-        solver.torque_cost = 0.0  # the forces are weighed, as ours are
+        solver.torque_cost = 0.0  # the forces are regularized, as in ours
         weights = scene["weights"]
         self.contacts = [self._contact(contact, weights["force"]) for contact in scene["contacts"]]
         self.com = solver.add_com_task(self.robot.com_world())
@@ -54,18 +54,18 @@ class PlacoController:
         placement = self.robot.get_T_world_frame(contact["frame"])
         if contact["type"] == "point":
             task = self.solver.add_position_task(contact["frame"], placement[:3, 3])
-            held = [task]
+            objectives = [task]
             made = self.solver.add_unilateral_point_contact(task)
         else:
             task = self.solver.add_frame_task(contact["frame"], placement)
-            held = [task.position(), task.orientation()]
+            objectives = [task.position(), task.orientation()]
             made = self.solver.add_planar_contact(task)
             made.length, made.width = 2.0 * contact["half_length"], 2.0 * contact["half_width"]
             made.weight_moments = weight
         task.configure(contact["name"], "hard")
-        for each in held:
+        for each in objectives:
             each.kp, each.kd = contact["stiffness"], contact["damping"]
-        # placo holds |f_t| ≤ μ f_n along two axes, which is outside of the cone; we hold the pyramid within it.
+        # placo limits |f_t| ≤ μ f_n along two axes, outside of the cone; ours uses the inner pyramid.
         made.mu = contact["friction"] / math.sqrt(2.0)
         made.weight_forces, made.weight_tangentials = weight, 0.0
         return made

@@ -1,19 +1,16 @@
-"""How hard a push a standing Talos takes without a step: the largest impulse, found by bisection, in each direction.
+"""Measure the largest push that a standing Talos withstands without a step, by bisection, in each direction.
 
-The robot stands in MuJoCo at 1 kHz, its true state is known, and a force acts for 0.1 s at the origin of its base. It
-has held where it did not fall or step, and is back at rest within 5 s: no corner of a sole ever rose or slid by more
-than 1 cm, and in the end no coordinate is faster than 0.05 (m/s, rad/s) and the centre of mass is within 1 cm of where
-it was. A foot that a push unloads wholly slides while it is in the air by some 0.1 mm, so the contacts, tsid's too, go
-back to where they were made, with CONTACT_STIFFNESS and the damping of the configuration. How much a robot takes with
-tsid's tasks depends on the weight of the posture: heavier, it forbids hips and torso to give way. In ours with these
-tasks the limits of joint positions and velocities, which tsid has not, are off.
+The simulation in MuJoCo runs at 1 kHz, with a known true state. A force acts for 0.1 s at the origin of its base.
+Success: no fall, no corner of a sole moved by more than 1 cm, and after 5 s no coordinate faster than 0.05 (m/s, rad/s)
+and the centre of mass within 1 cm of its start. Contacts return to their initial places with CONTACT_STIFFNESS, because
+unloaded feet slide by about 0.1 mm. The result with tsid's tasks depends on the weight of the posture, which stiffens
+hips and torso. Our limits of joint positions and velocities are off with these tasks, because tsid has none.
 
     python benchmarks/push_recovery.py                 tsid, ours with the same tasks, and with those of docs/balance.md
     python benchmarks/push_recovery.py tsid balance    some of them
 
-Beside them stands the impulse m ω d at which a linear inverted pendulum comes to rest over the edge of the support:
-the impulse at once, the centre of pressure at the edge from then on (ω = √(g / c_z), d from the centre of mass to the
-edge).
+Reference: the impulse m ω d that moves a linear inverted pendulum to the edge of the support, with ω = √(g / c_z) and
+the distance d from the centre of mass to the edge.
 """
 
 from __future__ import annotations
@@ -38,17 +35,17 @@ from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 from wbc_controller.simulation.plant import Plant
 
-#: Unit vector of each direction, base axes at the start: x forward, y left.
+#: Unit vectors in base axes at the start: x forward, y left.
 DIRECTIONS = {"sideways": (0.0, 1.0), "forward": (1.0, 0.0), "backward": (-1.0, 0.0)}
 PUSH_SECONDS = 0.1
-#: When the push begins, and the latest time by which the robot is back, s.
+#: Start of the push, and time limit of the recovery, s.
 PUSH_AT, END = 0.5, 5.5
 LIFTED, SLID, AT_REST, BACK = 0.01, 0.01, 0.05, 0.01
-#: With which contacts go back to where they were made, 1/s².
+#: Stiffness of the contacts, 1/s².
 CONTACT_STIFFNESS = 1000.0
-#: Of tsid's tasks, in ours too.
+#: Weights of tsid's tasks, also in ours.
 WEIGHTS = USUAL_WEIGHTS | {"posture": 0.003}
-#: Impulses between which the limit is looked for, and how closely, N·s.
+#: Range of the impulses, and resolution, N·s.
 LOWEST, HIGHEST, RESOLUTION = 10.0, 90.0, 0.25
 
 #: Frame of the task `waist`.
@@ -58,14 +55,14 @@ Torques = Callable[[Array, Array], Array]
 
 
 def balance_tasks() -> dict[str, Any]:
-    """The tasks that docs/balance.md shows."""
+    """Return the tasks of docs/balance.md."""
     page = Path(__file__).resolve().parents[1] / "docs" / "balance.md"
     blocks = re.findall(r"```yaml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     return dict(yaml.safe_load(blocks[0])["tasks"])
 
 
 def talos(its_tasks: Mapping[str, Any], **sections: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of Talos at 1 kHz, as plain values."""
+    """Return the settings of Talos at 1 kHz, as plain values."""
     return content_of("talos", its_tasks, sections, contact_stiffness=CONTACT_STIFFNESS)
 
 
@@ -73,29 +70,29 @@ class Stand:
     """Talos in the simulator, on its feet."""
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
-        """Stand it up, held by the hoist."""
+        """Place the robot, held by the hoist."""
         self.settings, self.model = settings, model
         self.plant = Plant(model, settings)
         self.start, _ = self.plant.state()
         self._view = Cycle(settings, model).controller
         self._dynamics = self._view.dynamics
-        self.com = self._look()[0]
+        self.com = self._measure()[0]
         self.lifted = self.slid = 0.0
 
-    def _look(self) -> tuple[Array, Array]:
-        """Centre of mass, (3,), and the corners of the soles, (n, 3), in the world."""
+    def _measure(self) -> tuple[Array, Array]:
+        """Return centre of mass, (3,), and corners of the soles, (n, 3), in the world."""
         self._dynamics.update(*self.plant.state())
         corners = [contact.points(self._dynamics) for contact in self._view.contacts.values()]
         return np.array(self._dynamics.com), np.concatenate(corners)
 
     def bound(self, direction: tuple[float, float]) -> float:
-        """The pendulum's m ω d in a direction, N·s."""
-        com, corners = self._look()
+        """Return m ω d of the pendulum in a direction, N·s."""
+        com, corners = self._measure()
         edge = float(np.max((corners - com)[:, :2] @ direction))
         return self.model.mass * math.sqrt(self.model.gravity / float(com[2])) * edge
 
     def outcome(self, torques: Torques, direction: tuple[float, float], impulse: float) -> str:
-        """Push, and say what came of it: nothing, where the robot has held."""
+        """Push the robot, and return the reason of a failure; empty for success."""
         plant = self.plant
         force = np.zeros(6)
         force[:2] = impulse / PUSH_SECONDS * np.array(direction)
@@ -109,18 +106,18 @@ class Stand:
             if plant.held and plant.time >= 0.1:
                 plant.hold(False, ramp=0.1)
             if corners is None and plant.time >= PUSH_AT:
-                corners = self._look()[1]
+                corners = self._measure()[1]
                 plant.push(self.model.base_link, force, PUSH_SECONDS)
             plant.step()
             if plant.fallen:
                 return f"fell at {plant.time:.2f} s"
             if corners is not None and plant.stamp % 10_000_000 == 0:
-                com, now = self._look()
+                com, now = self._measure()
                 moved = now - corners
                 self.lifted = max(self.lifted, float(np.max(moved[:, 2])))
                 self.slid = max(self.slid, float(np.max(np.linalg.norm(moved[:, :2], axis=1))))
                 if not (self.lifted <= LIFTED and self.slid <= SLID):
-                    return f"a foot moved at {plant.time:.2f} s"
+                    return f"foot motion at {plant.time:.2f} s"
                 settled = np.max(np.abs(v)) <= AT_REST and np.linalg.norm(com - self.com) <= BACK
                 if settled and plant.time > PUSH_AT + 1.0:
                     return ""
@@ -128,14 +125,14 @@ class Stand:
 
 
 def ours(settings: Settings, model: RobotModel, q: Array) -> Torques:
-    """Our controller and supervisor."""
+    """Return the commands of our controller and supervisor."""
     cycle = Cycle(settings, model)
     references = cycle.start(q)
     return lambda q, v: cycle.step(cycle.state(q, v), references).tau
 
 
 def tsids(process: Contestant, model: RobotModel, com: Array) -> Torques:
-    """tsid; where it has no solution, its last one."""
+    """Return the commands of tsid; without a solution, the last one."""
     to_command = model.v_index - 6
     reference = np.concatenate([com, np.zeros(6)])
     last = np.zeros(model.na)
@@ -153,10 +150,10 @@ def tsids(process: Contestant, model: RobotModel, com: Array) -> Torques:
 def limit(
     settings: Settings, model: RobotModel, direction: tuple[float, float], make: Callable[[Stand], Torques]
 ) -> tuple[float, Stand | None, str]:
-    """Find the largest impulse that is held.
+    """Return the largest impulse without a failure.
 
     Returns:
-        It in N·s, how the robot stood under it, and what came of the smallest one that was not held.
+        The impulse in N·s, the robot after it, and the failure of the smallest larger one.
     """
     low, high, last, why = LOWEST, HIGHEST, None, ""
     while high - low > RESOLUTION:
@@ -180,7 +177,7 @@ def main(chosen: list[str]) -> None:
     print(
         f"{model.mass:.1f} kg, centre of mass {1e3 * stand.com[2]:.0f} mm high; impulses in N·s over {PUSH_SECONDS} s"
     )
-    print(f"{'':10}{'direction':12}{'m ω d':>8}{'held':>8}{'of tsid':>9}{'slid':>9}{'lifted':>9}   beyond")
+    print(f"{'':10}{'direction':12}{'m ω d':>8}{'max.':>8}{'of tsid':>9}{'slid':>9}{'lifted':>9}   failure")
     with rival("tsid", message(content, settings, model, stand.start, WEIGHTS, WAIST)) as process:
         controllers: dict[str, tuple[Settings, Callable[[Stand], Torques]]] = {
             "tsid": (settings, lambda stand: tsids(process, model, stand.com)),

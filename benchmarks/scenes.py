@@ -1,4 +1,4 @@
-"""What is compared: robots, feet on the ground, tasks, limits, and the states of each case."""
+"""Scenes of the comparison: robots, active feet, tasks, limits and states."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from wbc_controller.settings.files import find_configuration, load_settings
 STIFFNESS, DAMPING = 100.0, 20.0
 #: Weights of the tasks, and of every contestant's regularization of the forces.
 WEIGHTS = {"com": 1.0, "posture": 0.1, "waist": 1.0, "force": 1.0e-8}
-#: Of the control and of the states, s.
+#: Control period, s.
 PERIOD = 0.001
-#: How often the centre of mass sways, 1/s, and in which time it begins to, s.
+#: Frequency of the sway, 1/s, and duration of its beginning, s.
 FREQUENCY, BEGINNING = 0.5, 0.5
-#: In which time the centre of mass moves over the feet that remain on the ground, s.
+#: Duration of the motion of the centre of mass over the remaining feet, s.
 SHIFT = 3.0
-#: Weights with which it gets there: the posture must not keep it away.
+#: Weights during that motion, with a weak posture.
 SHIFT_WEIGHTS = WEIGHTS | {"posture": 1.0e-3}
 #: Radius of our point contacts, m: in all contestants the force acts at the origin of the foot's frame.
 POINT = 1.0e-9
-#: Talos with its grippers' joints; their URDF couples them, and here they all move by themselves.
+#: Talos with the joints of its grippers, without their couplings.
 FULL_TALOS = "package://example-robot-data/robots/talos_data/robots/talos_full_v2.urdf"
-#: Distance from their limits at which joints stand whose limits 0 is outside of, rad.
+#: Distance of joints from their limits if 0 is outside, rad.
 INSIDE = 0.1
 
 
@@ -47,14 +47,14 @@ class Case:
     """A robot on some of its feet.
 
     Attributes:
-        name: the name on the command line.
-        title: the name in the table.
-        robot: name of the shipped configuration.
-        feet: its contacts that are active.
-        waist: frame whose orientation is held.
-        sway: amplitude of the centre of mass's motion, (3,) in m.
-        every_joint: with all joints of the URDF, in place of those that the configuration names.
-        falls: on these feet it falls within a second: it is put back to the start after `BEGINNING`.
+        name: name on the command line.
+        title: name in the table.
+        robot: name of the supplied configuration.
+        feet: active contacts.
+        waist: frame with a controlled orientation.
+        sway: amplitude of the centre of mass, (3,) in m.
+        every_joint: use all joints of the URDF.
+        falls: the robot falls within a second on these feet, and is reset after `BEGINNING`.
     """
 
     name: str
@@ -80,14 +80,14 @@ CASES = {
         Case("talos-full", "Talos, all joints", "talos", _FEET, "base_link", (0.01, 0.03, 0.0), every_joint=True),
     )
 }
-#: Robots whose whole cycle is timed as they are shipped.
+#: Robots with a timed whole cycle.
 SERVICES = ("g1", "talos")
-#: Amplitude of their centre of mass's motion, m: their references stay at rest.
+#: Amplitude of the centre of mass, m, with references at rest.
 SERVICE_SWAY = (0.002, 0.005, 0.0)
 
 
 def tasks(waist: str, weights: Mapping[str, float] = WEIGHTS) -> dict[str, Any]:
-    """The three tasks that every contestant has."""
+    """Return the three tasks of every contestant."""
     gains = {"stiffness": STIFFNESS, "damping": DAMPING, "setpoint_duration": 0.0}
     return {
         "com": {"type": "com", "weight": weights["com"], **gains},
@@ -104,20 +104,20 @@ def content_of(
     feet: tuple[str, ...] = (),
     contact_stiffness: float = 0.0,
 ) -> dict[str, Any]:
-    """A shipped configuration at 1 kHz with other tasks, as plain values like those of the file.
+    """Return a supplied configuration at 1 kHz with other tasks, as plain values.
 
-    What it does not name is the default of the code that reads it.
+    Other values are defaults of the reading code.
 
     Args:
         robot: name of the configuration.
-        its_tasks: the tasks in place of its own.
-        sections: values in place of its own, by section.
-        feet: the contacts that are kept; empty for all.
-        contact_stiffness: of all contacts, 1/s².
+        its_tasks: tasks that replace its own.
+        sections: values that replace its own, by section.
+        feet: remaining contacts; empty for all.
+        contact_stiffness: stiffness of all contacts, 1/s².
     """
     text = find_configuration(robot).read_text(encoding="utf-8")
     content: dict[str, Any] = yaml.safe_load(text)["wbc_controller"]["ros__parameters"]
-    for section in ("estimation", "walking"):  # each state has its base, and older commits do not know the sections
+    for section in ("estimation", "walking"):  # each state has its base, and older commits do not have these sections
         content.pop(section, None)
     content["control"]["rate"] = 1.0 / PERIOD
     content["mock"] = {"step": PERIOD}
@@ -135,15 +135,15 @@ def content_of(
 
 @dataclass(frozen=True)
 class Scene:
-    """A case, ready to be asked.
+    """A prepared case.
 
     Attributes:
-        case: which one.
+        case: the case.
         content: our settings as plain values.
-        settings: the same, read.
+        settings: our settings.
         model: the robot.
-        q: configuration that the references hold, (nq,).
-        rows: the states with their references, (n, nq + nv + 9).
+        q: configuration of the references, (nq,).
+        rows: states with their references, (n, nq + nv + 9).
     """
 
     case: Case
@@ -154,14 +154,13 @@ class Scene:
     rows: Array
 
     def message(self) -> dict[str, Any]:
-        """What a worker is told."""
+        """Return the scene for a worker."""
         return message(self.content, self.settings, self.model, self.q, WEIGHTS, self.case.waist)
 
 
 def make(case: Case, count: int, folder: Path) -> Scene:
-    """A case with its states; where a robot needs a URDF that is not shipped, it goes into the folder."""
-    # The limits of joint motion that the others have not, or have in another form, are off. Our regularization of the
-    # forces is as weak as theirs, so that the answers can be compared.
+    """Return a case with its states; a generated URDF is written to the folder."""
+    # Limits of joint motion are off, because some rivals have none. Our regularization is as weak as theirs.
     sections: dict[str, dict[str, Any]] = {
         "limits": {"position": False, "velocity": False},
         "solver": {"regularization_force": WEIGHTS["force"]},
@@ -181,13 +180,13 @@ def make(case: Case, count: int, folder: Path) -> Scene:
 
 
 def make_service(robot: str, count: int) -> tuple[dict[str, Any], Array]:
-    """What a worker of a shipped robot is told, and states as it sways on its feet: (n, nq + nv + 9)."""
+    """Return the scene of a supplied robot, and swaying states, (n, nq + nv + 9)."""
     settings = load_settings(find_configuration(robot))
     cycle = Cycle(settings, make_model(settings))
     model = cycle.controller.model
     q = stance(model, cycle.controller, list(cycle.controller.contacts))
-    told = {"robot": robot, "nq": model.nq, "nv": model.nv, "q": q.tolist()}
-    return told, swaying(cycle, q, SERVICE_SWAY, count, 1.0 / settings.control.rate)
+    content = {"robot": robot, "nq": model.nq, "nv": model.nv, "q": q.tolist()}
+    return content, swaying(cycle, q, SERVICE_SWAY, count, 1.0 / settings.control.rate)
 
 
 def message(
@@ -198,15 +197,15 @@ def message(
     weights: Mapping[str, float],
     waist: str,
 ) -> dict[str, Any]:
-    """What a worker is told: everything as plain values."""
+    """Return the scene for a worker as plain values."""
     pinocchio = model.pinocchio
-    held = [
+    contacts = [
         contact.model_dump() | {"name": name, "frame": f"contact_{name}", "type": contact.type, "link": contact.frame}
         for name, contact in settings.contacts.items()
     ]
     return {
         "settings": dict(content),
-        "urdf": _plain_urdf(model, held),
+        "urdf": _plain_urdf(model, contacts),
         "joints": list(pinocchio.names)[2:],
         "nq": model.nq,
         "nv": model.nv,
@@ -217,13 +216,13 @@ def message(
         "stiffness": STIFFNESS,
         "damping": DAMPING,
         "waist": waist,
-        "contacts": held,
+        "contacts": contacts,
     }
 
 
 def _plain_urdf(model: RobotModel, contacts: list[dict[str, Any]]) -> str:
-    """The URDF without shapes, what is locked as fixed joints, and a link at the origin of each contact."""
-    root = ET.fromstring(model.urdf)  # noqa: S314 - the shipped robot's
+    """Return the URDF without shapes, with locked joints fixed, and a link at the origin of each contact."""
+    root = ET.fromstring(model.urdf)  # noqa: S314 - URDF of a supplied robot
     moving = set(model.pinocchio.names)
     for link in root.findall("link"):
         for shape in link.findall("visual") + link.findall("collision"):
@@ -244,8 +243,8 @@ def _plain_urdf(model: RobotModel, contacts: list[dict[str, Any]]) -> str:
 
 
 def every_joint(robot: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The robot's section with the joints that the configuration leaves out too, at 0 or within their limits."""
-    root = ET.fromstring(read_urdf(FULL_TALOS))  # noqa: S314 - likewise
+    """Return the robot's section with all joints, at 0 or within their limits."""
+    root = ET.fromstring(read_urdf(FULL_TALOS))  # noqa: S314 - URDF of a supplied robot
     for joint in root.findall("joint"):
         for coupling in joint.findall("mimic"):
             joint.remove(coupling)
@@ -262,7 +261,7 @@ def every_joint(robot: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _standing(settings: Settings, model: RobotModel, case: Case) -> Array:
-    """A configuration at rest with the centre of mass over the feet of the case: on all feet it moves there."""
+    """Return a configuration at rest with the centre of mass over the feet of the case."""
     cycle = Cycle(settings, model)
     q = stance(model, cycle.controller, list(cycle.controller.contacts))
     if set(case.feet) == set(cycle.controller.contacts):
@@ -273,7 +272,7 @@ def _standing(settings: Settings, model: RobotModel, case: Case) -> Array:
     over = np.mean([contact.points(cycle.controller.dynamics).mean(axis=0) for contact in contacts], axis=0)
     shift = np.array([*(over - com)[:2], 0.0])
     v = np.zeros(model.nv)
-    for i in range(round((SHIFT + 1.0) / PERIOD)):  # and a second to come to rest
+    for i in range(round((SHIFT + 1.0) / PERIOD)):  # and one second of rest
         s = min(1.0, PERIOD * i / SHIFT)
         smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         rate, curvature = 30.0 * s**2 * (1.0 - s) ** 2, 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
@@ -285,7 +284,7 @@ def _standing(settings: Settings, model: RobotModel, case: Case) -> Array:
 
 
 def swaying(cycle: Cycle, q: Array, amplitude: tuple[float, float, float], count: int, period: float = PERIOD) -> Array:
-    """States along the motion that our answers make, without a simulator, and the references in each."""
+    """Return states along the motion of our answers, without a simulator, and their references."""
     model = cycle.controller.model
     rest = cycle.start(q)
     com = rest.tasks["com"].position
@@ -304,13 +303,13 @@ def swaying(cycle: Cycle, q: Array, amplitude: tuple[float, float, float], count
 
 
 def with_com(references: References, com: Reference) -> References:
-    """References with another one of the centre of mass."""
+    """Return references with another reference of the centre of mass."""
     return dataclasses.replace(references, tasks={**references.tasks, "com": com})
 
 
 def _next(
     cycle: Cycle, model: RobotModel, q: Array, v: Array, references: References, period: float = PERIOD
 ) -> tuple[Array, Array]:
-    """The state a period later, with our answer's accelerations."""
+    """Return the state after one period, with the accelerations of our answer."""
     v_dot = cycle.controller.solve(cycle.state(q, v), references).v_dot
     return pin.integrate(model.pinocchio, q, period * v + 0.5 * period**2 * v_dot), v + period * v_dot

@@ -1,6 +1,6 @@
-"""What keeping the links apart costs: the same cycles with and without the limit, in turn.
+"""Measure the cost of self-collision avoidance: the same cycles with and without the limit, in turn.
 
-The hands go from side to side in front of the robot, at the speeds given. Run: python benchmarks/self_collision.py
+The hands move from side to side in front of the robot at given speeds. Run: python benchmarks/self_collision.py
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ CYCLES = 400
 
 
 def controllers(name: str) -> tuple[Settings, RobotModel, dict[str, WholeBodyQP]]:
-    """A robot's controllers, without and with the limit."""
+    """Return a robot's controllers, without and with the limit."""
     settings = load_settings(find_configuration(name))
     model, found = make_model(settings), {}
     for what, enabled in (("without", False), ("with", True)):
@@ -38,7 +38,7 @@ def controllers(name: str) -> tuple[Settings, RobotModel, dict[str, WholeBodyQP]
 
 
 def measure(name: str, speed: float) -> None:
-    """Print the medians of the cycle's time, and of the building of its problem, with hands of a peak speed in m/s."""
+    """Print the median cycle and building times, with hands of a peak speed in m/s."""
     settings, model, found = controllers(name)
     first = found["without"]
     q = stance(model, first, list(first.contacts))
@@ -50,14 +50,14 @@ def measure(name: str, speed: float) -> None:
     rows = []
     for cycle in range(CYCLES):
         frequency = 2.0 * np.pi
-        wanted = dict(tasks)
+        targets = dict(tasks)
         for hand in HANDS:
             move = np.zeros(len(tasks[hand].position))
             move[1] = speed / frequency * np.sin(frequency * cycle * period)
             velocity = np.zeros(len(tasks[hand].velocity))
             velocity[1] = speed * np.cos(frequency * cycle * period)
-            wanted[hand] = replace(tasks[hand], position=tasks[hand].position + move, velocity=velocity)
-        references = References(wanted, weights, dict.fromkeys(first.contacts, 1.0))
+            targets[hand] = replace(tasks[hand], position=tasks[hand].position + move, velocity=velocity)
+        references = References(targets, weights, dict.fromkeys(first.contacts, 1.0))
         state = RobotState(0, frozen(q), frozen(v))
         for what in ("without", "with") if cycle % 2 else ("with", "without"):
             started = time.perf_counter()

@@ -1,8 +1,8 @@
-"""The whole cycle of a shipped robot, bytes in to bytes out, on the code below the folder that the command line names.
+"""Whole cycle of a supplied robot, from input to output messages, on the code in the folder of the command line.
 
-The controller is the one of `wbc run`, with audit, status and markers, on the memory transport and in one thread. The
-bytes of a state are made before, and what comes out stays bytes. The folder is this repository, or another commit of
-it; both have the bench of their tests, which builds all of it. `serving.py` says how it is spoken to.
+The controller is that of `wbc run` with audit, status and markers, on the memory transport and in one thread. The
+state's message is made before the cycle, and output messages are not decoded. The folder is this repository or another
+commit; both contain the test bench that builds the loop. `serving.py` contains the protocol.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from typing import Any
 import numpy as np
 from serving import serve, take_code_from
 
-#: Stages of a report that every commit since d8d35bb has.
+#: Stages in the reports of every commit since d8d35bb.
 STAGES = ("read", "compute", "supervise", "write", "audit")
-#: Cycles in which the activation ramp and the bring-up end, and everything has run once.
+#: Number of cycles for the activation ramp, the bring-up and all first calls.
 WARM_UP = 3000
 
 
 class Service:
-    """A controller on the tests' bench."""
+    """A controller on the test bench."""
 
     def __init__(self, scene: dict[str, Any]) -> None:
         spec = importlib.util.spec_from_file_location("conftest", Path(sys.argv[1]) / "test" / "conftest.py")
         if spec is None or spec.loader is None:
-            raise FileNotFoundError(f"{sys.argv[1]} has no test/conftest.py")
+            raise FileNotFoundError(f"{sys.argv[1]}: test/conftest.py is missing")
         self._conftest = importlib.util.module_from_spec(spec)
         sys.path.insert(0, str(Path(sys.argv[1]) / "test" / "support"))
         spec.loader.exec_module(self._conftest)
@@ -51,7 +51,7 @@ class Service:
         """Answer one state.
 
         Raises:
-            SystemExit: where the controller is no longer active.
+            SystemExit: if the controller is no longer active.
         """
         del reference
         bench, make, encode = self._bench, self._conftest.MAKE, self._conftest.encode

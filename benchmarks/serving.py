@@ -1,10 +1,9 @@
-"""The workers' side of the comparison: answers states over a pipe. Of the outside it imports NumPy alone.
+"""Workers' side of the comparison: answers states over a pipe. The only external import is NumPy.
 
-A worker is started with a JSON object on the first line of its standard input, the scene of `scenes.py` as a
-dictionary, and answers with a line: its `hello`. Then every question is two int64, a count and the bytes to touch
-before each cycle, and as many rows of float64: q, v, and the centre of mass's reference (position, velocity,
-acceleration). The answer has as many rows of float64: v̇, τ, the contact forces, the seconds of each part of the cycle,
-and the seconds of the whole.
+The first line of standard input is a JSON object, the scene of `scenes.py`. The worker answers with its `hello` in one
+line. Each question is two int64, a count and the bytes to touch before each cycle, and rows of float64: q, v, and the
+reference of the centre of mass (position, velocity, acceleration). The answer has as many rows of float64: v̇, τ,
+contact forces, seconds of each part, and seconds of the whole cycle.
 """
 
 from __future__ import annotations
@@ -20,16 +19,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
-#: Code that `Elsewhere` runs: a parser meets other branches and other memory than a control cycle does.
+#: Text for the parser of `CacheEviction`, which uses other branches and memory than a control cycle.
 _TEXT = Path(__file__).read_text(encoding="utf-8")
 
 
 class Contestant(Protocol):
-    """What a worker times.
+    """Timed object of a worker.
 
     Attributes:
-        hello: its `version`, where it has one; `unknowns`, `equalities` and `inequalities` of its problem; `sizes` of
-            v̇, τ and the contact forces; and the names of its `parts`.
+        hello: `version` if any; `unknowns`, `equalities` and `inequalities` of the problem; `sizes` of v̇, τ and the
+            contact forces; names of the `parts`.
     """
 
     hello: dict[str, Any]
@@ -38,14 +37,14 @@ class Contestant(Protocol):
         """Answer one state: v̇, τ, forces, seconds of the parts, seconds of the whole; NaN without a solution."""
 
 
-class Elsewhere:
-    """Other work between two cycles: writes to memory, then parses a text, so that caches hold nothing of the cycle."""
+class CacheEviction:
+    """Other work between two cycles that evicts the cycle from the caches: memory writes and a parsed text."""
 
     def __init__(self) -> None:
         self._memory = np.zeros(0)
 
     def work(self, size: int) -> None:
-        """Touch so many bytes; 0 does nothing."""
+        """Touch a number of bytes; 0 for no work."""
         if not size:
             return
         if 8 * len(self._memory) != size:
@@ -58,7 +57,7 @@ def take_code_from(folder: str) -> None:
     """Make `wbc_controller` the package in a folder.
 
     Raises:
-        ImportError: where it would be another one.
+        ImportError: if another package was imported.
     """
     sys.path.insert(0, folder)
     import wbc_controller
@@ -69,33 +68,29 @@ def take_code_from(folder: str) -> None:
 
 
 def serve(make: Any) -> None:
-    """Answer on standard output until standard input is closed.
-
-    Args:
-        make: gives a `Contestant` for the scene.
-    """
-    # What libraries print must not get between the answers.
+    """Answer on standard output until standard input is closed; `make` returns a `Contestant` for the scene."""
+    # Output of libraries must not mix with the answers.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     questions = sys.stdin.buffer
     scene = json.loads(questions.readline())
     contestant: Contestant = make(scene)
     nq, nv = scene["nq"], scene["nv"]
-    elsewhere = Elsewhere()
+    eviction = CacheEviction()
     gc.collect()
-    gc.freeze()  # as a running service has it: the collector works, on what the cycles make
-    # The last thing before it waits: the others are timed from then on, on the same processor.
+    gc.freeze()  # as in a running service; the collector remains active
+    # Last work before waiting: then the other contestants are timed on the same processor.
     answers.write((json.dumps(contestant.hello) + "\n").encode())
     answers.flush()
     while head := questions.read(16):
         count, size = struct.unpack("<qq", head)
         width = nq + nv + 9
         rows = np.frombuffer(questions.read(8 * count * width)).reshape(count, width)
-        # Written when all are there: whoever reads them would be woken, on the same processor, between two cycles.
+        # Answers are written together, because a woken reader would disturb the cycles on the same processor.
         found = []
         for row in rows:
             q, v, reference = np.split(row, [nq, nq + nv])
-            elsewhere.work(size)
+            eviction.work(size)
             found.append(contestant.cycle(q, v, reference))
         answers.write(np.concatenate(found).tobytes())
         answers.flush()

@@ -1,8 +1,7 @@
-"""Draws what a cycle costs against the size of its problem into docs/images, and prints it.
+"""Measure the cycle time against the size of its problem, print it, and draw it into docs/images.
 
-A cycle is a frozen state to a checked command (`our_cycle.py`). One size grows at a time, the cases of a series take
-turns in blocks, and a line b in cost = a nᵇ is fitted to the medians. Matplotlib is needed for this alone. In an
-environment of this package::
+A cycle is that of `our_cycle.py`. Each series varies one size, with its cases in turn, and fits cost = a nᵇ to the
+medians. Requires Matplotlib::
 
     pip install matplotlib
     python benchmarks/sizes.py
@@ -33,12 +32,12 @@ from wbc_controller.settings.resources import locate
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "images" / "cost-against-size.svg"
 #: Cycles of a block, and blocks of each case.
 CYCLES, BLOCKS = 100, 15
-#: Cycles at the beginning of a block that are not timed.
+#: Untimed cycles at the beginning of a block.
 FILLING = 10
-#: Amplitude of the centre of mass's motion, m.
+#: Amplitude of the centre of mass, m.
 SWAY = (0.005, 0.01, 0.0)
 GAINS = {"stiffness": scenes.STIFFNESS, "damping": scenes.DAMPING, "setpoint_duration": 0.0}
-#: Links of Talos on which more tasks are set, and on which more contacts are, in this order.
+#: Links of Talos for additional tasks and contacts, in order.
 LINKS = (
     "gripper_left_base_link",
     "gripper_right_base_link",
@@ -53,18 +52,18 @@ LINKS = (
 
 @dataclass
 class Series:
-    """One size that grows, and what else is the same.
+    """A series with one varying size.
 
     Attributes:
-        title: what the size is.
+        title: name of the size.
         cases: our settings as plain values, by size.
-        least: the smallest size to which the line is fitted.
-        seconds: those of each case, in blocks.
+        smallest: smallest size in the fit.
+        seconds: times of each case, in blocks.
     """
 
     title: str
     cases: dict[int, dict[str, Any]]
-    least: int = 1
+    smallest: int = 1
 
     def __post_init__(self) -> None:
         self.seconds: dict[int, list[Array]] = {size: [] for size in self.cases}
@@ -76,27 +75,27 @@ class Series:
         gc.freeze()
         for block in range(BLOCKS):
             for size, (cycle, references, states) in made.items():
-                taken = []
+                times = []
                 for i in range(block * CYCLES, (block + 1) * CYCLES):
                     state = cycle.state(*states[i])
                     started = time.perf_counter()
                     cycle.step(state, references[i])
-                    taken.append(time.perf_counter() - started)
-                self.seconds[size].append(np.array(taken[FILLING:]))
+                    times.append(time.perf_counter() - started)
+                self.seconds[size].append(np.array(times[FILLING:]))
         gc.unfreeze()
 
     def medians(self) -> tuple[Array, Array]:
-        """Sizes and medians in s, of all cases."""
+        """Return sizes and medians, s, of all cases."""
         return np.array(list(self.seconds)), np.array([summary(blocks).median for blocks in self.seconds.values()])
 
     def fit(self) -> tuple[float, float]:
-        """Exponent and factor."""
+        """Return exponent and factor."""
         sizes, medians = self.medians()
-        return exponent(sizes[sizes >= self.least], medians[sizes >= self.least])
+        return exponent(sizes[sizes >= self.smallest], medians[sizes >= self.smallest])
 
 
 def _ready(content: Mapping[str, Any]) -> tuple[Cycle, list[References], list[tuple[Array, Array]]]:
-    """A cycle, and what it is asked: the centre of mass sways, everything else stays where it is."""
+    """Return a cycle and its inputs, with a swaying centre of mass."""
     settings = parse_settings(content, "sizes.py")
     cycle = Cycle(settings, make_model(settings))
     model = cycle.controller.model
@@ -114,7 +113,7 @@ def _talos(tasks: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def degrees_of_freedom(folder: Path) -> Series:
-    """Talos with more and more of its joints, the rest locked."""
+    """Vary the number of Talos' joints; the others are locked."""
     content = _talos(scenes.tasks("base_link"))
     robot = scenes.every_joint(content["robot"], folder)
     groups = (("leg_",), ("torso_",), ("arm_left",), ("arm_right", "head_"), ("gripper_left",), ("gripper_right",))
@@ -122,13 +121,13 @@ def degrees_of_freedom(folder: Path) -> Series:
     cases = {}
     for count in range(1, len(groups) + 1):
         chosen = [name for name in robot["joints"] if name.startswith(sum(groups[:count], ()))]
-        held = {"joints": chosen, "posture": [posture[name] for name in chosen]}
-        cases[6 + len(chosen)] = {**content, "robot": {**robot, **held}}
+        own_joints = {"joints": chosen, "posture": [posture[name] for name in chosen]}
+        cases[6 + len(chosen)] = {**content, "robot": {**robot, **own_joints}}
     return Series("degrees of freedom", cases)
 
 
 def contacts() -> Series:
-    """Talos on its feet, then with points of its arms in contact too."""
+    """Vary the number of contacts: Talos on its feet, and points of its arms."""
     content = _talos(scenes.tasks("base_link"))
     touching = dict(content["contacts"])
     cases = {len(touching): content}
@@ -140,22 +139,22 @@ def contacts() -> Series:
 
 
 def tasks() -> Series:
-    """Talos with the three tasks, then with positions and orientations of links too."""
-    wanted = scenes.tasks("base_link")
-    cases = {len(wanted): _talos(wanted)}
+    """Vary the number of tasks: the three tasks of Talos, and positions and orientations of links."""
+    own_tasks = scenes.tasks("base_link")
+    cases = {len(own_tasks): _talos(own_tasks)}
     kinds = ("frame_position", "frame_orientation")
     for i, link in enumerate((*LINKS, *LINKS)):
         kind = kinds[i // len(LINKS)]
-        wanted = {**wanted, f"{kind}_{link}": {"type": kind, "frame": link, "weight": 0.1, **GAINS}}
-        if len(wanted) in (5, 7, 11, 15, 19):
-            cases[len(wanted)] = _talos(wanted)
+        own_tasks = {**own_tasks, f"{kind}_{link}": {"type": kind, "frame": link, "weight": 0.1, **GAINS}}
+        if len(own_tasks) in (5, 7, 11, 15, 19):
+            cases[len(own_tasks)] = _talos(own_tasks)
     return Series("tasks", cases)
 
 
 def levels() -> Series:
-    """Talos with four tasks on more and more levels of strict priority."""
+    """Vary the number of strict priority levels of four tasks of Talos."""
     hand = {"hand": {"type": "frame_pose", "frame": LINKS[0], "weight": 1.0, **GAINS}}
-    wanted = scenes.tasks("base_link") | hand
+    own_tasks = scenes.tasks("base_link") | hand
     assigned = {
         1: {},
         2: {"posture": 1},
@@ -163,14 +162,14 @@ def levels() -> Series:
         4: {"waist": 1, "hand": 2, "posture": 3},
     }
     cases = {
-        count: _talos({name: task | {"level": level.get(name, 0)} for name, task in wanted.items()})
+        count: _talos({name: task | {"level": level.get(name, 0)} for name, task in own_tasks.items()})
         for count, level in assigned.items()
     }
     return Series("levels", cases)
 
 
 def collision_pairs() -> Series:
-    """G1 without pairs of links that are kept apart, then with more and more."""
+    """Vary the number of collision pairs of G1."""
     plain = scenes.content_of("g1", scenes.tasks("pelvis"), {})
     settings = parse_settings(plain, "sizes.py")
     margin, folder = settings.limits.self_collision.margin, locate(settings.robot.urdf).parent
@@ -189,14 +188,14 @@ def _apart(content: Mapping[str, Any], **changes: Any) -> dict[str, Any]:
 
 
 def plotting() -> Any:
-    """Matplotlib's pyplot, set up to write the same file from the same numbers: no dates, no random names."""
+    """Return Matplotlib's pyplot with reproducible output: no dates, no random names."""
     import matplotlib as mpl
 
     mpl.use("svg")
     mpl.rcParams.update(
         {
             "svg.hashsalt": "sizes",
-            "svg.fonttype": "none",  # letters as text keep it small
+            "svg.fonttype": "none",  # text elements keep the file small
             "font.family": "sans-serif",
             "font.size": 9,
             "axes.spines.top": False,
@@ -218,7 +217,7 @@ def draw(plt: Any, found: list[Series]) -> None:
     figure, panels = plt.subplots(1, len(found), figsize=(2.1 * len(found), 2.6), sharey=True)
     for panel, series in zip(panels, found, strict=True):
         sizes, medians = series.medians()
-        fitted = sizes >= series.least
+        fitted = sizes >= series.smallest
         power, factor = series.fit()
         panel.plot(sizes[fitted], 1e6 * factor * sizes[fitted] ** power, color="tab:orange", linewidth=1.0)
         panel.plot(sizes[fitted], 1e6 * medians[fitted], "o", color="tab:blue", markersize=3.5)

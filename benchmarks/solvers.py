@@ -1,9 +1,9 @@
-"""Which solver is the fastest on the controller's own problems: the measurement behind the default.
+"""Compare the solvers on the controller's own problems, for the choice of the default.
 
-Every problem is solved by each solver in turn, so that the machine's moods meet all of them alike; compare the ratios.
+Every problem is solved by each solver in turn, so that disturbances affect all equally; compare the ratios.
 
     python benchmarks/solvers.py            the persistent back ends
-    python benchmarks/solvers.py quadprog   and any other that qpsolvers knows here
+    python benchmarks/solvers.py quadprog   and any other solver of qpsolvers
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PROBLEMS = 500
 
 
 def swaying(model: RobotModel, seed: int = 0) -> Iterator[RobotState]:
-    """Neighbouring states, as a warm start meets them: a slow motion of all joints around the nominal posture."""
+    """Return adjacent states for a warm start: a slow motion of all joints around the nominal posture."""
     direction = 0.01 * np.random.default_rng(seed).normal(size=model.nv)
     start = model.configuration(model.posture)
     for i in range(PROBLEMS):

@@ -1,4 +1,4 @@
-"""What the tables say of measured seconds."""
+"""Statistics of measured times."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from wbc_controller.records import Array
 
 @dataclass(frozen=True)
 class Summary:
-    """Of the cycles of one contestant, in s, without those that found no solution.
+    """Statistics of a contestant's cycles, s, without cycles that have no solution.
 
     Attributes:
-        median: of all.
-        p99: 99 of 100 cycles took at most this.
-        p999: 999 of 1000 did.
-        mean: of all.
+        median: median of all cycles.
+        p99: 99 % quantile.
+        p999: 99.9 % quantile.
+        mean: mean of all cycles.
         failures: cycles without a solution.
     """
 
@@ -29,7 +29,7 @@ class Summary:
     failures: int
 
     def __str__(self) -> str:
-        """Median, p99 and p99.9 in µs."""
+        """Return median, p99 and p99.9 in µs."""
         return "".join(f"{1e6 * value:8.0f}" for value in (self.median, self.p99, self.p999))
 
 
@@ -40,24 +40,24 @@ def summary(blocks: Sequence[Array]) -> Summary:
     failures = len(seconds) - len(solved)
     if not len(solved):
         return Summary(np.nan, np.nan, np.nan, np.nan, failures)
-    # A quantile that is not between two cycles: the slower one of them, as a mean of them happened to nobody.
+    # Quantiles between two cycles use the slower one.
     median, p99, p999 = np.quantile(solved, (0.5, 0.99, 0.999), method="higher")
     return Summary(float(median), float(p99), float(p999), float(solved.mean()), failures)
 
 
 def share(ours: Sequence[Array], theirs: Sequence[Array]) -> tuple[float, float, float]:
-    """Our median as a share of theirs: over all blocks, and the smallest and largest of a pair of neighbouring blocks.
+    """Return our median as a share of theirs, over all blocks, and its range over adjacent blocks.
 
     Args:
-        ours: seconds of each block, each (n,).
-        theirs: likewise, of the same blocks.
+        ours: times of each block, (n,) in s.
+        theirs: times of the same blocks.
     """
     pairs = [summary([mine]).median / summary([other]).median for mine, other in zip(ours, theirs, strict=True)]
     return summary(ours).median / summary(theirs).median, float(np.nanmin(pairs)), float(np.nanmax(pairs))
 
 
 def exponent(sizes: Array, seconds: Array) -> tuple[float, float]:
-    """Exponent b and factor a of the power law a nᵇ that fits best: least squares of the logarithms.
+    """Return exponent b and factor a of the power law a nᵇ, by least squares of the logarithms.
 
     Args:
         sizes: n, above 0, (k,).

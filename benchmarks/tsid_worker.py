@@ -1,4 +1,4 @@
-"""tsid's side of the comparison, in an environment of its own: `serving.py` says how it is spoken to."""
+"""Worker of tsid, in its own environment; `serving.py` contains the protocol."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 class TsidController:
-    """Centre of mass, posture, orientation of a frame, contacts and torque limits, as tsid has them.
+    """Centre of mass, posture, orientation of a frame, contacts and torque limits, in tsid.
 
-    tsid's Python binding does not keep what it is given: every object must stay referenced from here.
+    tsid's Python binding does not store references, so all objects are stored here.
     """
 
     def __init__(self, scene: dict[str, Any]) -> None:
         model = pin.buildModelFromXML(scene["urdf"], pin.JointModelFreeFlyer())
         if list(model.names)[2:] != scene["joints"]:
-            raise ValueError(f"the joints are {list(model.names)[2:]}, expected {scene['joints']}")
+            raise ValueError(f"joints {list(model.names)[2:]}, expected {scene['joints']}")
         model.armature = np.array(scene["armature"])
         self.robot = tsid.RobotWrapper(model, tsid.FLOATING_BASE_SYSTEM, False)
         self.formulation = tsid.InverseDynamicsFormulationAccForce("tsid", self.robot, False)
@@ -74,7 +74,7 @@ class TsidController:
         }
 
     def _contact(self, contact: dict[str, Any]) -> tuple[Any, int]:
-        # tsid holds |f_t| ≤ μ f_n along two axes, which is outside of the cone; we hold the pyramid within it.
+        # tsid limits |f_t| ≤ μ f_n along two axes, outside of the cone; ours uses the inner pyramid.
         bounds = (contact["friction"] / math.sqrt(2.0), contact["min_normal_force"], contact["max_normal_force"])
         if contact["type"] == "point":
             made = tsid.ContactPoint(contact["name"], self.robot, contact["frame"], _UP, *bounds)

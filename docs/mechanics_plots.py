@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "test" / "support")]
+sys.path[:0] = [str(ROOT), str(ROOT / "test" / "support"), str(ROOT / "test" / "mechanics")]
 
 mpl.use("svg")
 # Reproducible files; text as text for small files.

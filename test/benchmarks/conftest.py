@@ -1,4 +1,4 @@
-"""The scripts of benchmarks/ import each other by name."""
+"""Import path for the scripts of benchmarks/."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The comparison of `make bench`, with our own cycle in the place of the rivals."""
+"""Comparison of `make bench`, with our own cycle in place of the rivals."""
 
 import os
 import re
@@ -26,7 +26,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> scenes.Scene:
 
 
 def answered(scene: scenes.Scene) -> list:
-    """Our solutions of all states, in this process."""
+    """Return our solutions of all states, in this process."""
     cycle = Cycle(scene.settings, scene.model)
     rest = cycle.start(scene.q)
     found = []
@@ -37,7 +37,7 @@ def answered(scene: scenes.Scene) -> list:
     return found
 
 
-def test_a_process_answers_what_our_cycle_answers_here_to_the_bit(scene):
+def test_worker_process_and_local_cycle_agree_bitwise(scene):
     with contestants.ours(scene.message()) as process:
         first, second = process.solve(scene.rows[:10]), process.solve(scene.rows[10:], 2**20)
     for i, solution in enumerate(answered(scene)):
@@ -51,7 +51,7 @@ def test_a_process_answers_what_our_cycle_answers_here_to_the_bit(scene):
         assert (answers.seconds > 0.0).all()
 
 
-def test_the_floor_has_the_size_of_accelerations_and_forces(scene):
+def test_floor_has_the_size_of_accelerations_and_forces(scene):
     with contestants.floor(scene.message()) as process:
         answers = process.solve(scene.rows[:5])
     assert process.hello["unknowns"] == scene.model.nv + 6
@@ -59,36 +59,36 @@ def test_the_floor_has_the_size_of_accelerations_and_forces(scene):
     assert np.allclose(answers.parts.sum(axis=1), answers.seconds)
 
 
-def test_a_process_that_ends_is_named(scene, capfd):
-    with pytest.raises(SystemExit, match="broken's process ended before it was ready"):
+def test_ended_process_is_named(scene, capfd):
+    with pytest.raises(SystemExit, match="the process of broken ended before it was ready"):
         contestants.ours({**scene.message(), "joints": ["elbow"]}, "broken")
     assert "expected ['elbow']" in capfd.readouterr().err
     with contestants.ours(scene.message(), "broken") as process:
         fallen = scene.rows[:1].copy()
         fallen[0, scene.model.nq + 6 :] = 1.0e6  # rad/s: the supervisor leaves its active mode
-        with pytest.raises(SystemExit, match="broken's process ended; what it said is above"):
+        with pytest.raises(SystemExit, match="the process of broken ended; see its output above"):
             process.solve(np.repeat(fallen, 200, axis=0))
 
 
-def test_an_unknown_commit_is_refused_by_name():
-    with pytest.raises(SystemExit, match="--against 'no-such-commit': no commit of this repository"):
+def test_unknown_commit_is_refused():
+    with pytest.raises(SystemExit, match="--against: unknown commit 'no-such-commit'"):
         compare.main(["--against", "no-such-commit", "--cases", "go2-two"])
 
 
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--cases", "go3"], "--cases 'go3'"),
-        (["--rivals", "tsit"], "--rivals 'tsit'"),
-        (["--blocks", "0"], "--blocks 0: at least 1"),
+        (["--cases", "go3"], "--cases: unknown name 'go3'"),
+        (["--rivals", "tsit"], "--rivals: unknown name 'tsit'"),
+        (["--blocks", "0"], "--blocks 0; valid: at least 1"),
     ],
 )
-def test_what_cannot_be_compared_is_refused_by_name(arguments, sentence):
+def test_unknown_cases_and_rivals_are_refused(arguments, sentence):
     with pytest.raises(SystemExit, match=sentence):
         compare.main(arguments)
 
 
-def test_all_contestants_meet_all_states_in_turn_and_in_order(monkeypatch):
+def test_contestants_get_all_states_in_turn(monkeypatch):
     monkeypatch.setattr(compare, "FILLING", 8)
     asked = []
 
@@ -111,7 +111,7 @@ def test_all_contestants_meet_all_states_in_turn_and_in_order(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["talos-double", "talos-full", "g1-single"])
-def test_the_rivals_robot_is_ours_with_a_frame_at_each_contact(name, tmp_path):
+def test_robot_of_the_rivals_has_contact_frames(name, tmp_path):
     scene = scenes.make(scenes.CASES[name], 1, tmp_path)
     told = scene.message()
     model = pin.buildModelFromXML(told["urdf"], pin.JointModelFreeFlyer())
@@ -132,12 +132,12 @@ def test_the_rivals_robot_is_ours_with_a_frame_at_each_contact(name, tmp_path):
         feet.append(ours.points(dynamics).mean(axis=0))
         assert np.allclose(data.oMf[model.getFrameId(contact["frame"])].translation, feet[-1], atol=1e-8)
     assert len(feet) == len(scene.case.feet)
-    if len(feet) == 1:  # it has moved over the only one
+    if len(feet) == 1:  # moved over the only foot
         assert np.linalg.norm((dynamics.com - feet[0])[:2]) < 0.01
 
 
-def test_our_older_code_and_whole_services_are_timed_beside_ours(capsys, monkeypatch):
-    """With the commit that is checked out as the older one."""
+def test_older_code_and_services_are_timed(capsys, monkeypatch):
+    """The present commit is also the older one."""
     monkeypatch.setattr(compare, "WARM", 30)
     monkeypatch.setattr(compare, "FILLING", 10)
     monkeypatch.setattr(compare, "COLD", 5)
@@ -150,23 +150,23 @@ def test_our_older_code_and_whole_services_are_timed_beside_ours(capsys, monkeyp
     assert allowed is None or os.sched_getaffinity(0) == allowed
     said = capsys.readouterr().out
     older = f"at {commit}"
-    assert f"{older} from ours, at most: v̇ " in said
+    assert f"largest differences of {older} from ours: v̇ " in said
     for row in ("floor", "ours", older):
         cells = re.search(rf"^{row} +(\d+) +(\d+) +(\d+) ", said, flags=re.MULTILINE)
         assert cells is not None
         assert int(cells[1]) <= int(cells[2]) <= int(cells[3])
     assert re.search(rf"^{older} .*\(\d", said, flags=re.MULTILINE)
-    services = said[said.index("g1 as shipped, bytes to bytes") :]
+    services = said[said.index("g1 as supplied, messages to messages") :]
     assert "read" in services
     assert "processor" in services
-    assert f"{older} from ours, at most: τ " in services
-    assert "supervise" in said[: said.index("g1 as shipped")]
+    assert f"largest difference of {older} from ours: τ " in services
+    assert "supervise" in said[: said.index("g1 as supplied")]
     shares = said[said.index("our share, warm/cold") :]
     assert re.search(r"^go2-four +\d+\.\d\d/\d+\.\d\d +\d+\.\d\d/\d+\.\d\d$", shares, flags=re.MULTILINE)
     assert re.search(r"^g1-service +\d+\.\d\d/\d+\.\d\d$", shares, flags=re.MULTILINE)
 
 
-def test_older_code_is_never_the_package_that_is_installed(scene, tmp_path, capfd):
-    with pytest.raises(SystemExit, match="older's process ended before it was ready"):
+def test_older_code_is_not_the_installed_package(scene, tmp_path, capfd):
+    with pytest.raises(SystemExit, match="the process of older ended before it was ready"):
         contestants.ours(scene.message(), "older", tmp_path)
     assert f"not in {tmp_path}" in capfd.readouterr().err

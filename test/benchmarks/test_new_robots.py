@@ -1,4 +1,4 @@
-"""The table of docs/robots.md, of a few robots: their drafted files are good as they are, and they stand with them."""
+"""Table of drafted configurations for some robots."""
 
 import new_robots
 import pytest
@@ -9,13 +9,13 @@ import pytest
     ("G1", "floating", "2 surface"),
     ("UR5", "fixed", "none"),
 ])  # fmt: skip
-def test_a_drafted_robot_stands_sways_squats_and_takes_a_push(robot, base, feet):
+def test_drafted_robot_passes(robot, base, feet):
     row = new_robots.run(robot)
     assert (row.kind, row.feet, row.check) == (base, feet, "ok")
     assert (row.stands, row.sway, row.squat, row.push) == ("yes",) * 4
 
 
-def test_a_robot_on_two_points_cannot_stand_and_the_table_says_so():
+def test_robot_on_two_points_cannot_stand():
     row = new_robots.run("Bolt")
     assert (row.check, row.stands) == ("no", "")
     assert "outside the support" in row.to_do

@@ -1,20 +1,20 @@
-"""The benchmark of the page, for a few seconds."""
+"""Benchmark of the page for a few seconds."""
 
 import pytest
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 import page
 
 pytestmark = pytest.mark.live
 
 
-def test_it_measures_the_loop_with_the_page_and_without_it(monkeypatch, tmp_path, capsys):
+def test_loop_is_measured_with_and_without_the_page(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(page, "LOADING", 2.0)
     found = dict(page.measure("go2", 4 * page.BLOCK / 60.0, 3, "other", tmp_path))
     said = capsys.readouterr().out
     assert "3 browsers" in said
-    for seconds in found.values():  # of two blocks each, on a machine that may be late
+    for seconds in found.values():  # two blocks each, on a possibly late machine
         assert 100 < seconds.size <= 2.02 * 500 * (page.BLOCK - page.SETTLE)
         assert (seconds > 0.0).all()
     assert set(found) == {"with", "without"}

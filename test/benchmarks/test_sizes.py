@@ -1,4 +1,4 @@
-"""The cases in which one size of the problem grows."""
+"""Cases with one varying size of the problem."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from wbc_controller.controller.build.program import make_qp
 
 
 def grown(series: sizes.Series) -> list[tuple[int, object]]:
-    """Our quadratic programs of the two smallest cases and of the largest one, with their sizes."""
+    """Return our quadratic programs of the two smallest cases and the largest one, with their sizes."""
     assert len(series.cases) >= 4
     made = []
     for size in (*sorted(series.cases)[:2], max(series.cases)):
@@ -18,7 +18,7 @@ def grown(series: sizes.Series) -> list[tuple[int, object]]:
     return made
 
 
-def test_each_size_is_the_one_that_its_axis_names(tmp_path):
+def test_sizes_agree_with_their_axes(tmp_path):
     for size, qp in grown(sizes.degrees_of_freedom(tmp_path)):
         assert qp.model.nv == size
     for size, qp in grown(sizes.contacts()):
@@ -31,7 +31,7 @@ def test_each_size_is_the_one_that_its_axis_names(tmp_path):
         assert [limit.summary.split()[0] for limit in qp.formulation.row_limits] == ([str(size)] if size else [])
 
 
-def test_the_line_is_fitted_to_the_sizes_of_which_one_can_take_a_logarithm():
+def test_fit_omits_zero_sizes():
     series = sizes.Series("pairs", {0: {}, 10: {}, 100: {}, 1000: {}})
     for size, blocks in series.seconds.items():
         blocks += [np.full(9, 2.0e-6 * size**0.5 if size else 1.0), np.full(8, 2.0e-6 * size**0.5)]

@@ -42,7 +42,7 @@ def test_a_robot_is_brought_up(tmp_path, processes, name):
         run = processes.start(verb, path, "--wait", str(patience(60.0)), *words)
         assert run.wait(timeout=patience(PATIENCE)) == 0, processes.logs()
     logs = processes.logs()
-    assert "the controller is active, and its torques are ramped in" in logs
+    assert "the controller is active at full torque" in logs
     assert "refused" not in logs.split("-send.log", 1)[1]
     if name == "anymal.yaml":
         assert re.search(r"the last seconds are written to '\S+the-push\.mcap'", logs.split("-send.log", 1)[1])

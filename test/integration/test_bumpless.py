@@ -76,7 +76,7 @@ def run():
     result = Run(settings)
     robot = Robot(settings, observers=(result.reports.append,))
     robot.run(5)
-    robot.user.say("command", "activate")
+    robot.user.send_text("command", "activate")
     robot.run(600)
     robot.mock.plant.hold(False)
     robot.run(400)
@@ -112,7 +112,7 @@ def run():
             result.switches += count
         changes = {section: entries for section, entries in changes.items() if entries}
         if changes:
-            robot.user.say("update", yaml.safe_dump(changes))
+            robot.user.send_text("update", yaml.safe_dump(changes))
         robot.cycle()
         result.fallen = result.fallen or robot.mock.plant.fallen
         for name, place in robot.soles().items():

@@ -28,10 +28,10 @@ def test_a_stop_passes_every_flood_within_two_cycles_and_the_loop_goes_on(tmp_pa
         assert trial.rate >= LEAST.get(trial.flood, LEAST_OF_SMALL), trial
         assert trial.obeyed, trial
         assert trial.steady, trial
-        assert trial.stop.said or trial.flood not in NAMED, trial
+        assert trial.stop.losses_reported or trial.flood not in NAMED, trial
 
 
-STOP = Stop(began=0, known=1, ended=2, seen=0.01, late=0.0, sent=5000, seconds=0.5, said=True)
+STOP = Stop(began=0, known=1, ended=2, delay=0.01, late=0.0, sent=5000, seconds=0.5, losses_reported=True)
 TRIAL = StopTrial("activate", STOP, CYCLES, STALL, period=0.002)
 
 

@@ -7,33 +7,33 @@ import dataclasses
 import pytest
 from domains import own_domain
 
-from wbc_controller.validation.fuzz.kills import SLACK, WAYS, KillTrial, kill_trials
+from wbc_controller.validation.fuzz.kills import METHODS, SLACK, KillTrial, kill_trials
 
 
 @pytest.mark.live
 def test_no_torques_stay_whatever_is_killed_and_everything_starts_again(tmp_path):
     trials = kill_trials("go2", tmp_path, 1, domain=own_domain())  # `wbc fuzz kills` does 50 of each
-    assert [(trial.victim, trial.way) for trial in trials] == [
-        (victim, way) for victim in ("controller", "mock") for way in WAYS
+    assert [(trial.victim, trial.method) for trial in trials] == [
+        (victim, method) for victim in ("controller", "mock") for method in METHODS
     ]
     for trial in trials:
         print(trial)
-        assert trial.held, trial
+        assert trial.passed, trial
 
 
 TRIAL = KillTrial("controller", "kill", 0.0, 0.014, 0.014, 0.0, 0.05, 0.0, "damping COMMANDS_STOPPED: …", True, True)
 
 
 @pytest.mark.parametrize(
-    ("change", "held"),
+    ("change", "passed"),
     [
         ({}, True),
         ({"gap": 0.014 + SLACK + 0.001}, False),
         ({"gap": 0.014 + SLACK + 0.001, "late": 0.001}, True),
         ({"stale": 0.05 + SLACK + 0.001}, False),
-        ({"right": False}, False),
+        ({"state_correct": False}, False),
         ({"restarted": False}, False),
     ],
 )
-def test_a_trial_is_judged_by_what_the_machine_was_late(change, held):
-    assert dataclasses.replace(TRIAL, **change).held is held
+def test_a_trial_is_judged_by_what_the_machine_was_late(change, passed):
+    assert dataclasses.replace(TRIAL, **change).passed is passed

@@ -57,7 +57,7 @@ def sway(robot, spoil, sensors):
     trial = EstimationTrial(robot, {"estimation.base_state": base, "mock.sensors": sensors})
     trial.mock.plan([Spoiled(duration=LONGEST)], since=0.0)
     trial.settle()
-    trial.user.say("command", "activate")
+    trial.user.send_text("command", "activate")
     if trial.cycle().mode is not Mode.ACTIVE:
         return "; ".join(trial.report.refused)
     for i in range(round(2.5 * trial.settings.control.rate)):
@@ -67,7 +67,7 @@ def sway(robot, spoil, sensors):
         if i == round(0.4 * trial.settings.control.rate):
             trial.mock.plant.hold(False)
         if i == round(1.0 * trial.settings.control.rate):
-            com = trial.wanted()
+            com = trial.reference_com()
             trial.follow([0.4, 0.8, 1.2], [com + [0.02, 0.03, 0.0], com - [0.02, 0.03, 0.0], com])
     return None
 

@@ -13,7 +13,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.solvers import make_solver
 from wbc_controller.records import Reference, frozen_mapping
 from wbc_controller.settings import PostureTask
-from wbc_controller.validation.fuzz.problems import room
+from wbc_controller.validation.fuzz.problems import feasibility_margin
 
 ROBOTS = ("g1", "talos", "go2")
 RESIDUALS = {"equations_of_motion", "contact_motion", "inequalities"}
@@ -241,9 +241,9 @@ def test_minimal_relaxation(bench, robot):
         state, references, before = bench.random_problem(seed)
         solution = bench.controller.solve(state, references, before)
         layout = bench.controller.formulation.build(state, references, before)
-        enough = room(layout.problem)
+        enough = feasibility_margin(layout.problem)
         layout.torque_lower[:], layout.torque_upper[:] = bench.controller.formulation.effort_bounds(references)
-        without_rate = room(layout.problem)
+        without_rate = feasibility_margin(layout.problem)
         if enough > 1e-6:
             assert solution.relaxed == ()
         elif without_rate > 1e-6:

@@ -21,7 +21,7 @@ class Wired:
         names, apply = list(self.model.actuators), self.mock.plant.apply
         received = order(names)
         self.mock.plant.apply = lambda tau: apply(signs * np.asarray(tau)[received])
-        self.lockstep.user.say("command", "activate")
+        self.lockstep.user.send_text("command", "activate")
         if not held:
             self.mock.plant.hold(False, ramp=0.0)
         self.held = held
@@ -125,7 +125,7 @@ def test_after_a_stop_the_robot_can_be_activated_again(robot_of):
     robot.mock.plant.apply = type(robot.mock.plant).apply.__get__(robot.mock.plant)
     robot.mock.plant.hold(True, ramp=0.0)
     for word in ("reset", "activate"):
-        robot.lockstep.user.say("command", word)
+        robot.lockstep.user.send_text("command", word)
         report = robot.lockstep.cycle()
     assert (report.mode, report.fault) == (Mode.ACTIVE, None)
 

@@ -54,7 +54,7 @@ class Run:
         other = {"model": self.plant} if self.plant else {}
         self.lockstep = Lockstep(self.settings, mock=other, observers=(self.reports.append,))
         self.model, self.mock, self.loop = self.lockstep.model, self.lockstep.mock, self.lockstep.loop
-        self.lockstep.user.say("command", "activate")
+        self.lockstep.user.send_text("command", "activate")
         self.until(LET_GO)
         self.mock.plant.hold(False)
         self.until(CALM)

@@ -1,4 +1,4 @@
-"""Outcomes of trials that never were, for the tests of what counts and shows them."""
+"""Invented outcomes of trials, for tests of reports."""
 
 import dataclasses
 from typing import Any
@@ -17,7 +17,7 @@ def outcome(kind: str = "kick", seed: int = 0, **changes: Any) -> Outcome:
 
 
 def repeatable(outcome):
-    """All values that are the same whenever a trial is repeated: without times of the machine and explanations."""
+    """Return the values that are identical in a repeated trial: without wall times and texts."""
     content = {
         key: value for key, value in dataclasses.asdict(outcome).items() if key not in ("longest", "wall", "sentence")
     }

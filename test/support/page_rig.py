@@ -1,4 +1,4 @@
-"""The page on a real server, with a stand-in for the robot: it stands, and requests are recorded."""
+"""The page on a real server, with a standing robot as a test double, and recorded requests."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ SETTINGS = load_settings(find_configuration("g1"))
 TRIANGLE = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], dtype=np.float32)
 
 
-class Story:
-    """Tells of a robot that stands, its clock going on with every snapshot."""
+class SnapshotDouble:
+    """Source of snapshots of a standing robot; its clock advances with every snapshot."""
 
     def __init__(self, robot):
         self.robot = robot
@@ -58,7 +58,7 @@ def status(**values):
 class Rig:
     def __init__(self, *, commands):
         self.robot = Robot(SETTINGS)
-        self.story = Story(self.robot)
+        self.story = SnapshotDouble(self.robot)
         self.sent, self.gate = [], Gate("127.0.0.1")
         self.server = open_server("127.0.0.1", 0, self.gate, commands=commands)
         joints = range(1, self.robot.model.pinocchio.njoints)
@@ -67,9 +67,9 @@ class Rig:
         self.sender = None
         if commands:
             self.sender = RequestSender(SETTINGS, self.take, self.page.report)
-            self.page.command(self.sender, lambda: True)
+            self.page.enable_commands(self.sender, lambda: True)
             self.sender.start()
-        self.page.view_options()
+        self.page.add_view_options()
         self.stop = threading.Event()
         self.thread = threading.Thread(target=self.page.run, args=(self.stop,), daemon=True)
         self.thread.start()

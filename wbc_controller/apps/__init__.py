@@ -1,1 +1,1 @@
-"""Programs for users: terminal commands, the browser page, configurations from a URDF, the demo."""
+"""Programs for users: terminal commands, the browser page, drafts of configurations, the demo."""

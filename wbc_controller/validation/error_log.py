@@ -1,4 +1,4 @@
-"""Collects the errors that this package logs during a trial."""
+"""Collection of the errors that this package logs during a trial."""
 
 import contextlib
 import logging
@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def logged_errors() -> Iterator[list[str]]:
-    """Collect the errors that this package logs, and print nothing: trials cause thousands of warnings."""
+    """Collect the logged errors of this package, and print nothing."""
     logger, errors = logging.getLogger("wbc_controller"), list[str]()
 
     def emit(record: logging.LogRecord) -> None:

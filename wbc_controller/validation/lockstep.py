@@ -1,4 +1,4 @@
-"""A controller, its mock robot and its user on one thread and simulated time: the base of trials in one process."""
+"""Controller, mock robot and user on one thread and simulated time, for trials in one process."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -34,13 +34,7 @@ class Lockstep:
         mock: Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
-        """Build a robot that hangs on its hoist, with options of `MockRobot` and of `make_loop`.
-
-        The model is built from the settings by default; `use_sim_time` lets the controller measure time by ``/clock``.
-
-        Raises:
-            ConfigurationError: if the robot cannot be controlled or simulated.
-        """
+        """Build a robot on its hoist; `mock` and `options` are options of `MockRobot` and `make_loop`."""
         self.settings = settings
         self.model = make_model(settings) if model is None else model
         self.topics = controller_endpoints(settings, self.model)
@@ -56,7 +50,7 @@ class Lockstep:
         self._data = self.model.pinocchio.createData()
 
     def com(self) -> Array:
-        """Return the true centre of mass of the model, without loads, (3,) in m."""
+        """Return the true centre of mass without payloads, (3,) in m."""
         return np.array(pin.centerOfMass(self.model.pinocchio, self._data, self.mock.plant.state()[0]))
 
     @property
@@ -70,7 +64,7 @@ class Lockstep:
         self.mock.publish()
 
     def cycle(self) -> CycleReport:
-        """Let one control period pass."""
+        """Execute one control period."""
         self.publish_state()
         report = self.loop.cycle()
         self.mock.advance()

@@ -1,4 +1,4 @@
-"""The user of a trial: sends requests to the controller by topics, and moves the robot."""
+"""User of a trial: sends requests by topics, and moves the robot."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -14,12 +14,9 @@ from wbc_controller.middleware.transports.transport import Transport
 from wbc_controller.records import Array
 from wbc_controller.settings import Settings
 
-#: Amplitude of the swaying centre of mass, m, and of all joints where they are free to follow, rad.
-_SWAY, _SWING = 0.015, 0.15
-#: Time from one side to the other, s.
-_BEAT = 0.3
-#: Longest motion, s.
-_LONGEST = 4.0
+_SWAY, _SWING = 0.015, 0.15  # of the centre of mass, m, and of the joints, rad
+_HALF_PERIOD = 0.3  # time from one side to the other, s
+_DURATION = 4.0  # s
 
 
 class User:
@@ -41,16 +38,16 @@ class User:
         self.send_bytes(key, encode(content), subject)
 
     def send_bytes(self, key: str, payload: bytes, subject: str = "") -> None:
-        """Send bytes that may be no message."""
+        """Send bytes, possibly an invalid message."""
         self._publish[key, subject](payload)
 
-    def say(self, key: str, text: str) -> None:
+    def send_text(self, key: str, text: str) -> None:
         """Send a text."""
         self.send(key, message("std_msgs/msg/String", data=text))
 
     def move(self, com: Array) -> None:
-        """Let the centre of mass sway about a point, (3,) in m, and the joints swing, so that frozen values show."""
-        times = np.arange(_BEAT, _LONGEST, _BEAT)
+        """Sway the centre of mass about `com`, (3,) in m, and swing the joints, to reveal frozen values."""
+        times = np.arange(_HALF_PERIOD, _DURATION, _HALF_PERIOD)
         sides = (-1.0) ** np.arange(len(times))
         still = np.zeros(len(times)), com[None, :] + np.outer(sides, [0.5 * _SWAY, _SWAY, 0.0])
         for name in self.tasks("com"):
@@ -63,7 +60,7 @@ class User:
             self.send("trajectory", joint_trajectory(joints, times.tolist(), within), name)
 
     def tasks(self, kind: str) -> list[str]:
-        """Names of the tasks of a kind that take trajectories."""
+        """Return the tasks of a type that accept trajectories."""
         return [
             name
             for name, task in self.settings.tasks.items()
@@ -71,18 +68,18 @@ class User:
         ]
 
 
-def deep(topic: Endpoint) -> Endpoint:
-    """Return the other end of a topic, with a queue that loses no message while this process is busy."""
+def reliable_counterpart(topic: Endpoint) -> Endpoint:
+    """Return the counterpart of a topic, with a queue that drops no message while this process is busy."""
     return dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
 
 
-def words_to_activate(mode: str) -> tuple[str, ...]:
-    """Return the commands that activate a controller in a mode, after a fault too."""
+def activation_commands(mode: str) -> tuple[str, ...]:
+    """Return the commands that activate a controller in a mode, also after a fault."""
     return ("activate",) if mode.startswith("inactive") else ("reset", "activate")
 
 
 def com_trajectory(times: Sequence[float], positions: Array) -> Any:
-    """Make a trajectory through points at rest, (n, 3) in m, that begins at once."""
+    """Return an immediate trajectory through points at rest, (n, 3) in m."""
     upright = message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
     points = [
         message(
@@ -100,7 +97,7 @@ def com_trajectory(times: Sequence[float], positions: Array) -> Any:
 
 
 def joint_trajectory(joints: Sequence[str], times: Sequence[float], positions: Array) -> Any:
-    """Make a trajectory of joints through points at rest, (n, k) in rad, that begins at once."""
+    """Return an immediate joint trajectory through points at rest, (n, k) in rad."""
     nothing = np.zeros(0)
     points = [
         message(

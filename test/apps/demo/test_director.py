@@ -1,4 +1,4 @@
-"""What the director waits for."""
+"""Timeouts of the director."""
 
 import numpy as np
 import pytest
@@ -16,12 +16,12 @@ from wbc_controller.simulation.mock_robot import NODE_NAME
 
 
 class Activated(Exception):
-    """The controller is active, and time goes on."""
+    """The controller is active, and time passes."""
 
 
 @pytest.fixture
 def play(make):
-    """Plays with a mock robot that stands, and a controller that says its modes after so many states each."""
+    """Return a function that plays a scenario with a standing mock robot and scripted modes of the controller."""
     settings = load("go2").settings
     model, bus = make_model(settings), MemoryBus()
     ours = controller_endpoints(settings, model)
@@ -52,16 +52,19 @@ def play(make):
     return play
 
 
-def test_a_robot_may_start_long_before_its_controller_and_that_long_before_it_can_be_activated(play):
+def test_late_controller_and_late_activation(play):
     with pytest.raises(Activated):
         play({3000: "inactive", 9000: "active"})
 
 
 @pytest.mark.parametrize(
     ("modes", "sentence"),
-    [({}, r"waited 0\.2 s for the controller in vain"), ({5: "inactive"}, "did not become active: inactive")],
+    [
+        ({}, r"timeout: no state of the controller within 0\.2 s"),
+        ({5: "inactive"}, "did not become active; its state is 'inactive'"),
+    ],
 )
-def test_it_does_not_wait_for_ever(play, monkeypatch, modes, sentence):
-    monkeypatch.setattr(director, "_PATIENCE", 0.2)
+def test_timeout(play, monkeypatch, modes, sentence):
+    monkeypatch.setattr(director, "_TIMEOUT", 0.2)
     with pytest.raises(DemoFailed, match=sentence):
         play(modes)

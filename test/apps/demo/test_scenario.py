@@ -4,7 +4,7 @@ import yaml
 from chains import joint, link
 from chains import robot as decode_urdf
 
-from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.demo.scenario import SCENARIOS, Move, Scenario
 from wbc_controller.controller.build.robot import make_model
@@ -13,12 +13,12 @@ from wbc_controller.settings.config import load
 from wbc_controller.settings.files import find_configuration, load_settings, shipped_configurations
 
 
-def test_every_robot_that_is_shipped_has_a_demo():
+def test_supplied_robots_have_a_demo():
     assert set(SCENARIOS) == set(shipped_configurations())
 
 
 @pytest.mark.parametrize("robot", SCENARIOS)
-def test_what_a_demo_asks_for_is_in_the_configuration(robot):
+def test_demos_use_configured_tasks(robot):
     scenario, settings = SCENARIOS[robot], load_settings(find_configuration(robot))
     assert settings.tasks["com"].type == "com"
     for reach in scenario.reaches:
@@ -26,7 +26,7 @@ def test_what_a_demo_asks_for_is_in_the_configuration(robot):
         assert reach.duration > settings.tasks[reach.task].setpoint_duration
     names = [part.name for part in (*scenario.moves, *scenario.shoves)]
     assert len(set(names)) == len(names)
-    for move in scenario.moves:  # they go on in time, and come back
+    for move in scenario.moves:  # in order of time, with the end at the start position
         times = [time for time, _ in move.points]
         assert times[0] > 0.0
         assert times == sorted(set(times))
@@ -43,7 +43,7 @@ def test_what_a_demo_asks_for_is_in_the_configuration(robot):
 
 
 @pytest.mark.parametrize("robot", ["g1", "go2"])
-def test_a_scenario_is_derived_that_is_like_the_one_made_for_the_robot(robot, robot_of):
+def test_derived_scenario_is_similar_to_the_supplied_one(robot, robot_of):
     settings, model = robot_of(robot)
     derived, made = derived_scenario(settings, model), SCENARIOS[robot]
     for ours, theirs in zip(derived.moves, made.moves, strict=True):
@@ -56,17 +56,17 @@ def test_a_scenario_is_derived_that_is_like_the_one_made_for_the_robot(robot, ro
     assert len(derived.reaches) == len(made.reaches)
 
 
-def test_what_does_not_stand_on_legs_has_no_demo(robot_of):
+def test_robots_that_cannot_stand_have_no_demo(robot_of):
     settings, model = robot_of("go2")
     without = settings.model_copy(update={"contacts": {}})
-    with pytest.raises(ConfigurationError, match="the demo needs a robot that stands"):
+    with pytest.raises(ConfigurationError, match="the demo requires a standing robot"):
         derived_scenario(without, model)
     posture = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
-    with pytest.raises(ConfigurationError, match="the demo needs a task of type com that is enabled"):
+    with pytest.raises(ConfigurationError, match="the demo requires an enabled task of type com"):
         derived_scenario(posture, model)
 
 
-def test_a_scenario_may_be_short():
+def test_short_scenario():
     assert Scenario().moves == ()
     assert Move("x", ((2.0, (0.0, 0.0, 0.1)),), 0.01).duration == 2.0
 
@@ -85,8 +85,8 @@ ARM = {
 
 @pytest.fixture
 def arm(tmp_path):
-    """Path of its file."""
-    urdf = decode_urdf(
+    """Return the path of the robot's configuration."""
+    urdf = urdf_of(
         link("base"), link("column"), joint("turn", "base", "column", "0 0 1"),
         link("upper"), joint("lift", "column", "upper"), link("lower"), joint("bend", "upper", "lower"),
         link("hand", 0.3), joint("roll", "lower", "hand", "1 0 0"),
@@ -98,18 +98,18 @@ def arm(tmp_path):
     return path
 
 
-def test_an_arm_on_a_fixed_base_reaches_and_is_shoved_at_its_hand(arm, tmp_path, capsys):
+def test_arm_on_a_fixed_base_reaches_and_is_pushed_at_its_hand(arm, tmp_path, capsys):
     assert run_demo(str(arm), tmp_path, lockstep=True)
     printed = capsys.readouterr().out
     assert "4 joints" in printed
-    assert "a fixed base" in printed
+    assert "fixed base" in printed
     assert [word in printed for word in ("reach: hand error", "shove left", "let go", "vertical")] == [
         True, True, False, False,
     ]  # fmt: skip
     assert (tmp_path / "arm.html").stat().st_size > 100_000
 
 
-def test_the_demo_of_an_arm_asks_for_what_the_hand_can_do(arm):
+def test_demo_of_an_arm_is_feasible(arm):
     settings = load(str(arm)).settings
     model = make_model(settings)
     scenario = derived_scenario(settings, model)
@@ -121,14 +121,14 @@ def test_the_demo_of_an_arm_asks_for_what_the_hand_can_do(arm):
     assert all(0.01 < impulse < 0.3 * model.mass for impulse in impulses)
 
 
-def test_an_arm_without_a_posture_has_no_demo(arm):
+def test_arm_without_a_posture_task_has_no_demo(arm):
     settings = load(str(arm)).settings
     without = settings.model_copy(update={"tasks": {"hand": settings.tasks["hand"]}})
-    with pytest.raises(ConfigurationError, match="the demo of a fixed base needs a posture task"):
+    with pytest.raises(ConfigurationError, match="the demo of a fixed base requires an enabled posture task"):
         derived_scenario(without, make_model(settings))
 
 
-def test_an_arm_without_a_hand_is_shoved_at_its_end(arm):
+def test_arm_without_a_hand_is_pushed_at_its_end(arm):
     settings = load(str(arm)).settings
     without = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
     scenario = derived_scenario(without, make_model(settings))

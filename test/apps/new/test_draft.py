@@ -1,4 +1,4 @@
-"""A configuration drafted from a URDF: feet as in its shapes, a posture in which it stands, and honest notes."""
+"""Draft of a configuration from a URDF: measured feet, a standing posture, and notes."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ LEGS = ("front_left", "front_right", "rear_left", "rear_right")
 
 
 def said(draft, key, origin):
-    """The notes of an origin on a key, as one text."""
+    """Return the notes of an origin on a key as one text."""
     return " ".join(note.text for note in draft.notes if note.key.startswith(key) and note.origin == origin)
 
 
 def wagon(*, wheel="cylinder", limit="effort='20' velocity='20'", kind="continuous", root="box"):
-    """A box on four legs of a hip and a knee, with a wheel or a box at the end of each."""
+    """Return the URDF of a box on four legs with hip, knee and a wheel or box at each end."""
     shapes = {
         "cylinder": "<origin rpy='1.5707963 0 0'/><geometry><cylinder radius='0.1' length='0.04'/></geometry>",
         "box": "<geometry><box size='0.12 0.06 0.02'/></geometry>",
@@ -51,7 +51,7 @@ def wagon(*, wheel="cylinder", limit="effort='20' velocity='20'", kind="continuo
 
 @pytest.fixture
 def drafted(tmp_path):
-    """Drafts the configuration of a URDF's text."""
+    """Return a function that drafts the configuration of a URDF's text."""
 
     def make(text, **options):
         path = tmp_path / "robot.urdf"
@@ -66,7 +66,7 @@ def g1():
     return new_configuration(G1)
 
 
-def test_soles_are_where_the_shapes_are(g1):
+def test_soles_agree_with_the_shapes(g1):
     """The URDF has balls of 5 mm at (0.12, ±0.03) and (-0.05, ±0.025) below each ankle."""
     contacts = g1.values["contacts"]
     assert list(contacts) == ["left_ankle_roll_link", "right_ankle_roll_link"]
@@ -78,7 +78,7 @@ def test_soles_are_where_the_shapes_are(g1):
         assert contact["translation"][2] == pytest.approx(-0.035, abs=1e-6)
 
 
-def test_a_humanoid_stands_on_its_feet_with_bent_knees_and_mirrors_itself(g1):
+def test_humanoid_has_a_symmetric_posture_with_bent_knees(g1):
     joints = dict(zip(g1.values["robot"]["joints"], g1.values["robot"]["posture"], strict=True))
     assert 0.3 < joints["left_knee_joint"] < 1.2
     for name, position in joints.items():
@@ -96,7 +96,7 @@ def test_balls_are_points_with_the_radius_of_the_urdf():
     assert all(contact["type"] == "point" and "translation" not in contact for contact in contacts.values())
 
 
-def test_an_arm_is_bolted_down_and_its_fingers_are_locked():
+def test_arm_has_a_fixed_base_and_locked_fingers():
     draft = new_configuration(PANDA)
     assert draft.values["robot"]["base"] == "fixed"
     assert draft.values["robot"]["joints"] == [f"panda_joint{number}" for number in range(1, 8)]
@@ -105,7 +105,7 @@ def test_an_arm_is_bolted_down_and_its_fingers_are_locked():
     check(draft.settings)
 
 
-def test_wheels_roll_about_their_axles(drafted):
+def test_wheels_are_rolling_contacts(drafted):
     contacts = drafted(wagon()).values["contacts"]
     assert list(contacts) == [f"{leg}_end" for leg in LEGS]
     for contact in contacts.values():
@@ -114,13 +114,13 @@ def test_wheels_roll_about_their_axles(drafted):
         assert np.abs(contact["axis"]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-6)
 
 
-def test_a_flat_box_is_a_rectangle(drafted):
+def test_flat_box_is_a_rectangle(drafted):
     contact = drafted(wagon(wheel="box", kind="revolute")).values["contacts"]["front_left_end"]
     assert (contact["half_length"], contact["half_width"]) == (0.06, 0.03)
     assert contact["translation"] == [0.0, 0.0, -0.01]
 
 
-def test_feet_without_a_shape_are_said_to_be_missing(drafted):
+def test_feet_without_a_shape_are_reported(drafted):
     draft = drafted(wagon(wheel="none"))
     assert {contact["type"] for contact in draft.values["contacts"].values()} == {"point"}
     assert "front_left_end" in said(draft, "contacts.front_left_end.radius", "missing")
@@ -135,7 +135,7 @@ def test_feet_without_a_shape_are_said_to_be_missing(drafted):
         ("effort='20' velocity='1000'", "velocity", "1000"),
     ],
 )
-def test_limits_that_no_motor_has_are_replaced_and_said_to_be_missing(drafted, limit, kind, word):
+def test_implausible_limits_are_replaced_and_reported(drafted, limit, kind, word):
     draft = drafted(wagon(limit=limit))
     assert set(draft.values["robot"]["joint_limits"]["rear_left_knee"]) == {kind}
     assert word in said(draft, "robot.joint_limits", "missing")
@@ -146,22 +146,22 @@ def test_limits_of_the_urdf_are_kept(drafted):
     assert "joint_limits" not in drafted(wagon()).values["robot"]
 
 
-def test_a_root_called_world_is_bolted_down(drafted):
+def test_root_link_named_world_is_a_fixed_base(drafted):
     assert drafted(wagon(root="world")).values["robot"]["base"] == "fixed"
 
 
-def test_the_base_and_the_feet_can_be_said(drafted):
+def test_options_for_base_and_feet(drafted):
     assert drafted(wagon(), base="fixed").values["robot"]["base"] == "fixed"
     draft = drafted(wagon(), base="floating", feet=["rear_left_end", "front_left_end", "rear_right_end"])
     assert set(draft.values["contacts"]) == {"rear_left_end", "front_left_end", "rear_right_end"}
     with pytest.raises(
-        ConfigurationError, match=r"--feet: 'front_left_nd' is no link .* did you mean 'front_left_end'"
+        ConfigurationError, match=r"--feet: unknown moving link 'front_left_nd'; did you mean 'front_left_end'"
     ):
         drafted(wagon(), feet=["front_left_nd"])
 
 
 def srdf(tmp_path, hip, knee):
-    """An SRDF with a posture of the wagon, and the path of its file."""
+    """Write an SRDF with a posture of the wagon, and return its path."""
     joints = "".join(
         f"<joint name='{leg}_hip' value='{hip}'/><joint name='{leg}_knee' value='{knee}'/>" for leg in LEGS
     )
@@ -173,51 +173,53 @@ def srdf(tmp_path, hip, knee):
     return str(path)
 
 
-def test_a_posture_of_the_srdf_in_which_the_robot_stands_is_taken_as_it_is(drafted, tmp_path):
+def test_feasible_srdf_posture_is_unchanged(drafted, tmp_path):
     draft = drafted(wagon(), srdf=srdf(tmp_path, 0.4, -0.8))
     assert set(draft.values["robot"]["posture"]) == {0.4, -0.8, 0.0}
     assert "half_sitting" in said(draft, "robot.posture", "found")
 
 
-def test_a_posture_of_the_srdf_in_which_the_robot_falls_is_changed_and_it_says_why(drafted, tmp_path):
+def test_infeasible_srdf_posture_is_changed_with_the_reason(drafted, tmp_path):
     draft = drafted(wagon(), srdf=srdf(tmp_path, 1.2, 0.0))
     assert "half_sitting" in said(draft, "robot.posture", "guess")
     assert "centre of mass" in said(draft, "robot.posture", "guess")
     check(draft.settings)
 
 
-def test_joints_of_the_srdf_that_stand_at_a_limit_are_moved_off_it_and_named(drafted, tmp_path):
+def test_srdf_joints_at_a_limit_are_moved_and_named(drafted, tmp_path):
     draft = drafted(wagon(), base="fixed", srdf=srdf(tmp_path, 1.5, 0.2))
     assert set(draft.values["robot"]["posture"]) == {1.47, 0.2, 0.0}
     assert "front_left_hip" in said(draft, "robot.posture", "guess")
     assert "knee" not in said(draft, "robot.posture", "guess")
 
 
-def test_an_srdf_value_that_is_no_number_is_refused(drafted, tmp_path):
-    with pytest.raises(ConfigurationError, match=r"'half_sitting' gives the joint 'front_left_hip' the value 'bent'"):
+def test_invalid_srdf_value_is_refused(drafted, tmp_path):
+    with pytest.raises(
+        ConfigurationError, match=r"'half_sitting': invalid position of joint 'front_left_hip': 'bent'; valid"
+    ):
         drafted(wagon(), srdf=srdf(tmp_path, "bent", 0.0))
 
 
-def test_every_doubt_is_a_comment_in_the_file_and_the_file_has_the_values(g1):
+def test_notes_are_comments_of_the_file(g1):
     text = g1.to_yaml(TITLE)
     assert yaml.safe_load(text)["wbc_controller"]["ros__parameters"] == g1.values
     assert max(map(len, text.splitlines())) <= 120
     comments = " ".join(line.strip("# ") for line in text.splitlines() if line.lstrip().startswith("#"))
-    assert len(g1.doubts) > 4
-    for doubt in g1.doubts:
+    assert len(g1.open_points) > 4
+    for doubt in g1.open_points:
         assert doubt.split(": ", 1)[1] in comments
 
 
-def test_a_path_in_an_installed_package_becomes_its_address():
+def test_path_in_an_installed_package_becomes_its_address():
     assert new_configuration(str(locate(GO1))).values["robot"]["urdf"] == GO1
 
 
-def test_a_note_on_a_key_that_stands_within_a_line_names_it():
+def test_note_on_a_key_within_a_line_names_the_key():
     draft = Draft()
     draft.put("contacts.foot", {"type": "point", "radius": 0.01})
     draft.note("contacts.foot.radius", "measure it.", "missing")
     assert "# radius: Fill in: measure it.\n      foot: {type: point, radius: 0.01}\n" in draft.to_yaml("")
 
 
-def test_names_of_links_become_names_of_topics():
+def test_link_names_become_topic_names():
     assert [identifier(name) for name in ("l-foot", "1_sole", "sole")] == ["l_foot", "_1_sole", "sole"]

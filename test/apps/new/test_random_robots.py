@@ -1,6 +1,6 @@
-"""`wbc new`, `wbc check`, the mock robot and the demo agree on random robots.
+"""Agreement of `wbc new`, `wbc check`, the mock robot and the demo on random robots.
 
-``RANDOM_ROBOTS=1000 pytest test/apps/new/test_random_robots.py`` tries more of them.
+``RANDOM_ROBOTS=1000 pytest test/apps/new/test_random_robots.py`` increases their number.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pytest
 from random_robots import RandomRobot
 
 import wbc_controller as wbc
-from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE, new_configuration
 from wbc_controller.errors import ConfigurationError, WbcError
@@ -23,15 +23,15 @@ from wbc_controller.records import Array
 from wbc_controller.settings.config import load
 
 ROBOTS = int(os.environ.get("RANDOM_ROBOTS", "12"))
-#: The whole demo runs for one robot of so many.
+#: One robot in so many gets the whole demo.
 _DEMOS = 25
-#: Time for which a robot stands, s; largest distance of its centre of mass from the start, as a share of its height,
-#: of a small one in m, and of the joints of an arm, rad or m.
+#: Duration of standing, s; largest displacement of the centre of mass as a share of its height, at least in m, and of
+#: the joints of an arm, rad or m.
 _STAND, _NEAR, _NEAR_SMALL, _NEAR_JOINT = 1.0, 0.02, 0.005, 0.02
 
 
 def outcome(seed: int, folder: Path) -> tuple[str, str]:
-    """Return the kind of a robot, and "stands" or the message that refuses it; all readers agree on it."""
+    """Return the kind of a robot, and "stands" or the message of its refusal, the same from all readers."""
     robot = RandomRobot(seed, folder)
     urdf, path = folder / "robot.urdf", folder / "robot.yaml"
     urdf.write_text(robot.text, encoding="utf-8")
@@ -60,7 +60,7 @@ def outcome(seed: int, folder: Path) -> tuple[str, str]:
     else:
         assert np.abs(simulation.plant.state()[0] - before).max() <= _NEAR_JOINT
     derived_scenario(settings, model)
-    # The audit finds feet that were not measured: they touch beside their contact.
+    # The audit reports unmeasured feet, which touch away from their contact.
     measured = not any(note.key.startswith("contacts") for note in draft.notes if note.origin == "missing")
     if seed % _DEMOS == 0 and measured:
         assert run_demo(str(path), folder, lockstep=True)

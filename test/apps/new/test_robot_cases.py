@@ -1,4 +1,4 @@
-"""Robots that other readers misread: `wbc new`, `wbc check`, the mock robot and the demo agree on them."""
+"""Agreement of `wbc new`, `wbc check`, the mock robot and the demo on unusual robots."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from robot_cases import EDGED_SOLE, REFUSED, SLIDING, SOLE, STANDING, UNNAMED, arm, biped
 
 import wbc_controller as wbc
-from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
 from wbc_controller.apps.new.draft import TITLE, new_configuration
 from wbc_controller.controller.build.collision_elements import read_collision_elements
@@ -20,7 +20,7 @@ from wbc_controller.settings.config import load
 
 @pytest.fixture
 def drafted(tmp_path):
-    """Drafts the configuration of a URDF's text."""
+    """Return a function that drafts the configuration of a URDF's text."""
 
     def make(text, **options):
         (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
@@ -31,7 +31,7 @@ def drafted(tmp_path):
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_a_urdf_that_is_wrong_is_refused_in_one_sentence(drafted, case):
+def test_invalid_urdf_is_refused(drafted, case):
     urdf, message = REFUSED[case]
     with pytest.raises(ConfigurationError) as error:
         drafted(urdf)
@@ -41,7 +41,7 @@ def test_a_urdf_that_is_wrong_is_refused_in_one_sentence(drafted, case):
 
 
 @pytest.mark.parametrize("case", STANDING)
-def test_a_robot_that_is_read_stands(drafted, case):
+def test_robot_stands(drafted, case):
     settings = drafted(STANDING[case]).settings
     wbc.check(settings)
     simulation = wbc.Simulation(settings)
@@ -50,14 +50,14 @@ def test_a_robot_that_is_read_stands(drafted, case):
 
 
 @pytest.mark.parametrize("case", ["a world link with a floating joint", "six virtual joints"])
-def test_joints_in_place_of_a_floating_base_are_no_motors(drafted, case):
+def test_virtual_joints_of_a_floating_base_are_no_motors(drafted, case):
     settings = drafted(STANDING[case]).settings
     model = make_model(settings)
     assert (model.floating_base, model.base_link, model.nj, model.nv) == (True, "trunk", 10, 16)
     assert set(settings.contacts) == {"left_foot", "right_foot"}
 
 
-def test_joints_in_place_of_a_floating_base_are_refused_as_motors(drafted):
+def test_virtual_joints_of_a_floating_base_are_refused_as_motors(drafted):
     draft = drafted(STANDING["six virtual joints"])
     draft.values["robot"]["joints"].append("pitch")
     draft.values["robot"]["posture"].append(0.0)
@@ -67,15 +67,15 @@ def test_joints_in_place_of_a_floating_base_are_refused_as_motors(drafted):
             make_model(draft.settings)
 
 
-def test_both_feet_below_a_waist_are_found(drafted):
+def test_feet_below_a_waist(drafted):
     contacts = drafted(STANDING["legs below a waist"]).settings.contacts
     assert {name: contact.type for name, contact in contacts.items()} == {
         "left_foot": "surface", "right_foot": "surface",
     }  # fmt: skip
 
 
-def test_visuals_change_nothing(drafted):
-    """Neither the draft nor the mechanism: only the shapes of links without collision shapes are looked at."""
+def test_visuals_have_no_effect(drafted):
+    """Only shapes of links without collision shapes are read, for the draft and the mechanism."""
     plain = drafted(biped())
     for visual in (UNNAMED, "<visual/>", "<visual><geometry><mesh filename='none.dae'/></geometry></visual>"):
         draft = drafted(biped(sole=visual + SOLE + visual))
@@ -83,34 +83,34 @@ def test_visuals_change_nothing(drafted):
         assert len(read_collision_elements(make_model(draft.settings), make_model(draft.settings).urdf, "")) == 3
 
 
-def test_the_margin_fits_the_smallest_range(drafted):
+def test_margin_fits_the_smallest_range(drafted):
     draft = drafted(STANDING["fingers that slide"])
     assert draft.values["limits"] == {"position_margin": 0.004}
     assert "limits" not in drafted(arm()).values
 
 
-def test_a_corner_on_an_edge_is_left_out(drafted):
+def test_corners_on_edges_are_omitted(drafted):
     draft = drafted(STANDING["a sole with a corner on an edge"])
     corners = np.array(draft.values["contacts"]["left_foot"]["vertices"])
     assert sorted(corners.tolist()) == [[-0.1, -0.045], [-0.1, 0.045], [0.068, 0.045], [0.1, -0.045]]
 
 
 def test_joints_without_effort_beside_motors_are_reported(drafted):
-    """A spring in the shank, with an effort of 0 as in the URDFs of robots with series springs."""
+    """A spring in the shank with an effort of 0, as in URDFs of robots with series springs."""
     effort = 'effort="100" velocity="10"'
     start = biped().index('name="left_ankle_pitch"')
     spring = biped()[:start] + biped()[start:].replace(effort, effort.replace("100", "0"), 1)
     draft = drafted(spring)
-    assert any("left_ankle_pitch have no effort in the URDF, and other" in line for line in draft.doubts)
+    assert any("left_ankle_pitch have no effort in the URDF, unlike" in line for line in draft.open_points)
     found = {finding.subject: finding.text for finding in wbc.check(draft.settings)}
     assert found["no motor?"].startswith("left_ankle_pitch: effort 0 in the URDF")
     all_idle = drafted(biped().replace(effort, effort.replace("100", "0")))
-    assert not any("belong in `passive_joints`" in line for line in all_idle.doubts)
+    assert not any("belong in `passive_joints`" in line for line in all_idle.open_points)
     assert "no motor?" not in {finding.subject for finding in wbc.check(all_idle.settings)}
 
 
-def test_keys_of_a_draft_are_names_whatever_is_in_them(drafted, tmp_path):
-    """A name with a dot, which nests parameters, and one that means something else in YAML."""
+def test_keys_of_a_draft_are_valid_names(drafted, tmp_path):
+    """Names with a dot, which nests parameters, and with special characters of YAML."""
     urdf = arm(SLIDING).replace('"j2"', '"left.j2"').replace('"j3"', '"no: {}#"').replace('effort="50"', "")
     draft = drafted(urdf)
     assert {"left.j2", "no: {}#"} < set(draft.values["robot"]["joint_limits"])
@@ -118,12 +118,12 @@ def test_keys_of_a_draft_are_names_whatever_is_in_them(drafted, tmp_path):
     assert load(tmp_path / "robot.yaml").settings == draft.settings
 
 
-def test_two_links_with_alike_names_have_a_contact_each(drafted):
+def test_links_with_similar_names_have_separate_contacts(drafted):
     urdf = biped().replace('"left_foot"', '"a-b"').replace('"right_foot"', '"a_b"')
     assert set(drafted(urdf).values["contacts"]) == {"a_b", "a_b_"}
 
 
-def test_the_demo_makes_motions_that_the_check_allows(drafted):
+def test_demo_motions_are_feasible_in_the_check(drafted):
     settings = drafted(STANDING["ankles with a small range"]).settings
     found = {finding.subject: finding.text for finding in wbc.check(settings)}
     moves = {move.name: move.largest for move in derived_scenario(settings, make_model(settings)).moves}
@@ -131,7 +131,7 @@ def test_the_demo_makes_motions_that_the_check_allows(drafted):
     assert moves["sway"] == pytest.approx(0.03, abs=0.01)
 
 
-def test_a_hand_whose_fingers_branch_reaches(drafted):
+def test_hand_with_branching_fingers_reaches(drafted):
     settings = drafted(STANDING["fingers that turn"]).settings
     (reach,) = derived_scenario(settings, make_model(settings)).reaches
     assert (reach.task, settings.tasks["l3"].frame) == ("l3", "l3")
@@ -139,14 +139,14 @@ def test_a_hand_whose_fingers_branch_reaches(drafted):
 
 
 @pytest.mark.parametrize("case", ["ankles with a small range", "fingers that turn", "six virtual joints"])
-def test_the_demo_of_a_draft_meets_its_targets(drafted, tmp_path, case):
+def test_demo_of_a_draft_meets_its_targets(drafted, tmp_path, case):
     path = tmp_path / "robot.yaml"
     path.write_text(drafted(STANDING[case]).to_yaml(TITLE), encoding="utf-8")
     assert run_demo(str(path), tmp_path, lockstep=True)
 
 
-def test_the_audit_is_silent_on_wheels_that_lean(drafted):
-    """The edges of a tread would carry a leaning wheel 25 mm beside its contact."""
+def test_audit_without_warning_on_leaning_wheels(drafted):
+    """The edges of a tread would support a leaning wheel 25 mm beside its contact."""
     settings = drafted(STANDING["legs on wheels"]).settings
     assert {contact.type for contact in settings.contacts.values()} == {"rolling"}
     simulation = wbc.Simulation(settings)
@@ -167,7 +167,7 @@ def test_the_audit_is_silent_on_wheels_that_lean(drafted):
     assert max(np.linalg.norm(report.force) for report in reports) < 1.0e-3 * weight
 
 
-def test_the_demo_refuses_a_robot_as_the_check_does(drafted, tmp_path):
+def test_demo_and_check_refuse_the_same_robot(drafted, tmp_path):
     path = tmp_path / "robot.yaml"
     path.write_text(drafted(biped(sole="")).to_yaml(TITLE), encoding="utf-8")
     with pytest.raises(ConfigurationError) as checked:

@@ -1,4 +1,4 @@
-"""`wbc play` in a real browser: each button, a handle, a shove and a slider, and what topics and robot make of them."""
+"""`wbc play` in a real browser: effects of each button, a handle, a pull and a slider on topics and the robot."""
 
 # ruff: noqa: E402 - the package and its helpers are imported after the checks for viser and playwright
 
@@ -16,13 +16,14 @@ import time
 import numpy as np
 import pytest
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 playwright = pytest.importorskip("playwright.sync_api", reason="a browser is driven by playwright, of requirements/dev")
 
 from domains import own_domain
 
+from wbc_controller.apps.page.camera import camera
 from wbc_controller.apps.page.drawing import GROUPS
-from wbc_controller.apps.page.page import camera
+from wbc_controller.apps.page.meshes import build_meshes
 from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.controller.build.robot import make_model
@@ -31,19 +32,19 @@ from wbc_controller.settings.config import load
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = [
     pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium or google-chrome on this computer"),
+    pytest.mark.skipif(CHROMIUM is None, reason="neither chromium nor google-chrome is installed"),
 ]
-# Without a GPU, the browser takes both processors of a small computer. In slow motion the torques still come in time.
+# A browser without a GPU uses both processors of a small computer. Slow motion keeps the torques in time.
 CONFIG = load("g1").replace({"safety.state_timeout": 1.0})
 SLOW_MOTION = "0.3"
 SIZE = {"width": 1100, "height": 700}
-#: Has viser's page draw with fewer pixels than it shows: the browser has no GPU here.
+#: Reduced resolution of viser's drawing, because the browser has no GPU here.
 COARSE = "?fixedDpr=0.4"
 
 
 @pytest.fixture(scope="module")
 def playing(tmp_path_factory):
-    """The process of `wbc play`, the address of its page, and the file of its log."""
+    """Run `wbc play`, and yield its process, the address of its page and the file of its log."""
     folder, domain = tmp_path_factory.mktemp("play"), own_domain()
     robot = folder / "g1.yaml"
     robot.write_text(CONFIG.to_yaml(), encoding="utf-8")
@@ -60,7 +61,7 @@ def playing(tmp_path_factory):
             if found := re.match(r"page: (\S+)", line):
                 address = found[1]
                 break
-        assert address, f"wbc play has ended: {log.read_text(encoding='utf-8')}"
+        assert address, f"wbc play ended: {log.read_text(encoding='utf-8')}"
         yield process, address, log
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
@@ -77,7 +78,7 @@ def session(playing):
 
 @pytest.fixture(scope="module")
 def requested():
-    """Addresses that the page has asked for."""
+    """Return the addresses requested by the page."""
     return []
 
 
@@ -94,18 +95,18 @@ def page(playing, session, requested):
         page.get_by_text("active", exact=True).wait_for()
         page.get_by_role("button", name="Hold").wait_for()
         for close in page.locator(".mantine-Notification-closeButton").all():
-            close.click()  # that the browser draws without a GPU
+            close.click()  # notification of drawing without a GPU
         page.wait_for_timeout(2000)  # the handles follow
         yield page
         browser.close()
 
 
 class Pixels:
-    """Where points of the world are on the page, before anybody has turned the view."""
+    """Screen position of points in the world, in the initial view."""
 
     def __init__(self, page):
         robot = Robot(CONFIG.settings)
-        self.position, self.look_at, self.fov = camera(robot)
+        self.position, self.look_at, self.fov = camera(robot, build_meshes(robot.model))
         self.box = page.locator("canvas").first.bounding_box()
 
     def __call__(self, point):
@@ -133,13 +134,13 @@ def drag(page, start, end, steps=12):
 
 
 def first(messages, patience=30.0):
-    """The first message that comes, and all others with it."""
+    """Return the first messages that arrive."""
     deadline = time.monotonic() + patience
     while time.monotonic() < deadline:
         found = messages(0.1)
         if found:
             return found
-    raise AssertionError("no message has come")
+    raise AssertionError("no message arrived")
 
 
 def position(content):
@@ -147,10 +148,10 @@ def position(content):
     return np.array([point.x, point.y, point.z])
 
 
-def test_a_handle_that_is_dragged_moves_the_hand(page, session):
+def test_drag_of_a_handle_moves_the_hand(page, session):
     updates = session.follow(session.topics["controller", "update", ""])
     setpoints = session.follow(session.topics["controller", "setpoint", "left_hand"])
-    start = position(session.hear("controller", "task_value", "left_hand"))
+    start = position(session.wait_for_message("controller", "task_value", "left_hand"))
     pixels = Pixels(page)
     along = np.array([0.0, 0.0, 0.12])  # the tip of the vertical arrow
     drag(page, pixels(start + along), pixels(start + along + [0.0, 0.0, 0.15]))
@@ -161,11 +162,11 @@ def test_a_handle_that_is_dragged_moves_the_hand(page, session):
     assert asked[2] > start[2] + 0.05
     session.until(
         lambda: position(session.newest("controller", "task_value", "left_hand"))[2] > start[2] + 0.04,
-        "the hand has not moved",
+        "the hand did not move",
     )
 
 
-def test_a_pull_on_the_torso_shoves_the_robot(page, session):
+def test_pull_on_the_torso_pushes_the_robot(page, session):
     pushes = session.follow(session.topics["mock", "push", ""])
     session.listen("mock", "odom")
     model = make_model(CONFIG.settings)
@@ -177,10 +178,10 @@ def test_a_pull_on_the_torso_shoves_the_robot(page, session):
     (push,) = first(pushes)
     assert push.header.frame_id in {frame.name for frame in model.pinocchio.frames}
     assert push.wrench.force.y > 10.0
-    session.until(lambda: abs(session.newest("mock", "odom").twist.twist.linear.y) > 0.01, "the robot has not swayed")
+    session.until(lambda: abs(session.newest("mock", "odom").twist.twist.linear.y) > 0.01, "the robot did not sway")
 
 
-def test_a_slider_makes_the_sensors_noisy(page, session):
+def test_slider_of_the_sensor_noise(page, session):
     faults = session.follow(session.topics["mock", "fault", ""])
     page.get_by_role("slider").nth(1).focus()
     page.keyboard.press("ArrowRight")
@@ -189,9 +190,9 @@ def test_a_slider_makes_the_sensors_noisy(page, session):
     assert first(faults)[-1].data == "clear"
 
 
-def test_the_switches_and_the_camera_pass_the_allow_list(page, playing):
+def test_switches_and_camera_pass_the_allow_list(page, playing):
     page.get_by_text("Show", exact=True).click()
-    for label in [*GROUPS.values(), "See through it", "Shadows", "Turn, too"]:
+    for label in [*GROUPS.values(), "Translucent robot", "Shadows", "Rotation rings"]:
         switch = page.get_by_label(label, exact=True)
         was = switch.is_checked()
         switch.click()
@@ -205,7 +206,7 @@ def test_the_switches_and_the_camera_pass_the_allow_list(page, playing):
     page.wait_for_timeout(500)
 
 
-def test_the_page_asks_its_own_server_alone(page, playing, requested):
+def test_page_contacts_only_its_own_server(page, playing, requested):
     own = playing[1].removeprefix("http://")
     assert any(url.startswith(f"http://{own}") for url in requested)
     foreign = [url for url in requested if not url.startswith((f"http://{own}", f"ws://{own}", "data:", "blob:"))]
@@ -213,8 +214,8 @@ def test_the_page_asks_its_own_server_alone(page, playing, requested):
 
 
 @pytest.mark.parametrize("query", ["?websocket=ws://127.0.0.1:{port}", "?playbackPath=http://127.0.0.1:{port}/x.viser"])
-def test_an_address_cannot_have_the_page_load_from_another_server(page, playing, query):
-    """The messages of another server would run code in this page, which may command the robot."""
+def test_address_cannot_load_from_another_server(page, playing, query):
+    """Messages of another server would run code in this page, which may command the robot."""
     with socket.create_server(("127.0.0.1", 0)) as other:
         other.settimeout(10.0)
         opened = page.context.browser.new_page()
@@ -224,7 +225,7 @@ def test_an_address_cannot_have_the_page_load_from_another_server(page, playing,
         opened.close()
 
 
-def test_each_button_does_what_it_says(page, session):
+def test_effect_of_each_button(page, session):
     holds = session.follow(session.topics["mock", "hold", ""])
 
     def press(name, mode="", patience=30.0):
@@ -242,18 +243,18 @@ def test_each_button_does_what_it_says(page, session):
     press("Release")
     assert first(holds)[-1].data is False
     press("STOP", "fault ESTOP")
-    page.get_by_text("Next: when it is safe").wait_for()
+    page.get_by_text("Next: if safe").wait_for()
     press("Hold")
     press("Reset", "inactive")
     press("Activate", "active")
     press("Damp", "damping")
 
 
-def test_no_message_of_the_page_has_been_dropped(page, playing):
+def test_no_message_of_the_page_is_dropped(page, playing):
     assert "message dropped" not in playing[2].read_text(encoding="utf-8")
 
 
-def test_the_end_of_the_page_ends_the_robot(playing, session):
+def test_end_of_the_page_ends_the_robot(playing, session):
     process = playing[0]
     nodes = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process.pid)], capture_output=True, text=True).stdout
     assert len(nodes.split()) >= 2

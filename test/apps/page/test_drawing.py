@@ -1,4 +1,4 @@
-"""What is drawn: the robot's meshes, and a robot whose base nobody measures."""
+"""Drawing of the robot's meshes, and of a robot without a measured base."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wbc_controller.settings.files import find_configuration, load_settings
 
 
 @pytest.mark.parametrize("command", ["view", "play"])
-def test_without_viser_one_sentence_says_what_to_install(monkeypatch, command):
+def test_missing_viser_is_refused_with_the_installation(monkeypatch, command):
     real = builtins.__import__
 
     def missing(name, *rest):
@@ -30,13 +30,13 @@ def test_without_viser_one_sentence_says_what_to_install(monkeypatch, command):
 
 @pytest.fixture(scope="module")
 def robot():
-    pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+    pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
     from wbc_controller.apps.page.snapshot import Robot
 
     return Robot(load_settings(find_configuration("go2")))
 
 
-def test_meshes_are_small_enough_and_where_the_visuals_are(robot):
+def test_meshes_have_the_place_of_the_visuals(robot):
     from wbc_controller.apps.page.meshes import TRIANGLES, build_meshes
     from wbc_controller.controller.visualization.geometry import read_visuals
 
@@ -46,14 +46,14 @@ def test_meshes_are_small_enough_and_where_the_visuals_are(robot):
     for visual in visuals:
         triangles = map(visual.shape.tri_indices, range(visual.shape.num_tris))
         corners = [(each[0], each[1], each[2]) for each in triangles]
-        used = visual.shape.vertices()[np.unique(corners)]  # Go2's files have vertices of no triangle, too
+        used = visual.shape.vertices()[np.unique(corners)]  # Go2's files contain unused vertices
         placed = used @ visual.placement.rotation.T + visual.placement.translation
         drawn = meshes[visual.name].vertices
         np.testing.assert_allclose(drawn.min(axis=0), placed.min(axis=0), atol=0.003)
         np.testing.assert_allclose(drawn.max(axis=0), placed.max(axis=0), atol=0.003)
 
 
-def test_a_base_that_nobody_measures_stands_on_its_contacts(robot):
+def test_unmeasured_base_is_fitted_to_the_contacts(robot):
     from wbc_controller.apps.page.base_on_contacts import BaseOnContacts
 
     model, dynamics = robot.model, robot.dynamics
@@ -70,4 +70,4 @@ def test_a_base_that_nobody_measures_stands_on_its_contacts(robot):
     q = standing.place(model.configuration(crouched, tilted))
     assert feet(q).mean(axis=0) == pytest.approx(there.mean(axis=0), abs=1e-9)
     assert np.abs(feet(q) - there).max() < 0.03
-    assert abs(q[2] - 0.3) < 0.15  # upright above its feet, and not where the base was said to be
+    assert abs(q[2] - 0.3) < 0.15  # upright above its feet, not at the given base pose

@@ -1,4 +1,4 @@
-"""Hostile browsers on the real server: all other pages keep their STOP button and their handles."""
+"""Hostile browsers on the real server: the STOP buttons and handles of all other pages keep working."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 import msgspec
 from browser import Browser
 from page_rig import Rig
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from wbc_controller.apps.page.page_messages import LARGEST
-from wbc_controller.apps.page.server import MOST_PAGES
+from wbc_controller.apps.page.page_messages import MAX_MESSAGE_SIZE
+from wbc_controller.apps.page.server import MAX_PAGES
 
 pytestmark = pytest.mark.live
 NAN = float("nan")
@@ -36,7 +36,7 @@ def rig():
 
 @pytest.fixture
 def pages(rig):
-    """A page of a user, and a hostile one."""
+    """Yield a user's page and a hostile page."""
     made = [opened(rig), opened(rig)]
     yield made
     for page in made:
@@ -51,17 +51,17 @@ def opened(rig):
     return page
 
 
-def stops(rig, page):
-    """Press STOP on a page, and see it sent."""
+def press_stop(rig, page):
+    """Press STOP on a page, and wait until it is sent."""
     rig.sent.clear()
     page.set("STOP", True)
     page.until(lambda: rig.said() == ["estop"])
 
 
-def all_is_well(rig, pages):
-    """STOP works on each page, the moments are drawn, and each handle has a place that can be drawn."""
+def check_pages(rig, pages):
+    """Check that STOP works on each page, snapshots are drawn, and each handle has a finite position."""
     for page in pages:
-        stops(rig, page)
+        press_stop(rig, page)
     drawn = rig.page.shown
     pages[0].until(lambda: rig.page.shown >= drawn + 2)
     for page in pages:
@@ -109,27 +109,27 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_message_changes_nothing(rig, pages, name):
+def test_hostile_messages_change_nothing(rig, pages, name):
     user, hostile = pages
     hostile.drag("com", "start")
     hostile.send(msgspec.msgpack.encode(HOSTILE[name](hostile)))
     hostile.drag("com", "end")
-    all_is_well(rig, pages)
+    check_pages(rig, pages)
     user.until(lambda: user.positions["/handles/com"] == pytest.approx(COM))
     assert user.unknown == set()
 
 
 @pytest.mark.parametrize("payload", [b"", b"\xc1", b"\x91" * 4000, b"\xdd\xff\xff\xff\xff", "a text message"])
-def test_a_payload_that_is_no_message_changes_nothing(rig, pages, payload):
+def test_invalid_payloads_change_nothing(rig, pages, payload):
     pages[1].send(payload)
-    all_is_well(rig, pages)
+    check_pages(rig, pages)
 
 
-def test_a_large_message_ends_the_connection_of_its_page_alone(rig, pages):
+def test_large_message_ends_only_its_connection(rig, pages):
     user, hostile = pages
-    hostile.say("GuiUpdateMessage", uuid="a" * LARGEST, updates={"value": True})
+    hostile.say("GuiUpdateMessage", uuid="a" * MAX_MESSAGE_SIZE, updates={"value": True})
     user.until(lambda: len(rig.server.get_clients()) == 1)
-    all_is_well(rig, [user])
+    check_pages(rig, [user])
 
 
 _scalars = st.one_of(
@@ -147,16 +147,16 @@ _changes = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
 _updates = st.dictionaries(st.sampled_from(_FIELDS), _values, max_size=2)
 
 
-# Another thread uses `random` meanwhile: websockets, for the content of its pings.
+# Websockets uses `random` on another thread for its pings.
 @pytest.mark.filterwarnings("ignore:Do not use the `random` module inside strategies")
 @settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=80, derandomize=True
 )  # fmt: skip
 @given(data=st.data())
-def test_no_message_takes_stop_or_the_handles_from_the_others(rig, pages, data):
+def test_stop_and_handles_remain_for_other_pages(rig, pages, data):
     hostile = pages[1]
     kind = data.draw(st.sampled_from(["update", "drag", "any", "bytes"]))
-    label = data.draw(st.sampled_from(["STOP", "weight", "left_foot", "Turn, too"]))
+    label = data.draw(st.sampled_from(["STOP", "weight", "left_foot", "Rotation rings"]))
     if kind == "bytes":
         payload = data.draw(st.binary(max_size=200))
     elif kind == "any":
@@ -166,10 +166,10 @@ def test_no_message_takes_stop_or_the_handles_from_the_others(rig, pages, data):
     else:
         payload = msgspec.msgpack.encode(update(hostile, label, **data.draw(_updates)) | data.draw(_changes))
     hostile.send(payload)
-    all_is_well(rig, pages)
+    check_pages(rig, pages)
 
 
-def test_a_flood_delays_no_other_page(rig, pages):
+def test_flood_delays_no_other_page(rig, pages):
     user, hostile = pages
     ended = threading.Event()
 
@@ -178,34 +178,34 @@ def test_a_flood_delays_no_other_page(rig, pages):
             while not ended.is_set():
                 hostile.drag("com", "update", (NAN, 0.0, 0.0))
         except ConnectionClosed:
-            pass  # it was disconnected, as it did not answer the pings
+            pass  # disconnected without an answer to the pings
 
     thread = threading.Thread(target=flood)
     thread.start()
     try:
         for _ in range(10):
-            stops(rig, user)
+            press_stop(rig, user)
     finally:
         ended.set()
         hostile.cut()
         thread.join()
-    all_is_well(rig, [user])
+    check_pages(rig, [user])
 
 
-def test_the_first_dropped_message_of_a_page_is_logged(rig, pages, caplog):
+def test_first_dropped_message_of_a_page_is_logged(rig, pages, caplog):
     hostile = pages[1]
     with caplog.at_level(logging.WARNING, "wbc_controller.apps.page.connection"):
         for _ in range(3):
             hostile.send(msgspec.msgpack.encode(drag(position=(0.25, 0.5))))
-        all_is_well(rig, pages)
+        check_pages(rig, pages)
     (record,) = caplog.records
     assert "message dropped: Expected `array` of length 3, got 2 - at `$.position`: " in record.getMessage()
     assert "'position': [0.25, 0.5]" in record.getMessage()
     assert "'type': 'TransformControlsUpdateMessage'" in record.getMessage()
 
 
-def test_more_pages_than_may_be_open_are_refused(rig):
-    opened_pages = [Browser(rig.gate.port) for _ in range(MOST_PAGES)]
+def test_number_of_pages_is_limited(rig):
+    opened_pages = [Browser(rig.gate.port) for _ in range(MAX_PAGES)]
     with pytest.raises(InvalidStatus) as refusal:
         Browser(rig.gate.port)
     assert refusal.value.response.status_code == 503
@@ -214,8 +214,8 @@ def test_more_pages_than_may_be_open_are_refused(rig):
     opened_pages[0].until(lambda: not rig.server.get_clients())
 
 
-def test_a_pull_that_never_began_ends_with_its_page(rig, pages):
-    """viser ends only the pulls whose start it has seen."""
+def test_pull_without_a_start_ends_with_its_page(rig, pages):
+    """viser ends only pulls with a known start."""
     user = pages[0]
     other = opened(rig)
     (number,) = set(rig.server.get_clients()) - set(sorted(rig.server.get_clients())[:2])
@@ -226,7 +226,7 @@ def test_a_pull_that_never_began_ends_with_its_page(rig, pages):
     user.until(lambda: rig.server.scene.get_handle_by_name(arrow) is None)
 
 
-def test_a_page_that_watches_changes_nothing():
+def test_read_only_page_changes_nothing():
     rig = Rig(commands=False)
     shared = []
     rig.server.request_share_url = lambda: shared.append(1)
@@ -242,7 +242,7 @@ def test_a_page_that_watches_changes_nothing():
             drag(),
         ):
             page.send(msgspec.msgpack.encode(message))
-        page.set("Contact forces", False)  # what the page shows is all that it may change
+        page.set("Contact forces", False)  # a read-only page may change only its view
         other.until(lambda: other.controls[switch].get("value") is False)
         other.until(lambda: not rig.page.drawing._shown["contact_forces"])
         assert "update_cb" not in other.controls[switch]
@@ -254,7 +254,7 @@ def test_a_page_that_watches_changes_nothing():
         rig.close()
 
 
-def test_an_error_while_drawing_is_logged_and_the_page_draws_again(rig, pages, monkeypatch, caplog):
+def test_drawing_continues_after_an_error(rig, pages, monkeypatch, caplog):
     failed, error = [], ValueError("a malformed message")
 
     def fails():
@@ -266,4 +266,4 @@ def test_an_error_while_drawing_is_logged_and_the_page_draws_again(rig, pages, m
         pages[0].until(lambda: len(failed) > 3)
     (record,) = caplog.records
     assert record.exc_info[1] is error
-    all_is_well(rig, pages)
+    check_pages(rig, pages)

@@ -1,4 +1,4 @@
-"""The page on the real server, looked at and used by browsers without a screen; the robot is told of by a stand-in."""
+"""The page on the real server, with browsers without a screen and a simulated source of snapshots."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
 from page_rig import Rig, status
@@ -38,23 +38,23 @@ def browser(rig):
 
 
 def settled(rig, pause=0.3):
-    """Wait until nothing has been sent for a while; what was sent."""
+    """Wait until nothing has been sent for `pause` seconds; return the requests."""
     while rig.sent and time.monotonic() - rig.sent[-1][0] < pause:
         time.sleep(0.02)
     return rig.said()
 
 
-def test_the_robot_is_drawn_at_the_page_s_rate_whatever_comes(rig, browser):
+def test_drawing_rate_is_independent_of_the_topics(rig, browser):
     before, began = rig.page.shown, time.monotonic()
     browser.until(lambda: rig.page.shown - before >= 20)
     rate = (rig.page.shown - before) / (time.monotonic() - began)
-    assert rate <= 1.2 * RATE  # no faster, though every snapshot is new; how fast it is, a measurement has to say
+    assert rate <= 1.2 * RATE  # not faster, although every snapshot is new
     pelvis = browser.positions["/robot/1"]
     assert pelvis == pytest.approx((0.0, 0.0, 0.76), abs=1e-3)
 
 
 def placement(browser, name):
-    """Where a part of the scene is in the world: each is placed in the part that its name begins with."""
+    """Return the pose of a scene node in the world, from the chain of its parents."""
     found = pin.SE3.Identity()
     for place in itertools.accumulate(name.strip("/").split("/"), "{}/{}".format):
         w, x, y, z = browser.turns.get(f"/{place}", (1.0, 0.0, 0.0, 0.0))
@@ -65,7 +65,7 @@ def placement(browser, name):
 
 @pytest.fixture
 def pose(rig):
-    """Has the robot take a configuration, which the page's thread must not overwrite; it stands again afterwards."""
+    """Yield a function that sets the configuration of the robot, and restore it at the end."""
 
     def take(q):
         while rig.story.now.q is not q:
@@ -77,7 +77,7 @@ def pose(rig):
     take(there)
 
 
-def test_every_link_is_drawn_where_it_is(rig, browser, pose):
+def test_placement_of_every_link(rig, browser, pose):
     model = rig.robot.model.pinocchio
     names = rig.page.drawing.links
     q = pin.integrate(model, rig.story.now.q, 0.3 * np.cos(np.arange(model.nv)))
@@ -97,7 +97,7 @@ def test_every_link_is_drawn_where_it_is(rig, browser, pose):
     before = rig.page.shown
     browser.until(lambda: rig.page.shown - before >= 5)
     links = [name for name in browser.moved - moved if name.startswith("/robot")]
-    assert links == ["/robot/1/2"]  # one joint has turned, and the links behind it follow in the browser
+    assert links == ["/robot/1/2"]  # one joint has moved; the links behind it follow in the browser
 
 
 @pytest.mark.parametrize(
@@ -109,11 +109,11 @@ def test_every_link_is_drawn_where_it_is(rig, browser, pose):
         ("Damp", "damp"),
         ("Reset", "reset"),
         ("Record", "the last seconds are written to a file"),
-        ("Hold", "the hoist holds the robot at its start"),
-        ("Release", "the hoist lets go of the robot"),
+        ("Hold", "the hoist lifts the robot to its start pose"),
+        ("Release", "the hoist releases the robot"),
     ],
 )
-def test_each_button_sends_what_its_name_says(rig, browser, label, said):
+def test_request_of_each_button(rig, browser, label, said):
     browser.set(label, True)
     browser.until(lambda: rig.said() == [said])
 
@@ -130,14 +130,14 @@ def test_switches_and_sliders(rig, browser):
     browser.until(lambda: f"fault [{{{noise}}}]" in rig.said())
     browser.set("Slippery floor", True)
     floor = "kind: slippery_floor, friction: 0.2, duration: 3600"
-    browser.until(lambda: f"fault [{{{noise}}}, {{{floor}}}]" in rig.said())  # all that is wrong, in one message
+    browser.until(lambda: f"fault [{{{noise}}}, {{{floor}}}]" in rig.said())  # all faults in one message
     browser.set("Slippery floor", False)
     browser.set("Sensor noise [rad]", 0.0)
     browser.until(lambda: rig.said()[-1] == "fault clear")
 
 
-def test_what_a_user_sets_is_sent_whatever_the_controller_says_meanwhile():
-    """The controls follow what the controller says a thousand times a second here, in place of five."""
+def test_user_input_is_sent_during_updates():
+    """Updates from the controller arrive at 1 kHz instead of 5 Hz."""
     rig, ended = Rig(commands=True), threading.Event()
 
     def show():
@@ -163,7 +163,7 @@ def test_what_a_user_sets_is_sent_whatever_the_controller_says_meanwhile():
         rig.close()
 
 
-def test_a_handle_that_is_dragged_sends_setpoints_and_nothing_after_it_is_let_go(rig, browser):
+def test_drag_of_a_handle_sends_setpoints_until_its_end(rig, browser):
     browser.drag("com", "start")
     for i in range(60):
         browser.drag("com", "update", (0.02, 0.0, 0.6 - 0.001 * i))
@@ -176,7 +176,7 @@ def test_a_handle_that_is_dragged_sends_setpoints_and_nothing_after_it_is_let_go
     assert settled(rig, 0.5) == said
 
 
-def test_the_handle_of_a_task_that_is_off_switches_it_on_where_it_is_wanted(rig, browser):
+def test_drag_enables_a_disabled_task(rig, browser):
     browser.drag("left_hand", "start")
     browser.drag("left_hand", "update", (0.3, 0.2, 0.9))
     browser.drag("left_hand", "end")
@@ -185,13 +185,13 @@ def test_the_handle_of_a_task_that_is_off_switches_it_on_where_it_is_wanted(rig,
     assert said.startswith("update {tasks: {left_hand: {enabled: true, setpoint: [0.30000, 0.20000, 0.90000, 0.0")
 
 
-def test_a_page_that_is_closed_in_mid_drag_moves_nothing_any_more(rig, browser):
+def test_closed_page_ends_its_drag(rig, browser):
     other = Browser(rig.gate.port)
     other.until(lambda: len(rig.server.get_clients()) == 2)
     other.drag("com", "start")
     other.drag("com", "update", (0.1, 0.0, 0.5))
     browser.until(lambda: rig.sent)
-    browser.until(lambda: browser.positions["/handles/com"] == pytest.approx((0.1, 0.0, 0.5)))  # the others see it
+    browser.until(lambda: browser.positions["/handles/com"] == pytest.approx((0.1, 0.0, 0.5)))  # the other page follows
     other.cut()
     browser.until(lambda: len(rig.server.get_clients()) == 1)
     before = len(settled(rig))
@@ -199,7 +199,7 @@ def test_a_page_that_is_closed_in_mid_drag_moves_nothing_any_more(rig, browser):
     assert len(rig.sent) == before
 
 
-def test_a_pull_on_a_link_shoves_it_there_when_it_is_let_go(rig, browser):
+def test_pull_on_a_link_pushes_at_its_end(rig, browser):
     start, end = np.array([0.0, 0.0, 0.86]), np.array([0.2, 0.0, 0.86])
     for phase in ("start", "update"):
         browser.pull("/robot/1/m1", phase, start, end)
@@ -212,10 +212,10 @@ def test_a_pull_on_a_link_shoves_it_there_when_it_is_let_go(rig, browser):
     weight = rig.robot.model.mass * rig.robot.model.gravity
     assert request.make(None).header.frame_id == "pelvis"
     assert (wrench.force.x, wrench.force.y, wrench.force.z) == pytest.approx((0.16 * weight, 0.0, 0.0))
-    assert wrench.torque.y == pytest.approx(0.1 * 0.16 * weight, rel=0.02)  # it was pulled above the pelvis's origin
+    assert wrench.torque.y == pytest.approx(0.1 * 0.16 * weight, rel=0.02)  # a pull above the origin of the pelvis
 
 
-def test_a_page_that_is_closed_in_mid_pull_shoves_nothing(rig, browser):
+def test_closed_page_ends_its_pull(rig, browser):
     other = Browser(rig.gate.port)
     other.until(lambda: len(rig.server.get_clients()) == 2)
     for phase in ("start", "update"):
@@ -228,12 +228,12 @@ def test_a_page_that_is_closed_in_mid_pull_shoves_nothing(rig, browser):
     assert not rig.sent
 
 
-def test_what_is_refused_is_said_on_the_page(rig, browser):
+def test_refusals_are_shown(rig, browser):
     rig.story.refusals.append("<b>left_hand</b> is off")
     browser.until(lambda: any("&lt;b&gt;left_hand" in str(props.get("content")) for props in browser.controls.values()))
 
 
-def test_what_the_controller_says_is_on_the_page_and_is_no_html(rig, browser):
+def test_texts_of_the_controller_are_escaped(rig, browser):
     fault = "fault STALE_INPUT: <script>joint_states</script> is 80 ms old"
     before = rig.story.now
     rig.story.now = replace(before, mode=fault, status=status(**{"cost/torque:left_knee_joint:upper": "2.5 1/(N·m)"}))
@@ -244,11 +244,11 @@ def test_what_the_controller_says_is_on_the_page_and_is_no_html(rig, browser):
     browser.until(lambda: "STALE_INPUT" in panel())
     rig.story.now = before
     assert "&lt;script&gt;joint_states" in panel()
-    assert "Next: see that the robot&#x27;s driver runs" in panel()
+    assert "Next: check that the robot&#x27;s driver runs" in panel()
     assert "left knee&#x27;s upper torque limit" in panel()
 
 
-def test_a_page_that_watches_has_nothing_to_command_with():
+def test_read_only_page_has_no_controls():
     with Rig(commands=False) as rig:
         page = Browser(rig.gate.port)
         page.until(lambda: rig.page.shown > 5 and page.controls)
@@ -256,7 +256,7 @@ def test_a_page_that_watches_has_nothing_to_command_with():
         assert "Contact forces" in labels
         assert not labels & {"STOP", "Activate", "Hold", "weight"}
         assert not any(name.startswith("/handles") for name in page.positions)
-        # Requests that are made by hand reach nobody: there is no handler for them.
+        # Forged requests have no effect: no handler exists.
         page.drag("com", "start")
         page.drag("com", "update", (0.1, 0.0, 0.5))
         page.pull("/robot/1/m1", "end", (0.0, 0.0, 0.8), (0.5, 0.0, 0.8))

@@ -1,4 +1,4 @@
-"""The allow-list of messages, and the pace at which they are read."""
+"""Allow-list and rate limit of messages."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 import msgspec
 import viser
 from viser import _messages as viser_messages
 
-from wbc_controller.apps.page.connection import Pace
+from wbc_controller.apps.page.connection import RateLimit
 from wbc_controller.apps.page.page_messages import COMMANDING, WATCHING, AllowList
 
 CAMERA = {
@@ -40,7 +40,7 @@ def fault(message, *, commands=True):
 
 @pytest.fixture(scope="module")
 def gui():
-    """Controls of each kind that the page has, and a text field, on a server of viser's own."""
+    """Yield a control of each kind on the page, and a text field, on a server of viser."""
     server = viser.ViserServer("127.0.0.1", 0, verbose=False)
     made = SimpleNamespace(
         api=server.gui,
@@ -63,7 +63,7 @@ def test_allowed_types():
 
 
 @pytest.mark.parametrize("allowed", typing.get_args(COMMANDING))
-def test_fields_are_those_of_viser(allowed):
+def test_fields_agree_with_viser(allowed):
     theirs = dataclasses.fields(getattr(viser_messages, allowed.__name__))
     assert [field.name for field in theirs] == list(allowed.__struct_fields__)
 
@@ -84,7 +84,7 @@ def test_messages_of_the_page_are_allowed():
 
 
 @pytest.mark.parametrize("message", [DRAG, PULL, {"type": "TransformControlsDragStartMessage", "name": "/handles/com"}])
-def test_a_page_that_watches_may_not_drag(message):
+def test_read_only_page_cannot_drag(message):
     assert fault(message) == ""
     assert fault(message, commands=False).startswith(f"Invalid value '{message['type']}' - at `$.type`")
 
@@ -100,7 +100,7 @@ BAD = [
     (DRAG, {"position": {"0": 1, "1": 1, "2": 1}}, "- at `$.position`"),
     (DRAG, {"wxyz": (1, 0, 0)}, "Expected `array` of length 4, got 3 - at `$.wxyz`"),
     (DRAG, {"wxyz": (NAN, 0, 0, 0)}, "- at `$.wxyz[0]`"),
-    (DRAG, {"wxyz": (0, 0, 0, 0)}, "`wxyz` has the norm 0, not 1"),
+    (DRAG, {"wxyz": (0, 0, 0, 0)}, "`wxyz` has the norm 0; required: 1"),
     (DRAG, {"name": 5}, "- at `$.name`"),
     (DRAG, {"name": "/" * 501}, "- at `$.name`"),
     (DRAG, {"owner": "client"}, "- at `$.owner`"),
@@ -125,7 +125,7 @@ def test_each_field_is_checked(message, change, reason):
 
 
 @pytest.mark.parametrize("field", sorted(set(PULL) - {"type", "owner"}))
-def test_no_field_may_be_missing(field):
+def test_missing_fields_are_refused(field):
     assert f"missing required field `{field}`" in fault({key: value for key, value in PULL.items() if key != field})
 
 
@@ -134,8 +134,8 @@ def test_no_field_may_be_missing(field):
     [
         b"",
         b"\xc1",
-        b"\xa2\xff\xfe",  # no UTF-8
-        b"\xdd\xff\xff\xff\xff",  # an array of 4 294 967 295 elements, none of which follows
+        b"\xa2\xff\xfe",  # invalid UTF-8
+        b"\xdd\xff\xff\xff\xff",  # an array of 4 294 967 295 elements without content
         b"\x91" * 4000 + b"\xc0",  # 4 000 levels
         b"\x81\xa4type" * 600 + b"\xc0",
         b"\x81\xa4type\xdf\xff\xff\xff\xff",
@@ -145,7 +145,7 @@ def test_no_field_may_be_missing(field):
         msgspec.msgpack.encode({"type": ["GuiUpdateMessage"]}),
     ],
 )
-def test_payloads_that_are_no_message(payload):
+def test_invalid_payloads(payload):
     assert AllowList(commands=True).fault(payload) != ""
 
 
@@ -159,7 +159,7 @@ def test_payloads_that_are_no_message(payload):
         st.binary(max_size=2),
     )
 )
-def test_any_payload_is_judged_without_an_error(payload):
+def test_any_payload_is_checked_without_an_exception(payload):
     allowed = AllowList(commands=True)
     if not allowed.fault(payload):
         assert msgspec.msgpack.decode(payload)["type"] in {each.__name__ for each in typing.get_args(COMMANDING)}
@@ -191,11 +191,11 @@ def test_values_of_controls(gui, name, valid, invalid):
 @pytest.mark.parametrize(
     "updates", [{}, {"update_cb": []}, {"value": True, "removed": True}, {"value": None}, None, []]
 )
-def test_only_the_value_of_a_control_may_change(gui, updates):
+def test_only_values_of_controls_can_change(gui, updates):
     assert value_fault(gui, gui.button, updates) != ""
 
 
-def test_a_refused_value_is_named(gui):
+def test_refused_value_is_named(gui):
     said = value_fault(gui, gui.slider, {"value": 7.5})
     assert said == "GuiUpdateMessage: updates.value of 'weight': 7.5; valid: 0 to 4"
     assert value_fault(gui, SimpleNamespace(uuid="none"), {"value": True}) == (
@@ -203,9 +203,9 @@ def test_a_refused_value_is_named(gui):
     )
 
 
-def test_a_burst_is_read_at_once_and_more_at_the_rate():
-    pace = Pace(rate=100.0, burst=5.0)
-    assert [pace.wait(10.0) for _ in range(8)] == pytest.approx([0, 0, 0, 0, 0, 0.01, 0.02, 0.03])
-    assert [pace.wait(20.0) for _ in range(6)] == pytest.approx([0, 0, 0, 0, 0, 0.01])
-    pace = Pace(rate=100.0, burst=5.0)
-    assert {pace.wait(0.01 * i) for i in range(1000)} == {0.0}
+def test_burst_and_rate_limit():
+    rate_limit = RateLimit(rate=100.0, burst=5.0)
+    assert [rate_limit.wait(10.0) for _ in range(8)] == pytest.approx([0, 0, 0, 0, 0, 0.01, 0.02, 0.03])
+    assert [rate_limit.wait(20.0) for _ in range(6)] == pytest.approx([0, 0, 0, 0, 0, 0.01])
+    rate_limit = RateLimit(rate=100.0, burst=5.0)
+    assert {rate_limit.wait(0.01 * i) for i in range(1000)} == {0.0}

@@ -1,4 +1,4 @@
-"""A recording as the page plays it."""
+"""Playback of a recording on the page."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import time
 import numpy as np
 import pytest
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
 
-from wbc_controller.apps.page.playback import Playback, TimeLine, strip
+from wbc_controller.apps.page.playback import Playback, TimeLine, marks_html
 from wbc_controller.apps.page.server import Gate, open_server
 from wbc_controller.apps.page.snapshot import Robot
 
 
 @pytest.fixture
 def recorded(record, tmp_path):
-    """A controller that stands, and is stopped in an emergency."""
+    """Return the recording of a standing controller and an emergency stop."""
     run = record(tmp_path / "run.mcap")
     run.stand(30)
     run.bench.command("estop")
@@ -34,8 +34,8 @@ def playback(recorded):
     return made
 
 
-def test_the_moments_are_those_that_were_recorded(recorded, playback):
-    cycles = [cycle for cycle in recorded.cycles() if cycle.scalar("has_state")]
+def test_snapshots_agree_with_the_recording(recorded, playback):
+    cycles = [cycle for cycle in recorded.cycles() if cycle.number_of("has_state")]
     for cycle in (cycles[0], cycles[len(cycles) // 2], cycles[-1]):
         playback.seek(1e-9 * (cycle.time - recorded.start))
         snapshot = playback.snapshot()
@@ -43,7 +43,7 @@ def test_the_moments_are_those_that_were_recorded(recorded, playback):
         assert snapshot.stamp == cycle.time
 
 
-def test_what_happened_is_marked_and_said(recorded, playback):
+def test_events_are_marked(recorded, playback):
     kinds = [(mark.kind, mark.text.partition(":")[0]) for mark in playback.marks]
     assert ("mode", "active") in kinds
     assert ("fault", "ESTOP") in kinds
@@ -56,10 +56,10 @@ def test_what_happened_is_marked_and_said(recorded, playback):
     assert active.torques is not None
     playback.seek(playback.duration)
     assert playback.snapshot().mode.startswith("fault ESTOP: ")
-    assert "emergency stop" in strip(playback)
+    assert "emergency stop" in marks_html(playback)
 
 
-def test_time_passes_only_while_it_plays_and_ends_at_the_end(playback):
+def test_time_advances_only_during_playback(playback):
     playback.snapshot()
     time.sleep(0.02)
     assert playback.snapshot().stamp == playback.snapshot().stamp
@@ -71,7 +71,7 @@ def test_time_passes_only_while_it_plays_and_ends_at_the_end(playback):
 
 
 @pytest.mark.live
-def test_a_time_that_a_user_sets_is_gone_to_though_time_passes(playback):
+def test_user_sets_the_time_during_playback(playback):
     gate, ended = Gate("127.0.0.1"), threading.Event()
     server = open_server("127.0.0.1", 0, gate)
     line = TimeLine(server, playback)

@@ -1,4 +1,4 @@
-"""What pages ask for is sent at a bounded rate, in order, and never by itself."""
+"""Requests of the pages are sent at a bounded rate, in order, and never repeated."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import threading
 
 import pytest
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
-from wbc_controller.apps.page.request_sender import PERIOD, STALE, RequestSender
+from wbc_controller.apps.page.request_sender import MAX_AGE, PERIOD, RequestSender
 from wbc_controller.apps.terminal.session import NoAnswer
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -26,9 +26,9 @@ class Rig:
     def drag(self, x, client=1, task="com"):
         self.sender.drag(f"setpoint {task}", client, [task, "to", f"{x}", "0", "0.6"])
 
-    def pump(self, later=0.0):
+    def send_due_drags(self, later=0.0):
         self.now += later
-        self.sender.pump()
+        self.sender.send_due_drags()
         said, self.sent = [said for _, _, said in self.sent], []
         return said
 
@@ -38,64 +38,64 @@ def rig():
     return Rig()
 
 
-def test_of_what_is_dragged_the_newest_is_sent_once_per_period(rig):
+def test_newest_drag_is_sent_once_per_period(rig):
     sent = []
     for i in range(100):  # 1 s of events, 100 per second
         rig.drag(i / 100.0)
-        sent += rig.pump(0.01)
+        sent += rig.send_due_drags(0.01)
     assert 19 <= len(sent) <= 21
-    sent += rig.pump(PERIOD)
+    sent += rig.send_due_drags(PERIOD)
     assert "com goes to 0.99 0 0.6" in sent[-1]
 
 
-def test_after_the_last_event_nothing_is_sent(rig):
+def test_no_requests_after_the_last_event(rig):
     rig.drag(0.1)
-    assert len(rig.pump()) == 1
-    assert [rig.pump(0.1) for _ in range(50)] == [[]] * 50
+    assert len(rig.send_due_drags()) == 1
+    assert [rig.send_due_drags(0.1) for _ in range(50)] == [[]] * 50
 
 
-def test_what_is_dragged_apart_is_sent_apart(rig):
+def test_separate_drags_are_sent_separately(rig):
     rig.drag(0.1)
     rig.drag(0.2, task="left_hand", client=2)
-    assert len(rig.pump()) == 2
+    assert len(rig.send_due_drags()) == 2
 
 
-def test_what_a_page_has_dragged_is_forgotten_when_it_goes(rig):
+def test_drags_of_a_closed_page_are_dropped(rig):
     rig.drag(0.1, client=1)
     rig.drag(0.2, client=2, task="left_hand")
-    rig.sender.forget(1)
-    (said,) = rig.pump()
+    rig.sender.drop_drags(1)
+    (said,) = rig.send_due_drags()
     assert said.startswith("left_hand")
 
 
-def test_what_has_waited_for_too_long_is_not_sent(rig):
+def test_stale_drags_are_dropped(rig):
     rig.drag(0.1)
-    assert rig.pump(STALE + 0.01) == []
+    assert rig.send_due_drags(MAX_AGE + 0.01) == []
 
 
-def test_an_emergency_stop_overtakes_what_waits_and_ends_what_is_dragged(rig):
-    rig.sender.say("activate")  # nobody takes it: the thread has not been started
+def test_emergency_stop_overtakes_requests_and_drops_drags(rig):
+    rig.sender.send_words("activate")  # it stays in the queue: the thread is not running
     rig.drag(0.1)
-    rig.sender.say("estop")
+    rig.sender.send_words("estop")
     assert [said for _, _, said in rig.sent] == ["estop"]
     rig.sent.clear()
-    assert rig.pump(1.0) == []
+    assert rig.send_due_drags(1.0) == []
 
 
-def test_sentences_are_sent_in_order_and_what_cannot_be_said_is_told(rig):
+def test_requests_are_sent_in_order_and_invalid_ones_reported(rig):
     rig.sender.start()
     done = threading.Event()
     for words in (("weight", "com", "30"), ("task", "left_hand", "on"), ("left_hand", "nowhere")):
-        rig.sender.say(*words)
+        rig.sender.send_words(*words)
     rig.sender._report = lambda words, error: done.set()
-    rig.sender.say("contact", "left_foot", "off")
+    rig.sender.send_words("contact", "left_foot", "off")
     assert done.wait(5.0)
     rig.sender.close()
     assert [key for key, _, _ in rig.sent] == ["weight", "task_enable", "contact_enable"]
     assert [words for words, error in rig.told if error] == ["left_hand nowhere"]
 
 
-def test_an_error_in_one_sentence_does_not_end_the_sender(rig, monkeypatch, caplog):
+def test_error_does_not_end_the_sender(rig, monkeypatch, caplog):
     def fails(words, settings):
         raise ValueError(f"cannot read {words}")
 
@@ -106,28 +106,28 @@ def test_an_error_in_one_sentence_does_not_end_the_sender(rig, monkeypatch, capl
         rig.sender._report = lambda *told: (rig.told.append(told), done.set())
         rig.drag(0.1)
         assert done.wait(10.0)
-        rig.sender.say("activate")
+        rig.sender.send_words("activate")
     assert [words for words, _ in rig.told] == ["com to 0.1 0 0.6", "activate"]
-    assert all("could not be read: cannot read" in error for _, error in rig.told)
-    assert caplog.text.count("could not read the request") == 2
+    assert all("parsing failed: cannot read" in error for _, error in rig.told)
+    assert caplog.text.count("parsing of the request") == 2
     done.clear()
-    rig.sender.say("deactivate")
+    rig.sender.send_words("deactivate")
     assert done.wait(10.0)
     rig.sender.close()
     assert [said for _, _, said in rig.sent] == ["deactivate"]
 
 
-def test_where_nobody_listens_it_is_told(rig):
+def test_missing_controller_is_reported(rig):
     def nobody(request):
         raise NoAnswer("no controller is there")
 
     sender = RequestSender(SETTINGS, nobody, lambda *told: rig.told.append(told))
-    sender.say("estop")
+    sender.send_words("estop")
     assert rig.told == [("estop", "no controller is there")]
 
 
-def test_more_than_a_user_can_ask_for_is_refused(rig):
+def test_full_queue_is_reported(rig):
     for _ in range(300):
-        rig.sender.say("activate")
-    assert {error for _, error in rig.told} == {"too many requests are waiting"}
+        rig.sender.send_words("activate")
+    assert {error for _, error in rig.told} == {"dropped: the queue of 200 requests is full"}
     rig.sender.close()

@@ -1,6 +1,6 @@
-"""Who may look at the page, on the real server and by real requests."""
+"""Access to the page on the real server, with real requests."""
 
-# ruff: noqa: E402 - the server is imported after the check for viser, whose absence skips these tests
+# ruff: noqa: E402 - imports follow the check for viser
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import urllib.request
 
 import pytest
 
-viser = pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+viser = pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 import websockets.asyncio.server
 from browser import Browser
@@ -22,8 +22,8 @@ from wbc_controller.errors import ConfigurationError, TransportError
 
 @pytest.fixture(scope="module")
 def locked():
-    """A server that asks for a token, as one does on any address beyond the loopback."""
-    gate = Gate("0.0.0.0")  # noqa: S104 - what is asked for, not listened on
+    """Yield a server with a token, as on addresses beyond the loopback."""
+    gate = Gate("0.0.0.0")  # noqa: S104 - requested, not listened on
     gate.server = open_server("127.0.0.1", 0, gate)
     yield gate
     gate.server.stop()
@@ -38,7 +38,7 @@ def local():
 
 
 def get(gate, path="/", **headers):
-    """Status, headers and the first bytes of the answer."""
+    """Return status, headers and content of the answer."""
     place = f"http://127.0.0.1:{gate.port}{path}"
     request = urllib.request.Request(place, headers=headers)
     try:
@@ -49,27 +49,27 @@ def get(gate, path="/", **headers):
 
 
 def raw(gate, request):
-    """The first bytes of the answer to a request that urllib would not send."""
+    """Return the first bytes of the answer to a request that urllib cannot send."""
     with socket.create_connection(("127.0.0.1", gate.port), timeout=10.0) as connection:
         connection.sendall(request + b"\r\n")
         return connection.recv(4096)
 
 
 @pytest.mark.parametrize("path", ["/", "/?token=", "/?token=wrong", "/index.html", "/?websocket"])
-def test_without_the_token_there_is_no_page(locked, path):
+def test_page_requires_the_token(locked, path):
     status, headers, text = get(locked, path)
-    assert (status, b"needs the token" in text, headers["Set-Cookie"]) == (403, True, None)
+    assert (status, b"requires the token" in text, headers["Set-Cookie"]) == (403, True, None)
 
 
 @pytest.mark.parametrize("headers", [{}, {"Cookie": "wbc_token=x"}, {"Cookie": ";;=, wbc"}, {"Upgrade": "websocket"}])
-def test_without_the_token_there_is_no_connection(locked, headers):
+def test_connection_requires_the_token(locked, headers):
     with pytest.raises(InvalidStatus) as refusal:
         Browser(locked.port, additional_headers=headers)
     assert refusal.value.response.status_code == 403
     assert not locked.server.get_clients()
 
 
-def test_the_address_that_is_printed_opens_the_page_and_its_connection(locked):
+def test_printed_address_opens_page_and_connection(locked):
     where = address(locked, "0.0.0.0")  # noqa: S104 - as above
     assert where.endswith(f":{locked.port}/?token={locked.token}")
     assert len(locked.token) >= 32
@@ -82,14 +82,14 @@ def test_the_address_that_is_printed_opens_the_page_and_its_connection(locked):
     page.close()
 
 
-def test_two_servers_have_two_tokens():
+def test_servers_have_different_tokens():
     assert Gate("192.0.2.1").token != Gate("192.0.2.1").token
 
 
 @pytest.mark.parametrize(
     "headers",
     [
-        {"Host": "robot.example"},  # a name that a web site has point to this computer
+        {"Host": "robot.example"},  # a name of a web site that resolves to this computer
         {"Origin": "http://robot.example"},
         {"Origin": "null"},
         *(
@@ -98,7 +98,7 @@ def test_two_servers_have_two_tokens():
         ),
     ],
 )
-def test_a_web_site_cannot_speak_to_the_page_of_this_computer(local, headers):
+def test_other_sites_cannot_connect(local, headers):
     assert local.token == ""
     assert get(local)[0] == 200
     assert get(local, **headers)[0] == 403
@@ -114,11 +114,11 @@ def test_a_web_site_cannot_speak_to_the_page_of_this_computer(local, headers):
         b"Host: local\xffhost\r\n",
     ],
 )
-def test_headers_that_no_browser_sends_are_refused(local, lines):
+def test_invalid_headers_are_refused(local, lines):
     assert raw(local, b"GET / HTTP/1.1\r\n" + lines).startswith(b"HTTP/1.1 403 ")
 
 
-def test_a_token_in_another_encoding_is_wrong(locked):
+def test_token_in_another_encoding_is_refused(locked):
     lines = b"Host: localhost\r\nCookie: wbc_token_%d=\xff\r\n" % locked.port
     assert raw(locked, b"GET / HTTP/1.1\r\n" + lines).startswith(b"HTTP/1.1 403 ")
 
@@ -132,7 +132,7 @@ def test_only_files_of_the_page_are_served(local, path):
     assert answer.startswith(b"HTTP/1.1 404 ")
 
 
-def test_the_page_may_load_from_its_own_server_alone(local):
+def test_page_loads_only_from_its_own_server(local):
     policy = get(local, Host="localhost:9000")[1]["Content-Security-Policy"]
     allowed = {part.split()[0]: part.split()[1:] for part in policy.split("; ")}
     assert allowed["default-src"] == ["'none'"]
@@ -142,14 +142,14 @@ def test_the_page_may_load_from_its_own_server_alone(local):
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.0.0.1:9000", "[::1]:8080"])
-def test_a_tunnel_may_end_at_another_port(local, host):
+def test_tunnel_to_another_port(local, host):
     assert get(local, Host=host, Origin=f"http://{host}")[0] == 200
 
 
-def test_nothing_is_served_where_viser_does_not_ask(monkeypatch):
+def test_unchecked_server_is_stopped(monkeypatch):
     serve = websockets.asyncio.server.serve
-    monkeypatch.setattr("wbc_controller.apps.page.server._checked", _unchecked)
-    with pytest.raises(TransportError, match="does not use the checks of its requests; nothing is served"):
+    monkeypatch.setattr("wbc_controller.apps.page.server._install_checks", _unchecked)
+    with pytest.raises(TransportError, match="bypasses the request checks, so the server was stopped"):
         open_server("127.0.0.1", 0, Gate("127.0.0.1"))
     assert websockets.asyncio.server.serve is serve
 
@@ -161,6 +161,6 @@ def _unchecked(gate, allowed):
     return contextlib.nullcontext(threading.Event())
 
 
-def test_an_address_that_is_not_of_this_computer():
-    with pytest.raises(ConfigurationError, match=r"--host 192\.0\.2\.1: this computer cannot listen there"):
+def test_address_of_another_computer():
+    with pytest.raises(ConfigurationError, match=r"--host 192\.0\.2\.1: not an address of this computer"):
         open_server("192.0.2.1", 0, Gate("192.0.2.1"))

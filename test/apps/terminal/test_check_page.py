@@ -1,4 +1,4 @@
-"""The page of `wbc check --html`."""
+"""Page of `wbc check --html`."""
 
 import json
 import re
@@ -16,7 +16,7 @@ WIDE = {f"contacts.{side}_foot.{key}": size for side in ("left", "right")
 
 
 def polygons(page, kind):
-    """The polygons of a kind, corners in pixels, by what their titles say."""
+    """Return the polygons of a kind by title, corners in pixels."""
     drawn = re.findall(rf'<polygon class="{kind}" points="([^"]*)"><title>([^<]*)</title>', page)
     return {title: [tuple(map(float, corner.split(","))) for corner in points.split()] for points, title in drawn}
 
@@ -33,7 +33,7 @@ def page(tmp_path_factory):
     return path.read_text(encoding="utf-8")
 
 
-def test_it_loads_nothing_and_says_what_was_found(page):
+def test_page_contains_the_findings_and_loads_nothing(page):
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.S)
     assert not re.search(r"(?:src|href)\s*=|@import|url\(|<link|<iframe|<img", markup, re.I)
     assert "{{" not in markup
@@ -41,7 +41,7 @@ def test_it_loads_nothing_and_says_what_was_found(page):
     assert ">ok<" in page
 
 
-def test_soles_are_drawn_beside_those_of_the_urdf_to_scale(page):
+def test_soles_and_urdf_shapes_have_the_same_scale(page):
     scale = float(re.search(r'class="scale" d="M [\d.]+ [\d.]+ h ([\d.]+)"', page).group(1)) / 100.0  # pixels per mm
     assumed = sides(polygons(page, "assumed")["left_foot: in the configuration"])
     true = sides(polygons(page, "true")["left_foot: underside in the URDF"])
@@ -49,7 +49,7 @@ def test_soles_are_drawn_beside_those_of_the_urdf_to_scale(page):
     assert [side / scale for side in true] == pytest.approx([60.0, 170.0], abs=0.2)
 
 
-def test_the_robot_stands_on_its_forces(page):
+def test_drawn_forces_carry_the_weight(page):
     data = json.loads(
         re.search(r'<script type="application/json" id="motion-data">(.*?)</script>', page, re.S).group(1)
     )
@@ -57,7 +57,7 @@ def test_the_robot_stands_on_its_forces(page):
     assert len(data["parts"]) > 20
 
 
-def test_a_check_that_fails_leaves_a_page_with_its_sentence(tmp_path):
+def test_failed_check_writes_a_page_with_its_error(tmp_path):
     path = tmp_path / "wide.yaml"
     path.write_text(load("talos").replace(WIDE).to_yaml(), encoding="utf-8")
     result = CliRunner().invoke(main, ["check", str(path), "--html", str(tmp_path / "page.html")])
@@ -70,7 +70,7 @@ def test_a_check_that_fails_leaves_a_page_with_its_sentence(tmp_path):
     assert sides(assumed["left_foot: in the configuration"])[0] > 1.3 * width
 
 
-def test_where_there_is_nothing_to_draw_the_check_still_says_why(tmp_path):
+def test_check_without_a_drawing(tmp_path):
     path = tmp_path / "none.yaml"
     path.write_text(load("g1").to_yaml().replace("left_knee_joint", "no_such_joint"), encoding="utf-8")
     result = CliRunner().invoke(main, ["check", str(path), "--html", str(tmp_path / "page.html")])

@@ -1,4 +1,4 @@
-"""What `wbc send` understands: each sentence becomes one message on one topic."""
+"""Requests of `wbc send`: each becomes one message on one topic."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def read(text, settings=G1):
     return parse_request(text.split(), settings)
 
 
-def nothing_is_asked(*place):
+def no_message(*place):
     raise AssertionError(f"the message needs nothing of {place}")
 
 
-def made(text, hear=nothing_is_asked):
-    return read(text).make(hear)
+def made(text, wait_for_message=no_message):
+    return read(text).make(wait_for_message)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def made(text, hear=nothing_is_asked):
 def test_words_and_switches(text, node, key, subject, data):
     request = read(text)
     assert (request.node, request.key, request.subject) == (node, key, subject)
-    assert request.make(nothing_is_asked).data == data
+    assert request.make(no_message).data == data
 
 
 @pytest.mark.parametrize(
@@ -60,13 +60,13 @@ def test_words_and_switches(text, node, key, subject, data):
         ("com -0.02 x 0.01 up", "com/reference", (-0.02, 0.0, 0.01)),
     ],
 )
-def test_a_step_of_a_task(text, frame, step):
+def test_relative_setpoint_of_a_task(text, frame, step):
     request, content = read(text), made(text)
     assert (request.key, request.subject, content.header.frame_id) == ("setpoint", "com", frame)
     np.testing.assert_allclose([content.point.x, content.point.y, content.point.z], step, atol=1e-12)
 
 
-def test_a_step_of_a_pose_does_not_turn_it():
+def test_relative_setpoint_of_a_pose_keeps_its_orientation():
     content = made("left_hand 0.1 up")
     assert content.header.frame_id == "left_hand/heading"
     assert (content.pose.position.z, content.pose.orientation.w) == (0.1, 1.0)
@@ -85,13 +85,13 @@ def test_turning_and_leaning(text, axis):
     np.testing.assert_allclose([turned.x, turned.y, turned.z, turned.w], [*(HALF * np.array(axis)), HALF], atol=1e-12)
 
 
-def test_a_place_in_the_world_and_in_a_frame():
+def test_absolute_setpoint_in_the_world_and_in_a_frame():
     content = made("com to 0.01 -0.02 0.6")
     assert (content.header.frame_id, content.point.y, content.point.z) == ("world", -0.02, 0.6)
     assert made("com to 0 0 0 in pelvis").header.frame_id == "pelvis"
 
 
-def test_a_place_of_a_pose_keeps_its_orientation():
+def test_absolute_setpoint_of_a_pose_keeps_its_orientation():
     reference = made("left_hand to 0 0 0 0 0 0.7071 0.7071")
     content = made(
         "left_hand to 0.3 0.2 0.9", lambda *place: {("controller", "task_reference", "left_hand"): reference}[place]
@@ -112,7 +112,7 @@ def test_joints_by_and_to():
         made("posture c to 0.6", lambda *place: before)
 
 
-def test_a_push_goes_where_the_robot_looks(make):
+def test_push_has_heading_axes(make):
     request = read("push 60 forward for 0.1 at torso")
     assert (request.node, request.key, request.frame) == ("mock", "push", "torso_link")
     odometry = make.odom([0, 0, 1, 0, 0, HALF, HALF], child="pelvis")
@@ -129,19 +129,19 @@ def test_a_push_goes_where_the_robot_looks(make):
         ("activate now", "'activate' takes no arguments, got 'now'"),
         ("contact left_fot off", "did you mean 'left_foot'?"),
         ("contact left_foot of", "unknown value 'of'; did you mean 'off'? Valid: off, on"),
-        ("task left_hand", "task takes TASK on|off, got 'left_hand'"),
-        ("weight com heavy", "a weight is a number, got 'heavy'"),
-        ("com 0.02", "com takes pairs of a number and a direction, such as 0.02 forward, got '0.02'"),
+        ("task left_hand", "task requires TASK on|off; got 'left_hand'"),
+        ("weight com heavy", "weight: expected a number, got 'heavy'"),
+        ("com 0.02", "com requires pairs of a number and a direction, such as 0.02 forward; got '0.02'"),
         ("com 0.02 forwards", "com: unknown direction 'forwards'; did you mean 'forward'?"),
-        ("com 2in forward", "com is '2in': unknown unit"),
-        ("com 0.02 forward 0.01 x", "mixes the robot's directions with the world's axes"),
-        ("torso 0.02 forward", "torso is a frame_orientation task: it takes turn 10deg left"),
+        ("com 2in forward", "com: unknown unit in '2in'; Valid: "),
+        ("com 0.02 forward 0.01 x", "mixes directions of the robot with axes x, y, z of the world"),
+        ("torso 0.02 forward", "torso is a frame_orientation task; valid forms: turn 10deg left"),
         ("torso turn 10deg up", "torso turn: unknown direction 'up'; Valid: left, right"),
-        ("posture left_knee_joint 0.1", "posture takes JOINT by NUMBER, or JOINT to NUMBER"),
-        ("push 60 forward for 0.3", "180 N for 0.1 s are the same impulse"),
-        ("update", "update takes YAML"),
+        ("posture left_knee_joint 0.1", "posture requires JOINT by NUMBER or JOINT to NUMBER"),
+        ("push 60 forward for 0.3", "180 N for 0.1 s give the same impulse"),
+        ("update", "update requires YAML"),
     ],
 )
-def test_what_is_refused(text, said):
+def test_refusals(text, said):
     with pytest.raises(InputRefused, match=re.escape(said)):
         made(text)

@@ -1,4 +1,4 @@
-"""The conversation of a user with the nodes, on a transport that delivers and hears nothing by itself."""
+"""Requests of a user and their outcomes, on a transport double."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from wbc_controller.middleware.codec import decode, diagnostics, encode, message
 from wbc_controller.settings.config import load
 
 
-class Line:
-    """A transport with a reader at the other end, which answers a delivery with the mode it is given."""
+class TransportDouble:
+    """Transport double with a reader, which answers deliveries with given values."""
 
     mode, domain = "", 0
 
@@ -43,22 +43,22 @@ class Line:
 
 
 @pytest.mark.parametrize("mode", ["fault ESTOP: emergency stop by command", ""])
-def test_an_emergency_stop_waits_for_no_word_of_the_controller(monkeypatch, mode):
-    monkeypatch.setattr(session, "DdsTransport", Line)
-    monkeypatch.setattr(Line, "mode", mode)
+def test_emergency_stop_is_sent_first(monkeypatch, mode):
+    monkeypatch.setattr(session, "DdsTransport", TransportDouble)
+    monkeypatch.setattr(TransportDouble, "mode", mode)
     stop = Request("controller", "command", "", "estop", lambda _: message("std_msgs/msg/String", data="estop"))
     with Session(load("go2").settings, patience=0.01) as user:
         if mode:
-            assert user.ask(stop).sentence == f"the controller is {mode}"
+            assert user.execute(stop).text == f"the controller is {mode}"
         else:
             monkeypatch.setattr(Session.until, "__defaults__", (0.01,))
-            with pytest.raises(NoAnswer, match="is delivered; the controller has not confirmed it"):
-                user.ask(stop)
+            with pytest.raises(NoAnswer, match="was delivered, but the controller has not confirmed it"):
+                user.execute(stop)
         assert user._transport.delivered == ["estop"]
 
 
-class Recording(Line):
-    """A controller that says what its recorder has said, before the request and behind it."""
+class RecorderDouble(TransportDouble):
+    """Controller double with the recorder's status before and after the request."""
 
     mode, before = "active", {}
 
@@ -69,28 +69,33 @@ class Recording(Line):
 
 
 @pytest.mark.parametrize(
-    ("before", "behind", "done", "sentence"),
+    ("before", "behind", "done", "text"),
     [
-        (("0", "the last 10 s are kept"), ("1", "it is written"), True, "it is written"),
-        (("1", "it is written"), ("2", "it is written"), True, "it is written"),
+        (("0", "the last 10 s are kept"), ("1", "file written"), True, "file written"),
+        (("1", "file written"), ("2", "file written"), True, "file written"),
         (("", "nothing is recorded"), None, False, "refused: nothing is recorded"),
-        (("1", "it is written"), ("1", "it is written"), None, "does not answer; its last status: it is written"),
+        (
+            ("1", "file written"),
+            ("1", "file written"),
+            None,
+            "no answer from the recorder; its last status: file written",
+        ),
     ],
 )
-def test_a_recording_that_is_asked_for_is_answered_by_the_recorder(monkeypatch, before, behind, done, sentence):
+def test_recorder_answers_a_requested_recording(monkeypatch, before, behind, done, text):
     def values(said):
         return {"requests_taken": "0", "recorder": said[1], **({"recorder_said": said[0]} if said[0] else {})}
 
-    monkeypatch.setattr(session, "DdsTransport", Recording)
-    monkeypatch.setattr(Recording, "before", values(before))
-    monkeypatch.setattr(Recording, "answers", ({}, values(behind)) if behind is not None else ())
+    monkeypatch.setattr(session, "DdsTransport", RecorderDouble)
+    monkeypatch.setattr(RecorderDouble, "before", values(before))
+    monkeypatch.setattr(RecorderDouble, "answers", ({}, values(behind)) if behind is not None else ())
     monkeypatch.setattr(Session.until, "__defaults__", (0.01,))
     config = load("go2")
     with Session(config.settings, patience=0.01) as user:
         if done is None:
-            with pytest.raises(NoAnswer, match=sentence):
-                user.ask(parse_request(["record", "it"], config.settings))
+            with pytest.raises(NoAnswer, match=text):
+                user.execute(parse_request(["record", "it"], config.settings))
         else:
-            answer = user.ask(parse_request(["record", "it"], config.settings))
-            assert (answer.done, answer.sentence) == (done, sentence)
+            answer = user.execute(parse_request(["record", "it"], config.settings))
+            assert (answer.done, answer.text) == (done, text)
         assert user._transport.delivered == ([] if behind is None else ["it"])

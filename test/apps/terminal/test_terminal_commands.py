@@ -1,4 +1,4 @@
-"""The commands without any node: topics by name, completion, and messages as text."""
+"""Commands without a node: topics by name, completion, and messages as text."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ G1 = load_settings(find_configuration("g1"))
         ("mock_robot/push", "/mock_robot/push"),
     ],
 )
-def test_a_topic_by_the_end_of_its_name(text, name):
+def test_topic_by_the_end_of_its_name(text, name):
     assert find_topic(text, topics_of(G1)).name == name
 
 
-def test_a_topic_between_two_nodes_is_that_of_its_sender():
+def test_topic_between_two_nodes_belongs_to_its_sender():
     found = find_topic("~/state", topics_of(G1))
     assert (found.direction, found.qos.latched) == (Direction.OUT, True)
 
 
-def test_a_topic_that_does_not_exist():
+def test_unknown_topic():
     with pytest.raises(InputRefused, match=re.escape("unknown topic '/wbc_controller/stat'; did you mean")):
         find_topic("/wbc_controller/stat", topics_of(G1))
 
@@ -56,11 +56,11 @@ def test_a_topic_that_does_not_exist():
         (["activate", "then"], {"release"}),
     ],
 )
-def test_the_next_word(words, among):
+def test_next_word(words, among):
     assert among <= set(next_words(words, G1))
 
 
-def test_a_shell_completes_robots_and_tasks():
+def test_shell_completes_robots_and_tasks():
     runner = CliRunner()
     for line, expected in (
         ("wbc send g", "go2"),
@@ -73,13 +73,13 @@ def test_a_shell_completes_robots_and_tasks():
         assert expected in [item.partition(",")[2] for item in result.output.splitlines()], (last, result.output)
 
 
-def test_a_sentence_that_makes_no_sense_ends_before_anything_is_sent():
+def test_invalid_request_is_not_sent():
     result = CliRunner().invoke(main, ["send", "g1", "com", "0.02", "forwards"])
     assert result.exit_code == 2
     assert "did you mean 'forward'?" in result.stderr
 
 
-def test_a_message_as_text():
+def test_message_as_text():
     text = as_text(diagnostics(1_500_000_000, 1, "wbc: loop", "active", "g1", {"mode": "active"}))
     assert text.splitlines()[:4] == ["header:", "  stamp:", "    sec: 1", "    nanosec: 500000000"]
     assert "    mode: active" in text

@@ -44,9 +44,9 @@ class Robot(Lockstep):
 def moved() -> Robot:
     """The posture task moves all motor joints in one second."""
     robot = Robot()
-    robot.user.say("command", "activate")
+    robot.user.send_text("command", "activate")
     robot.run(1.2)
-    robot.user.say("update", f"{{tasks: {{posture: {{setpoint: {np.delete(GOAL, 4).tolist()}}}}}}}")
+    robot.user.send_text("update", f"{{tasks: {{posture: {{setpoint: {np.delete(GOAL, 4).tolist()}}}}}}}")
     robot.run(2.0)
     return robot
 
@@ -72,7 +72,7 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
     runs = []
     for command in ("actuators", "joints"):
         robot = Robot(command=command, **changes)
-        robot.user.say("command", "activate")
+        robot.user.send_text("command", "activate")
         robot.run(0.1)
         runs.append(robot)
     by_actuator, by_joint = (robot.peer.all("effort")[-1].data for robot in runs)
@@ -86,7 +86,7 @@ def test_a_robot_that_knows_its_transmissions_is_commanded_by_joint(changes):
 
 def test_joint_torques_are_converted_to_actuators_in_lockstep():
     robot = Robot(lockstep=True)
-    robot.user.say("command", "activate")
+    robot.user.send_text("command", "activate")
     for _ in range(20):
         robot.publish_state()
         robot.loop.cycle()

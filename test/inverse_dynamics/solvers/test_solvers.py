@@ -11,7 +11,7 @@ from wbc_controller.inverse_dynamics.solvers import available_solvers, make_solv
 from wbc_controller.inverse_dynamics.solvers.active_set import ActiveSet
 from wbc_controller.inverse_dynamics.solvers.daqp import solve_carefully
 from wbc_controller.inverse_dynamics.solvers.factory import require_solver
-from wbc_controller.validation.fuzz.problems import room
+from wbc_controller.validation.fuzz.problems import feasibility_margin
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*Clarabel:UserWarning"),
@@ -296,7 +296,7 @@ def test_feasible_problem_is_not_reported_as_infeasible(bench, robot, seed):
     """Joints near their limits with different weights: the solution is in a corner. quadprog is the reference."""
     robot = bench(robot)
     problem = robot.controller.formulation.build(*robot.random_problem(seed)).problem
-    assert room(problem) > 1.0e-5
+    assert feasibility_margin(problem) > 1.0e-5
     solver = make_solver("daqp", problem)
     answer = solver.solve(problem)
     assert answer.x is not None, answer.status

@@ -16,7 +16,7 @@ try:
 except ImportError as error:
     pytest.skip(f"rclpy is not importable: {error}", allow_module_level=True)
 
-pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+pytest.importorskip("viser", reason="the page requires viser: pip install 'wbc_controller[view]'")
 
 from browser import Browser
 

@@ -1,4 +1,4 @@
-"""The commands of `wbc accuracy`: their figures on short runs, and the statistics behind them."""
+"""Commands of `wbc accuracy`: results of short runs, and their statistics."""
 
 from types import SimpleNamespace
 
@@ -13,33 +13,33 @@ from wbc_controller.simulation.faults.world import SlipperyFloor
 from wbc_controller.simulation.sensors import PARTS
 from wbc_controller.validation.accuracy.accuracy_commands import accuracy
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
-from wbc_controller.validation.accuracy.flaws import FLAWS, Cost, chatter, cost_of
-from wbc_controller.validation.accuracy.mishaps import Outcome, come_of, longest
-from wbc_controller.validation.accuracy.standing import Stand, consistency, error_of, sensor_settings, stand
+from wbc_controller.validation.accuracy.flaws import FLAWS, FlawErrors, chatter, measure_flaw
+from wbc_controller.validation.accuracy.mishaps import Outcome, longest_run, run_mishap
+from wbc_controller.validation.accuracy.standing import StandingErrors, consistency, error_of, sensor_settings, stand
 from wbc_controller.validation.accuracy.walks import mean_velocity, walk
 
 SHORT = {"estimation.base_state": "imu", "estimation.settling": 0.1, "safety.activation_ramp": 0.0}
 
 
-def test_a_robot_stands_on_its_estimate_and_the_figures_are_those_of_the_truth():
+def test_errors_of_a_standing_robot_agree_with_the_truth():
     found = stand("go2", "good", 0, 0.5)
     assert found.ended == ""
     assert 0.0 < found.tilt < np.deg2rad(0.4)
     assert found.height < 0.003
     assert 0.0 < found.velocity < 0.02
-    assert len(found.seen) == 5
-    assert len(found.drifting) == 4
-    assert (found.seen > 0.0).all()
+    assert len(found.observable_nees) == 5
+    assert len(found.drifting_nees) == 4
+    assert (found.observable_nees > 0.0).all()
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-def test_a_tall_robot_with_light_ankles_is_let_down_on_cheap_sensors(seed):
+def test_tall_robot_with_light_ankles_and_cheap_sensors(seed):
     found = stand("talos", "cheap", seed, 0.5)
     assert found.ended == ""
     assert found.velocity < 0.005
 
 
-def test_with_true_sensors_the_estimate_is_the_truth_and_a_wrong_one_is_seen():
+def test_ideal_sensors_and_a_wrong_estimate():
     trial = EstimationTrial("go2", SHORT)
     trial.stand()
     error, P = error_of(trial)
@@ -51,7 +51,7 @@ def test_with_true_sensors_the_estimate_is_the_truth_and_a_wrong_one_is_seen():
     np.testing.assert_allclose(error_of(trial)[0] - error, [0, 0, 0, 0.1, 0, 0, 0, 0.2, 0], atol=1e-9)
 
 
-def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch):
+def test_errors_and_nees_by_component(monkeypatch):
     class Still:
         def __init__(self, *_):
             self.settings = SimpleNamespace(control=SimpleNamespace(rate=10.0))
@@ -74,11 +74,11 @@ def test_figures_and_normalized_errors_are_those_of_their_components(monkeypatch
     assert found.height == pytest.approx(9.0 * np.sqrt((0.0 + 1.0 + 1.0 + 4.0) / 4.0))
     assert found.drift == pytest.approx(2.0 * np.hypot(7.0, 8.0) / (0.3 / 60.0))
     tilt_and_velocity, heading_and_position = 1 + 4 + 16 + 25 + 36, 9 + 49 + 64 + 81
-    np.testing.assert_allclose(found.seen, tilt_and_velocity * np.array([1.0, 4.0, 4.0 / 2.0, 9.0 / 5.0]))
-    np.testing.assert_allclose(found.drifting[1:], heading_and_position * np.array([1.0, 4.0 / 4.0]))
+    np.testing.assert_allclose(found.observable_nees, tilt_and_velocity * np.array([1.0, 4.0, 4.0 / 2.0, 9.0 / 5.0]))
+    np.testing.assert_allclose(found.drifting_nees[1:], heading_and_position * np.array([1.0, 4.0 / 4.0]))
 
 
-def test_the_filter_is_told_the_figures_of_its_sensors():
+def test_filter_settings_of_the_sensors():
     settings = load("go2").replace(sensor_settings("cheap")).settings.estimation
     assert settings.accelerometer_bias == PARTS["cheap"].accelerometer_bias
     assert settings.gyroscope_noise == PARTS["cheap"].gyroscope_noise
@@ -87,7 +87,7 @@ def test_the_filter_is_told_the_figures_of_its_sensors():
     assert sensor_settings("ideal") == {}
 
 
-def test_what_goes_wrong_is_said():
+def test_faults_are_reported():
     trial = EstimationTrial("go2", {"safety.activation_ramp": 0.0})
     trial.faults = [SlipperyFloor(duration=LONGEST, friction=0.0)]
 
@@ -101,7 +101,7 @@ def test_what_goes_wrong_is_said():
 
 
 @pytest.mark.parametrize(("factor", "share"), [(1.0, 0.95), (0.1, 0.0), (3.0, 0.0)])
-def test_consistency_is_the_share_of_the_time_within_the_bounds(factor, share):
+def test_consistency_is_the_share_of_time_within_the_bounds(factor, share):
     rng = np.random.default_rng(0)
     squares = [factor * rng.chisquare(5, 2000) for _ in range(20)]
     within, mean = consistency(squares, 5)
@@ -119,7 +119,7 @@ def test_chatter_is_the_torque_above_8_hz():
 
 
 class Motions:
-    """In place of a trial: its centre of mass is off by 5 mm, and by twice that in the second motion."""
+    """Double of a trial with errors of the centre of mass of 5 mm, and 10 mm in the second motion."""
 
     made: "Motions"
     ends = False
@@ -140,7 +140,7 @@ class Motions:
     def follow(self, times, points):
         self.asked.append(np.array(points) - self.origin)
 
-    def wanted(self):
+    def reference_com(self):
         return self.origin
 
     def com(self):
@@ -153,9 +153,9 @@ class Motions:
             raise NoSolution("FALLEN: it fell", "damping", None)
 
 
-def test_what_a_flaw_costs_is_the_largest_distance_in_each_motion(monkeypatch):
+def test_flaw_errors_are_the_largest_distances(monkeypatch):
     monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.EstimationTrial", Motions)
-    cost = cost_of("go2", "joint friction 2 N·m", disturbance="never", known_friction=True)
+    cost = measure_flaw("go2", "joint friction 2 N·m", disturbance="never", known_friction=True)
     assert (cost.sway, cost.squat, cost.ended) == (pytest.approx(0.005), pytest.approx(0.010), "")
     settings, (sway, squat) = Motions.made.settings, Motions.made.asked
     assert (np.abs(sway).max(axis=0).tolist(), squat.min(axis=0).tolist()) == ([0.0, 0.03, 0.0], [0.0, 0.0, -0.05])
@@ -163,47 +163,47 @@ def test_what_a_flaw_costs_is_the_largest_distance_in_each_motion(monkeypatch):
     assert {friction.dry for friction in settings.robot.friction.values()} == {settings.mock.joint_friction} == {2.0}
     assert set(settings.robot.friction) == set(settings.robot.joints)
     monkeypatch.setattr(Motions, "ends", True)
-    cost = cost_of("go2", "torques 20 % too small")
+    cost = measure_flaw("go2", "torques 20 % too small")
     assert [fault.actuator for fault in Motions.made.faults] == ["a", "b"]
     assert (cost.sway, cost.ended.startswith("FALLEN: it fell")) == (pytest.approx(0.005), True)
     assert np.isnan(cost.squat)
 
 
-def test_the_table_of_standing_is_printed_and_judged(monkeypatch):
+def test_table_of_standing(monkeypatch):
     def made_up(robot, sensors, seed, seconds):
         tilt, drift = (0.001, 0.001, 0.002)[seed], 0.02 if robot == "g1" else 0.004
-        return Stand(seed, tilt, 0.002, 0.003, drift, np.full(9, 5.0), np.full(9, 4.0))
+        return StandingErrors(seed, tilt, 0.002, 0.003, drift, np.full(9, 5.0), np.full(9, 4.0))
 
     monkeypatch.setattr("wbc_controller.validation.accuracy.standing.stand", made_up)
     standing = accuracy.commands["standing"]  # without its group, which takes over the process's signals
     run = CliRunner().invoke(standing, ["go2", "--seeds", "3", "--jobs", "1"])
     assert "| go2 | 0.081° (0.115°) | 2.00 mm | 3.0 mm/s | 4.0 mm | 100 %, 1.00 | 100 %, 1.00 | 0 |" in run.output
     assert run.exit_code == 0
-    assert CliRunner().invoke(standing, ["g1", "--seeds", "1", "--jobs", "1"]).exit_code == 1  # it drifts too far
+    assert CliRunner().invoke(standing, ["g1", "--seeds", "1", "--jobs", "1"]).exit_code == 1  # excessive drift
 
 
-def test_the_table_of_flaws_is_printed(monkeypatch):
+def test_table_of_flaws(monkeypatch):
     def made_up(robot, name, *settings):
-        return Cost(0.001, 0.002, 0.003, "FALLEN: it fell" if robot == "g1" else "")
+        return FlawErrors(0.001, 0.002, 0.003, "FALLEN: it fell" if robot == "g1" else "")
 
-    monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.cost_of", made_up)
+    monkeypatch.setattr("wbc_controller.validation.accuracy.flaws.measure_flaw", made_up)
     run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "g1", "--flaw", "slope", "--jobs", "1"])
     assert "| slope 10°, force sensors | 1.0, 2.0; 0.3 % | ends: FALLEN |" in run.output
     assert run.exit_code == 1
 
 
-def test_a_flaw_that_is_unknown_is_refused_with_the_valid_ones():
+def test_unknown_flaw_is_refused():
     run = CliRunner().invoke(accuracy.commands["flaws"], ["go2", "--flaw", "nothing"])
-    assert "flaw 'nothing' is unknown" in str(run.exception)
+    assert "unknown flaw 'nothing'" in str(run.exception)
     assert len({flaw.name for flaw in FLAWS}) == len(FLAWS)
 
 
-def test_a_foot_on_ice_and_an_imu_that_stops_are_survived_with_force_sensors_and_a_wrong_estimate_is_seen(monkeypatch):
-    monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._WATCHED", 0.3)
+def test_mishaps_with_force_sensors_and_a_wrong_estimate(monkeypatch):
+    monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._DURATION", 0.3)
     short = {"estimation.settling": 0.1, "safety.activation_ramp": 0.0}
     for name in ("one foot on ice, friction 0.05", "IMU silent for 20 ms"):
-        found = come_of("go2", name, force_sensors=True, changes=short)
-        assert (found.said, found.ended, found.silently_wrong, found.unsaid) == ((), False, False, 0.0)
+        found = run_mishap("go2", name, force_sensors=True, changes=short)
+        assert (found.fault_texts, found.ended, found.silently_wrong, found.undetected) == ((), False, False, 0.0)
         assert 0.0 < found.error < 0.1
 
 
@@ -215,23 +215,23 @@ def test_a_foot_on_ice_and_an_imu_that_stops_are_survived_with_force_sensors_and
         ("go2", "IMU shock of 5 rad/s for 1.5 s, on the hoist"),
     ],
 )
-def test_an_imu_that_fails_is_a_fault_in_time_and_the_robot_can_be_activated_again(monkeypatch, robot, name):
-    monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._LIFTED", 2.0)
-    found = come_of(robot, name, changes={"safety.activation_ramp": 0.0})
-    assert [sentence.partition(":")[0] for sentence in found.said] == ["ESTIMATE_LOST"]
-    assert "the IMU contradicts all contacts" in found.said[0]
+def test_failed_imu_is_a_fault_and_the_robot_can_be_reactivated(monkeypatch, robot, name):
+    monkeypatch.setattr("wbc_controller.validation.accuracy.mishaps._LIFT_TIME", 2.0)
+    found = run_mishap(robot, name, changes={"safety.activation_ramp": 0.0})
+    assert [sentence.partition(":")[0] for sentence in found.fault_texts] == ["ESTIMATE_LOST"]
+    assert "the IMU contradicts all contacts" in found.fault_texts[0]
     assert (found.silently_wrong, found.fell, found.ended) == (False, False, "hoist" not in name)
-    assert 0.4 < found.recovery < 2.0  # 'reset' has restarted the settling of 0.5 s
+    assert 0.4 < found.recovery < 2.0  # 'reset' restarts the settling of 0.5 s
 
 
-def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
+def test_table_of_mishaps(monkeypatch):
     fine, said = Outcome(0.01, 0.0, ()), ("NO_SOLUTION: there is none (daqp)",)
     found = {
         "one foot pulled up": Outcome(0.3, 0.1, ("left", "right"), said, ended=True, recovery=0.5),
         "gyroscope bias of 0.05 rad/s": Outcome(0.3, 0.31, ()),
     }
     monkeypatch.setattr(
-        "wbc_controller.validation.accuracy.mishaps.come_of",
+        "wbc_controller.validation.accuracy.mishaps.run_mishap",
         lambda robot, name, *_: found.get(name, fine) if robot == "go2" else fine,
     )
     run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
@@ -244,23 +244,23 @@ def test_the_table_of_mishaps_is_printed_and_judged(monkeypatch):
     assert CliRunner().invoke(accuracy.commands["mishaps"], ["g1", "--jobs", "1"]).exit_code == 0
     found["one foot pulled up"], found["gyroscope bias of 0.05 rad/s"] = Outcome(0.3, 0.1, (), recovery=np.inf), fine
     run = CliRunner().invoke(accuracy.commands["mishaps"], ["go2", "--jobs", "1"])
-    assert "| go2 | one foot pulled up | goes on | 0.300 m/s | 100 ms | **refused** | – |" in run.output
+    assert "| go2 | one foot pulled up | continues | 0.300 m/s | 100 ms | **refused** | – |" in run.output
     assert run.exit_code == 1
     assert Outcome(np.nan, np.nan, ()).silently_wrong
     assert Outcome(0.0, 0.0, (), fell=True).silently_wrong
-    assert [longest(np.array(values, dtype=bool)) for values in ([], [0, 1, 1, 0, 1], [1, 1, 1])] == [0, 2, 3]
+    assert [longest_run(np.array(values, dtype=bool)) for values in ([], [0, 1, 1, 0, 1], [1, 1, 1])] == [0, 2, 3]
 
 
-def test_a_robot_turns_on_its_estimate_and_stops():
+def test_robot_turns_on_its_estimate_and_stops():
     found = walk("g1", "turn", "good", 0, 6.0)
     assert found.ended == ""
-    np.testing.assert_allclose(found.speed[:2], 0.0, atol=0.1)  # the base sways in a few steps
+    np.testing.assert_allclose(found.speed[:2], 0.0, atol=0.1)  # the base sways during steps
     assert found.speed[2] == pytest.approx(0.5, abs=0.06)
     assert found.drift < 0.02
     assert found.relaxed == 0
 
 
-def test_mean_velocities_are_those_in_the_heading():
+def test_mean_velocities_have_heading_axes():
     times = np.linspace(0.0, 6.0, 601)
     heading = 0.5 * times
     way = np.cumsum(0.01 * (0.3 + 0.1j) * np.exp(1j * heading))

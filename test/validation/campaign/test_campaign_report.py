@@ -1,4 +1,4 @@
-"""The report counts what came of the trials, and names the worst."""
+"""Counts of the report, and its most severe trial."""
 
 import csv
 import io
@@ -11,12 +11,12 @@ from rich.console import Console
 from scipy import stats
 
 from wbc_controller.validation.campaign.campaign_report import (
-    _WORST,
-    command_that_repeats,
+    _SEVERITY,
+    repeat_command,
     rows_of,
     summary,
     terminal_table,
-    worst,
+    worst_trial,
     write_report,
 )
 from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS
@@ -32,30 +32,30 @@ OUTCOMES = [
 ]  # fmt: skip
 
 
-def test_a_row_counts_the_trials_of_a_kind_on_a_robot():
+def test_row_counts_the_trials_of_a_kind_on_a_robot():
     dropout_g1, dropout, kick = rows_of(OUTCOMES)
     assert (dropout_g1.robot, dropout.robot, kick.kind) == ("g1", "go2", "kick")
-    assert (kick.trials, kick.survived, kick.reasons, kick.must, kick.delays) == (10, 7, {"FALLEN": 3}, 0, ())
+    assert (kick.trials, kick.survived, kick.reasons, kick.must_detect, kick.delays) == (10, 7, {"FALLEN": 3}, 0, ())
     assert kick.interval == pytest.approx(tuple(stats.binomtest(7, 10).proportion_ci(0.95, method="wilson")))
-    assert (dropout.must, dropout.delays, dropout.deadline) == (4, (0.01, 0.02, 0.05), 0.054)
+    assert (dropout.must_detect, dropout.delays, dropout.deadline) == (4, (0.01, 0.02, 0.05), 0.054)
     assert dropout.violations == {"undetected": 1}
 
 
-def test_the_summary_counts_all():
+def test_summary_counts_all_trials():
     assert summary(OUTCOMES).startswith(
-        "15 trials, 2 kinds of fault, 2 robots: 8 survived, 7 damped; 3 of 5 faults that must be detected were, "
+        "15 trials, 2 kinds of fault, 2 robots: 8 survived, 7 damped; 3 of 5 faults with a deadline were detected "
         "in time; 2 trials with violations"
     )
 
 
-def test_the_worst_trial_is_named_with_the_command_that_repeats_it():
-    assert worst(OUTCOMES) is OUTCOMES[-1]
-    assert worst(OUTCOMES[:-2]) is None
-    assert command_that_repeats(OUTCOMES[-1]) == "wbc faults g1 --kinds message_dropout --seed 7 --out repeated"
-    assert set(_WORST) == set(ALL_VIOLATIONS)
+def test_worst_trial_has_a_command_for_repetition():
+    assert worst_trial(OUTCOMES) is OUTCOMES[-1]
+    assert worst_trial(OUTCOMES[:-2]) is None
+    assert repeat_command(OUTCOMES[-1]) == "wbc faults g1 --kinds message_dropout --seed 7 --out repeated"
+    assert set(_SEVERITY) == set(ALL_VIOLATIONS)
 
 
-def test_the_table_shows_each_row_whole():
+def test_table_shows_complete_rows():
     console = Console(width=150, file=io.StringIO())
     console.print(terminal_table(OUTCOMES))
     text = console.file.getvalue()
@@ -78,7 +78,7 @@ class _Texts(HTMLParser):
             self._inside = False
 
 
-def test_the_files_hold_the_same(tmp_path):
+def test_files_agree(tmp_path):
     write_report(OUTCOMES, tmp_path)
     page = (tmp_path / "faults.md").read_text(encoding="utf-8")
     assert summary(OUTCOMES) in page
@@ -97,7 +97,7 @@ def test_the_files_hold_the_same(tmp_path):
     assert parser.headings == ["Trials", "Outcomes of the trials", "Time until detection", "Motion of the robot"]
 
 
-def test_the_report_needs_no_outcome_of_any_sort(tmp_path):
+def test_empty_report(tmp_path):
     write_report([outcome()], tmp_path)
     write_report([outcome("message_dropout", after=0.05, **DETECTED)], tmp_path)
     assert "Time until detection" in (tmp_path / "faults.html").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What has to come of a fault follows from its parameters and from the settings."""
+"""Expected outcomes of faults, from their parameters and the settings."""
 
 import numpy as np
 import pytest
@@ -17,12 +17,12 @@ def made(kind, **parameters):
     return ALL_KINDS[kind].model_validate(parameters)
 
 
-def test_every_kind_has_a_rule_and_every_rule_a_kind():
+def test_kinds_and_rules_agree():
     assert set(RULES) == set(ALL_KINDS)
 
 
 @pytest.mark.parametrize("kind", ALL_KINDS)
-def test_a_rule_holds_for_all_that_is_drawn(kind):
+def test_rules_accept_all_random_parameters(kind):
     for seed in range(20):
         rng = np.random.default_rng(seed)
         for settings in (SETTINGS, SYNCHRONIZED):
@@ -32,7 +32,7 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
 
 
 @pytest.mark.parametrize(
-    ("kind", "parameters", "word", "deadline"),
+    ("kind", "parameters", "label", "deadline"),
     [
         ("message_dropout", {"duration": 0.04}, "either", None),
         ("message_dropout", {"duration": 0.1}, "detect", 0.05 + CYCLE),
@@ -43,11 +43,11 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
         ("joint_not_a_number", {"duration": 0.1, "share": 0.5}, "either", None),
         ("joint_states_frozen", {"duration": 0.2}, "detect", 0.1 + 2 * CYCLE),
         ("odom_jump", {"size": 0.3}, "detect", 2 * CYCLE),
-        ("odom_jump", {"size": 0.12}, "either", None),  # along one axis it may be less than the limit
+        ("odom_jump", {"size": 0.12}, "either", None),  # possibly below the limit along each axis
         ("odom_drift", {"speed": 1.0, "duration": 0.5}, "detect", -0.2 * np.log(1 - 0.11 / (0.2 * 0.5**0.5)) + CYCLE),
         ("odom_drift", {"speed": 0.005}, "survive", None),
         ("joint_bias", {"bias": 0.5, "ramp": 0.0}, "detect", 2 * CYCLE),
-        ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # it is forgotten as it grows
+        ("joint_bias", {"bias": 0.5, "ramp": 1.0}, "either", None),  # forgotten during its growth
         ("joint_noise", {"sigma": 1e-4, "velocity_sigma": 1e-3}, "survive", None),
         ("joint_noise", {"sigma": 1e-2}, "either", None),
         ("message_replay", {"length": 0.1, "duration": 0.5}, "detect", 0.15 + CYCLE),
@@ -59,12 +59,12 @@ def test_a_rule_holds_for_all_that_is_drawn(kind):
         ("estop", {}, "detect", CYCLE),
     ],
 )
-def test_what_is_expected(kind, parameters, word, deadline):
+def test_expectations(kind, parameters, label, deadline):
     expected = expect(made(kind, **parameters), SETTINGS)
-    assert (expected.word, expected.deadline) == (word, deadline if deadline is None else pytest.approx(deadline))
+    assert (expected.label, expected.deadline) == (label, deadline if deadline is None else pytest.approx(deadline))
 
 
-def test_a_deadline_follows_from_the_settings():
+def test_deadline_follows_from_the_settings():
     slow = load("go2").replace({"safety.state_timeout": 0.2, "control.rate": 250.0}).settings
     assert expect(made("message_dropout", duration=0.5), slow).deadline == pytest.approx(0.208)
 
@@ -73,11 +73,11 @@ def test_a_deadline_follows_from_the_settings():
     ("kind", "parameters"),
     [("message_growing_delay", {"growth": 0.5, "duration": 1.0}), ("stamp_ahead", {"by": 0.1, "duration": 0.5})],
 )
-def test_with_synchronized_clocks_more_has_to_be_detected(kind, parameters):
-    assert expect(made(kind, **parameters), SETTINGS).word == "either"
-    assert expect(made(kind, **parameters), SYNCHRONIZED).word == "detect"
+def test_synchronized_clocks_detect_more(kind, parameters):
+    assert expect(made(kind, **parameters), SETTINGS).label == "either"
+    assert expect(made(kind, **parameters), SYNCHRONIZED).label == "detect"
 
 
-def test_no_physical_fault_may_end_for_a_reason_of_the_inputs():
+def test_physical_faults_have_no_input_codes():
     for kind in ("actuator_dead", "floor_drop", "kick", "payload"):
         assert expect(made(kind), SETTINGS).codes == BALANCE

@@ -1,4 +1,4 @@
-"""The monitor sees each violation at its threshold, and nothing below it."""
+"""Detection of each violation at its threshold, and not below."""
 
 from types import SimpleNamespace
 
@@ -18,7 +18,7 @@ STEP = CONFIG.settings.limits.torque_rate / CONFIG.settings.control.rate * MODEL
 
 
 class Cycles:
-    """A controller that sends what it is told."""
+    """A controller with given outputs."""
 
     def __init__(self, **changes) -> None:
         settings = CONFIG.replace(changes).settings
@@ -53,7 +53,7 @@ def cycles():
 
 
 @pytest.mark.parametrize(("passed", "share"), [(0.002, 1.0), (0.001, 0.5), (0.5, 1.0), (0.0, 0.0)])
-def test_torques_change_by_their_rate_in_time_and_by_one_period_at_most(cycles, passed, share):
+def test_torque_rate(cycles, passed, share):
     cycles.state(joint_states=1.0 + passed, odom=1.0 + passed)
     assert cycles.cycle(share * STEP, passed=passed) == {}
     cycles.state(joint_states=1.0 + 2 * passed, odom=1.0 + 2 * passed)
@@ -63,7 +63,7 @@ def test_torques_change_by_their_rate_in_time_and_by_one_period_at_most(cycles, 
     assert "FR_hip_joint" in cycles.monitor.violations["over_rate"]
 
 
-def test_an_emergency_stop_is_exempt_from_the_rate_and_nothing_else_is(cycles):
+def test_only_an_emergency_stop_is_exempt_from_the_rate(cycles):
     for number in range(1, 4):
         cycles.cycle(number * STEP)
     assert cycles.cycle(np.zeros(12), mode=Mode.FAULT, code="ESTOP", solution=False) == {}
@@ -72,7 +72,7 @@ def test_an_emergency_stop_is_exempt_from_the_rate_and_nothing_else_is(cycles):
     assert "over_rate" in cycles.cycle(np.zeros(12), mode=Mode.DAMPING, code="FALLEN", solution=False)
 
 
-def test_a_torque_is_finite_and_within_its_limit(cycles):
+def test_torques_are_finite_and_within_limits(cycles):
     for number in range(1, 6):
         assert cycles.cycle(number * STEP) == {}
     assert set(cycles.cycle(MODEL.effort_limits * 1.0)) <= {"over_rate"}
@@ -82,7 +82,7 @@ def test_a_torque_is_finite_and_within_its_limit(cycles):
 
 
 @pytest.mark.parametrize("stream", ["joint_states", "odom"])
-def test_a_state_is_stale_by_the_true_time_of_what_it_tells(cycles, stream):
+def test_stale_state_by_its_true_age(cycles, stream):
     """Latency that jumps up is seen, whatever the arrival says."""
     fresh = {"joint_states", "odom"} - {stream}
     for _ in range(25):
@@ -92,7 +92,7 @@ def test_a_state_is_stale_by_the_true_time_of_what_it_tells(cycles, stream):
     assert stream in cycles.cycle(0.5 * STEP)["stale"]
 
 
-def test_a_message_that_was_refused_does_not_count(cycles):
+def test_refused_messages_do_not_count(cycles):
     for _ in range(25):
         cycles.state(joint_states=cycles.monitor.now + 0.002, odom=cycles.monitor.now + 0.002)
         assert cycles.cycle(0.5 * STEP, refused=("/odom: header.stamp is 0",)) == {}
@@ -100,7 +100,7 @@ def test_a_message_that_was_refused_does_not_count(cycles):
     assert "odom" in cycles.cycle(0.5 * STEP, refused=("/odom: header.stamp is 0",))["stale"]
 
 
-def test_zero_torques_and_torques_that_sink_are_not_stale(cycles):
+def test_zero_and_decreasing_torques_are_not_stale(cycles):
     cycles.cycle(STEP)
     assert cycles.cycle(0.6 * STEP, passed=0.3, mode=Mode.DAMPING, code="STALE_INPUT", solution=False) == {}
     assert cycles.cycle(np.zeros(12), mode=Mode.DAMPING, code="STALE_INPUT", solution=False) == {}
@@ -108,7 +108,7 @@ def test_zero_torques_and_torques_that_sink_are_not_stale(cycles):
 
 
 @pytest.mark.parametrize(("synchronized", "found"), [(True, True), (False, False)])
-def test_constant_latency_counts_where_clocks_are_synchronized(synchronized, found):
+def test_constant_latency_counts_with_synchronized_clocks(synchronized, found):
     cycles = Cycles(**{"safety.synchronized_clocks": synchronized})
     for _ in range(3):
         cycles.state(joint_states=cycles.monitor.now - 0.1, odom=cycles.monitor.now - 0.1)
@@ -116,7 +116,8 @@ def test_constant_latency_counts_where_clocks_are_synchronized(synchronized, fou
     assert ("stale" in cycles.monitor.violations) == found
 
 
-def test_latency_that_jumps_up_counts_without_synchronized_clocks(cycles):
+def test_increased_latency_counts_without_synchronized_clocks(cycles):
+    """A jump of the latency is detected independently of the arrival."""
     late = cycles.monitor.now + 0.002
     cycles.state(joint_states=late, odom=late)
     cycles.cycle(STEP)
@@ -124,20 +125,20 @@ def test_latency_that_jumps_up_counts_without_synchronized_clocks(cycles):
     assert "stale" in cycles.cycle(STEP, passed=0.2)
 
 
-def test_a_defect_and_a_stall_are_violations(cycles):
+def test_defects_and_stalls_are_violations(cycles):
     assert "internal_error" in cycles.cycle(np.zeros(12), mode=Mode.DAMPING, code="INTERNAL_ERROR", solution=False)
-    cycles.monitor.spent(0.99 * STALL)
+    cycles.monitor.check_processor_time(0.99 * STALL)
     assert "stall" not in cycles.monitor.violations
-    cycles.monitor.spent(1.01 * STALL)
+    cycles.monitor.check_processor_time(1.01 * STALL)
     assert "stall" in cycles.monitor.violations
 
 
 @pytest.mark.parametrize("through", [(), (Mode.HOLDING,)])
-def test_the_moment_at_which_control_was_left_is_kept_with_its_reason(cycles, through):
+def test_end_of_the_active_mode_is_stored_with_its_reason(cycles, through):
     for mode in through:
         cycles.cycle(np.zeros(12), mode=mode, code="NO_SOLUTION", solution=False)
-    assert cycles.monitor.left is None
+    assert cycles.monitor.deactivation is None
     cycles.cycle(np.zeros(12), mode=Mode.DAMPING, code="FALLEN", solution=False)
     cycles.cycle(np.zeros(12), mode=Mode.FAULT, code="OTHER", solution=False)
-    time, code, sentence = cycles.monitor.left
+    time, code, sentence = cycles.monitor.deactivation
     assert (round(time, 4), code, sentence) == (round(1.002 + 0.002 * len(through), 4), "FALLEN", "why")

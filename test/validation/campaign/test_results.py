@@ -1,4 +1,4 @@
-"""The file of a campaign holds every outcome, takes no foreign ones, and survives an end at any moment."""
+"""File of a campaign: all outcomes, no foreign ones, and a valid file after an interruption."""
 
 import json
 
@@ -7,7 +7,7 @@ from outcomes import outcome
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign import results as results_module
-from wbc_controller.validation.campaign.results import FILE, Key, Results, key_of, version_of
+from wbc_controller.validation.campaign.results import FILE, Results, TrialKey, key_of, version_of
 
 
 def write(folder, *outcomes) -> None:
@@ -17,33 +17,33 @@ def write(folder, *outcomes) -> None:
     results.close()
 
 
-def test_what_was_added_is_there_again(tmp_path):
+def test_outcomes_are_read_again(tmp_path):
     both = outcome(), outcome(seed=1, result="damped", code="FALLEN", after=0.25, sentence="it fell: 60°")
     write(tmp_path, *both)
     again = Results(tmp_path)
     again.close()
     assert again.outcomes == {key_of(each): each for each in both}
-    assert again.others == 0
+    assert again.other_versions == 0
 
 
-def test_each_outcome_is_in_the_file_when_it_is_added(tmp_path):
+def test_outcomes_are_written_at_once(tmp_path):
     results = Results(tmp_path)
     results.add(outcome())
     assert len((tmp_path / FILE).read_text(encoding="utf-8").splitlines()) == 1
     results.close()
 
 
-def test_results_of_another_version_are_kept_and_not_used(tmp_path, monkeypatch):
+def test_results_of_other_versions_are_unused(tmp_path, monkeypatch):
     write(tmp_path, outcome())
     monkeypatch.setattr(results_module, "version_of", lambda robot: "another")
     again = Results(tmp_path)
-    assert (again.outcomes, again.others) == ({}, 1)
+    assert (again.outcomes, again.other_versions) == ({}, 1)
     again.add(outcome())
     again.close()
     assert len((tmp_path / FILE).read_text(encoding="utf-8").splitlines()) == 2
 
 
-def test_the_version_is_that_of_the_code_and_of_the_configuration(tmp_path):
+def test_version_depends_on_code_and_configuration(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("a: 1\n", encoding="utf-8")
     before = version_of(str(path))
@@ -53,29 +53,29 @@ def test_the_version_is_that_of_the_code_and_of_the_configuration(tmp_path):
     assert version_of("go2") != version_of("g1")
 
 
-def test_a_line_that_was_cut_off_is_dropped_and_the_next_stands_on_its_own(tmp_path):
+def test_incomplete_line_is_dropped(tmp_path):
     write(tmp_path, outcome(), outcome(seed=1))
     path = tmp_path / FILE
     path.write_text(path.read_text(encoding="utf-8")[:-30], encoding="utf-8")
     results = Results(tmp_path)
-    assert set(results.outcomes) == {Key("go2", "kick", 0)}
+    assert set(results.outcomes) == {TrialKey("go2", "kick", 0)}
     results.add(outcome(seed=2))
     results.close()
     again = Results(tmp_path)
     again.close()
-    assert set(again.outcomes) == {Key("go2", "kick", 0), Key("go2", "kick", 2)}
+    assert set(again.outcomes) == {TrialKey("go2", "kick", 0), TrialKey("go2", "kick", 2)}
 
 
 @pytest.mark.parametrize("line", ["no json", "5", json.dumps({"version": "x"}), json.dumps({"robot": "go2"})])
-def test_a_file_of_something_else_is_refused_with_its_line(tmp_path, line):
+def test_invalid_file_is_refused_with_its_line(tmp_path, line):
     write(tmp_path, outcome())
     path = tmp_path / FILE
     path.write_text(path.read_text(encoding="utf-8") + line + "\n", encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=rf"{FILE}:2: not a line of a fault campaign"):
+    with pytest.raises(ConfigurationError, match=rf"{FILE}:2: invalid line of a fault campaign"):
         Results(tmp_path)
 
 
-def test_a_folder_that_cannot_be_used_is_refused(tmp_path):
+def test_invalid_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(ConfigurationError, match="cannot be used"):
+    with pytest.raises(ConfigurationError, match="opening of the results failed"):
         Results(tmp_path / "file")

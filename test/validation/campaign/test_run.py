@@ -1,4 +1,4 @@
-"""A campaign runs what is missing, and says what it cannot do."""
+"""A campaign runs the missing trials and reports errors."""
 
 import io
 import sys
@@ -11,12 +11,12 @@ from rich.console import Console
 from wbc_controller.cli import main
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign import run as run_module
-from wbc_controller.validation.campaign.results import FILE, Key
+from wbc_controller.validation.campaign.results import FILE, TrialKey
 from wbc_controller.validation.campaign.run import run_campaign
 
 
 class Bench:
-    """Trials that take no time: their keys are kept."""
+    """Trials without execution; their keys are stored."""
 
     def __init__(self, monkeypatch) -> None:
         self.keys = []
@@ -42,7 +42,7 @@ def bench(monkeypatch):
     return Bench(monkeypatch)
 
 
-def test_every_kind_runs_with_every_seed_on_every_robot(bench, tmp_path):
+def test_kinds_seeds_and_robots_are_combined(bench, tmp_path):
     assert bench.campaign(tmp_path, robots=("go2", "g1"))
     assert sorted(bench.keys) == sorted((r, k, s) for r in ("go2", "g1") for k in ("kick", "push") for s in (0, 1))
     assert "8 trials, 2 kinds of fault, 2 robots: 8 survived" in bench.said
@@ -50,21 +50,21 @@ def test_every_kind_runs_with_every_seed_on_every_robot(bench, tmp_path):
     assert bench.recordings is None
 
 
-def test_recordings_are_asked_of_every_trial(bench, tmp_path):
+def test_every_trial_records(bench, tmp_path):
     assert bench.campaign(tmp_path, recordings=tmp_path / "recordings")
     assert bench.recordings == tmp_path / "recordings"
 
 
-def test_a_second_call_runs_what_is_missing_and_reports_all(bench, tmp_path):
+def test_second_call_runs_missing_trials_and_reports_all(bench, tmp_path):
     bench.campaign(tmp_path, seeds=(0,))
     bench.keys.clear()
     assert bench.campaign(tmp_path, seeds=(0, 1))
     assert sorted(bench.keys) == [("go2", "kick", 1), ("go2", "push", 1)]
-    assert "2 of 4 trials are there already" in bench.said
+    assert "2 of 4 trials exist already" in bench.said
     assert "4 trials, 2 kinds" in bench.said
 
 
-def test_an_interrupted_campaign_keeps_what_was_done_and_is_not_called_good(bench, tmp_path):
+def test_interrupted_campaign_keeps_its_results(bench, tmp_path):
     def interrupted(kind, seed, **rest):
         if len(bench.keys) == 3:
             raise KeyboardInterrupt
@@ -80,51 +80,51 @@ def test_an_interrupted_campaign_keeps_what_was_done_and_is_not_called_good(benc
     assert len(bench.keys) == 2
 
 
-def test_a_violation_is_said_with_the_command_that_repeats_it(bench, tmp_path):
+def test_violation_is_reported_with_its_command(bench, tmp_path):
     bench.outcome = lambda kind, seed, **rest: outcome(
         kind, seed, **rest, **({"result": "violation", "violations": {"stale": "old"}} if kind == "push" else {})
     )
     assert not bench.campaign(tmp_path)
-    assert "the worst trial: go2, push, seed 0: stale: old" in bench.said
-    assert "repeat it with: wbc faults go2 --kinds push --seed 0" in bench.said
+    assert "worst trial: go2, push, seed 0: stale: old" in bench.said
+    assert "repeat with: wbc faults go2 --kinds push --seed 0" in bench.said
 
 
-def test_results_of_another_version_are_said_not_to_be_used(bench, tmp_path, monkeypatch):
+def test_unused_results_are_reported(bench, tmp_path, monkeypatch):
     bench.campaign(tmp_path)
     monkeypatch.setattr("wbc_controller.validation.campaign.results.version_of", lambda robot: "another")
     bench.keys.clear()
     bench.campaign(tmp_path)
     assert len(bench.keys) == 4
-    assert "4 trials of another version of the code or configuration: they are not used" in " ".join(bench.said.split())
+    assert "4 trials of another version of the code or the robot are ignored" in " ".join(bench.said.split())
 
 
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"kinds": ("kik",)}, "kind 'kik' is unknown; did you mean 'kick'"),
-        ({"robots": ("go3",)}, "unknown configuration 'go3'"),
-        ({"backend": "threads"}, "backend 'threads' is unknown; Valid: dask, loky, ray"),
-        ({"address": "tcp://x:1"}, "address 'tcp://x:1': the backend loky is this machine"),
+        ({"kinds": ("kik",)}, "unknown kind of fault 'kik'; did you mean 'kick'"),
+        ({"robots": ("go3",)}, "no configuration is named 'go3'"),
+        ({"backend": "threads"}, "unknown backend 'threads'; Valid: dask, loky, ray"),
+        ({"address": "tcp://x:1"}, "--address 'tcp://x:1': not valid for the backend loky"),
     ],
 )
-def test_what_cannot_be_run_is_refused_with_the_valid_ones(bench, tmp_path, options, said):
+def test_unknown_names_are_refused(bench, tmp_path, options, said):
     with pytest.raises(ConfigurationError, match=said):
         bench.campaign(tmp_path, **options)
     assert not bench.keys
 
 
 @pytest.mark.parametrize(("backend", "missing"), [("dask", "distributed"), ("ray", "ray"), ("loky", "joblib")])
-def test_what_is_not_installed_is_said(bench, tmp_path, monkeypatch, backend, missing):
+def test_missing_packages_are_reported(bench, tmp_path, monkeypatch, backend, missing):
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(ConfigurationError, match=missing):
         bench.campaign(tmp_path, backend=backend)
 
 
-def test_the_command_runs_trials_in_processes_of_their_own_and_its_status_says_whether_all_was_well(tmp_path):
+def test_command_runs_trials_in_processes(tmp_path):
     words = ["faults", "go2", "--kinds", "estop,odom_absurd", "--seed", "4", "--jobs", "2", "--out", str(tmp_path)]
     result = CliRunner().invoke(main, words)
     assert result.exit_code == 0, result.output
-    assert "2 of 2 faults that must be detected were, in time; 0 trials with violations" in " ".join(
+    assert "2 of 2 faults with a deadline were detected in time; 0 trials with violations" in " ".join(
         result.output.split()
     )
 
@@ -134,7 +134,7 @@ def stalled(seconds):
 
 
 @pytest.mark.parametrize(("again", "good"), [({"longest": 0.002}, True), (stalled(0.035), False)])
-def test_a_stall_counts_where_it_comes_again_in_a_new_process(bench, tmp_path, monkeypatch, again, good):
+def test_stall_counts_only_after_a_repetition(bench, tmp_path, monkeypatch, again, good):
     repeated = []
 
     def in_new_process(key, trial):
@@ -151,11 +151,11 @@ def test_a_stall_counts_where_it_comes_again_in_a_new_process(bench, tmp_path, m
     sentence += f"{1e3 * again['longest']:.1f} ms in a new process"
     assert sentence in " ".join(bench.said.split())
     assert sentence in (tmp_path / "faults.md").read_text(encoding="utf-8")
-    assert bench.campaign(tmp_path) is good  # from the file: it is not repeated again
+    assert bench.campaign(tmp_path) is good  # from the file, without another repetition
     assert len(repeated) == 1
     assert len((tmp_path / FILE).read_text(encoding="utf-8").splitlines()) == 5
 
 
-def test_a_trial_in_a_new_process_is_the_same_trial():
-    key = Key("go2", "estop", 4)
+def test_trial_is_the_same_in_a_new_process():
+    key = TrialKey("go2", "estop", 4)
     assert repeatable(run_module._in_new_process(key, run_module.run_trial)) == repeatable(run_module.run_trial(*key))

@@ -1,4 +1,4 @@
-"""Trials: what they find on the controller as it is, and on one that is broken on purpose."""
+"""Trials of the controller, and of a controller with an injected defect."""
 
 import dataclasses
 import itertools
@@ -30,7 +30,7 @@ SHORT = {"start": 0.02, "duration": 0.06}
         ("garbage", {}, "survived", ""),
     ],
 )
-def test_the_controller_survives_what_is_harmless_and_is_damped_in_time_for_the_rest(kind, parameters, result, code):
+def test_controller_survives_harmless_faults_and_is_damped_in_time(kind, parameters, result, code):
     outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters})
     assert (outcome.result, outcome.code, dict(outcome.violations)) == (result, code, {})
     if code:
@@ -39,7 +39,7 @@ def test_the_controller_survives_what_is_harmless_and_is_damped_in_time_for_the_
         assert outcome.after is None
 
 
-def test_a_trial_is_the_same_whenever_it_is_repeated_and_another_with_another_seed():
+def test_seed_determines_the_trial():
     given = {"start": 0.02}
     first = run_trial("go2", "joint_absurd", 2, parameters=given)
     assert repeatable(first) == repeatable(run_trial("go2", "joint_absurd", 2, parameters=given))
@@ -48,7 +48,7 @@ def test_a_trial_is_the_same_whenever_it_is_repeated_and_another_with_another_se
     assert repeatable(other) != repeatable(first)
 
 
-def test_an_unknown_kind_is_refused_with_the_valid_ones():
+def test_unknown_kind_is_refused():
     with pytest.raises(ConfigurationError, match="did you mean 'odom_jump'"):
         run_trial("go2", "odom_jumb", 0)
 
@@ -59,7 +59,7 @@ def _without_rate(controller):
 
 
 def _with_torques(change):
-    """Let every command pass through a function before it is sent."""
+    """Apply a function to every command before it is sent."""
 
     def prepare(controller):
         supervisor = controller.supervisor
@@ -75,7 +75,7 @@ def _with_torques(change):
 
 
 def _once(change):
-    """Only the fifteenth command, which is sent before the fault."""
+    """Apply a function to the fifteenth command, before the fault."""
     count = [0]
 
     def changed(tau):
@@ -85,14 +85,14 @@ def _once(change):
     return changed
 
 
-def _blind(controller):
-    """No state is ever implausible, and the robot never falls."""
+def _without_detection(controller):
+    """Disable the detection of implausible states and falls."""
     limits = controller.supervisor.limits
     controller.supervisor.limits = dataclasses.replace(limits, plausibility=None, fall=None)
 
 
 def _old_states(controller):
-    """States are used however old they are."""
+    """Use states of any age."""
     cycle = controller.cycle
     velocity = np.zeros(controller.model.nj)
 
@@ -101,8 +101,8 @@ def _old_states(controller):
         return cycle(dataclasses.replace(inputs, problem=None, joint_velocity=measured))
 
     controller.cycle = careless
-    # The loop asks for the largest age as well.
-    controller._live = dataclasses.replace(controller._live, state_timeout=10.0)
+    # The loop also uses the largest age.
+    controller._parts = dataclasses.replace(controller._parts, state_timeout=10.0)
 
 
 def _fails(controller):
@@ -128,24 +128,24 @@ def _fails(controller):
         ("estop", {}, _fails, "internal_error"),
         ("estop", {}, lambda controller: controller.supervisor.request("estop", 0.0, None), "start"),
         ("message_dropout", {"duration": 0.15}, _old_states, "stale"),
-        ("joint_states_frozen", {"duration": 0.2}, _blind, "undetected"),
-        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _blind, "fell"),
+        ("joint_states_frozen", {"duration": 0.2}, _without_detection, "undetected"),
+        ("kick", {"speed": 2.0, "duration": 0.6, "seed": 2}, _without_detection, "fell"),
     ],
 )
-def test_a_controller_that_is_broken_on_purpose_is_found_out(kind, parameters, prepare, violation):
+def test_broken_controllers_are_detected(kind, parameters, prepare, violation):
     outcome = run_trial("go2", kind, 0, parameters={**SHORT, **parameters}, prepare=prepare)
     assert outcome.result == "violation"
     assert violation in outcome.violations, outcome.violations
 
 
-def test_a_supervisor_that_does_not_clip_to_the_torque_rate_is_found_out():
-    """Where a heavy robot is activated, its torques rise to those of standing."""
+def test_unclipped_torque_rate_is_detected():
+    """The torques of a heavy robot rise at its activation."""
     assert "over_rate" in run_trial("talos", "estop", 0, parameters=SHORT, prepare=_without_rate).violations
     assert not run_trial("talos", "estop", 0, parameters=SHORT).violations
 
 
 def _in_cycle(number, change):
-    """Let the inputs of one cycle pass through a function."""
+    """Apply a function to the inputs of one cycle."""
 
     def prepare(controller):
         cycle, numbers = controller.cycle, itertools.count(1)
@@ -154,7 +154,7 @@ def _in_cycle(number, change):
     return prepare
 
 
-def test_a_loop_that_takes_too_long_is_a_stall():
+def test_slow_loop_is_a_stall():
     def slow(inputs):
         began = time.thread_time()
         while time.thread_time() - began < 0.025:
@@ -165,8 +165,8 @@ def test_a_loop_that_takes_too_long_is_a_stall():
     assert "stall" in outcome.violations
 
 
-def test_a_reason_that_a_fault_does_not_have_is_a_violation():
-    """The trial of a harmless fault in which somebody else stops the robot."""
+def test_wrong_fault_code_is_a_violation():
+    """An external stop during the trial of a harmless fault."""
     stops = _in_cycle(40, lambda inputs: dataclasses.replace(inputs, requests=("estop",)))
     outcome = run_trial("go2", "imu_noise", 0, parameters=SHORT, prepare=stops)
     assert "wrong_reason" in outcome.violations
@@ -174,7 +174,7 @@ def test_a_reason_that_a_fault_does_not_have_is_a_violation():
     assert "early" in early.violations
 
 
-def test_every_violation_has_a_meaning_and_every_kind_of_a_user_a_place():
+def test_violations_and_request_faults_are_complete():
     assert set(VIOLATIONS) < set(ALL_VIOLATIONS)
     assert set(REQUEST_KINDS) < set(ALL_KINDS)
     assert {kind.place for kind in REQUEST_KINDS.values()} == {"user"}

@@ -1,4 +1,4 @@
-"""The fuzzer of files: hostile ones are refused in a sentence, and a crash or a hang of the reader is seen."""
+"""Fuzzer of files: hostile ones are refused; crashes and hangs of the reader are detected."""
 
 import re
 
@@ -11,9 +11,9 @@ from wbc_controller.cli import main
 from wbc_controller.validation.fuzz import files
 from wbc_controller.validation.fuzz.files import case_folder, fuzz_files, make_case, read_case
 from wbc_controller.validation.fuzz.hostile_files import structures
-from wbc_controller.validation.fuzz.strategies import drawn
+from wbc_controller.validation.fuzz.strategies import draw_by_key
 
-#: Cases here; `wbc fuzz configurations` and `urdf` read tens of thousands.
+#: Number of cases; `wbc fuzz configurations` and `urdf` read tens of thousands.
 COUNT = 20
 URDF = files._originals("go2")[1]
 
@@ -31,13 +31,13 @@ def test_hostile_files_work_or_are_refused(tmp_path, kind, robots):
 def test_hostile_structures_of_a_urdf_work_or_are_refused(tmp_path, name):
     make_case("urdf", "go2", 0, 0, tmp_path)
     for number in range(3):
-        text = drawn(structures(URDF)[name], name, number)
+        text = draw_by_key(structures(URDF)[name], name, number)
         assert text != URDF
         (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
         assert read_case(tmp_path) in ("works", "refused")
 
 
-def test_a_case_follows_from_its_seed_and_number(tmp_path):
+def test_seed_and_number_determine_the_case(tmp_path):
     for place in ("a", "b"):
         make_case("configurations", "go2", 5, 7, tmp_path / place)
     texts = [(tmp_path / place / "robot.yaml").read_bytes().replace(b"/b/", b"/a/") for place in ("a", "b")]
@@ -46,14 +46,14 @@ def test_a_case_follows_from_its_seed_and_number(tmp_path):
     assert (tmp_path / "a" / "robot.yaml").read_bytes() != texts[0]
 
 
-def test_files_that_are_not_changed_work(tmp_path, monkeypatch):
+def test_unchanged_files_work(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "hostile_urdf", lambda text: st.just(text.encode()))
     make_case("urdf", "go2", 0, 0, tmp_path)
     assert read_case(tmp_path) == "works"
 
 
-def test_a_reader_that_dies_or_hangs_is_named_and_the_next_case_is_read(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_HANG", 3.0)
+def test_crash_and_hang_of_the_reader(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_CASE_TIMEOUT", 3.0)
     monkeypatch.setattr(files, "_reader", dies_and_hangs)
     outcome = fuzz_files("configurations", ("go2",), 4, 0, tmp_path)
     dead, hanging = (case_folder(tmp_path, "configurations", number) for number in (1, 2))
@@ -70,7 +70,7 @@ def test_a_reader_that_dies_or_hangs_is_named_and_the_next_case_is_read(tmp_path
         (files.ConfigurationError("some sentence"), "unnamed: no path in 'some sentence'"),
     ],
 )
-def test_a_traceback_and_a_sentence_without_a_path_are_seen(tmp_path, monkeypatch, error, said):
+def test_tracebacks_and_errors_without_a_path_are_failures(tmp_path, monkeypatch, error, said):
     def broken(path):
         raise error
 
@@ -79,7 +79,7 @@ def test_a_traceback_and_a_sentence_without_a_path_are_seen(tmp_path, monkeypatc
     assert read_case(tmp_path).startswith(said)
 
 
-def test_a_case_that_takes_long_is_seen(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "_LIMIT", 0.0)
+def test_slow_case_is_a_failure(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "_PROCESSOR_TIME_LIMIT", 0.0)
     make_case("configurations", "go2", 0, 0, tmp_path)
     assert read_case(tmp_path).startswith("slow: ")

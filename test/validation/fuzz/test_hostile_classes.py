@@ -1,4 +1,4 @@
-"""The fuzzer of users' classes: hostile members are refused, or the robot is damped with the name of the method."""
+"""Fuzzer of user classes: hostile members are refused, or the robot is damped with the name of the method."""
 
 from __future__ import annotations
 
@@ -43,6 +43,6 @@ def test_hostile_classes_are_refused_or_damped(hostile):
         ("contacts", "size", 0, np.ones(3), "refused"),
     ],
 )
-def test_a_hostile_member(kind, member, after, value, result):
+def test_hostile_member(kind, member, after, value, result):
     with np.errstate(all="ignore"):
         assert run_class(HostileClass(kind, member, after, value)) == result

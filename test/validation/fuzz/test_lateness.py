@@ -1,4 +1,4 @@
-"""The lateness of the machine, as the live trials measure it."""
+"""Lateness of the machine, as measured in live trials."""
 
 import os
 import subprocess
@@ -14,14 +14,14 @@ SPIN = [sys.executable, "-c", "while True: pass"]
 
 
 @pytest.mark.live
-def test_processes_that_wait_for_a_processor_are_late_though_this_one_is_not():
+def test_waiting_processes_are_late():
     lateness = Lateness()
     many = [subprocess.Popen(SPIN) for _ in range(3 * len(os.sched_getaffinity(0)))]
     try:
         for process in many:
             lateness.watch(process.pid)
-        lateness.forget()
-        # Three share each processor: within the window of 50 ms each of them waits for about 33.
+        lateness.reset()
+        # Three processes share each processor: each waits for about 33 ms of the 50 ms window.
         until(lambda: lateness.worst > 0.015, "lateness")
     finally:
         for process in many:
@@ -30,7 +30,7 @@ def test_processes_that_wait_for_a_processor_are_late_though_this_one_is_not():
         lateness.end()
 
 
-def test_a_process_that_ends_while_it_is_looked_at_stops_nothing(monkeypatch):
+def test_process_may_end_during_the_measurement(monkeypatch):
     ended, looks, glob = Path("/proc/0/task"), [], Path.glob
 
     def look(path, pattern):
@@ -43,9 +43,9 @@ def test_a_process_that_ends_while_it_is_looked_at_stops_nothing(monkeypatch):
     lateness = Lateness()
     try:
         lateness.watch(0)
-        until(lambda: ended in looks, "a look at the process that has ended")
-        after = len(looks) + 2  # more than the rest of that round
-        until(lambda: len(looks) > after, "a look behind it")
+        until(lambda: ended in looks, "the check of the ended process")
+        after = len(looks) + 2  # more than the rest of this round
+        until(lambda: len(looks) > after, "the next check")
         assert looks.count(ended) == 1
     finally:
         lateness.end()

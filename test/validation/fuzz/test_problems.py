@@ -1,4 +1,4 @@
-"""The fuzzer of quadratic programs: what is relaxed had to be, and an answer that gave up too much is told."""
+"""Fuzzer of quadratic programs: relaxation is minimal; unnecessary relaxation is detected."""
 
 from functools import partial
 
@@ -13,12 +13,18 @@ from wbc_controller.controller.check.preflight import stance
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.files import find_configuration, load_settings
 from wbc_controller.validation.fuzz import problems
-from wbc_controller.validation.fuzz.problems import HELD, random_problem, rest, room, too_much
+from wbc_controller.validation.fuzz.problems import (
+    NO_SOLUTION,
+    feasibility_margin,
+    random_problem,
+    relaxation_error,
+    rest,
+)
 
 
 @pytest.fixture(scope="module")
-def drawn():
-    """The quadratic program of Go2, and the function that draws its problems."""
+def qp_and_draw():
+    """Return the quadratic program of Go2, and the function that draws its problems."""
     settings = load_settings(find_configuration("go2"))
     qp = make_qp(settings, make_model(settings))
     standing = stance(qp.model, qp, list(qp.contacts))
@@ -26,7 +32,7 @@ def drawn():
     return qp, partial(random_problem, qp.model, standing, references)
 
 
-def test_nothing_is_relaxed_without_need():
+def test_no_unnecessary_relaxation():
     result = CliRunner().invoke(main, ["fuzz", "problems", "go2,g1,talos", "--count", "60"])
     assert result.exit_code == 0, result.output
     assert [line.split()[:3] for line in result.stdout.splitlines()] == [
@@ -35,48 +41,48 @@ def test_nothing_is_relaxed_without_need():
     assert result.output.count("relaxed too much: 0") == 3
 
 
-def found(drawn, wanted):
-    """The first problem that is relaxed so."""
-    qp, draw = drawn
+def found(qp_and_draw, wanted):
+    """Return the first problem with this relaxation."""
+    qp, draw = qp_and_draw
     return next(given for given in map(draw, range(300)) if qp.solve(*given).relaxed == wanted)
 
 
 @pytest.mark.parametrize(
     ("needed", "given_up", "said"),
     [
-        ((), ("torque_rate",), "feasible with a room of"),
-        ((), (HELD,), "feasible with a room of"),
+        ((), ("torque_rate",), "feasible with a margin of"),
+        ((), (NO_SOLUTION,), "feasible with a margin of"),
         (("torque_rate",), ("torque_rate", "joint_motion"), "without the torque rate"),
-        (("torque_rate",), (HELD,), "without the torque rate"),
-        (("joint_motion",), (HELD,), "with everything relaxed"),
-        (("torque_rate", "joint_motion"), (HELD,), "with everything relaxed"),
+        (("torque_rate",), (NO_SOLUTION,), "without the torque rate"),
+        (("joint_motion",), (NO_SOLUTION,), "with everything relaxed"),
+        (("torque_rate", "joint_motion"), (NO_SOLUTION,), "with everything relaxed"),
     ],
 )
-def test_what_gives_up_too_much_is_told(drawn, needed, given_up, said):
-    problem = found(drawn, needed)
-    assert said in too_much(drawn[0], problem, given_up)
-    assert too_much(drawn[0], problem, needed) is None
+def test_unnecessary_relaxation_is_reported(qp_and_draw, needed, given_up, said):
+    problem = found(qp_and_draw, needed)
+    assert said in relaxation_error(qp_and_draw[0], problem, given_up)
+    assert relaxation_error(qp_and_draw[0], problem, needed) is None
 
 
-def test_a_solver_that_gives_up_ends_the_command_with_1(monkeypatch):
+def test_exit_status_after_a_solver_failure(monkeypatch):
     monkeypatch.setattr(problems, "random_problem", lambda *given, draw=random_problem: draw(*given[:3], 0))
     monkeypatch.setattr(problems.WholeBodyQP, "solve", gives_up)
     result = CliRunner().invoke(main, ["fuzz", "problems", "go2", "--count", "1", "--first", "4"])
     assert result.exit_code == 1
-    assert "problem 4: feasible with a room of" in result.output
+    assert "problem 4: feasible with a margin of" in result.output
 
 
 def gives_up(*_, **__):
     raise problems.NoSolution("no", "cycling", None)
 
 
-def test_the_room_of_a_problem_is_its_distance_from_all_bounds(drawn):
-    qp, draw = drawn
+def test_margin_is_the_distance_from_all_bounds(qp_and_draw):
+    qp, draw = qp_and_draw
     layout = qp.formulation.build(*draw(0))
     layout.problem.bounds[:] = [[-np.inf], [np.inf]]
-    assert room(layout.problem) == pytest.approx(1.0)
+    assert feasibility_margin(layout.problem) == pytest.approx(1.0)
     joint = layout.joints[0]
     layout.problem.bounds[:, joint] = (3.0, 3.5)
-    assert room(layout.problem) == pytest.approx(0.25)
+    assert feasibility_margin(layout.problem) == pytest.approx(0.25)
     layout.problem.bounds[:, joint] = (3.0, 2.5)
-    assert room(layout.problem) == pytest.approx(-0.25)
+    assert feasibility_margin(layout.problem) == pytest.approx(-0.25)

@@ -1,4 +1,4 @@
-"""Which torques belong to which state, and what is late: from given times."""
+"""Assignment of torques to states, and late states, for given times."""
 
 from types import SimpleNamespace
 
@@ -19,7 +19,7 @@ def stamp(number):
 
 
 def trips(sent, efforts, commands, period=PERIOD):
-    """States and commands are given as pairs of a time in ms and a number; efforts by their time in ms."""
+    """States and commands: pairs of a time in ms and a number; efforts: times in ms."""
     return round_trips(
         [(1e-3 * when, stamp(number)) for when, number in sent],
         [1e-3 * when for when in efforts],
@@ -35,7 +35,7 @@ THREE = [(0, 1), (2, 2), (4, 3)]
     ("sent", "efforts", "commands", "seconds", "late"),
     [
         pytest.param(THREE, [0.9, 2.8, 4.7], [(1.0, 1), (2.9, 2), (4.8, 3)], [0.9, 0.8, 0.7], 0, id="in time"),
-        # The torques for the first state come after the second was sent; they are not the second's.
+        # The torques of the first state arrive after the second state.
         pytest.param(THREE, [2.5, 5.0], [(2.6, 1), (5.1, 2)], [2.5, 3.0, np.inf], 3, id="longer than the period"),
         pytest.param(THREE, [1.0, 5.0], [(1.1, 1), (5.1, 3)], [1.0, np.inf, 1.0], 1, id="a state is left out"),
         pytest.param(THREE[:2], [1.0], [(1.1, 1), (3.3, 2)], [1.0, 1.3], 0, id="lost torques: the command counts"),
@@ -45,29 +45,29 @@ THREE = [(0, 1), (2, 2), (4, 3)]
         pytest.param(THREE[1:2], [0.5, 3.0], [(0.6, 1), (3.1, 2)], [1.0], 0, id="a command for an older state"),
     ],
 )
-def test_torques_belong_to_the_state_of_the_command_that_follows_them(sent, efforts, commands, seconds, late):
+def test_following_command_assigns_torques_to_a_state(sent, efforts, commands, seconds, late):
     found = trips(sent, efforts, commands)
     np.testing.assert_allclose(found.seconds, np.array(seconds) * 1e-3)
     assert (found.late, found.unanswered) == (late, seconds.count(np.inf))
 
 
 @pytest.mark.parametrize(("seconds", "late"), [(PERIOD, 0), (np.nextafter(PERIOD, 1.0), 1), (np.inf, 1), (np.nan, 1)])
-def test_late_is_what_takes_longer_than_the_period_or_forever(seconds, late):
+def test_late_states(seconds, late):
     assert RoundTrips(np.array([0.001, seconds]), np.zeros(1), PERIOD).late == late
 
 
-def test_the_quantiles_are_those_of_the_states_with_torques_and_never_below_a_measured_value():
+def test_quantiles_of_answered_states():
     found = RoundTrips(np.array([np.inf, *np.arange(1.0, 1001.0)]), np.zeros(1000), PERIOD)
     assert found.quantiles == (501.0, 991.0, 1000.0)
     assert np.isnan(RoundTrips(np.array([np.inf]), np.zeros(0), PERIOD).quantiles).all()
 
 
-def test_the_machine_is_late_by_what_lies_between_two_states_beyond_the_period():
+def test_delays_between_states():
     found = trips([(0, 1), (2, 2), (7, 3), (8, 4)], [], [])
     np.testing.assert_allclose(found.delays, [0.0, 3.0e-3, 0.0], atol=1e-12)
 
 
-def test_blocks_are_joined_without_the_time_between_them():
+def test_joined_blocks_omit_the_time_between_them():
     first = trips([(0, 1), (2, 2)], [1.0], [(1.1, 1)])
     second = trips([(1000, 3), (1003, 4)], [1001.0], [(1001.1, 3)])
     both = joined([first, second])
@@ -76,7 +76,7 @@ def test_blocks_are_joined_without_the_time_between_them():
     assert both.period == PERIOD
 
 
-def test_a_meter_notes_what_passes_and_begins_anew_with_each_measurement(monkeypatch):
+def test_measurements_are_independent(monkeypatch):
     by_key = {topic.key: topic for topic in endpoints(CONTROLLER_TOPICS, "wbc_controller")}
     bus, now = MemoryBus(), [0.0]
     robot, other = Meter(MemoryTransport(bus)), MemoryTransport(bus)
@@ -95,7 +95,7 @@ def test_a_meter_notes_what_passes_and_begins_anew_with_each_measurement(monkeyp
         send(payload)
 
     def pass_time(seconds):
-        if seconds == 0.1:  # what is left for the last torques
+        if seconds == 0.1:  # time for the last torques
             at(9.0, publish, state(4))
             return
         for k in (1, 2, 3):

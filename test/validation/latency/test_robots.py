@@ -1,4 +1,4 @@
-"""The robot that only sends states, and the echo, on the memory transport and without wall time."""
+"""Source of states and echo, on the memory transport and without wall time."""
 
 import contextlib
 import sys
@@ -19,11 +19,11 @@ from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.records import Mode
 from wbc_controller.settings import RealtimeSettings
 from wbc_controller.validation.latency import robots
-from wbc_controller.validation.latency.robots import StandingRobot, echo, opened
+from wbc_controller.validation.latency.robots import StandingRobot, echo, open_transport
 
 
 class Time:
-    """A clock that goes on while one sleeps, and ends a run at a time."""
+    """Clock that advances during sleeps, and ends a run at a given time."""
 
     def __init__(self, end, meanwhile=lambda: None):
         self.now, self.end, self.stop, self.meanwhile = 100.0, 100.0 + end, threading.Event(), meanwhile
@@ -43,9 +43,9 @@ class Time:
 
 @pytest.mark.parametrize(
     ("name", "base_state", "inactive"),
-    [("g1", "odom", 1), ("go2", "odom", 1), ("talos", "imu", 60)],  # with an IMU the robot first stands still for 0.1 s
+    [("g1", "odom", 1), ("go2", "odom", 1), ("talos", "imu", 60)],  # with an IMU the robot rests for 0.1 s
 )
-def test_a_controller_stays_active_on_its_states(robot_of, changed, monkeypatch, name, base_state, inactive):
+def test_controller_stays_active(robot_of, changed, monkeypatch, name, base_state, inactive):
     settings, model = robot_of(name)
     settings = changed(settings, {"estimation": {"base_state": base_state, "settling": 0.1}})
     topics, bus, manual, reports = controller_endpoints(settings, model), MemoryBus(), ManualClock(), []
@@ -76,7 +76,7 @@ def test_a_controller_stays_active_on_its_states(robot_of, changed, monkeypatch,
 
 
 def states_at(bench, monkeypatch, end, meanwhile=None):
-    """When states went out, in periods."""
+    """Return the send times of states, in periods."""
     controller = bench("go2")
     clock, times = Time(end), []
     monkeypatch.setattr(robots, "time", clock)
@@ -94,20 +94,20 @@ def states_at(bench, monkeypatch, end, meanwhile=None):
     return times
 
 
-def test_states_go_out_on_a_grid(bench, monkeypatch):
+def test_states_are_sent_on_a_time_grid(bench, monkeypatch):
     np.testing.assert_allclose(states_at(bench, monkeypatch, 0.02), range(11), atol=1e-6)
 
 
-def test_states_that_are_late_by_more_than_a_period_are_left_out(bench, monkeypatch):
+def test_late_states_are_omitted(bench, monkeypatch):
     def stall(clock, count):
         clock.now += {3: 0.0071, 5: 0.0009}.get(count, 0.0)  # 3.55 and 0.45 periods
 
     np.testing.assert_allclose(states_at(bench, monkeypatch, 0.02, stall), [0, 1, 2, 6, 7, 8, 9, 10], atol=1e-6)
 
 
-def test_an_echo_answers_each_state_with_torques_of_the_size_and_with_its_bytes(bench, monkeypatch):
+def test_echo_answers_with_messages_of_the_same_size(bench, monkeypatch):
     controller, bus = bench("go2"), MemoryBus()
-    monkeypatch.setattr(robots, "opened", lambda *words: contextlib.nullcontext(MemoryTransport(bus)))
+    monkeypatch.setattr(robots, "open_transport", lambda *words: contextlib.nullcontext(MemoryTransport(bus)))
     heard = {"effort": [], "joint_commands": []}
     user = MemoryTransport(bus)
     sent = []
@@ -131,16 +131,19 @@ def test_an_echo_answers_each_state_with_torques_of_the_size_and_with_its_bytes(
     assert np.diff(stamps).tolist() == [2_000_000] * 5
 
 
-def test_a_transport_that_there_is_not_is_refused_by_name():
+def test_unknown_transport_is_refused():
     with (
-        pytest.raises(ConfigurationError, match=r"transport 'dss'.*did you mean 'dds'\? Valid: dds, rclpy"),
-        opened("dss", "node", 0),
+        pytest.raises(ConfigurationError, match=r"unknown transport 'dss'.*did you mean 'dds'\? Valid: dds, rclpy"),
+        open_transport("dss", "node", 0),
     ):
         pass
 
 
-def test_without_ros2_rclpy_is_refused_in_a_sentence(monkeypatch):
+def test_rclpy_requires_ros2(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setitem(sys.modules, "wbc_controller.nodes.ros2.process", None)
-    with pytest.raises(ConfigurationError, match=r"finds no ROS 2 .*source it first"), opened("rclpy", "node", 0):
+    with (
+        pytest.raises(ConfigurationError, match=r"ROS 2 not found .*source it"),
+        open_transport("rclpy", "node", 0),
+    ):
         pass

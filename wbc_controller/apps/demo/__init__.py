@@ -1,1 +1,1 @@
-"""The demo: a run of the controller on the mock robot, a recording of it, and an HTML report."""
+"""Demonstration of the controller on the mock robot, with a recording and an HTML report."""

@@ -15,13 +15,13 @@ from wbc_controller.settings.service import SensorQuality
 @click.command()
 @click.argument("robot", default="g1", shell_complete=complete_config)
 @click.option("--report", "folder", type=click.Path(path_type=Path), default=Path("report"), show_default=True,
-              help="Folder for the report.")  # fmt: skip
-@click.option("--lockstep", is_flag=True, help="One process, no real time: the run is the same every time.")
+              help="Folder of the recording and the report.")  # fmt: skip
+@click.option("--lockstep", is_flag=True, help="Run in one process without real time: reproducible.")
 @click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
 @click.option("--sensors", type=click.Choice(get_args(SensorQuality)),
-              help="Run without odometry: the base is estimated, from sensors of this quality.")  # fmt: skip
+              help="Estimate the base from sensors of this quality instead of odometry.")  # fmt: skip
 def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float, sensors: str | None) -> None:
-    """Show the controller at work on a mock robot, commanded by topics; ROBOT is as CONFIG elsewhere."""
+    """Run the demo of a robot on the mock robot, commanded by topics; ROBOT is a CONFIG as in other commands."""
     from wbc_controller.apps.demo.run import run_demo
 
     done = run_demo(robot, folder, lockstep=lockstep, real_time_factor=real_time_factor, sensors=sensors)

@@ -1,4 +1,4 @@
-"""Leads a robot through a scenario, only by topics, and logs the messages that it receives."""
+"""Execution of a demo scenario by topics, with a log of the received messages."""
 
 from __future__ import annotations
 
@@ -26,58 +26,55 @@ from wbc_controller.middleware.topics import Direction, Endpoint, counterpart
 from wbc_controller.middleware.transports.transport import Publish, Transport
 from wbc_controller.records import Array
 
-#: Wall time after which the demo is given up that waits for something, s.
-_PATIENCE = 20.0
-#: Time from sending a trajectory to its start, s: it has to arrive before it starts.
-_LEAD = 0.1
-#: Time in which the robot comes to rest, s.
-_SETTLE = 1.5
+_TIMEOUT = 20.0  # wall time, s
+_START_DELAY = 0.1  # before the start of a trajectory, s
+_SETTLING_TIME = 1.5  # s
 
-_STILL = np.zeros(3)
+_AT_REST = np.zeros(3)
 
 
 class DemoFailed(WbcError):
-    """The demo could not continue: the robot fell, or a process ended."""
+    """The demo could not continue: the robot fell or a process ended."""
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A span of simulated time for a measurement, s."""
+    """Measurement interval in simulated time, s."""
 
     start: float
     end: float
 
 
 class Log:
-    """The messages that a demo receives; filled by the transport's thread."""
+    """Messages received during a demo; the transport's thread fills it."""
 
     def __init__(self) -> None:
-        #: All messages of the topics that the recording of the demo takes, by name and type of the topic.
-        self.kept: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
-        self.arrived = threading.Event()  # set with every joint state
+        #: Recorded messages by name and type of the topic: stamp in ns, and payload.
+        self.recorded: dict[tuple[str, str], list[tuple[int, bytes]]] = {}
+        self.arrived = threading.Event()
         self._newest: dict[tuple[str, str, str], bytes] = {}
         self._types: dict[tuple[str, str, str], str] = {}
 
     def listen(self, owner: str, endpoint: Endpoint, transport: Transport, *, keep: bool) -> None:
-        """Subscribe to a topic that `owner` publishes; `keep` all its messages, which have a header."""
+        """Subscribe to a topic published by `owner`; with `keep` record all its messages, which must have a header."""
         key = (owner, endpoint.key, endpoint.subject)
         self._types[key] = endpoint.type
-        kept = self.kept.setdefault((endpoint.name, endpoint.type), []) if keep else None
+        recorded = self.recorded.setdefault((endpoint.name, endpoint.type), []) if keep else None
 
         def receive(payload: bytes) -> None:
             self._newest[key] = payload
-            if kept is not None:
-                kept.append((header_stamp(payload), payload))
+            if recorded is not None:
+                recorded.append((header_stamp(payload), payload))
             if endpoint.key == "joint_states":
                 self.arrived.set()
 
         transport.subscribe(counterpart(endpoint), receive)
 
-    def newest(self, owner: str, key: str) -> bytes:
-        """Return the newest message of a topic, serialized."""
+    def newest_payload(self, owner: str, key: str) -> bytes:
+        """Return the payload of the newest message of a topic."""
         return self._newest[owner, key, ""]
 
-    def last(self, owner: str, key: str, subject: str = "") -> Any | None:
+    def newest_message(self, owner: str, key: str, subject: str = "") -> Any | None:
         """Return the newest message of a topic, or None before the first."""
         place = (owner, key, subject)
         payload = self._newest.get(place)
@@ -91,7 +88,7 @@ class Log:
 
 
 class Director:
-    """Plays a scenario."""
+    """Executes a scenario."""
 
     def __init__(
         self,
@@ -101,52 +98,51 @@ class Director:
         controller: Iterable[Endpoint],
         mock: Iterable[Endpoint],
         transport: Transport,
-        kept: Container[str],
+        recorded: Container[str],
         advance: Callable[[Log], None],
-        say: Callable[[str], None],
+        report_phase: Callable[[str], None],
     ) -> None:
-        """Open the opposite ends of all topics of both nodes.
+        """Open the counterparts of all topics of both nodes.
 
         Args:
-            com: name of the task of the centre of mass; empty where there is none.
-            kept: names of the topics whose messages are all kept.
-            advance: lets time pass until a new state has arrived, or for a short while.
-            say: called with a line of text at each phase.
+            frames: frame of each frame task, by name of the task.
+            com: name of the centre-of-mass task; empty without one.
+            recorded: names of the recorded topics.
+            advance: waits for a new state, at most a short time; in lockstep it executes one step.
+            report_phase: receives the name of each phase.
         """
         self.log = Log()
-        self.phases: list[tuple[float, str]] = []  # the phases so far: simulated time in s, and name
-        self.windows: dict[str, Window] = {}  # time windows of the measurements, by name of the phase
-        self.references: list[tuple[float, Trajectory]] = []  # centre-of-mass trajectories, in order of their start
-        self.targets: dict[str, Array] = {}  # target position of each reach, by task
+        self.phases: list[tuple[float, str]] = []  # start in simulated time, s, and name
+        self.windows: dict[str, Window] = {}
+        self.references: list[tuple[float, Trajectory]] = []  # start, s, and centre-of-mass trajectory
+        self.targets: dict[str, Array] = {}  # by task, (3,) in m
         self._model = model
-        self.frames = frames  # frame of each frame task, by the task's name
+        self.frames = frames  # frame of each frame task, by name of the task
         self._com = com
         self._data = model.pinocchio.createData()
         self._joint_reader = JointStateReader(model.joints, "position")
         self._base_reader = OdometryReader(model.base_link)
         self._advance = advance
-        self._say = say
+        self._report_phase = report_phase
         self._publish: dict[tuple[str, str, str], Publish] = {}
         self._types: dict[tuple[str, str, str], str] = {}
         for owner, endpoints in (("controller", controller), ("mock", mock)):
             for endpoint in endpoints:
                 if endpoint.direction is Direction.OUT:
-                    self.log.listen(owner, endpoint, transport, keep=endpoint.name in kept)
+                    self.log.listen(owner, endpoint, transport, keep=endpoint.name in recorded)
                 elif endpoint.key in ("command", "setpoint", "trajectory", "update", "push", "hold"):
                     key = (owner, endpoint.key, endpoint.subject)
                     self._publish[key] = transport.advertise(counterpart(endpoint))
                     self._types[key] = endpoint.type
 
     def play(self, scenario: Scenario) -> None:
-        """Play a scenario from the first state to the last shove.
-
-        Raises:
-            DemoFailed: if it cannot continue.
-        """
+        """Execute a scenario from the first state to the last push; raise `DemoFailed` if the demo cannot continue."""
         self._begin("start")
-        self._wait_for("the robot's first state", lambda: self.log.last("mock", "joint_states") is not None)
-        self._wait_for("the controller", lambda: self._mode() != "")
-        self._let_pass(_SETTLE)  # a robot that estimates its base stands still until it knows it
+        self._wait_for(
+            "joint state of the mock robot", lambda: self.log.newest_message("mock", "joint_states") is not None
+        )
+        self._wait_for("state of the controller", lambda: self._mode() != "")
+        self._let_pass(_SETTLING_TIME)  # the base estimator initializes at rest
         self._activate()
         self._run(1.2)
         if self._model.floating_base:
@@ -174,22 +170,22 @@ class Director:
 
     def _begin(self, phase: str) -> None:
         self.phases.append((self.time, phase))
-        self._say(phase)
+        self._report_phase(phase)
 
     def _mode(self) -> str:
-        state = self.log.last("controller", "state")
+        state = self.log.newest_message("controller", "state")
         return "" if state is None else str(state.data)
 
     def _activate(self) -> None:
-        # A controller that has just been discovered may miss the first request, or have no estimate of its base yet.
-        end = monotonic() + _PATIENCE
+        # The first request may be lost during discovery, or arrive before the base estimate.
+        end = monotonic() + _TIMEOUT
         while monotonic() < end:
             self._command("activate")
             for _ in range(50):
                 self._advance(self.log)
                 if self._mode().startswith("active"):
                     return
-        raise DemoFailed(f"the controller did not become active: {self._mode()}")
+        raise DemoFailed(f"the controller did not become active; its state is {self._mode()!r}")
 
     def _command(self, word: str) -> None:
         self._send("controller", "command", "", message("std_msgs/msg/String", data=word))
@@ -197,18 +193,17 @@ class Director:
     def _send(self, owner: str, key: str, subject: str, content: Any) -> None:
         self._publish[owner, key, subject](encode(content))
 
-    def _wait_for(self, what: str, condition: Callable[[], bool]) -> None:
-        end = monotonic() + _PATIENCE  # not so many states: a robot that starts first sends 500 of them in a second
+    def _wait_for(self, awaited: str, condition: Callable[[], bool]) -> None:
+        end = monotonic() + _TIMEOUT  # wall time: a running mock robot sends 500 states per second
         while monotonic() < end:
             if condition():
                 return
             self._advance(self.log)
-        raise DemoFailed(f"waited {_PATIENCE:g} s for {what} in vain")
+        raise DemoFailed(f"timeout: no {awaited} within {_TIMEOUT:g} s")
 
     def _run(self, duration: float) -> None:
-        """Let simulated time pass, and check that the robot still stands."""
         self._let_pass(duration)
-        self._look()
+        self._check_upright()
 
     def _let_pass(self, duration: float) -> None:
         end = self.time + duration
@@ -216,42 +211,37 @@ class Director:
         while (before := self.time) < end - 1.0e-9:
             self._advance(self.log)
             silent = silent + 1 if self.time <= before else 0
-            if silent > _PATIENCE / 0.05:
-                raise DemoFailed(f"no state has come from the mock robot for {_PATIENCE:g} s")
+            if silent > _TIMEOUT / 0.05:
+                raise DemoFailed(f"no joint state from the mock robot for {_TIMEOUT:g} s")
 
-    def _look(self) -> None:
-        """Raise `DemoFailed` if the robot has fallen or the controller is no longer active."""
+    def _check_upright(self) -> None:
         if not self._mode().startswith("active"):
-            raise DemoFailed(f"the controller is no longer active: {self._mode()}")
+            raise DemoFailed(f"the controller is no longer active; its state is {self._mode()!r}")
         q = self.state()
         if self._model.floating_base and pin.XYZQUATToSE3(q[:7]).rotation[2, 2] < 0.5:
             raise DemoFailed("the robot fell")
 
     def state(self) -> Array:
-        """Newest configuration, (nq,): a robot may measure no joint velocities."""
+        """Return the newest configuration, (nq,)."""
         model = self._model
         base: tuple[Array, ...] = ()
         if model.floating_base:
-            base = self._base_reader.read(self.log.newest("mock", "odom"))[1:]
-        position = self._joint_reader.read(self.log.newest("mock", "joint_states")).position
+            base = self._base_reader.read(self.log.newest_payload("mock", "odom"))[1:]
+        position = self._joint_reader.read(self.log.newest_payload("mock", "joint_states")).position
         return model.state(position, np.zeros(model.nj), *base)[0]
 
     def com(self) -> Array:
-        """Centre of mass at the newest state, (3,) in m."""
+        """Return the centre of mass in the newest state, (3,) in m."""
         return np.array(pin.centerOfMass(self._model.pinocchio, self._data, self.state()))
 
     def _move_to_standing(self) -> None:
-        """Command the present position of the centre of mass as its reference, so that the reference is known here.
-
-        Where no task has it, it is what the posture has to come back to.
-        """
         self._follow(((0.5, (0.0, 0.0, 0.0)),), self.com())
         self._run(1.0)
 
     def _follow(self, points: Iterable[tuple[float, tuple[float, float, float]]], origin: Array) -> float:
-        start = self.time + _LEAD
-        knots = [Knot(start, origin, _STILL, _STILL)]
-        knots += [Knot(start + time, origin + np.array(offset), _STILL, _STILL) for time, offset in points]
+        start = self.time + _START_DELAY
+        knots = [Knot(start, origin, _AT_REST, _AT_REST)]
+        knots += [Knot(start + time, origin + np.array(offset), _AT_REST, _AT_REST) for time, offset in points]
         self.references.append((start, Trajectory(knots)))
         if not self._com:
             return start
@@ -265,7 +255,6 @@ class Director:
         return start
 
     def _standing(self) -> Array:
-        """Present reference of the centre of mass."""
         return self.references[-1][1].sample(self.time).position
 
     def _stand(self, duration: float) -> None:
@@ -277,7 +266,7 @@ class Director:
     def _move(self, move: Move) -> None:
         self._begin(move.name)
         start = self._follow(move.points, self._standing())
-        self._run(move.duration + _LEAD)
+        self._run(move.duration + _START_DELAY)
         self.windows[move.name] = Window(start, self.time)
         self._run(0.5)
 
@@ -289,14 +278,14 @@ class Director:
         target = pose.translation + np.array(reach.offset)
         self.targets[reach.task] = target
         self._update(f"{{tasks: {{{reach.task}: {{enabled: true}}}}}}")
-        there = np.concatenate([target, quaternion_of(pose.rotation)])
-        content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", there)
+        pose_value = np.concatenate([target, quaternion_of(pose.rotation)])
+        content = setpoint_message("geometry_msgs/msg/PoseStamped", "frame_pose", pose_value)
         self._send("controller", "setpoint", reach.task, content)
         start = self.time
         self._run(reach.duration)
         self.windows[f"reach {reach.task}"] = Window(start, self.time)
         self._update(f"{{tasks: {{{reach.task}: {{enabled: false}}}}}}")
-        self._run(_SETTLE)
+        self._run(_SETTLING_TIME)
 
     def _update(self, text: str) -> None:
         self._send("controller", "update", "", message("std_msgs/msg/String", data=text))

@@ -1,4 +1,4 @@
-"""The motions of a hand that its arm can make: inverse kinematics within limits, along a straight line."""
+"""Feasible motions of a hand along a straight line, by inverse kinematics with limits."""
 
 from __future__ import annotations
 
@@ -9,36 +9,34 @@ from scipy.linalg import null_space
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Steps of a motion, iterations of Newton's method in each, and the largest error that is left, m and rad.
-_STEPS, _ITERATIONS, _REACHED = 10, 8, 1.0e-3
-#: Weight of the joints' own motion.
-_LEAST_MOTION = 1.0e-3
-#: Largest share of an effort limit that gravity takes on the way.
-_EFFORT = 0.8
+#: Steps of a motion, Newton iterations per step, and largest remaining error, m and rad.
+_STEPS, _ITERATIONS, _MAX_ERROR = 10, 8, 1.0e-3
+_MOTION_WEIGHT = 1.0e-3  # regularization weight of the joint motions
+_MAX_EFFORT = 0.8  # of an effort limit, for gravity
 
 
 class Hand:
-    """A frame that an arm moves, in the nominal posture; the base stays where it is."""
+    """A frame moved by an arm, with the base fixed in the nominal posture."""
 
-    def __init__(self, model: RobotModel, frame: str, *, turns: bool) -> None:
-        """Place the hand; if `turns` is True, its orientation may change."""
-        self._model, self._frame, self._turns = model, model.frame_id(frame, "frame"), turns
+    def __init__(self, model: RobotModel, frame: str, *, free_orientation: bool) -> None:
+        """Compute the initial placement; `free_orientation` permits a change of orientation."""
+        self._model, self._frame, self._free_orientation = model, model.frame_id(frame, "frame"), free_orientation
         self._data = model.pinocchio.createData()
         carrying = set(model.pinocchio.supports[model.pinocchio.frames[self._frame].parentJoint])
-        #: Indices in `joints` of those that move the hand.
-        self._own = [
+        #: Indices in `model.joints` of the joints that move the hand.
+        self._joint_indices = [
             i for i, name in enumerate(model.joints) if model.pinocchio.getJointId(name) in carrying
         ]  # fmt: skip
-        start, J = self._place(np.array(model.posture))
+        start, J = self._kinematics(np.array(model.posture))
         self._start = pin.SE3(start)
         self.position = np.array(start.translation)  # (3,) in m
-        free = np.eye(len(self._own)) if turns else null_space(J[3:])
+        free = np.eye(len(self._joint_indices)) if free_orientation else null_space(J[3:])
         ways = J[:3] @ free
-        #: Direction in which the hand moves most per joint motion, a unit vector, (3,).
-        self.easiest = np.linalg.eigh(ways @ ways.T)[1][:, 2]
+        #: Unit vector of the largest hand motion per joint motion, (3,).
+        self.easiest_direction = np.linalg.eigh(ways @ ways.T)[1][:, 2]
 
-    def _place(self, posture: Array) -> tuple[pin.SE3, Array]:
-        """Return placement and Jacobian by the own joints, (6, k), in a posture, (nj,) in rad."""
+    def _kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
+        """Return placement and Jacobian of the own joints, (6, k), in a posture, (nj,) in rad."""
         model = self._model
         q = model.configuration(posture)
         pin.computeJointJacobians(model.pinocchio, self._data, q)
@@ -48,37 +46,36 @@ class Hand:
         if model.followers is not None:
             for row in J:
                 model.followers.carry(row)
-        return self._data.oMf[self._frame], J[:, model.v_index[self._own]]
+        return self._data.oMf[self._frame], J[:, model.v_index[self._joint_indices]]
 
-    def possible(self, way: Array, margin: float) -> Array:
-        """Return the part of a straight way, (3,) in m, on which all joints keep a margin, rad, and hold the weight."""
+    def feasible_part(self, motion: Array, margin: float) -> Array:
+        """Return the feasible part of a straight `motion`, (3,) in m, with joints `margin` rad off the limits."""
         model, posture = self._model, np.array(self._model.posture)
         lower = np.minimum(model.position_lower + margin, posture)
         upper = np.maximum(model.position_upper - margin, posture)
         reached = 0.0
         for step in range(1, _STEPS + 1):
-            goal = self.position + step / _STEPS * way
+            goal = self.position + step / _STEPS * motion
             for _ in range(_ITERATIONS):
-                place, J = self._place(posture)
+                place, J = self._kinematics(posture)
                 turned = pin.log3(self._start.rotation @ place.rotation.T)
-                error = np.concatenate([goal - place.translation, np.zeros(3) if self._turns else turned])
-                J = J[:3] if self._turns else J
-                rows = np.vstack([J, _LEAST_MOTION * np.eye(len(self._own))])
-                wanted = np.concatenate([error[: len(J)], np.zeros(len(self._own))])
-                posture[self._own] += np.linalg.lstsq(rows, wanted, rcond=None)[0]
-            if np.abs(error).max() > _REACHED or not self._holds(posture, lower, upper):
+                error = np.concatenate([goal - place.translation, np.zeros(3) if self._free_orientation else turned])
+                J = J[:3] if self._free_orientation else J
+                rows = np.vstack([J, _MOTION_WEIGHT * np.eye(len(self._joint_indices))])
+                right_side = np.concatenate([error[: len(J)], np.zeros(len(self._joint_indices))])
+                posture[self._joint_indices] += np.linalg.lstsq(rows, right_side, rcond=None)[0]
+            if np.abs(error).max() > _MAX_ERROR or not self._is_feasible(posture, lower, upper):
                 break
             reached = step / _STEPS
-        return reached * way
+        return reached * motion
 
-    def _holds(self, posture: Array, lower: Array, upper: Array) -> bool:
-        """Return True if the joints are within limits, and the motors hold the weight."""
+    def _is_feasible(self, posture: Array, lower: Array, upper: Array) -> bool:
         model = self._model
         within = np.all((lower <= posture) & (posture <= upper))
-        return bool(within and self._effort(posture) <= max(_EFFORT, self._effort(np.array(model.posture))))
+        return bool(within and self._effort(posture) <= max(_MAX_EFFORT, self._effort(np.array(model.posture))))
 
     def _effort(self, posture: Array) -> float:
-        """Return the largest share of an effort limit that gravity takes, with the legs hanging."""
+        """Return the largest share of an effort limit that gravity takes without contact forces."""
         model = self._model
         gravity = pin.computeGeneralizedGravity(model.pinocchio, self._data, model.configuration(posture))
         return float(np.max(np.abs(model.actuation.torques(gravity)) / model.effort_limits))

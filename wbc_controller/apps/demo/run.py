@@ -1,4 +1,4 @@
-"""Runs the demo: controller and mock robot follow a scenario; the run is recorded, judged and reported."""
+"""Execution of a demo: controller and mock robot run a recorded scenario with a verdict and a report."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from wbc_controller.apps.demo.derived import derived_scenario
+from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.director import DemoFailed, Director, Log
-from wbc_controller.apps.demo.measure import distances_to_targets, judge, passed, reference_of
 from wbc_controller.apps.demo.scenario import SCENARIOS, Scenario
+from wbc_controller.apps.demo.verdict import distances_to_targets, judge, passed, reference_of
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import check
 from wbc_controller.controller.controller import Controller
@@ -46,18 +46,14 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.simulation.mock_robot import MockRobot
 
-#: The demo uses domains 100 to 199, chosen by process, so that two demos on one machine do not interfere.
-_FIRST_DOMAIN = 100
+_FIRST_DOMAIN = 100  # 100 to 199 by process ID, for concurrent demos
 
 
-#: The user's transport, and the function that lets time pass.
-_Play = tuple[Transport, Callable[[Log], None]]
+_UserSession = tuple[Transport, Callable[[Log], None]]  # transport of the user, and the function that advances time
 
 
 @dataclass(frozen=True, slots=True)
-class _Stage:
-    """The robot, its configuration, the scenario and the folder of a demo."""
-
+class _DemoSetup:
     name: str
     config: Config
     settings: Settings
@@ -67,7 +63,6 @@ class _Stage:
 
     @property
     def record(self) -> Path:
-        """File of the recording."""
         return self.folder / f"{self.name}.mcap"
 
 
@@ -77,18 +72,17 @@ def run_demo(
     """Run the demo of a robot, print a table, and write the recording and the report.
 
     Args:
-        robot: name of a shipped robot, or the path of a file, for which the scenario is derived.
+        robot: name of a supplied robot, or path of a configuration; other robots get a derived scenario.
         folder: folder of the recording and the report.
-        lockstep: run in one process, without real time.
+        lockstep: run in one process without real time.
         real_time_factor: simulated seconds per second.
-        sensors: quality of the mock robot's sensors, from which the base is estimated; None for odometry, which is
-            true, as all sensors are then.
+        sensors: quality of the sensors for base estimation; None for exact sensors and odometry.
 
     Returns:
-        Whether every target was met.
+        True if all targets were met.
 
     Raises:
-        ConfigurationError: if there is no such robot, the check refuses it, or there is no demo for it.
+        ConfigurationError: if the robot is unknown, refused by the pre-flight check, or has no possible scenario.
     """
     config = load(robot)
     check(config)
@@ -98,16 +92,16 @@ def run_demo(
     (folder / f"{Path(robot).stem}.mcap").unlink(missing_ok=True)
     model = make_model(config.settings)
     scenario = SCENARIOS[robot] if robot in SCENARIOS else derived_scenario(config.settings, model)
-    stage = _Stage(Path(robot).stem, config, config.settings, model, scenario, folder)
+    stage = _DemoSetup(Path(robot).stem, config, config.settings, model, scenario, folder)
     console = Console()
-    how = "in lockstep, in one process" if lockstep else "two processes on the loopback, DDS between them"
-    known = "the base from odometry" if sensors is None else f"no odometry, {sensors} sensors"
-    known = known if model.floating_base else "a fixed base"
+    how = "in lockstep, in one process" if lockstep else "two processes, DDS on the loopback interface"
+    known = "base from odometry" if sensors is None else f"base estimated from {sensors} sensors"
+    known = known if model.floating_base else "fixed base"
     console.print(f"[bold]{stage.name}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {known}; {how}")
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
-    with _progress(console, stage) as say, play as (transport, advance):
-        director = _direct(stage, transport, advance, say)
+    with _progress(console, stage) as report_phase, play as (transport, advance):
+        director = _direct(stage, transport, advance, report_phase)
         try:
             director.play(scenario)
         except DemoFailed as error:
@@ -116,7 +110,7 @@ def run_demo(
 
 
 def _direct(
-    stage: _Stage, transport: Transport, advance: Callable[[Log], None], say: Callable[[str], None]
+    stage: _DemoSetup, transport: Transport, advance: Callable[[Log], None], report_phase: Callable[[str], None]
 ) -> Director:
     settings = stage.settings
     frames = {name: task.frame for name, task in settings.tasks.items() if hasattr(task, "frame")}
@@ -129,13 +123,12 @@ def _direct(
         transport,
         {topic.name for topic in truth_topics(settings)},
         advance,
-        say,
+        report_phase,
     )
 
 
 @contextmanager
-def _progress(console: Console, stage: _Stage) -> Iterator[Callable[[str], None]]:
-    """A progress bar that advances with each phase; plain lines if the output is not a terminal."""
+def _progress(console: Console, stage: _DemoSetup) -> Iterator[Callable[[str], None]]:
     scenario = stage.scenario
     phases = 4 + len(scenario.moves) + len(scenario.reaches) + len(scenario.shoves)
     columns = (
@@ -151,15 +144,14 @@ def _progress(console: Console, stage: _Stage) -> Iterator[Callable[[str], None]
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("start", total=phases)
 
-        def say(phase: str) -> None:
+        def report_phase(phase: str) -> None:
             progress.update(task, description=phase, advance=1)
 
-        yield say
+        yield report_phase
 
 
 @contextmanager
-def _in_real_time(stage: _Stage, real_time_factor: float) -> Iterator[_Play]:
-    """Run controller and mock robot in two processes, with this process as the user."""
+def _in_real_time(stage: _DemoSetup, real_time_factor: float) -> Iterator[_UserSession]:
     from wbc_controller.middleware.transports.dds import DdsTransport
 
     domain = _FIRST_DOMAIN + os.getpid() % 100
@@ -190,13 +182,12 @@ def _wait_for_state(processes: Mapping[str, subprocess.Popen[bytes]], log: Log) 
     if not log.arrived.wait(0.05):
         for name, process in processes.items():
             if process.poll() is not None:
-                raise DemoFailed(f"the process `wbc {name}` has ended with status {process.returncode}")
+                raise DemoFailed(f"the process `wbc {name}` ended with exit status {process.returncode}")
     log.arrived.clear()
 
 
 @contextmanager
-def _in_lockstep(stage: _Stage) -> Iterator[_Play]:
-    """Run everything in this process, one step at a time, which makes the run reproducible."""
+def _in_lockstep(stage: _DemoSetup) -> Iterator[_UserSession]:
     bus = MemoryBus()
     transport = MemoryTransport(bus)
     clock = ManualClock()
@@ -222,23 +213,22 @@ def _in_lockstep(stage: _Stage) -> Iterator[_Play]:
         recorder.close()
 
 
-def _conclude(console: Console, stage: _Stage, director: Director, failure: str | None) -> bool:
-    """Complete the recording, judge the run, print the table, write the report."""
+def _conclude(console: Console, stage: _DemoSetup, director: Director, failure: str | None) -> bool:
     phases = [(round(1.0e9 * time), encode(message("std_msgs/msg/String", data=name)))
               for time, name in director.phases]  # fmt: skip
     try:
-        add_topics(stage.record, {**director.log.kept, (PHASES, "std_msgs/msg/String"): phases})
+        add_topics(stage.record, {**director.log.recorded, (PHASES, "std_msgs/msg/String"): phases})
         recording = Recording(stage.record)
         run = make_run_data(recording, ControlCycle(recording.config, preflight=False), largest=recording.count)
     except ConfigurationError as error:
-        console.print(f"[red]the demo ended before the controller sent a command: {failure or error}[/red]")
+        console.print(f"[red]the demo ended before the first command of the controller: {failure or error}[/red]")
         return False
     run = replace(run, robot=stage.name, com_reference=reference_of(run, director))
     distances = distances_to_targets(run, director, stage.model)
     weight = stage.model.mass * stage.model.gravity
     results = judge(run, stage.scenario, director.windows, distances, weight)
     if failure is not None:
-        results = (Result("the run", "goes to its end", failure, False), *results)
+        results = (Result("run", "complete", failure, False), *results)
     _print_table(console, results)
     times = 1e3 * run.cycle_seconds
     console.print(

@@ -1,4 +1,4 @@
-"""The motions and targets of each robot's demo."""
+"""Motions and targets of the demos."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A motion of the centre of mass through points at rest."""
+    """Motion of the centre of mass through points at rest."""
 
     name: str
-    #: Pairs of the time since the start of the move, s, and the offset from the standing position, (3,) in m.
+    #: Time since the start of the motion, s, and offset from the standing position, (3,) in m.
     points: tuple[tuple[float, tuple[float, float, float]], ...]
-    target_rms: float  # largest root mean square of the tracking error, m
+    target_rms: float  # largest RMS tracking error, m
 
     @property
     def duration(self) -> float:
-        """Length of the move, s."""
+        """Duration, s."""
         return self.points[-1][0]
 
     @property
@@ -28,52 +28,51 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """A frame pose task that is enabled and sent to a pose by topic."""
+    """Motion of a frame pose task to a target, enabled and commanded by topics."""
 
     task: str
-    offset: tuple[float, float, float]  # offset of the target from the frame's present position, world axes, (3,) in m
-    duration: float  # time allowed, s
-    target: float  # largest distance at the end, m
+    offset: tuple[float, float, float]  # offset from the initial position, world axes, (3,) in m
+    duration: float  # s
+    target: float  # m
 
 
 @dataclass(frozen=True, slots=True)
 class Shove:
-    """A force for a tenth of a second."""
+    """Push by a constant force for 0.1 s."""
 
     name: str
-    impulse: tuple[float, float, float]  # impulse in world axes, (3,) in N·s
-    frame: str = ""  # where it acts; empty for the base link
+    impulse: tuple[float, float, float]  # world axes, (3,) in N·s
+    frame: str = ""  # empty for the base link
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """The demo of one robot."""
+    """Demo of one robot."""
 
-    stand: float = 3.0  # time of standing, s
+    stand: float = 3.0  # s
     moves: tuple[Move, ...] = ()
     reaches: tuple[Reach, ...] = ()
     shoves: tuple[Shove, ...] = ()
-    recovery: float = 2.0  # time after which the centre of mass must have returned, s
+    recovery: float = 2.0  # until the centre of mass must return after a push, s
     recovery_target: float = 0.02  # largest distance then, m
-    force_target: float = 0.01  # largest deviation of the sum of vertical forces from the weight, as a share of it
-    #: Name of the task of the centre of mass; empty where the posture alone keeps it, as on a fixed base.
-    com: str = "com"
+    force_target: float = 0.01  # of the total vertical force, as a share of the weight
+    com: str = "com"  # centre-of-mass task; empty without one
 
 
 def sway(amplitude: float, target: float) -> Move:
-    """To the left, to the right and back, by an amplitude in m."""
+    """Return a motion to the left, to the right and back, amplitude in m."""
     left, right = (0.0, amplitude, 0.0), (0.0, -amplitude, 0.0)
     return Move("sway", ((1.5, left), (4.0, right), (5.5, (0.0, 0.0, 0.0))), target)
 
 
 def squat(depth: float, target: float) -> Move:
-    """Down by a depth in m, and up."""
+    """Return a motion down and up, depth in m."""
     down = (0.0, 0.0, -depth)
     return Move("squat", ((1.5, down), (2.5, down), (4.0, (0.0, 0.0, 0.0))), target)
 
 
 def shoves(sideways: float, along: float, frame: str = "") -> tuple[Shove, ...]:
-    """From four sides, with impulses in N·s; at the base link, or another frame."""
+    """Return pushes from four sides, impulses in N·s, on a frame or the base link."""
     return (
         Shove("shove left", (0.0, sideways, 0.0), frame),
         Shove("shove right", (0.0, -sideways, 0.0), frame),

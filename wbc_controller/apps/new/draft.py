@@ -1,4 +1,4 @@
-"""The steps from a URDF to the draft of a configuration."""
+"""Steps from a URDF to the draft of a configuration."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import pinocchio as pin
 from wbc_controller.apps.new import tuning
 from wbc_controller.apps.new.feet import Body, Elements
 from wbc_controller.apps.new.foot_shape import Foot
-from wbc_controller.apps.new.mechanism import Source, choose_joints, ranges_of, read_postures, read_source
+from wbc_controller.apps.new.mechanism import UrdfSource, choose_joints, ranges_of, read_postures, read_source
 from wbc_controller.apps.new.notes import Draft
-from wbc_controller.apps.new.posture import put_fixed, put_standing, reference
+from wbc_controller.apps.new.posture import put_fixed, put_standing, srdf_posture
 from wbc_controller.apps.new.standing_posture import Legs
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.collision_model import with_visuals
@@ -27,33 +27,31 @@ from wbc_controller.settings.files import parse_settings
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate
 
 Base = Literal["floating", "fixed"]
-#: First line of a file, a comment.
+#: First line of the file, a comment.
 TITLE = "Drafted by `wbc new`. Every key, its unit, range and default: docs/configuration.md."
-#: Name of the root link of a robot that its URDF bolts to the ground.
-_WORLD = "world"
-#: Joints that a leg has at least.
-_LEG = 3
+_WORLD = "world"  # root link of a fixed robot
+_LEG_JOINTS = 3  # smallest number
 
 
 def new_configuration(
     urdf: str, *, srdf: str | None = None, base: Base | None = None, feet: Sequence[str] = ()
 ) -> Draft:
-    """Draft the configuration of a robot.
+    """Return the draft of a robot's configuration.
 
     Args:
-        urdf: path or ``package://`` address of its URDF.
-        srdf: path or address of its SRDF, for a posture.
-        base: attachment of the root link to the world; None to decide by the feet.
-        feet: links to stand on; empty to search for them.
+        urdf: path or ``package://`` address of the URDF.
+        srdf: path or address of the SRDF with postures.
+        base: attachment of the root link to the world; None for a choice by the feet.
+        feet: links to stand on; empty for a search.
 
     Raises:
-        ConfigurationError: if a file cannot be read, or the robot has no joints that can be controlled.
+        ConfigurationError: if a file cannot be read, or the robot has no controllable joint.
     """
     source = read_source(urdf)
     postures = read_postures(srdf) if srdf is not None else {}
     draft, body, found = _feet(source, postures, feet, ())
-    # A leg may end in a joint that is as light as a finger's: feet on shorter legs are looked for again with it.
-    if found and min(len(body.limb_of(foot).joints) for foot in found) < _LEG:
+    # A leg may end in a joint as light as a finger's: a second search keeps these joints.
+    if found and min(len(body.limb_of(foot).joints) for foot in found) < _LEG_JOINTS:
         draft, body, found = _feet(source, postures, feet, [foot.link for foot in found])
     model = body.model
     kind = _put_base(source, base, found, draft)
@@ -64,28 +62,27 @@ def new_configuration(
     draft.put(
         "robot.armature",
         0.0,
-        "the inertia of the rotors at the joints, gear ratio squared times that of the rotor, from the data sheet: a "
-        "URDF does not have it.",
+        "rotor inertia at the joints, N² times the inertia of the rotor with gear ratio N, from the data sheet; a URDF "
+        "has no such value.",
         "missing",
     )
     return draft
 
 
 def _feet(
-    source: Source, postures: Mapping[str, Mapping[str, float]], feet: Sequence[str], carrying: Sequence[str]
+    source: UrdfSource, postures: Mapping[str, Mapping[str, float]], feet: Sequence[str], carrying: Sequence[str]
 ) -> tuple[Draft, Body, list[Foot]]:
-    """Begin a draft, and search for the feet, unless they are named; `carrying` are links that are known to be feet."""
+    """Begin a draft, and return the named feet or search for them; joints that move `carrying` are kept."""
     draft = Draft()
     draft.put("robot.urdf", source.address)
     draft.put("robot.base", "floating")
     choose_joints(source, draft, carrying)
     model = _model(draft, source, floating=True)
-    body = Body(model, _shapes(model, source, draft), reference(model, postures)[1])
-    return draft, body, body.feet_of(feet) if feet else body.feet()
+    body = Body(model, _shapes(model, source, draft), srdf_posture(model, postures)[1])
+    return draft, body, body.feet_on_links(feet) if feet else body.feet()
 
 
-def _model(draft: Draft, source: Source, *, floating: bool) -> RobotModel:
-    """Build the model of the draft's joints, with positions as near to zero as their limits allow."""
+def _model(draft: Draft, source: UrdfSource, *, floating: bool) -> RobotModel:
     robot = draft.values["robot"]
     ranges = ranges_of(source, robot.get("joint_limits", {}))
     posture = [float(np.clip(0.0, *ranges[name])) for name in robot["joints"]]
@@ -96,17 +93,10 @@ def _model(draft: Draft, source: Source, *, floating: bool) -> RobotModel:
     return make_model(parse_settings(values, source.address), source.text)
 
 
-def _shapes(model: RobotModel, source: Source, draft: Draft) -> Elements:
-    """Read the collision shapes of the robot, and the visual ones of links without any.
-
-    Shapes in missing files are left out, with a note.
-
-    Raises:
-        ConfigurationError: if a file cannot be read.
-    """
+def _shapes(model: RobotModel, source: UrdfSource, draft: Draft) -> Elements:
+    """Read the collision shapes of the robot, or visual shapes of links without them; missing files get a note."""
     tree, folder, lost = copy.deepcopy(source.tree), source.path.parent, []
     for link in tree.iterfind("link"):
-        # Visuals count only if there are no collision shapes.
         for element in link.findall("collision") or link.findall("visual"):
             mesh = element.find("geometry/mesh")
             if mesh is not None and not _is_there(str(mesh.get("filename")), folder):
@@ -114,7 +104,7 @@ def _shapes(model: RobotModel, source: Source, draft: Draft) -> Elements:
                 lost.append(str(link.get("name")))
     if lost:
         names = ", ".join(dict.fromkeys(lost))
-        draft.note("contacts", f"the shapes of {names}: their files were not found, and not measured.", "missing")
+        draft.note("contacts", f"shapes of {names}: the files are missing and were not measured.", "missing")
     bare = [
         str(link.get("name")) for link in tree.iterfind("link")
         if link.find("collision") is None and link.find("visual") is not None
@@ -130,28 +120,31 @@ def _is_there(mesh: str, folder: Path) -> bool:
         return False
 
 
-def _put_base(source: Source, base: Base | None, feet: Sequence[Foot], draft: Draft) -> Base:
-    """Decide how the base is attached, with a note on the reason."""
+def _put_base(source: UrdfSource, base: Base | None, feet: Sequence[Foot], draft: Draft) -> Base:
     if base is not None:
-        draft.put("robot.base", base, f"As --base {base} says.")
+        draft.put("robot.base", base, f"From --base {base}.")
         return base
-    if source.floats:
-        draft.put("robot.base", "floating", "The URDF's joints between root link and base stand for a floating base.")
+    if source.has_floating_base:
+        draft.put(
+            "robot.base",
+            "floating",
+            "The joints between the root link and the base in the URDF represent a floating base.",
+        )
         return "floating"
     if source.root == _WORLD:
-        draft.put("robot.base", "fixed", f"The URDF's root link is called {_WORLD!r}.")
+        draft.put("robot.base", "fixed", f"The root link of the URDF is called {_WORLD!r}.")
         return "fixed"
     if len(feet) >= 2:
         names = ", ".join(foot.link for foot in feet)
-        text = f"The robot stands on {names}: ends of limbs alike that reach lower than all else."
+        text = f"Feet: {names}, the lowest ends of similar limbs."
         draft.put("robot.base", "floating", text, "guess")
         return "floating"
-    text = "No feet were found: no two limbs alike reach lower than all else. --feet names them, if there are any."
+    text = "No feet found: no two similar limbs reach lower than all other parts. Name feet with --feet."
     draft.put("robot.base", "fixed", text, "guess")
     return "fixed"
 
 
-def _put_arm(draft: Draft, source: Source, body: Body, postures: dict[str, dict[str, float]]) -> None:
+def _put_arm(draft: Draft, source: UrdfSource, body: Body, postures: dict[str, dict[str, float]]) -> None:
     model = _model(draft, source, floating=False)
     put_fixed(model, postures, draft)
     tuning.put_limits(model, draft)
@@ -162,17 +155,17 @@ def _put_legged(
     draft: Draft, model: RobotModel, body: Body, feet: Sequence[Foot], postures: dict[str, dict[str, float]]
 ) -> None:
     if not feet:
-        text = "the contacts that the robot stands on: no feet were found. --feet names links."
+        text = "contacts: no feet found. Name the links of the feet with --feet."
         draft.put("contacts", {}, text, "missing")
     posture = put_standing(model, feet, postures, draft) if feet else put_fixed(model, postures, draft)
     height = body.height
     if feet:
-        feet = Body(model, body.elements, posture).measured_again(feet)
-        stand = Legs(model, feet, posture, known=True).stand(posture)
-        height = float(stand.com[2] - stand.bottoms.mean())
+        feet = Body(model, body.elements, posture).remeasured(feet)
+        placement = Legs(model, feet, posture, keep_feet=True).place_feet(posture)
+        height = float(placement.com[2] - placement.bottoms.mean())
         if len(feet) == 2 and all(foot.kind != "surface" for foot in feet):
-            draft.note("contacts", "one more contact, or none of this: on two points or wheels a robot does not stand "
-                       "still.", "missing")  # fmt: skip
+            draft.note("contacts", "a third contact, or a surface: a robot cannot stand still on two points or "
+                       "wheels.", "missing")  # fmt: skip
     tuning.put_limits(model, draft)
     tuning.put_damping(model, height, draft)
     _put_imu(model, draft)
@@ -182,8 +175,7 @@ def _put_legged(
 
 
 def _put_imu(model: RobotModel, draft: Draft) -> None:
-    """Name the frame of the IMU, if a link that moves with the base has such a name."""
     frames = [frame for frame in model.pinocchio.frames if frame.parentJoint == 1 and frame.type == pin.BODY]
     links = [str(frame.name) for frame in frames if "imu" in str(frame.name).lower()]
     if links:
-        draft.put("estimation.imu_frame", links[-1], "By its name.", "guess")
+        draft.put("estimation.imu_frame", links[-1], "From its name.", "guess")

@@ -14,49 +14,46 @@ from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Largest difference in height between two feet, and least height of other parts, as shares of the robot's height.
+#: Largest height difference of two feet and smallest height of other parts above them, as shares of the robot's height.
 _LEVEL, _ABOVE = 0.15, 0.02
-#: Largest relative difference in the masses of two legs.
-_ALIKE = 0.2
-#: Joints that a leg has at least, if it does not begin at the base: fingers have fewer.
-_LEG = 3
+_ALIKE = 0.2  # largest relative difference of the masses of two legs
+_LEG_JOINTS = 3  # smallest number; fingers have fewer
 
-#: Shapes by the number of the link's frame.
-Elements = Mapping[int, Sequence[pin.GeometryObject]]
+Elements = Mapping[int, Sequence[pin.GeometryObject]]  # shapes by frame index of the link
 
 
 @dataclass(frozen=True, slots=True)
 class Limb:
-    """An end of the kinematic tree, with the joints that move nothing else."""
+    """End of the kinematic tree, with the joints that move only it."""
 
-    end: int  # number of the last joint
-    joints: tuple[int, ...]  # numbers of the joints from the trunk on, the last one included
-    mass: float  # of what they move, kg
-    low: float  # height of the lowest point of what the last joint moves, m, with the base upright
+    end: int
+    joints: tuple[int, ...]  # from the trunk to the end
+    mass: float  # kg
+    lowest_point: float  # height, m, with the base upright
 
 
 class Body:
-    """The robot in one posture, its base upright at the world's origin."""
+    """The robot in one posture, with the base upright at the world's origin."""
 
     def __init__(self, model: RobotModel, elements: Elements, posture: Array) -> None:
-        """Place the robot, with its shapes, in a posture, (nj,) in rad."""
+        """Compute kinematics and limbs in a posture, (nj,) in rad."""
         self.model, self.elements = model, elements
-        self.data = model.pinocchio.createData()  # its kinematics in the posture
+        self.data = model.pinocchio.createData()  # kinematics in the posture
         q = model.configuration(posture)
         pin.framesForwardKinematics(model.pinocchio, self.data, q)
         pin.computeJointJacobians(model.pinocchio, self.data, q)
         points = {joint: self._points(joint) for joint in range(1, model.pinocchio.njoints)}
         everything = np.vstack(list(points.values()))
         self.height = float(np.ptp(everything[:, 2]))  # of the whole robot, m
-        self._low = {joint: float(some[:, 2].min(initial=np.inf)) for joint, some in points.items()}
+        self._lowest_points = {joint: float(some[:, 2].min(initial=np.inf)) for joint, some in points.items()}
         self.limbs = [self._limb(end) for end in range(2, model.pinocchio.njoints) if not self._children(end)]
-        self.arms = self._arms()  # the limbs, with a chain that branches into fingers in place of the fingers
+        self.arms = self._arms()  # the limbs, with a palm in place of its fingers
 
     def _children(self, joint: int) -> list[int]:
         return list(self.model.pinocchio.children[joint])
 
     def _points(self, joint: int) -> Array:
-        """Return points of the shapes that a joint moves, or the origins of its links, (n, 3) in the world."""
+        """Return points of the shapes or link origins moved by a joint, (n, 3) in the world."""
         place, frames = self.data.oMi[joint], self.model.pinocchio.frames
         shapes = [
             outline(element) for frame, own in self.elements.items() if frames[frame].parentJoint == joint
@@ -72,7 +69,7 @@ class Body:
         chain, model = [end], self.model.pinocchio
         while model.parents[chain[0]] > 1 and len(self._children(model.parents[chain[0]])) == 1:
             chain.insert(0, int(model.parents[chain[0]]))
-        return Limb(end, tuple(chain), sum(model.inertias[joint].mass for joint in chain), self._low[end])
+        return Limb(end, tuple(chain), sum(model.inertias[joint].mass for joint in chain), self._lowest_points[end])
 
     def _arms(self) -> list[Limb]:
         supports = self.model.pinocchio.supports
@@ -92,61 +89,54 @@ class Body:
         return np.asarray(jacobian[3:, column])
 
     def limb_of(self, foot: Foot) -> Limb:
-        """Return the limb that ends in a foot, or only the joint that moves it."""
+        """Return the limb that ends in a foot, or only the joint that moves the foot."""
         return next((limb for limb in self.limbs if limb.end == foot.joint), self._limb(foot.joint))
 
     def feet(self) -> list[Foot]:
-        """Return the feet, the front left one first; none if the robot does not stand on limbs."""
-        lowest = min(self.limbs, key=lambda limb: limb.low, default=None)
+        """Return the feet, the front left one first; empty if the robot does not stand on limbs."""
+        lowest = min(self.limbs, key=lambda limb: limb.lowest_point, default=None)
         if lowest is None:
             return []
         base, pelvis = 1, int(self.model.pinocchio.parents[lowest.joints[0]])
         # A pelvis below a waist is lower than the base; a chest with arms is higher.
-        below = len(lowest.joints) >= _LEG and self.data.oMi[pelvis].translation[2] <= 0.0
-        return self._feet_at(base) or (self._feet_at(pelvis) if below else [])
+        below = len(lowest.joints) >= _LEG_JOINTS and self.data.oMi[pelvis].translation[2] <= 0.0
+        return self._feet_on_trunk(base) or (self._feet_on_trunk(pelvis) if below else [])
 
-    def _feet_at(self, trunk: int) -> list[Foot]:
-        """Return the feet of the limbs that begin at what a joint moves."""
+    def _feet_on_trunk(self, trunk: int) -> list[Foot]:
         own = [limb for limb in self.limbs if self.model.pinocchio.parents[limb.joints[0]] == trunk]
-        lowest = min(own, key=lambda limb: limb.low, default=None)
+        lowest = min(own, key=lambda limb: limb.lowest_point, default=None)
         if lowest is None:
             return []
         alike = [
             limb
             for limb in own
-            if limb.low - lowest.low <= _LEVEL * self.height
+            if limb.lowest_point - lowest.lowest_point <= _LEVEL * self.height
             and len(limb.joints) == len(lowest.joints)
             and abs(limb.mass - lowest.mass) <= _ALIKE * lowest.mass
         ]
         legs = {joint for limb in alike for joint in limb.joints}
-        others = [low for joint, low in self._low.items() if joint not in legs]
-        if len(alike) < 2 or not (min(others) > max(limb.low for limb in alike) + _ABOVE * self.height):
+        others = [lowest_point for joint, lowest_point in self._lowest_points.items() if joint not in legs]
+        if len(alike) < 2 or not (min(others) > max(limb.lowest_point for limb in alike) + _ABOVE * self.height):
             return []
-        return self._measured([limb.end for limb in alike])
+        return self._measure_feet([limb.end for limb in alike])
 
-    def feet_of(self, links: Sequence[str]) -> list[Foot]:
-        """Return the feet on the named links.
-
-        Raises:
-            ConfigurationError: if a name is no link that a joint moves.
-        """
+    def feet_on_links(self, links: Sequence[str]) -> list[Foot]:
+        """Return the feet on the named links; raise `ConfigurationError` for a name that no joint moves."""
         frames = self.model.pinocchio.frames
         moved = {str(f.name): int(f.parentJoint) for f in frames if f.type == pin.BODY and f.parentJoint > 1}
         for link in links:
             if link not in moved:
-                raise ConfigurationError(
-                    f"--feet: {link!r} is no link that a joint moves; {valid_choices(link, moved)}"
-                )
-        return self._measured(list(dict.fromkeys(moved[link] for link in links)))
+                raise ConfigurationError(f"--feet: unknown moving link {link!r}; {valid_choices(link, moved)}")
+        return self._measure_feet(list(dict.fromkeys(moved[link] for link in links)))
 
-    def measured_again(self, feet: Sequence[Foot]) -> list[Foot]:
-        """Return the feet as they are in this posture: a ball touches the ground with another side."""
-        again = {foot.joint: foot for foot in self._measured([foot.joint for foot in feet])}
-        balls = {joint for joint, foot in again.items() if foot.kind == "point"}
-        return [again[f.joint] if f.kind == "point" and f.known and f.joint in balls else f for f in feet]
+    def remeasured(self, feet: Sequence[Foot]) -> list[Foot]:
+        """Return the feet as measured in this posture: the contact point of a ball depends on the posture."""
+        measured = {foot.joint: foot for foot in self._measure_feet([foot.joint for foot in feet])}
+        balls = {joint for joint, foot in measured.items() if foot.kind == "point"}
+        return [measured[f.joint] if f.kind == "point" and f.measured_on and f.joint in balls else f for f in feet]
 
-    def _measured(self, ends: Sequence[int]) -> list[Foot]:
+    def _measure_feet(self, ends: Sequence[int]) -> list[Foot]:
         feet = [measure(self.model, self.elements, end, self.data.oMi[end].inverse(), self.axis(end)) for end in ends]
         at = {foot.joint: self.data.oMi[foot.joint].act(foot.placement.translation) for foot in feet}
-        # Rounded, so that feet beside each other count as equally far in front.
+        # Rounded, so that adjacent feet have the same forward distance.
         return sorted(feet, key=lambda foot: (-round(at[foot.joint][0] / self.height, 1), -at[foot.joint][1]))

@@ -1,4 +1,4 @@
-"""The shape of a foot, measured on the URDF: a flat sole, a ball, or a wheel."""
+"""Shape of a foot, measured on the URDF: a flat sole, a ball or a wheel."""
 
 from __future__ import annotations
 
@@ -15,70 +15,60 @@ from wbc_controller.controller.build.footprint import fit_sphere, footprint, out
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Cosine of the largest angle between the ground and a sole in the posture in which feet are looked for, 30°.
-_DOWN = np.cos(np.radians(30.0))
-#: Facets whose normals differ by less, as the cosine of 3°, belong to one sole; by less than 0.3°, to one flat face.
+_DOWN = np.cos(np.radians(30.0))  # largest angle between ground and sole, 30°
+#: Cosine of the largest angle between facet normals of one sole, 3°, and of one flat face, 0.3°.
 _ALIKE, _FLAT = np.cos(np.radians(3.0)), np.cos(np.radians(0.3))
-#: Smallest area of a sole, m², and as a share of the body's outline from below; smallest length of its shorter side, m.
+#: Smallest area of a sole in m², as a share of the outline from below, and smallest length of its shorter side, m.
 _LEAST_AREA, _LEAST_SHARE, _LEAST_SIDE = 4.0e-4, 0.25, 0.015
-#: Layers above the plane of a sole that count, m, the thinnest first, and the share of the sole that has to be in it:
-#: the edges of soles, and balls below their corners, are round.
-_LAYERS, _MOST = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
-#: Share of the smallest rectangle around a sole from which on it is a rectangle.
-_RECTANGLE = 0.97
-#: Most corners of a sole; a contact may have 12.
-_MOST_CORNERS = 8
-#: Least share of the length of points in a plane that is their width.
-_LINE = 1.0e-3
-#: Least share of a wheel's radius at which its rim is everywhere, and sectors in which it is looked at.
+#: Thickness of the layers above the sole's plane, m, in order, and required share of the sole within; edges may be
+#: round.
+_LAYERS, _LAYER_SHARE = (2.0e-4, 1.0e-3, 3.0e-3), 0.6
+_RECTANGLE = 0.97  # share of the bounding rectangle
+_MOST_CORNERS = 8  # largest number of corners of a sole; a contact may have 12
+_LINE = 1.0e-3  # smallest width of a plane set of points, as a share of its length
+#: Smallest radius of a wheel's rim as a share of the largest, and number of sectors that are checked.
 _ROUND, _SECTORS = 0.97, 24
-#: Range of a joint that turns without end, rad.
-_ENDLESS = 1.9 * np.pi
-#: Largest deviation of a ball's surface from a sphere, as a share of the radius, and largest radius, m.
+_CONTINUOUS_RANGE = 1.9 * np.pi  # smallest range of a continuous joint, rad
+#: Largest deviation of a ball from a sphere, as a share of the radius, and largest radius, m.
 _BALL, _LARGEST_BALL = 0.15, 0.15
-#: Cosine of the angle around the downward direction within which a ball is fitted, 60°.
-_CAP = 0.5
-#: Radius of a foot whose shape is not known, m.
-UNKNOWN_RADIUS = 0.01
+_CAP = 0.5  # angle around the downward direction, 60°
+UNKNOWN_RADIUS = 0.01  # m
 
 
 @dataclass(frozen=True, slots=True)
 class Foot:
     """A foot of the robot."""
 
-    joint: int  # number of the joint that moves it, in the Pinocchio model
-    link: str  # the link in contact
+    joint: int  # index in the Pinocchio model
+    link: str
     kind: Literal["surface", "point", "rolling"]
-    #: Of the contact, in the joint's frame: a sole's middle with its normal, which points into the foot, as z axis and
-    #: x forward; a ball's or wheel's centre, with the joint's axes.
+    #: Contact placement in the joint's frame. Sole: middle, z along the inward normal, x forward. Ball or wheel:
+    #: centre, axes of the joint.
     placement: pin.SE3
-    corners: Array  # of a sole, (n, 2) in m, in the axes of `placement`; empty for others
-    rectangle: bool = False  # whether the corners are those of a rectangle along these axes
+    corners: Array  # of a sole, (n, 2) in m, in the axes of `placement`; otherwise empty
+    rectangle: bool = False  # True if the corners form a rectangle along these axes
     radius: float = 0.0  # of a ball or wheel, m
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)  # of a wheel, in the joint's frame, (3,)
-    known: str = ""  # what the foot was measured on, in words; empty if its radius is a guess
+    measured_on: str = ""  # measured geometry in words; empty if the radius is a guess
 
 
 def measure(
     model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, upward: pin.SE3, axis: Array
 ) -> Foot:
-    """Measure the foot that a joint moves, on the shapes of `read_collision_elements`.
-
-    `upward` has the axes of the upright base in the joint's frame, x forward and z upward; `axis` is the joint's, (3,).
-    """
+    """Measure the foot of a joint; `upward` has the base's axes in the joint's frame, x forward and z up."""
     frames = model.pinocchio.frames
     own = [(frame, element) for frame, some in elements.items() for element in some]
     own = [(frame, element) for frame, element in own if frames[frame].parentJoint == joint]
     down = -upward.rotation[:, 2]
     if not own:
-        return _unseen(model, joint, down)
+        return _foot_without_shape(model, joint, down)
     shapes = [outline(element, upward.rotation) for _, element in own]
     lowest = int(np.argmax([float((points @ down).max()) for points in shapes]))
     link, points = str(frames[own[lowest][0]].name), np.vstack(shapes)
     wheel = _wheel(model, joint, link, points, axis) if abs(axis @ down) < 1.0 - _DOWN else None
     if wheel is not None:
         return wheel
-    # Only the lowest link is looked at: the flat side of a shank above a ball is no sole.
+    # Only the lowest link counts: the flat side of a shank above a ball is not a sole.
     normal = _face(
         np.vstack([some for (frame, _), some in zip(own, shapes, strict=True) if frame == own[lowest][0]]), down
     )
@@ -88,17 +78,18 @@ def measure(
             return sole
     geometry, placement = own[lowest][1].geometry, own[lowest][1].placement
     if isinstance(geometry, coal.Sphere) and geometry.radius > 0.0:
-        centre, radius, known = placement.translation, float(geometry.radius), "the sphere in the URDF"
+        centre, radius, measured_on = placement.translation, float(geometry.radius), "the sphere in the URDF"
     else:
         ball = _ball(shapes[lowest], down)
         tip = points[np.argmax(points @ down)]
         centre, radius = ball if ball is not None else (tip - UNKNOWN_RADIUS * down, UNKNOWN_RADIUS)
-        known = "a sphere fitted to the foot's underside" if ball is not None else ""
-    return Foot(joint, link, "point", pin.SE3(np.eye(3), centre), np.zeros((0, 2)), radius=radius, known=known)
+        measured_on = "a sphere fitted to the foot's underside" if ball is not None else ""
+    return Foot(
+        joint, link, "point", pin.SE3(np.eye(3), centre), np.zeros((0, 2)), radius=radius, measured_on=measured_on
+    )
 
 
-def _unseen(model: RobotModel, joint: int, down: Array) -> Foot:
-    """Return a foot without a shape: the lowest link that the joint moves."""
+def _foot_without_shape(model: RobotModel, joint: int, down: Array) -> Foot:
     links = [frame for frame in model.pinocchio.frames if frame.parentJoint == joint and frame.type == pin.BODY]
     lowest = max(links, key=lambda frame: float(frame.placement.translation @ down))
     placement = pin.SE3(np.eye(3), lowest.placement.translation)
@@ -106,10 +97,12 @@ def _unseen(model: RobotModel, joint: int, down: Array) -> Foot:
 
 
 def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array) -> Foot | None:
-    """Return a wheel: a body of revolution about the axis of a joint that turns without end."""
     own = model.pinocchio.joints[joint]
     at = own.idx_q
-    endless = own.nq == 2 or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _ENDLESS
+    endless = (
+        own.nq == 2
+        or model.pinocchio.upperPositionLimit[at] - model.pinocchio.lowerPositionLimit[at] > _CONTINUOUS_RANGE
+    )
     if not endless:
         return None
     aside = points - np.outer(points @ axis, axis)
@@ -124,12 +117,12 @@ def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array)
     x, y, z = (float(value) for value in axis)
     return Foot(
         joint, link, "rolling", pin.SE3(np.eye(3), centre), np.zeros((0, 2)), radius=float(radii.max()), axis=(x, y, z),
-        known="the wheel's shape",
+        measured_on="the wheel's shape",
     )  # fmt: skip
 
 
 def _face(points: Array, down: Array) -> Array | None:
-    """Return the outward normal of the largest flat face below, (3,); None without one of a sole's size."""
+    """Return the outward normal of the largest flat face below, (3,); None without a face of a sole's size."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -144,17 +137,17 @@ def _face(points: Array, down: Array) -> Array | None:
     cosines = normals @ normals.T  # (k, k)
     largest = int(np.argmax((cosines > _ALIKE) @ areas))
     sole = cosines[largest] > _ALIKE
-    outline_below = float(areas @ (normals @ down))  # area of the body's outline seen from below, about
+    outline_below = float(areas @ (normals @ down))  # approximate area of the outline seen from below
     if not (areas[sole].sum() >= max(_LEAST_AREA, _LEAST_SHARE * outline_below)):
         return None
-    # Within the sole its flattest part counts: rounded edges would tilt it.
+    # Rounded edges would tilt the normal, so only the flattest part counts.
     flat = sole & (cosines[int(np.argmax(np.where(sole, (cosines > _FLAT) @ areas, 0.0)))] > _FLAT)
     mean = areas[flat] @ normals[flat]
     return np.asarray(mean / np.linalg.norm(mean))
 
 
 def _flat_face(points: Array, down: Array) -> Array | None:
-    """Return the downward normal of points in one plane, (3,); None if they are on a line, or the plane is steep."""
+    """Return the downward normal of points in a plane, (3,); None for collinear points or a steep plane."""
     around = points - points.mean(axis=0)
     _, sizes, axes = np.linalg.svd(around, full_matrices=False)
     if len(points) < 3 or not (sizes[1] > _LINE * sizes[0]):
@@ -164,7 +157,7 @@ def _flat_face(points: Array, down: Array) -> Array | None:
 
 
 def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
-    """Return the plane that touches a body with a downward normal: z points into the body, x forward."""
+    """Return the plane that touches a body from below: z into the body, x forward."""
     z = -normal
     x = forward - (forward @ z) * z
     x /= np.linalg.norm(x)
@@ -174,12 +167,11 @@ def _plane(points: Array, normal: Array, forward: Array) -> pin.SE3:
 def _sole(
     model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, link: str, plane: pin.SE3
 ) -> Foot | None:
-    """Return a flat sole: the footprint in its plane, a rectangle or polygon; None if it is too small."""
     whole = footprint(model, elements, joint, plane)
     if whole is None or _area(whole.polygon) < _LEAST_AREA:
         return None
     thin = (footprint(model, elements, joint, plane, layer) for layer in _LAYERS)
-    found = next((one for one in thin if one and _area(one.polygon) >= _MOST * _area(whole.polygon)), whole)
+    found = next((one for one in thin if one and _area(one.polygon) >= _LAYER_SHARE * _area(whole.polygon)), whole)
     if not (found.size.min() >= _LEAST_SIDE):
         return None
     low, high = found.polygon.min(axis=0), found.polygon.max(axis=0)
@@ -192,17 +184,16 @@ def _sole(
         if rectangle
         else simplify_polygon(found.polygon - middle, _MOST_CORNERS)
     )
-    return Foot(joint, link, "surface", placement, corners, rectangle, known="the foot's shape near its sole")
+    return Foot(joint, link, "surface", placement, corners, rectangle, measured_on="the foot's shape near its sole")
 
 
 def _area(polygon: Array) -> float:
-    """Return the area of a polygon, (n, 2), in m²; zero of a line or point."""
     after = np.roll(polygon, -1, axis=0)
     return float(0.5 * abs((polygon[:, 0] * after[:, 1] - polygon[:, 1] * after[:, 0]).sum()))
 
 
 def _ball(points: Array, down: Array) -> tuple[Array, float] | None:
-    """Return centre, (3,) in m, and radius of a sphere through the lower side of a shape; None if it is no sphere."""
+    """Return centre, (3,) in m, and radius of a sphere fitted to the lower side of a shape; None if the fit is poor."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -214,5 +205,5 @@ def _ball(points: Array, down: Array) -> tuple[Array, float] | None:
     if ball is None or not ball[1] < _LARGEST_BALL:
         return None
     centre, radius = ball
-    away = np.linalg.norm(points[chosen] - centre, axis=1) - radius
-    return (centre, radius) if np.abs(away).max() <= _BALL * radius else None
+    deviations = np.linalg.norm(points[chosen] - centre, axis=1) - radius
+    return (centre, radius) if np.abs(deviations).max() <= _BALL * radius else None

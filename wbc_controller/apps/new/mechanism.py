@@ -1,4 +1,4 @@
-"""The robot of a URDF before it has a configuration: the joints that can move, and the postures that its SRDF names."""
+"""Movable joints of a URDF and postures of its SRDF, before a configuration exists."""
 
 from __future__ import annotations
 
@@ -28,26 +28,24 @@ from wbc_controller.inverse_dynamics.robot.virtual_base import virtual_joints
 from wbc_controller.records import Array
 from wbc_controller.settings.resources import PACKAGE_SCHEME, locate, read_text, share_folder
 
-#: Share of the robot's mass below which what a joint moves is taken for a finger.
-_FINGER = 1.0 / 200.0
-#: Range of a joint that turns several times, rad.
-_SEVERAL_TURNS = 4.1 * np.pi
-#: Words in the names of an SRDF's postures, the best first; any other name comes last.
+_FINGER_SHARE = 1.0 / 200.0  # smallest share of the mass, except fingers
+_SEVERAL_TURNS = 4.1 * np.pi  # smallest range of a joint with several turns, rad
+#: Words in the names of SRDF postures, in order of preference.
 _POSTURES = ("half_sitting", "standing", "home", "homing", "default", "neutral")
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
-    """A URDF, and where it is."""
+class UrdfSource:
+    """A URDF with its location."""
 
-    address: str  # value of ``robot.urdf``: a ``package://`` address if possible, otherwise an absolute path
+    address: str  # ``package://`` address if possible, otherwise an absolute path
     path: Path
-    text: str  # its text; planar joints are split into three of one coordinate, missing limits are 0
-    tree: ElementTree.Element  # the same, as XML
+    text: str  # with planar joints split, and missing limits set to 0
+    tree: ElementTree.Element  # the text as XML
 
     @property
-    def floats(self) -> bool:
-        """True if joints of the URDF stand for a floating base."""
+    def has_floating_base(self) -> bool:
+        """True if joints of the URDF represent a floating base."""
         return bool(virtual_joints(self.tree))
 
     @property
@@ -57,37 +55,33 @@ class Source:
         return next(str(link.get("name")) for link in self.tree.iterfind("link") if link.get("name") not in children)
 
 
-def read_source(urdf: str) -> Source:
-    """Read a URDF by its path or ``package://`` address.
-
-    Raises:
-        ConfigurationError: if there is no such file, or it is no URDF.
-    """
+def read_source(urdf: str) -> UrdfSource:
+    """Read a URDF by its path or ``package://`` address; raise `ConfigurationError` for a missing or invalid file."""
     path = locate(urdf, "ROBOT.urdf")
     text = read_text(path, f"ROBOT.urdf = {urdf!r}", LARGEST_URDF)
     tree = parse_urdf(text)
     split_planar_joints(tree)
     fill_limits(tree)
     text = ElementTree.tostring(tree, encoding="unicode")
-    return Source(urdf if urdf.startswith(PACKAGE_SCHEME) else _address(path.resolve()), path, text, tree)
+    return UrdfSource(urdf if urdf.startswith(PACKAGE_SCHEME) else _address(path.resolve()), path, text, tree)
 
 
 def _address(path: Path) -> str:
-    """Return the ``package://`` address of a file in the share folder of an installed package; otherwise its path."""
+    """Return the ``package://`` address of a file of an installed package, otherwise its path."""
     for folder in path.parents:
         if folder.parent.name != "share":
             continue
         try:
             if share_folder(folder.name).resolve() == folder:
                 return f"{PACKAGE_SCHEME}{folder.name}/{path.relative_to(folder).as_posix()}"
-        except ConfigurationError:  # the folder has the form of a package that is not installed
+        except ConfigurationError:  # package not installed
             continue
     return str(path)
 
 
-def ranges_of(source: Source, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
-    """Return the position limits of the joints that are not fixed, with the limits that replace the URDF's."""
-    tree, _ = read_robot(source.text, {name: JointLimits(**given) for name, given in limits.items()})
+def ranges_of(source: UrdfSource, limits: Mapping[str, Mapping[str, float]]) -> dict[str, tuple[float, float]]:
+    """Return the position limits of the movable joints, after replacement of URDF limits."""
+    tree, _ = read_robot(source.text, {name: JointLimits(**entries) for name, entries in limits.items()})
     found = {}
     for joint in tree.iterfind("joint"):
         limit = joint.find("limit")
@@ -97,13 +91,11 @@ def ranges_of(source: Source, limits: Mapping[str, Mapping[str, float]]) -> dict
     return found
 
 
-def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) -> None:
-    """Choose the joints that move, in the order of the URDF: ``robot.joints``, ``locked_joints`` and ``joint_limits``.
-
-    The robot stands on the links `carrying`: the joints that move them are no fingers.
+def choose_joints(source: UrdfSource, draft: Draft, carrying: Sequence[str] = ()) -> None:
+    """Write ``robot.joints``, ``locked_joints`` and ``joint_limits`` in URDF order; `carrying` are links of feet.
 
     Raises:
-        ConfigurationError: if the URDF cannot be used, or none of its joints can.
+        ConfigurationError: if the URDF is invalid or has no usable joint.
     """
     model = read_mechanism(source.tree, floating_base=True)
     mimics, mass = read_mimics(source.tree), pin.computeTotalMass(model)
@@ -119,50 +111,51 @@ def choose_joints(source: Source, draft: Draft, carrying: Sequence[str] = ()) ->
             other.append(name)
         elif not (ranges[name][0] < ranges[name][1]):
             stiff.append(name)
-        elif _below(model, joint.id) < _FINGER * mass and not _carries(model, joint.id, carrying):
+        elif _moved_mass(model, joint.id) < _FINGER_SHARE * mass and not _supports_links(model, joint.id, carrying):
             light.append(name)
         else:
             joints.append(name)
     if not joints:
-        raise ConfigurationError("robot.urdf: it has no joint of one degree of freedom with a range that moves a mass")
+        raise ConfigurationError(
+            "robot.urdf: no usable joint; required: a joint of one degree of freedom with a range and a moved mass"
+        )
     draft.put(
         "robot.joints",
         joints,
-        "The joints in the order in which they stand in the URDF: it need not be the order of your effort controller's "
-        "`joints`, which the torques are sent in.",
+        "Joints in the order of the URDF. Torques are sent in this order; it must equal the order of `joints` in your "
+        "effort controller.",
         "guess",
     )
     for names, why in (
-        (light, f"what each of them moves is less than {100.0 * _FINGER:g} % of the robot's mass, as fingers are"),
+        (light, f"each moves less than {100.0 * _FINGER_SHARE:g} % of the robot's mass, as fingers do"),
         (stiff, "their range in the URDF is empty"),
         (other, "they have several degrees of freedom"),
-        (virtual, "they stand for a floating base"),
+        (virtual, "they represent a floating base"),
     ):
         if names:
-            draft.note("robot.joints", f"Locked, and not listed here, are {', '.join(names)}: {why}.", "guess")
+            draft.note("robot.joints", f"Locked joints, not listed here: {', '.join(names)}; {why}.", "guess")
     locked = {name: round(float(np.clip(0.0, *ranges[name])), 4) for name in (*light, *stiff)}
     locked = {name: position for name, position in locked.items() if position}
     if locked:
-        draft.put("robot.locked_joints", locked, "Zero is outside their range: the end that is nearer.", "guess")
+        draft.put("robot.locked_joints", locked, "The nearer limit, because zero is outside the range.", "guess")
     limits.put(draft, joints)
 
 
-def _carries(model: pin.Model, joint: int, links: Sequence[str]) -> bool:
+def _supports_links(model: pin.Model, joint: int, links: Sequence[str]) -> bool:
     return any(
         joint in list(model.supports[model.frames[model.getFrameId(link, pin.BODY)].parentJoint]) for link in links
     )
 
 
-def _below(model: pin.Model, joint: int) -> float:
-    """Return the mass that a joint moves, kg."""
+def _moved_mass(model: pin.Model, joint: int) -> float:
     return float(sum(model.inertias[i].mass for i in model.subtrees[joint]))
 
 
 def read_postures(srdf: str) -> dict[str, dict[str, float]]:
-    """Read the postures of an SRDF: joint positions in rad by name of the ``<group_state>``, the best one first.
+    """Read the postures of an SRDF, joint positions in rad by name of the ``<group_state>``, in order of preference.
 
     Raises:
-        ConfigurationError: if it cannot be read.
+        ConfigurationError: if the SRDF is invalid.
     """
     tree = parse_xml(read_text(locate(srdf, "--srdf"), f"--srdf = {srdf!r}", LARGEST_URDF), "--srdf", "SRDF")
     found: dict[str, dict[str, float]] = {}
@@ -174,10 +167,10 @@ def read_postures(srdf: str) -> dict[str, dict[str, float]]:
                 numbers = [float(value) for value in values]
             except ValueError:
                 raise ConfigurationError(
-                    f"--srdf: the posture {state.get('name')!r} gives the joint {joint.get('name')!r} the value "
-                    f"{joint.get('value')!r}; it takes a number, such as 0.5"
+                    f"--srdf: posture {state.get('name')!r}: invalid position of joint {joint.get('name')!r}: "
+                    f"{joint.get('value')!r}; valid: a number, such as 0.5"
                 ) from None
-            if len(numbers) == 1:  # others are of the floating base
+            if len(numbers) == 1:  # others belong to the floating base
                 joints[str(joint.get("name"))] = numbers[0]
     return dict(sorted(found.items(), key=lambda item: _rank(item[0])))
 
@@ -186,12 +179,12 @@ def _rank(name: str) -> int:
     return next((i for i, word in enumerate(_POSTURES) if word in name.lower()), len(_POSTURES))
 
 
-def pose_of(joints: Sequence[str], lower: Array, upper: Array, given: Mapping[str, float]) -> Array:
-    """Return joint positions, (nj,), from those given, by default zero, all within the limits."""
-    return np.clip([given.get(name, 0.0) for name in joints], lower, upper)
+def clamped_posture(joints: Sequence[str], lower: Array, upper: Array, positions: Mapping[str, float]) -> Array:
+    """Return joint positions, (nj,), from positions by name, default zero, clamped to the limits."""
+    return np.clip([positions.get(name, 0.0) for name in joints], lower, upper)
 
 
 def usable_ranges(model: RobotModel) -> tuple[Array, Array]:
-    """Return the limits of the joints, (nj,) each in rad; half a turn to both sides for several turns."""
+    """Return the lower and upper position limits, (nj,) in rad; ±π for joints with several turns."""
     several = model.position_upper - model.position_lower > _SEVERAL_TURNS
     return np.where(several, -np.pi, model.position_lower), np.where(several, np.pi, model.position_upper)

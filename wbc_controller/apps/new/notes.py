@@ -1,4 +1,4 @@
-"""The draft of a configuration: values, notes on what was measured, guessed or is missing, and the YAML of both."""
+"""Draft of a configuration: values, notes on their origin, and their YAML."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from typing import Any, Literal
 from wbc_controller.settings import NODE_NAME, Settings
 from wbc_controller.settings.files import parse_settings, yaml_line
 
-#: Where a value is from: the robot's own files, a guess, or a person, who has yet to fill it in.
+#: Origin of a value: files of the robot, a guess, or to be filled in by the user.
 Origin = Literal["found", "guess", "missing"]
 _PREFIX: dict[Origin, str] = {"found": "", "guess": "Guess: ", "missing": "Fill in: "}
-#: Names of tasks that a draft has in any case.
-_TASKS = ("com", "base", "torso", "posture")
-#: Names are not broken at the end of a line.
-_UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
-#: Length of a line, in characters, and the sections whose entries stand on a line each.
+_TASKS = ("com", "base", "torso", "posture")  # in every draft
+_UNBROKEN: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # lines are not broken within names
+#: Line length in characters, and sections with one entry per line.
 _WIDTH, _ONE_LINE = 120, ("tasks", "contacts", "robot.joint_limits", "robot.locked_joints")
 
 
@@ -28,23 +26,23 @@ class Note:
 
     key: str
     text: str
-    origin: Origin  # where the key's value is from
+    origin: Origin
 
     @property
     def comment(self) -> str:
-        """The sentence after its prefix: a guess, or a value to fill in."""
+        """The sentence with a prefix for its origin."""
         return _PREFIX[self.origin] + self.text
 
 
 @dataclass
 class Draft:
-    """The draft of a configuration."""
+    """A draft of a configuration."""
 
-    values: dict[str, Any] = field(default_factory=dict)  # the configuration, nested as in a file
-    notes: list[Note] = field(default_factory=list)  # what has to be said on its keys
+    values: dict[str, Any] = field(default_factory=dict)
+    notes: list[Note] = field(default_factory=list)
 
     def put(self, key: str, value: Any, text: str = "", origin: Origin = "found") -> None:
-        """Set the value of a dotted key, with a note where there is a text."""
+        """Set the value of a dotted key, with a note if a text is given."""
         *sections, last = key.split(".")
         place = self.values
         for section in sections:
@@ -54,32 +52,28 @@ class Draft:
             self.note(key, text, origin)
 
     def free_name(self, section: str, link: str) -> str:
-        """Return a name for a task or contact of a link that is not taken."""
-        name, taken = identifier(link), {*self.values.get(section, {}), *_TASKS}
-        while name in taken:
+        """Return an unused name for a task or contact of a link."""
+        name, used = identifier(link), {*self.values.get(section, {}), *_TASKS}
+        while name in used:
             name += "_"
         return name
 
     def note(self, key: str, text: str, origin: Origin) -> None:
-        """Add a note on a dotted key, or on its section."""
+        """Add a note on a dotted key or its section."""
         self.notes.append(Note(key, text, origin))
 
     @property
-    def doubts(self) -> list[str]:
-        """A line for each guess, and for each missing value."""
+    def open_points(self) -> list[str]:
+        """One line for each guess and each missing value."""
         return [f"{note.key}: {note.comment}" for note in self.notes if note.origin != "found"]
 
     @property
     def settings(self) -> Settings:
-        """The draft's values as settings.
-
-        Raises:
-            ConfigurationError: with one line for each value that cannot be used.
-        """
+        """Settings of the draft; raises `ConfigurationError` with one line for each invalid value."""
         return parse_settings(self.values, "the draft")
 
     def to_yaml(self, title: str) -> str:
-        """Write the draft as a ROS 2 parameter file: a title, and each note as a comment above its key."""
+        """Return the draft as a ROS 2 parameter file, with each note as a comment above its key."""
         lines = [*_comment(title, ""), f"{NODE_NAME}:", "  ros__parameters:"]
         self._write(self.values, "", "    ", lines)
         return "\n".join(lines) + "\n"
@@ -101,7 +95,7 @@ class Draft:
 
 
 def identifier(name: str) -> str:
-    """A link's name as the name of a task or contact: letters, digits and underscores."""
+    """Return a link's name as a name of a task or contact: letters, digits and underscores."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return plain if re.match(r"[A-Za-z_]", plain) else f"_{plain}"
 
@@ -111,7 +105,6 @@ def _comment(text: str, indent: str) -> list[str]:
 
 
 def _entry(name: str, value: Any, indent: str) -> list[str]:
-    """A key and its value, lists and mappings in brackets, on as few lines as they need."""
     name = yaml_line(name)
     if not isinstance(value, list | Mapping):
         return [f"{indent}{name}: {yaml_line(value)}"]
@@ -126,6 +119,6 @@ def _entry(name: str, value: Any, indent: str) -> list[str]:
         glue = "" if number == 0 else " "
         if len(lines[-1]) + len(glue) + len(text) <= _WIDTH:
             lines[-1] += glue + text
-        else:  # a list within may be longer than a line itself
+        else:  # a nested list may exceed a line
             lines += textwrap.wrap(text, _WIDTH, initial_indent=within, subsequent_indent=within, **_UNBROKEN)
     return lines if parts else [f"{indent}{name}: {first}{last}"]

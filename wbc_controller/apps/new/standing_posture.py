@@ -1,4 +1,4 @@
-"""Search for a standing posture: feet level, centre of mass above their middle, legs bent, joints off limits."""
+"""Search for a standing posture: level feet, centre of mass above their middle, bent legs, joints off the limits."""
 
 from __future__ import annotations
 
@@ -14,26 +14,21 @@ from wbc_controller.apps.new.mechanism import usable_ranges
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 
-#: Length of a leg in the posture, as a share of the longest at which the feet are level: a flat foot's and another's.
+#: Leg length, as a share of the longest with level feet: with flat feet, and with other feet.
 _BENT, _BENT_POINT = 0.94, 0.85
-#: Distance from the limits, as a share of a joint's range and at most, rad.
-_MARGIN, _LARGEST_MARGIN = 0.08, 0.15
-#: Starts of the search, and how far they are from the reference, rad.
-_STARTS, _SPREAD = 8, 0.8
-#: Largest error of what has to hold in a posture that was found: m, or rad.
-_TOLERANCE = 1.0e-3
-#: Weights of the centre of mass away from the feet's middle and of a foot away from below its hip, both relative to
-#: the robot's size, and of a sole or axle that tilts, and of a sole that turns away.
+_MARGIN, _LARGEST_MARGIN = 0.08, 0.15  # share of the range, and maximum, rad
+_STARTS, _SPREAD = 8, 0.8  # starts, and distance from the reference, rad
+_TOLERANCE = 1.0e-3  # largest accepted constraint error, m or rad
+#: Weights: centre of mass off the feet's middle and foot off the hip, relative to the robot's size; tilt and yaw of
+#: soles.
 _CENTRE, _UNDER_HIP, _TILT, _YAW = 3000.0, 30.0, 3000.0, 5.0
-#: Largest difference between a left and a right leg that mirror each other: of directions, and of places, m.
-_MIRROR = 0.02
-#: Cosine of the largest angle between a joint axis that bends the leg and the lateral one, 45°.
-_LATERAL = 0.7
+_MIRROR = 0.02  # of directions, and of positions, m
+_LATERAL = 0.7  # cosine of the largest angle to the lateral axis, 45°
 
 
 @dataclass(frozen=True, slots=True)
 class _Leg:
-    """A foot with the joints that move only it: their numbers in Pinocchio's model, and their places in `joints`."""
+    """A foot with the indices of its own joints, in Pinocchio's model and in `joints`."""
 
     foot: Foot
     joints: tuple[int, ...]
@@ -41,30 +36,27 @@ class _Leg:
 
 
 @dataclass(frozen=True, slots=True)
-class Stand:
-    """Placement of the feet in a posture, the base upright at the origin."""
+class FeetPlacement:
+    """Placement of the feet in a posture, with the base upright at the origin."""
 
     bottoms: Array  # height of the lowest point of each foot, (n,) in m
-    middles: Array  # positions of the feet, (n, 3) in m
+    middles: Array  # of the feet, (n, 3) in m
     tilts: Array  # tilts of soles and axles, as sines, (m,)
-    yaw: Array  # yaw angles of soles, as sines, (k,)
-    com: Array  # centre of mass, (3,) in m
+    yaw: Array  # of soles, as sines, (k,)
+    com: Array  # (3,) in m
 
     @property
-    def unlevel(self) -> float:
-        """The largest difference of heights, m, or tilt, as a sine."""
+    def level_error(self) -> float:
+        """Largest height difference, m, or tilt, as a sine."""
         return float(max(np.ptp(self.bottoms), np.abs(self.tilts).max(initial=0.0)))
 
 
 class Legs:
-    """The legs of a robot, and the posture that they take."""
+    """Legs of a robot, and the search for their posture."""
 
-    def __init__(self, model: RobotModel, feet: Sequence[Foot], reference: Array, *, known: bool) -> None:
-        """Prepare the search near a reference posture, (nj,) in rad, of a robot with a floating base.
-
-        If `known` is True, the feet are at their places in the reference: these and the height of the base are kept.
-        """
-        self.model, self.feet, self.reference, self._known = model, feet, np.array(reference), known
+    def __init__(self, model: RobotModel, feet: Sequence[Foot], reference: Array, *, keep_feet: bool) -> None:
+        """Prepare the search near a reference, (nj,) in rad; `keep_feet` keeps its foot positions and base height."""
+        self.model, self.feet, self.reference, self._keep_feet = model, feet, np.array(reference), keep_feet
         self._data = model.pinocchio.createData()
         self._legs = self._find_legs()
         self._mirrored = self._find_mirrored()
@@ -73,9 +65,9 @@ class Legs:
         lower, upper = (ends[self._columns] for ends in usable_ranges(model))
         margin = np.minimum(_MARGIN * (upper - lower), _LARGEST_MARGIN)
         self._bounds = np.column_stack([lower + margin, upper - margin])
-        start = self.stand(self.reference)
+        start = self.place_feet(self.reference)
         self._size = float(start.com[2] - start.bottoms.min())
-        self._wanted = self._hips(start)
+        self._targets = self._foot_targets(start)
 
     def _find_legs(self) -> list[_Leg]:
         pinocchio = self.model.pinocchio
@@ -93,8 +85,8 @@ class Legs:
         return legs
 
     def _find_mirrored(self) -> dict[int, tuple[int, Array]]:
-        """Return, by right leg, the left leg that it mirrors and the signs of its joint positions, (k,)."""
-        axes, places = self._at_zero()
+        """Return, by right leg, the mirrored left leg and the signs of its joint positions, (k,)."""
+        axes, places = self._zero_kinematics()
         found: dict[int, tuple[int, Array]] = {}
         flip = np.array([1.0, -1.0, 1.0])
         for i, left in enumerate(self._legs):
@@ -110,8 +102,7 @@ class Legs:
                     found[k] = i, np.sign(signs)
         return found
 
-    def _at_zero(self) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Return axis and position of each joint in the base, all joints at zero."""
+    def _zero_kinematics(self) -> tuple[dict[int, Array], dict[int, Array]]:
         model, data = self.model.pinocchio, self._data
         pin.computeJointJacobians(model, data, pin.neutral(model))
         joints = range(2, model.njoints)
@@ -121,24 +112,23 @@ class Legs:
         }
         return axes, {j: np.array(data.oMi[j].translation) for j in joints}
 
-    def _hips(self, start: Stand) -> Array:
-        """Return the target of each foot, (n, 2) in m: as in the reference sideways, and below its hip."""
-        wanted = np.array(start.middles[:, :2])
-        if self._known:
-            return wanted
-        axes, places = self._at_zero()
+    def _foot_targets(self, start: FeetPlacement) -> Array:
+        """Return the target of each foot, (n, 2) in m: laterally as in the reference, and below its hip."""
+        targets = np.array(start.middles[:, :2])
+        if self._keep_feet:
+            return targets
+        axes, places = self._zero_kinematics()
         for i, leg in enumerate(self._legs):
             hip = next((j for j in leg.joints if abs(axes[j][1]) > _LATERAL), None)
             if hip is not None:
-                wanted[i, 0] = places[hip][0]
-        return wanted
+                targets[i, 0] = places[hip][0]
+        return targets
 
     def _hip_height(self) -> float:
-        """Return the height of the hips above the base, m; 0 below it: a base may be at the feet."""
-        places = self._at_zero()[1]
+        places = self._zero_kinematics()[1]
         return max(0.0, float(np.mean([places[leg.joints[0]][2] for leg in self._legs if leg.joints] or [0.0])))
 
-    def stand(self, posture: Array) -> Stand:
+    def place_feet(self, posture: Array) -> FeetPlacement:
         """Return the placement of the feet in a posture, (nj,) in rad."""
         model, data = self.model.pinocchio, self._data
         com = pin.centerOfMass(model, data, self.model.configuration(posture))
@@ -155,19 +145,19 @@ class Legs:
                 reach *= np.sqrt(max(0.0, 1.0 - lean**2))
             bottoms.append(place.translation[2] - reach)
             middles.append(place.translation)
-        return Stand(np.array(bottoms), np.array(middles), np.array(tilts), np.array(yaw), np.array(com))
+        return FeetPlacement(np.array(bottoms), np.array(middles), np.array(tilts), np.array(yaw), np.array(com))
 
     def solve(self) -> Array | None:
-        """Return the standing posture nearest to the reference, (nj,) in rad; None if none was found."""
-        rng = np.random.default_rng(0)  # the same posture each time
+        """Return the standing posture nearest to the reference, (nj,) in rad; None without a solution."""
+        rng = np.random.default_rng(0)
         middle = np.clip(self.reference[self._columns], *self._bounds.T)
         starts = [middle, *(middle + rng.uniform(-_SPREAD, _SPREAD, (_STARTS, len(middle))))]
         starts = [np.clip(start, *self._bounds.T) for start in starts]
-        if self._known:
-            height = -float(self.stand(self.reference).bottoms.mean())
+        if self._keep_feet:
+            height = -float(self.place_feet(self.reference).bottoms.mean())
         else:
             longest = [self._search(start, None) for start in starts[:4]]
-            heights = [-float(self.stand(found).bottoms.mean()) for found in longest if found is not None]
+            heights = [-float(self.place_feet(found).bottoms.mean()) for found in longest if found is not None]
             if not heights:
                 return None
             flat = all(foot.kind == "surface" for foot in self.feet)
@@ -177,10 +167,10 @@ class Legs:
         return min(found, key=lambda posture: self._cost(posture[self._columns]), default=None)
 
     def _search(self, start: Array, height: float | None) -> Array | None:
-        """Search with the base at a height above the ground, m, or as high as possible for None."""
+        """Search with the base at a height above the ground, m; None maximizes the height."""
 
         def objective(x: Array) -> float:
-            bottom = 0.0 if height is not None else float(self.stand(self._expand(x)).bottoms.mean()) / self._size
+            bottom = 0.0 if height is not None else float(self.place_feet(self._expand(x)).bottoms.mean()) / self._size
             return 1.0e2 * bottom + self._cost(x)
 
         result = minimize(
@@ -195,7 +185,6 @@ class Legs:
         return self._expand(x) if np.abs(self._errors(x, height)).max(initial=0.0) <= _TOLERANCE else None
 
     def _expand(self, x: Array) -> Array:
-        """Return the whole posture, (nj,), for the free joints, (k,)."""
         posture = self.reference.copy()
         posture[self._columns] = x
         for right, (left, signs) in self._mirrored.items():
@@ -203,24 +192,23 @@ class Legs:
         return np.asarray(np.clip(posture, self.model.position_lower, self.model.position_upper))
 
     def _errors(self, x: Array, height: float | None) -> Array:
-        """Return the differences of heights, zero in a solution. Tilts are a cost: short legs cannot change them."""
-        bottoms = self.stand(self._expand(x)).bottoms
+        """Return the height errors of the feet, m; tilts are costs, because short legs cannot change them."""
+        bottoms = self.place_feet(self._expand(x)).bottoms
         level = bottoms - (bottoms[0] if height is None else -height)
         free = [i for i in range(len(self.feet)) if i not in self._mirrored and not (height is None and i == 0)]
         return np.asarray(level[free])
 
     def _cost(self, x: Array) -> float:
-        """Return the cost: squared distances of joints, feet and centre of mass from their targets."""
         posture = self._expand(x)
-        stand = self.stand(posture)
-        away = (stand.middles[:, :2] - self._wanted) / self._size
-        away[:, 0] -= away[:, 0].mean()  # all feet may be further in front: the centre of mass decides
-        offset = (stand.com - stand.middles.mean(axis=0))[:2] / self._size
+        placement = self.place_feet(posture)
+        offsets = (placement.middles[:, :2] - self._targets) / self._size
+        offsets[:, 0] -= offsets[:, 0].mean()  # all feet may shift forward: the centre of mass decides
+        offset = (placement.com - placement.middles.mean(axis=0))[:2] / self._size
         change = float(((posture - self.reference) ** 2).sum())
         return (
             change
             + _CENTRE * float(offset @ offset)
-            + _TILT * float(stand.tilts @ stand.tilts)
-            + _UNDER_HIP * float((away**2).sum())
-            + _YAW * float((stand.yaw**2).sum())
+            + _TILT * float(placement.tilts @ placement.tilts)
+            + _UNDER_HIP * float((offsets**2).sum())
+            + _YAW * float((placement.yaw**2).sum())
         )

@@ -1,4 +1,4 @@
-"""Contacts, tasks, gains and limits of a draft, by similarity to the robots that are shipped."""
+"""Contacts, tasks, gains and limits of a draft, by similarity to the supplied robots."""
 
 from __future__ import annotations
 
@@ -17,30 +17,24 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import LimitSettings
 
-#: Stiffness of the centre of mass in squared frequencies g/h of a pendulum as high as it, and its range, 1/s².
+#: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
-#: Largest normal force of a contact, in weights of the robot.
-_LOAD = 3.0
-#: Friction assumed of soles, and of small feet and wheels.
-_FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}
-#: Damping of joints in emergencies, as a share of m g h, N·m·s/rad, and at most: that of G1.
+_MAX_LOAD = 3.0  # largest normal force of a contact, in weights of the robot
+_FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}  # assumed friction of soles, and of small feet and wheels
+#: Joint damping in emergencies, as a share of m g h, N·m·s/rad, and its maximum, the value of G1.
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
-#: Distance from the position limits, as a share of the smallest range.
-_MARGIN = 0.1
-#: Fastest joint speed of which all is used, rad/s.
-_FAST = 8.0
-#: Joints that an arm has at least, for a task of its hand: on legs, where heads have fewer, and on a fixed base.
-_ARM, _FIXED_ARM = 4, 3
-#: Joints that keep a position and an orientation.
-_POSE = 6
-#: Angles in rad below which an orientation is taken for none: what is left of a mesh's rounding.
-_UPRIGHT = 0.005
+_MARGIN = 0.1  # share of the smallest range
+_MAX_SPEED = 8.0  # largest fully used joint speed, rad/s
+#: Smallest number of joints of an arm with a hand task: on a legged robot, where heads have fewer, and on a fixed base.
+_ARM_JOINTS, _FIXED_ARM_JOINTS = 4, 3
+_POSE_JOINTS = 6
+_ROUNDING_ANGLE = 0.005  # rounding of a mesh, rad
 
 
 def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
     """Write the contacts."""
     frames, weight = model.pinocchio.frames, model.mass * model.gravity
-    force = float(f"{_LOAD * weight:.2g}")
+    force = float(f"{_MAX_LOAD * weight:.2g}")
     for number, foot in enumerate(feet):
         frame = frames[model.frame_id(foot.link, "contacts")]
         placement = frame.placement.actInv(foot.placement)
@@ -51,12 +45,12 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
             contact["translation"] = translation
         if foot.kind == "surface":
             rpy = pin.rpy.matrixToRpy(placement.rotation)
-            rpy = np.where(np.abs(rpy) < _UPRIGHT, 0.0, rpy)
+            rpy = np.where(np.abs(rpy) < _ROUNDING_ANGLE, 0.0, rpy)
             if np.any(rpy):
                 contact["rpy"] = _rounded(rpy)
             if foot.rectangle:
                 half = np.abs(foot.corners).max(axis=0)
-                contact |= {"half_length": _down(half[0]), "half_width": _down(half[1])}
+                contact |= {"half_length": _round_down(half[0]), "half_width": _round_down(half[1])}
             else:
                 contact["vertices"] = [_rounded(corner) for corner in _rounded_polygon(foot.corners)]
         else:
@@ -66,23 +60,23 @@ def put_contacts(model: RobotModel, feet: Sequence[Foot], draft: Draft) -> None:
         contact |= {"friction": _FRICTION[foot.kind], "max_normal_force": force}
         key = f"contacts.{name}"
         draft.put(key, contact)
-        if foot.known:
-            draft.note(key, f"Measured on {foot.known}.", "found")
+        if foot.measured_on:
+            draft.note(key, f"Measured on {foot.measured_on}.", "found")
         else:
-            draft.note(f"{key}.radius", f"the foot's radius, and its place on {foot.link!r} as `translation`: the URDF "
-                       "has no shape there that was measured.", "missing")  # fmt: skip
+            draft.note(f"{key}.radius", f"radius of the foot, and its position on {foot.link!r} as `translation`: the "
+                       "URDF has no measurable shape there.", "missing")  # fmt: skip
         if number == 0:
-            draft.note("contacts", f"The friction of a dry floor, and {_LOAD:g} weights of the robot as the largest "
-                       "force: what your floor and feet bear is not in a URDF.", "guess")  # fmt: skip
+            draft.note("contacts", f"Friction of a dry floor; a largest force of {_MAX_LOAD:g} weights of the robot: "
+                       "a URDF does not contain the limits of your floor and feet.", "guess")  # fmt: skip
 
 
 def put_standing_tasks(
     model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot], height: float, draft: Draft
 ) -> None:
-    """Write the tasks of a robot that stands, with its centre of mass at a height above its feet, m."""
+    """Write the tasks of a legged robot with its centre of mass at `height` above its feet, m."""
     stiffness = float(np.clip(float(f"{_COM * model.gravity / height:.2g}"), *_COM_RANGE))
-    draft.note("tasks", "Stiffnesses by similarity to the robots that are shipped, for a centre of mass "
-               f"{height:.2f} m above the feet; weights are theirs.", "guess")  # fmt: skip
+    draft.note("tasks", "Weights of the supplied robots; stiffnesses scaled to a centre of mass "
+               f"{height:.2f} m above the feet.", "guess")  # fmt: skip
     flat = any(foot.kind == "surface" for foot in feet)
     draft.put("tasks.com", {"type": "com", "weight": 50.0, "stiffness": stiffness})
     turn = {"type": "frame_orientation", "frame": model.base_link, "weight": 2.0 if flat else 5.0}
@@ -90,36 +84,35 @@ def put_standing_tasks(
     trunk = _trunk(model, arms, feet)
     if trunk:
         draft.put("tasks.torso", {"type": "frame_orientation", "frame": trunk, "weight": 1.0, "stiffness": stiffness})
-    _put_hands(model, arms, {foot.joint for foot in feet}, stiffness, _ARM, draft)
+    _put_hands(model, arms, {foot.joint for foot in feet}, stiffness, _ARM_JOINTS, draft)
     heavy = 0.01 if model.mass > 60.0 else 0.002
     draft.put("tasks.posture", {"type": "posture", "weight": heavy, "stiffness": 0.5 * stiffness})
 
 
 def put_arm_tasks(model: RobotModel, arms: Sequence[Limb], draft: Draft) -> None:
-    """Write the tasks of a robot that is bolted to the ground."""
+    """Write the tasks of a robot on a fixed base."""
     draft.note("tasks", "Weights and stiffnesses of the arm in examples/fixed_arm.py.", "guess")
-    _put_hands(model, arms, set(), 100.0, _FIXED_ARM, draft)
+    _put_hands(model, arms, set(), 100.0, _FIXED_ARM_JOINTS, draft)
     draft.put("tasks.posture", {"type": "posture", "weight": 0.1, "stiffness": 50.0})
 
 
 def _put_hands(
-    model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, least: int, draft: Draft
+    model: RobotModel, arms: Sequence[Limb], feet: set[int], stiffness: float, min_joints: int, draft: Draft
 ) -> None:
     own = set(model.v_index.tolist())
     for arm in arms:
-        joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without followers
-        if arm.end not in feet and len(joints) >= least:
+        joints = [joint for joint in arm.joints if model.pinocchio.joints[joint].idx_v in own]  # without mimic joints
+        if arm.end not in feet and len(joints) >= min_joints:
             link = link_of(model, arm.end)
             task = {"type": "frame_pose", "frame": link, "weight": 5.0, "stiffness": stiffness, "enabled": False}
-            text = "The end of an arm: enable it to reach."
-            if len(joints) < _POSE:
+            text = "End of an arm: enable this task for a reach."
+            if len(joints) < _POSE_JOINTS:
                 task["mask"] = [True, True, True, False, False, False]
-                text += f" {len(joints)} joints keep its position, not its orientation as well."
+                text += f" {len(joints)} joints can control its position, but not its orientation."
             draft.put(f"tasks.{draft.free_name('tasks', link)}", task, text)
 
 
 def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str:
-    """Return the link that carries the limbs other than legs; empty if it is the base."""
     ends = [arm.end for arm in arms if arm.end not in {foot.joint for foot in feet}]
     if len(ends) < 2:
         return ""
@@ -129,36 +122,35 @@ def _trunk(model: RobotModel, arms: Sequence[Limb], feet: Sequence[Foot]) -> str
 
 
 def link_of(model: RobotModel, joint: int) -> str:
-    """Return the first link that a joint moves."""
+    """Return the first link moved by a joint."""
     return next(str(f.name) for f in model.pinocchio.frames if f.parentJoint == joint and f.type == pin.BODY)
 
 
 def put_limits(model: RobotModel, draft: Draft) -> None:
-    """Write the share of the joints' speeds that is used, and the distance from the position limits."""
+    """Write the share of the joint speeds, and the distance from the position limits."""
     ranges = model.position_upper - model.position_lower
     smallest = int(np.argmin(ranges))
     margin = float(f"{_MARGIN * ranges[smallest]:.1g}")
     if margin < LimitSettings().position_margin:
-        draft.put("limits.position_margin", margin, f"In proportion to the range of {model.joints[smallest]}, the "
-                  f"smallest: {ranges[smallest]:.3g} {model.units[smallest]}.", "guess")  # fmt: skip
+        draft.put("limits.position_margin", margin, f"In proportion to the smallest range, {model.joints[smallest]}: "
+                  f"{ranges[smallest]:.3g} {model.units[smallest]}.", "guess")  # fmt: skip
     fastest = float(model.velocity_limits.max())
-    if fastest > _FAST:
-        share = float(np.clip(round(_FAST / fastest, 2), 0.15, 1.0))
-        draft.put("limits.velocity_scale", share, f"The URDF's {fastest:g} rad/s may be a motor's own: limbs at such "
-                  "speeds do not stop before their limits.", "guess")  # fmt: skip
+    if fastest > _MAX_SPEED:
+        share = float(np.clip(round(_MAX_SPEED / fastest, 2), 0.15, 1.0))
+        draft.put("limits.velocity_scale", share, f"{fastest:g} rad/s in the URDF may be a motor speed: limbs at such "
+                  "speeds cannot stop before their limits.", "guess")  # fmt: skip
 
 
 def put_damping(model: RobotModel, height: float, draft: Draft) -> None:
-    """Write the damping of a robot whose size, the height of its centre of mass in m, is smaller than G1's."""
+    """Write the damping of a robot smaller than G1; `height` of the centre of mass in m."""
     damping = float(f"{_DAMPING * model.mass * model.gravity * height:.1g}")
     if damping < _MOST_DAMPING:
-        draft.put("safety.damping", damping, "In proportion to mass and size: G1 has 2 N·m·s/rad.", "guess")
+        draft.put("safety.damping", damping, "In proportion to mass and size; G1 has 2 N·m·s/rad.", "guess")
         draft.put("guard.damping", damping)
         draft.put("mock.damping", damping)
 
 
 def _rounded_polygon(corners: Array) -> Array:
-    """Round the corners of a polygon, (n, 2) in m, and leave out those that are then on an edge."""
     corners = np.round(corners, 4)
     while len(corners) > 3 and not all(are_corners(corners)):
         corners = simplify_polygon(corners, len(corners) - 1)
@@ -169,6 +161,5 @@ def _rounded(values: Array) -> list[float]:
     return [float(value) for value in np.round(values, 4) + 0.0]
 
 
-def _down(value: float) -> float:
-    """Rounded to 0.1 mm, never up."""
+def _round_down(value: float) -> float:
     return float(np.floor(value * 1.0e4 + 1.0e-6) / 1.0e4)

@@ -1,1 +1,1 @@
-"""The browser page: a robot with the state of its controller, and handles and controls that command it by topics."""
+"""Page in the browser that shows and commands a robot."""

@@ -1,4 +1,4 @@
-"""Buttons, switches and sliders: each sends a request of `wbc send`."""
+"""Buttons, switches and sliders that send requests of `wbc send`."""
 
 from __future__ import annotations
 
@@ -12,29 +12,21 @@ from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.settings import Settings
 
-#: Time for which a control that a user has moved does not follow the controller, s.
-_OWN = 2.0
-#: Largest value of a slider for a weight or a gain, as a multiple of the configured one.
-_RANGE = 4.0
-#: Faults of the mock robot with a slider: label, largest value, step, unit, and the beginning of the fault's YAML.
+_OVERRIDE_TIME = 2.0  # after user input, without updates from the controller, s
+_SLIDER_RANGE = 4.0  # maximum of a slider, as a multiple of the configured value
+#: Faults of the mock robot with a slider: label, maximum, step, unit and beginning of the YAML.
 _FAULTS: tuple[tuple[str, float, float, str, Callable[[float], str]], ...] = (
     ("Sensor noise", 0.01, 0.0005, "rad",
      lambda value: f"{{kind: joint_noise, sigma: {max(value, 1e-5):g}, velocity_sigma: {max(10.0 * value, 1e-4):g}"),
     ("Delay of states", 60.0, 2.0, "ms", lambda value: f"{{kind: message_delay, delay: {1e-3 * value:g}"),
     ("Delay of torques", 20.0, 2.0, "ms", lambda value: f"{{kind: command_delay, delay: {1e-3 * value:g}"),
 )  # fmt: skip
-#: Largest friction of the mock robot's floor on the slider; the fault `slippery_floor` takes up to it.
-_SLIPPERY = 0.5
-#: Duration of a fault of the mock robot, s.
-_DURATION = 3600.0
+_MAX_FRICTION = 0.5  # maximum of the slider of `slippery_floor`
+_DURATION = 3600.0  # s
 
 
 class Controls:
-    """The controls on the page's panel, shared by all pages.
-
-    User input is read, and the controller's values are shown, on the server's event loop. On any other thread a control
-    could be set back to the controller's value before the user's value is read.
-    """
+    """Controls of the panel, shared by all pages; they use the server's event loop, which orders input and updates."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, sender: RequestSender) -> None:
         self._gui, self._settings, self._sender = server.gui, robot.settings, sender
@@ -42,11 +34,11 @@ class Controls:
         self._touched: dict[int, float] = {}
         self._tasks: dict[str, tuple[Any, Any | None]] = {}
         self._contacts: dict[str, Any] = {}
-        self._modes()
+        self._add_mode_buttons()
         self._mock = self._gui.add_folder("Simulated robot", visible=False)
         with self._mock:
-            self._hoist()
-            self._fault_controls()
+            self._add_hoist_buttons()
+            self._add_fault_controls()
         with self._gui.add_folder("Contacts", expand_by_default=False):
             for name, contact in robot.settings.contacts.items():
                 self._contacts[name] = self._switch(name, contact.enabled, "contact", name)
@@ -55,7 +47,7 @@ class Controls:
                 self._task(name, robot.settings)
 
     def show(self, snapshot: Snapshot, mock: bool) -> None:
-        """Follow the controller, except controls that a user has just moved; `mock` is True for a mock robot."""
+        """Set the controls to the controller's values, except after user input; `mock` is True for a mock robot."""
         self._mock.visible = mock
         if snapshot.references is not None and snapshot.status is not None:
             self._loop.call_soon_threadsafe(self._show, snapshot, snapshot.status.values)
@@ -64,35 +56,35 @@ class Controls:
         for name, (switch, slider) in self._tasks.items():
             weight = float(values.get(f"task_weight/{name}", "nan"))
             if weight == weight:
-                self._follow(switch, weight > 0.0)
+                self._set_unless_touched(switch, weight > 0.0)
                 if slider is not None and weight > 0.0:
-                    self._follow(slider, min(weight, slider.max))
+                    self._set_unless_touched(slider, min(weight, slider.max))
         for name, switch in self._contacts.items():
-            self._follow(switch, name in snapshot.forces)
+            self._set_unless_touched(switch, name in snapshot.forces)
 
-    def _modes(self) -> None:
+    def _add_mode_buttons(self) -> None:
         for label, word, color, hint in (
-            ("STOP", "estop", "red", "Zero torque at once: the robot falls."),
-            ("Activate", "activate", "green", "The controller takes the robot: torques are ramped in."),
-            ("Deactivate", "deactivate", "gray", "Torques are ramped out."),
-            ("Damp", "damp", "gray", "The joints are damped: the robot sinks down."),
-            ("Reset", "reset", "gray", "Out of a fault, or a stop."),
-            ("Record", "record", "gray", "The last seconds are written to a file, for wbc view and wbc replay."),
+            ("STOP", "estop", "red", "Zero torque immediately; the robot falls."),
+            ("Activate", "activate", "green", "Start control and ramp the torques up."),
+            ("Deactivate", "deactivate", "gray", "Ramp the torques down."),
+            ("Damp", "damp", "gray", "Damp the joints; the robot sinks."),
+            ("Reset", "reset", "gray", "Leave a fault or a stop."),
+            ("Record", "record", "gray", "Write the last seconds to a file for wbc view and wbc replay."),
         ):
             button = self._gui.add_button(label, color=color, hint=f"{hint} wbc send {word}")  # type: ignore[arg-type]
-            button.on_click(self._says(word))
+            button.on_click(self._send_on_click(word))
 
-    def _says(self, word: str) -> Callable[[Any], None]:
-        return lambda event: self._sender.say(word)
+    def _send_on_click(self, word: str) -> Callable[[Any], None]:
+        return lambda event: self._sender.send_words(word)
 
-    def _hoist(self) -> None:
-        for word, hint in (("hold", "The hoist lifts it to its start."), ("release", "The hoist lets go.")):
-            self._gui.add_button(word.capitalize(), color="gray", hint=hint).on_click(self._says(word))
+    def _add_hoist_buttons(self) -> None:
+        for word, hint in (("hold", "Lift the robot to its start pose."), ("release", "Release the hoist.")):
+            self._gui.add_button(word.capitalize(), color="gray", hint=hint).on_click(self._send_on_click(word))
 
-    def _fault_controls(self) -> None:
-        """Add the controls of faults; each change sends all faults together, as the mock robot's topic expects."""
-        as_built = self._gui.add_checkbox("Slippery floor", False)
-        friction = self._gui.add_slider("Its friction", 0.0, _SLIPPERY, 0.01, 0.2)
+    def _add_fault_controls(self) -> None:
+        """Add the controls of faults; each change sends all faults, as required by the mock robot's topic."""
+        slippery = self._gui.add_checkbox("Slippery floor", False)
+        friction = self._gui.add_slider("Floor friction", 0.0, _MAX_FRICTION, 0.01, 0.2)
         sliders = [
             (self._gui.add_slider(f"{label} [{unit}]", 0.0, most, step, 0.0), fault)
             for label, most, step, unit, fault in _FAULTS
@@ -102,12 +94,12 @@ class Controls:
             if event.client_id is None:
                 return
             faults = [fault(slider.value) for slider, fault in sliders if slider.value > 0.0]
-            if as_built.value:
+            if slippery.value:
                 faults.append(f"{{kind: slippery_floor, friction: {friction.value:g}")
             listed = ", ".join(f"{fault}, duration: {_DURATION:g}}}" for fault in faults)
             self._sender.drag("faults", event.client_id, ["fault", f"[{listed}]" if faults else "clear"])
 
-        controls: list[Any] = [as_built, friction, *(slider for slider, _ in sliders)]
+        controls: list[Any] = [slippery, friction, *(slider for slider, _ in sliders)]
         for control in controls:
             control.on_update(changed)
 
@@ -128,16 +120,15 @@ class Controls:
         async def switched(event: Any) -> None:
             if event.client_id is not None:
                 self._touched[id(switch)] = time.monotonic()
-                self._sender.say(*words, "on" if switch.value else "off")
+                self._sender.send_words(*words, "on" if switch.value else "off")
 
         switch.on_update(switched)
         return switch
 
     def _slider(self, label: str, value: float, task: str, request: Callable[[str], list[str]]) -> Any | None:
-        """Add a slider whose values are sent by a request; None without a positive value to begin with."""
         if not value > 0.0:
             return None
-        slider = self._gui.add_slider(label, 0.0, _RANGE * value, value / 50.0, value)
+        slider = self._gui.add_slider(label, 0.0, _SLIDER_RANGE * value, value / 50.0, value)
 
         async def moved(event: Any) -> None:
             if event.client_id is not None:
@@ -147,6 +138,9 @@ class Controls:
         slider.on_update(moved)
         return slider
 
-    def _follow(self, control: Any, value: Any) -> None:
-        if time.monotonic() - self._touched.get(id(control), -_OWN) >= _OWN and control.value != value:
+    def _set_unless_touched(self, control: Any, value: Any) -> None:
+        if (
+            time.monotonic() - self._touched.get(id(control), -_OVERRIDE_TIME) >= _OVERRIDE_TIME
+            and control.value != value
+        ):
             control.value = value

@@ -1,4 +1,4 @@
-"""The scene in the browser: the robot's meshes, and contact forces, support polygon and references as shapes."""
+"""Scene in the browser: meshes of the robot, contact forces, support polygon and references."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_LI
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of
 from wbc_controller.records import Array
 
-#: Groups of shapes that can be hidden, with their names on the page.
+#: Groups of shapes that can be hidden, with their labels.
 GROUPS: Mapping[str, str] = {
     "contact_forces": "Contact forces",
     "friction_cones": "Friction cones",
@@ -24,17 +24,14 @@ GROUPS: Mapping[str, str] = {
     "capture_point": "Capture point",
     "task_errors": "Task references",
 }
-#: Groups that share the switch of another group.
-_WITH = {"references": "task_errors", "contacts": "support"}
-#: Movement below which a joint, and a shape, is not redrawn, m or the sine of half an angle: the page of a robot at
-#: rest draws nothing, and without a GPU leaves the processors to the controller.
-_STILL, _STEADY = 1.0e-4, 1.0e-3
-#: Darkest and brightest grey of a link: a white or black link would show no shape.
+_SWITCH_OF = {"references": "task_errors", "contacts": "support"}  # groups that share the switch of another group
+#: Motion below which a joint or a shape is not redrawn, m or the sine of half an angle. A robot at rest is not redrawn,
+#: which saves processor time without a GPU.
+_STILL_JOINT, _STILL_SHAPE = 1.0e-4, 1.0e-3
+#: Darkest and brightest grey of a link, so that white and black links show their shape.
 _DARKEST, _BRIGHTEST = 0.16, 0.86
-#: Brightness of the light from all sides, without reflections.
-_LIGHT = 2.2
-#: Opacity of a translucent robot.
-_TRANSLUCENT = 0.35
+_LIGHT = 2.2  # without reflections
+_TRANSLUCENT = 0.35  # opacity
 
 
 class Drawing:
@@ -44,15 +41,14 @@ class Drawing:
         self._scene, self._robot = server.scene, robot
         self._server = server
         self._data = robot.model.pinocchio.createData()
-        self.links: list[tuple[Any, int]] = []  # handle of each mesh, with the joint that moves it
-        #: Placement of each joint of the model in the world, at the last snapshot drawn.
-        self.placements: list[pin.SE3] = []
+        self.links: list[tuple[Any, int]] = []  # handle, and index of the joint
+        self.placements: list[pin.SE3] = []  # of each joint in the world, as last drawn
         self._shown = dict.fromkeys(GROUPS, True)
-        self._shapes: dict[tuple[str, int], _Drawn] = {}
+        self._shapes: dict[tuple[str, int], _DrawnShape] = {}
         self._light = self._scene.add_light_hemisphere(
             "/light", sky_color=(255, 255, 255), ground_color=(150, 150, 160), intensity=_LIGHT
         )
-        self._tree = _Tree(self._scene, robot.model.pinocchio, sorted({mesh.joint for mesh in meshes}))
+        self._tree = _FrameTree(self._scene, robot.model.pinocchio, sorted({mesh.joint for mesh in meshes}))
         for mesh in meshes:
             color = np.clip(np.array(mesh.color), _DARKEST, _BRIGHTEST)
             handle = self._scene.add_mesh_simple(
@@ -71,71 +67,68 @@ class Drawing:
         self.placements = list(self._data.oMi)
         robot.dynamics.update(snapshot.q, snapshot.v)
         shapes = list(draw(robot.dynamics, robot.tasks, robot.contacts, snapshot.references, snapshot.forces))
-        with self._server.atomic():  # a page never shows a part of a snapshot
+        with self._server.atomic():  # a page must not show a part of a snapshot
             self._tree.move(self._data)
             self._draw(shapes)
 
-    def toggle(self, group: str, shown: bool) -> None:
+    def set_visible(self, group: str, shown: bool) -> None:
         """Show or hide a group of shapes."""
         self._shown[group] = shown
 
-    def see_through(self, translucent: bool) -> None:
-        """Make the robot translucent, or not."""
+    def set_translucent(self, translucent: bool) -> None:
+        """Make the robot translucent or opaque."""
         for handle, _ in self.links:
             handle.opacity = _TRANSLUCENT if translucent else None
 
-    def fine(self, fine: bool) -> None:
-        """Switch shadows and reflections: without a GPU they cost several times as much as all else."""
-        self._scene.configure_default_lights(True, cast_shadow=fine)
-        self._light.visible = not fine  # reflections replace this light
-        self._scene.configure_environment_map("studio" if fine else None, environment_intensity=0.6)
+    def set_shadows(self, shadows: bool) -> None:
+        """Switch shadows and reflections, which are expensive without a GPU."""
+        self._scene.configure_default_lights(True, cast_shadow=shadows)
+        self._light.visible = not shadows  # reflections replace this light
+        self._scene.configure_environment_map("studio" if shadows else None, environment_intensity=0.6)
 
     def _draw(self, shapes: Sequence[Shape]) -> None:
         absent = set(self._shapes)
         for shape in shapes:
             place = shape.group, shape.number
             if place not in self._shapes:
-                self._shapes[place] = _Drawn(self._scene, shape)
-            self._shapes[place].move(shape, self._shown[_WITH.get(shape.group, shape.group)])
+                self._shapes[place] = _DrawnShape(self._scene, shape)
+            self._shapes[place].move(shape, self._shown[_SWITCH_OF.get(shape.group, shape.group)])
             absent.discard(place)
         for place in absent:
             self._shapes[place].hide()
 
 
-class _Tree:
-    """A frame for each joint in the frame of its parent joint: a frame moves only with its own joint."""
+class _FrameTree:
+    """Frames of the joints, each relative to its parent, so that only moved joints change."""
 
     def __init__(self, scene: viser.SceneApi, model: pin.Model, joints: Sequence[int]) -> None:
-        self.names = {0: "/robot"}  # name of each joint's frame
+        self.names = {0: "/robot"}  # of each joint's frame
         self._frames: list[Any] = []
         used = {before for joint in joints for before in model.supports[joint]} - {0}
-        self._joints = sorted(used)  # parents come first
+        self._joints = sorted(used)
         for joint in self._joints:
             self.names[joint] = f"{self.names[model.parents[joint]]}/{joint}"
             self._frames.append(scene.add_frame(self.names[joint], show_axes=False))
         self._positions = np.zeros((len(self._joints), 3))
-        self._turns = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._joints), 1))
+        self._quaternions = np.tile([1.0, 0.0, 0.0, 0.0], (len(self._joints), 1))
 
     def move(self, data: pin.Data) -> None:
-        """Move the frames whose joints have moved."""
         placements = [data.liMi[joint] for joint in self._joints]
         positions = np.array([each.translation for each in placements])
         turns = np.array([quaternion_of(each.rotation) for each in placements])[:, [3, 0, 1, 2]]
-        for i in np.flatnonzero(np.abs(positions - self._positions).max(axis=1) > _STILL):
+        for i in np.flatnonzero(np.abs(positions - self._positions).max(axis=1) > _STILL_JOINT):
             self._frames[i].position = self._positions[i] = positions[i]
-        for i in np.flatnonzero(1.0 - np.abs(np.einsum("ij,ij->i", turns, self._turns)) > _STILL**2):
-            self._frames[i].wxyz = self._turns[i] = turns[i]
+        for i in np.flatnonzero(1.0 - np.abs(np.einsum("ij,ij->i", turns, self._quaternions)) > _STILL_JOINT**2):
+            self._frames[i].wxyz = self._quaternions[i] = turns[i]
 
 
-class _Drawn:
-    """One shape of the scene, created once and then moved."""
-
+class _DrawnShape:
     def __init__(self, scene: viser.SceneApi, shape: Shape) -> None:
         red, green, blue, self._opacity = COLORS[shape.group]
         self._rgb = np.array([255 * red, 255 * green, 255 * blue], dtype=np.uint8)
         self._scene, self._name = scene, f"/controller/{shape.group}/{shape.number}"
         self._handles: list[Any] = []
-        self._points = np.zeros((0, 3))  # as they are drawn
+        self._points = np.zeros((0, 3))
         self._hidden = False
 
     def hide(self) -> None:
@@ -149,7 +142,11 @@ class _Drawn:
             self.hide()
             return
         points = shape.points
-        if not self._hidden and points.shape == self._points.shape and np.abs(points - self._points).max() <= _STEADY:
+        if (
+            not self._hidden
+            and points.shape == self._points.shape
+            and np.abs(points - self._points).max() <= _STILL_SHAPE
+        ):
             return
         self._hidden, self._points = False, points
         if shape.kind == SPHERE_LIST:

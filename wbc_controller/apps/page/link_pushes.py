@@ -1,4 +1,4 @@
-"""Pushes of the mock robot: a pull on a link in the browser draws an arrow; its release pushes the link."""
+"""Pushes of the mock robot: a drag on a link draws an arrow, its release sends the push."""
 
 from __future__ import annotations
 
@@ -15,17 +15,14 @@ from wbc_controller.apps.terminal.request_parser import Request
 from wbc_controller.middleware.setpoints import wrench_stamped
 from wbc_controller.records import Array
 
-#: Key to hold while pulling; without it the mouse turns the view.
-KEY = "shift"
-#: Force of a pull of 1 m, and of the longest pull, in weights of the robot.
-_PER_METRE, _MOST = 0.8, 1.0
-#: Length below which a pull is ignored, m.
-_SHORTEST = 0.02
+KEY = "shift"  # modifier key; a drag without it turns the view
+_FORCE_PER_METRE, _MAX_FORCE = 0.8, 1.0  # force per length of a pull, 1/m, and largest force, in weights of the robot
+_MIN_LENGTH = 0.02  # length below which a pull is ignored, m
 _COLOR = (255, 120, 30)
 
 
 class LinkPushes:
-    """Lets every page pull on the robot's links, while `enabled`."""
+    """Accepts pulls on the robot's links from all pages while `enabled`."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, drawing: Drawing, sender: RequestSender) -> None:
         self._server, self._robot, self._sender = server, robot, sender
@@ -34,17 +31,17 @@ class LinkPushes:
         self.enabled = False
         self._links = {joint: _link_of(robot.model.pinocchio, joint) for _, joint in drawing.links}
         for handle, joint in drawing.links:
-            handle.on_drag("left", modifier=KEY)(self._pulled(joint))
+            handle.on_drag("left", modifier=KEY)(self._drag_handler(joint))
 
-    def _pulled(self, joint: int) -> Any:
+    def _drag_handler(self, joint: int) -> Any:
         async def pulled(event: Any) -> None:
             client = int(event.client_id)
             start, end = np.array(event.start_position), np.array(event.end_position)
             force = self.force(end - start)
-            # viser ends the drags of a closed page too, but such an end is no release.
+            # viser also ends the drags of a closed page; they must not push.
             closed = client not in self._server.get_clients()
             if event.phase == "end" or closed or not self.enabled:
-                self.let_go(client)
+                self.end_drags(client)
                 if event.phase == "end" and self.enabled and not closed and force.any():
                     self._sender.request(self._request(joint, start, force))
                 return
@@ -53,22 +50,21 @@ class LinkPushes:
         return pulled
 
     def force(self, pull: Array) -> Array:
-        """Return the force of a pull, (3,) in N: zero for a very short pull, bounded for a long one."""
+        """Return the force of a pull, (3,) in N: zero below the smallest length, bounded above."""
         length = float(np.linalg.norm(pull))
         weight = self._robot.model.mass * self._robot.model.gravity
-        if not length >= _SHORTEST:
+        if not length >= _MIN_LENGTH:
             return np.zeros(3)
-        return np.asarray(pull / length * weight * min(_MOST, _PER_METRE * length))
+        return np.asarray(pull / length * weight * min(_MAX_FORCE, _FORCE_PER_METRE * length))
 
     def _request(self, joint: int, at: Array, force: Array) -> Request:
-        """Return the push as a wrench at the origin of the link."""
         link, frame = self._links[joint]
         origin = (self._drawing.placements[joint] * frame).translation
         wrench = np.concatenate([force, np.cross(at - origin, force)])
         content = wrench_stamped(wrench, link)
         duration = self._robot.settings.mock.push_duration
         summary = f"a push of {np.linalg.norm(force):.0f} N for {duration:g} s at {link}"
-        return Request("mock", "push", "", summary, lambda hear: content, link)
+        return Request("mock", "push", "", summary, lambda wait_for_message: content, link)
 
     def _draw(self, client: int, start: Array, end: Array, force: Array) -> None:
         name, points = f"/pulls/{client}", np.array([[start, end]], dtype=np.float32)
@@ -82,14 +78,14 @@ class LinkPushes:
         )
         self._pulls[client] = arrow, self._server.scene.add_label(f"{name}/force", text, position=end)
 
-    def let_go(self, client: int) -> None:
+    def end_drags(self, client: int) -> None:
         """End the pull of a page."""
         for handle in self._pulls.pop(client, ()):
             handle.remove()
 
 
 def _link_of(model: pin.Model, joint: int) -> tuple[str, pin.SE3]:
-    """Return the link that a joint moves, and its placement on the joint; of several links, the nearest."""
+    """Return the link moved by a joint, the nearest one of several, and its placement on the joint."""
     frames = [frame for frame in model.frames if frame.parentJoint == joint and frame.type == pin.BODY]
     frame = min(frames, key=lambda frame: float(np.linalg.norm(frame.placement.translation)))
     return str(frame.name), frame.placement

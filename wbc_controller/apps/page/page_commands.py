@@ -1,4 +1,4 @@
-"""The commands with a page: `wbc view` for a running robot or a recording, and `wbc play` with a mock robot."""
+"""Commands with a page: `wbc view` for a running robot or a recording, `wbc play` for a mock robot."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.nodes.signals import set_by_signals
 
 _PORT = click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535),
-                     help="Port of the page; if it is in use, the next free one.")  # fmt: skip
+                     help="Port of the page; the next free port if it is in use.")  # fmt: skip
 _HOST = click.option("--host", default="127.0.0.1", show_default=True,
-                     help="Address to listen on; beyond the loopback, the address has a token.")  # fmt: skip
+                     help="Address of the server; other addresses than the loopback require a token.")  # fmt: skip
 
 
 @click.command()
 @click.argument("config", default="g1", shell_complete=complete_config)
-@click.option("--command", "commands", is_flag=True, help="Let the page command the robot; by default it watches.")
+@click.option(
+    "--command", "commands", is_flag=True, help="Permit requests from the page; by default the page is read-only."
+)
 @_HOST
 @_PORT
 @namespace_option
 @remap_option
 def view(config: str, commands: bool, host: str, port: int, namespace: str, remappings: Mapping[str, str]) -> None:
-    """Show a running robot in the browser, over its topics alone, or a recording, FILE.mcap: docs/page.md."""
+    """Show a running robot, over its topics, or a recording, FILE.mcap, in the browser: docs/page.md."""
     _require_viser()
     from wbc_controller.apps.page.page_service import serve, serve_recording
 
@@ -45,13 +47,13 @@ def view(config: str, commands: bool, host: str, port: int, namespace: str, rema
 @click.argument("robot", default="g1", shell_complete=complete_config)
 @_HOST
 @_PORT
-@click.option("--domain", type=click.IntRange(0, 232), help="DDS domain; by default one that nobody uses here.")
+@click.option("--domain", type=click.IntRange(0, 232), help="DDS domain; by default an unused one.")
 @click.option("--real-time-factor", "factor", default=1.0, show_default=True, type=click.FloatRange(0.0, min_open=True),
-              help="Simulated seconds per second: slow motion, or a computer that is slow.")  # fmt: skip
+              help="Simulated seconds per second; smaller values for slow motion or a slow computer.")  # fmt: skip
 def play(robot: str, host: str, port: int, domain: int | None, factor: float) -> None:
-    """Play with a robot in the browser: a mock robot, its controller, and a page that commands them.
+    """Run a mock robot and its controller, and a page in the browser that commands them.
 
-    ROBOT is as CONFIG elsewhere. Ctrl-C ends all of it.
+    ROBOT is a CONFIG as in other commands. Ctrl-C ends all processes.
     """
     _require_viser()
     from wbc_controller.apps.page.play import play as run
@@ -62,12 +64,11 @@ def play(robot: str, host: str, port: int, domain: int | None, factor: float) ->
 
 
 def _require_viser() -> None:
-    """Raise `ConfigurationError` with the command that installs the page's libraries, if one is missing."""
     try:
-        import fast_simplification  # noqa: F401 - is it installed
+        import fast_simplification  # noqa: F401 - import test only
         import trimesh  # noqa: F401
         import viser  # noqa: F401
     except ModuleNotFoundError as error:
         raise ConfigurationError(
-            f"the page needs viser ({error}); install it with: pip install 'wbc_controller[view]'"
+            f"the page requires viser ({error}); install it with: pip install 'wbc_controller[view]'"
         ) from error

@@ -1,4 +1,4 @@
-"""Serves the page of a running robot from its topics, or of a recording, until it is stopped."""
+"""Service of the page, for the topics of a running robot or for a recording."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ from wbc_controller.middleware.topics import MOCK_NODE
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.settings import Settings
 
-#: Name of the page's own node.
 _NODE = "wbc_page"
-#: Topics on which the page sends: node, and row of its table.
+#: Topics of requests: node and key of the topic.
 _REQUESTS = {
-    *(("controller", key) for key in ("command", "update", "setpoint", "weight", "task_enable", "contact_enable")),
+    *(
+        ("controller", key)
+        for key in ("enable_commands", "update", "setpoint", "weight", "task_enable", "contact_enable")
+    ),
     *(("mock", key) for key in ("hold", "push", "fault")),
 }
-#: Period of the check of the joint states' publisher, s of wall time.
-_PERIOD = 1.0
+_PERIOD = 1.0  # wall time, s
 
 
 def serve(
@@ -46,34 +47,28 @@ def serve(
     commands: bool = False,
     ready: Callable[[str], None] = lambda address: None,
 ) -> None:
-    """Serve the page until the event is set.
-
-    Args:
-        port: port to listen on, or the next free one.
-        namespace: namespace of the robot's nodes.
-        commands: True if the page may command.
-        ready: called with the page's address when it can be opened.
+    """Serve the page until the event is set; `ready` receives the page's address.
 
     Raises:
-        ConfigurationError: if the robot cannot be drawn, or this computer does not have the address.
-        NoAnswer: if the configuration names no URDF, and none is published.
+        ConfigurationError: if the robot cannot be drawn, or `host` is not an address of this computer.
+        NoAnswer: if the configuration names no URDF and no node publishes one.
     """
-    _yield_processors()
+    _use_batch_scheduling()
     with contextlib.ExitStack() as closing:
         session = closing.enter_context(Session(settings, namespace=namespace, remappings=remappings, node=_NODE))
-        urdf = None if settings.robot.urdf else str(session.hear("mock", "robot_description").data)
+        urdf = None if settings.robot.urdf else str(session.wait_for_message("mock", "robot_description").data)
         robot = Robot(settings, urdf)
         page, found = closing.enter_context(_page(robot, TopicSource(session, robot), host, port, commands=commands))
         if commands:
             sender = RequestSender(settings, session.send, page.report)
             for place in session.topics:
                 if place[:2] in _REQUESTS:
-                    session.open(*place)  # now, so that the first request does not wait for the topic's discovery
-            page.command(sender, _MockWatch(session))
+                    session.open(*place)  # opened here so that the first request need not wait for discovery
+            page.enable_commands(sender, _MockDetector(session))
             sender.start()
             closing.callback(sender.close)
-        page.view_options()
-        click.echo(f"page: {found}" + ("" if commands else "  (it watches; --command lets it command)"))
+        page.add_view_options()
+        click.echo(f"page: {found}" + ("" if commands else "  (read-only; --command permits requests)"))
         ready(found)
         page.run(stop)
 
@@ -85,8 +80,8 @@ def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) 
     click.echo(f"{path}: {recorded.count} cycles of {recorded.about['robot']}")
     playback = Playback(recorded, robot)
     with _page(robot, playback, host, port) as (page, found):
-        page.play(TimeLine(page.server, playback))
-        page.view_options()
+        page.show_time_line(TimeLine(page.server, playback))
+        page.add_view_options()
         click.echo(f"page: {found}")
         page.run(stop)
 
@@ -95,7 +90,6 @@ def serve_recording(path: Path, stop: threading.Event, *, host: str, port: int) 
 def _page(
     robot: Robot, source: SnapshotSource, host: str, port: int, *, commands: bool = False
 ) -> Iterator[tuple[Page, str]]:
-    """Open a page on a server of its own; yields it with its address."""
     meshes, gate = build_meshes(robot.model), Gate(host)
     server = open_server(host, port, gate, commands=commands)
     try:
@@ -104,18 +98,13 @@ def _page(
         server.stop()
 
 
-def _yield_processors() -> None:
-    """Leave the processors to other threads such as the control loop: this thread waits for a free one, or a tick.
-
-    It holds for this thread and all that it starts from now on. Only Linux has such a scheduling class.
-    """
+def _use_batch_scheduling() -> None:
+    """Use the batch scheduling of Linux for this thread and its children, so that control loops have priority."""
     if hasattr(os, "SCHED_BATCH"):
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-class _MockWatch:
-    """True if the robot is a mock robot: its node publishes the joint states."""
-
+class _MockDetector:
     def __init__(self, session: Session) -> None:
         self._session, self._due, self._is_mock = session, 0.0, False
 
@@ -125,7 +114,7 @@ class _MockWatch:
             self._due = now + _PERIOD
             try:
                 names = self._session.publishers(self._session.topics["mock", "joint_states", ""])
-            except TransportError:  # the page is closing
+            except TransportError:
                 return self._is_mock
             self._is_mock = any(name.rpartition("/")[2] == MOCK_NODE for name in names)
         return self._is_mock

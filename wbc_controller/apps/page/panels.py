@@ -1,4 +1,4 @@
-"""The panels of the page as HTML: mode, binding constraints, tasks, contacts and torques."""
+"""Panels of the page as HTML: mode, binding constraints, tasks, contacts and torques."""
 
 from __future__ import annotations
 
@@ -19,12 +19,9 @@ from wbc_controller.records import Array
 #: Colours of the modes.
 _MODES = {"active": "#2f9e44", "holding": "#e8890c", "damping": "#e8590c", "fault": "#e03131", "stopped": "#e03131"}
 _NO_MODE, _SILENT = "#868e96", "#e03131"
-#: Shares of a limit above which a bar is orange, and red.
-_MUCH, _ALL = 0.7, 0.95
-#: Wall time without states, or without statuses of the controller, after which the page warns, s.
-_SILENCE = 1.5
-#: Largest number of binding constraints shown.
-_NAMED = 8
+_ORANGE_SHARE, _RED_SHARE = 0.7, 0.95  # shares of a limit for an orange and a red bar
+_SILENCE_TIMEOUT = 1.5  # without states or status, wall time, s
+_MAX_BINDING = 8  # largest number of binding constraints shown
 
 STYLE = """<style>
 .wbc { font-size: 12.5px; line-height: 1.45; padding: 2px 10px 8px; overflow-wrap: anywhere; }
@@ -43,8 +40,8 @@ STYLE = """<style>
 </style>"""
 
 
-def now(robot: Robot, snapshot: Snapshot) -> str:
-    """Return mode, binding constraints, tasks, and the loop."""
+def controller_panel(robot: Robot, snapshot: Snapshot) -> str:
+    """Return mode, binding constraints, tasks and loop."""
     status = snapshot.status
     parts = [_mode(snapshot)]
     if status is not None:
@@ -52,13 +49,13 @@ def now(robot: Robot, snapshot: Snapshot) -> str:
     return _page(parts)
 
 
-def torques(robot: Robot, snapshot: Snapshot) -> str:
-    """Return the torques with their limits, and the friction of the contacts."""
+def torque_panel(robot: Robot, snapshot: Snapshot) -> str:
+    """Return torques with their limits, and friction of the contacts."""
     return _page([_contacts(robot, snapshot), _torques(robot, snapshot)])
 
 
 def effort_shares(robot: Robot, joint_torques: Array) -> Array:
-    """Return the torques of the actuators as shares of their limits, (na,)."""
+    """Return the actuator torques as shares of their limits, (na,)."""
     shares = robot.model.actuation.from_joints(joint_torques) / robot.model.effort_limits
     return np.asarray(shares)
 
@@ -71,28 +68,30 @@ def _mode(snapshot: Snapshot) -> str:
     mode, _, rest = snapshot.mode.partition(" ")
     color = _MODES.get(mode, _NO_MODE)
     lines = []
-    if snapshot.silence > _SILENCE:
+    if snapshot.silence > _SILENCE_TIMEOUT:
         color, silent = _SILENT, snapshot.silence
         since = "" if math.isinf(silent) else f" for {silent:.0f} s"
-        lines.append((f"No status of the controller{since}.", "Start it (wbc run), or look at its log."))
-    if snapshot.age > _SILENCE:
+        lines.append((f"No status of the controller{since}.", "Start the controller (wbc run), or read its log."))
+    if snapshot.age > _SILENCE_TIMEOUT:
         since = "No joint states yet." if math.isinf(snapshot.age) else f"No joint states for {snapshot.age:.0f} s."
-        lines.append((since, "Check that the robot, or wbc mock, runs on this DDS domain."))
-    message = snapshot.status.status.message if snapshot.status is not None and snapshot.silence <= _SILENCE else ""
+        lines.append((since, "Check that the robot or wbc mock runs in this DDS domain."))
+    message = (
+        snapshot.status.status.message if snapshot.status is not None and snapshot.silence <= _SILENCE_TIMEOUT else ""
+    )
     warnings = [part for part in message.split("; ")[1:] if not rest or part not in rest]
     if rest:
         lines.append((rest, next_step(rest)))
         warnings = [part for part in warnings if part.partition(":")[0] not in rest]
     lines += [(warning, "") for warning in warnings]
     if not snapshot.base_measured:
-        lines.append(("The base's pose is on no topic: it is drawn as standing on its contacts.", ""))
-    said = "".join(
+        lines.append(("No topic contains the pose of the base; the robot is drawn standing on its contacts.", ""))
+    rows = "".join(
         f'<div class="why" style="border-color:{color}">{escape(text)}'
         + (f'<br><span class="muted">Next: {escape(advice)}</span>' if advice else "")
         + "</div>"
         for text, advice in lines
     )
-    return f'<span class="mode" style="background:{color}">{escape(mode or "no controller")}</span>{said}'
+    return f'<span class="mode" style="background:{color}">{escape(mode or "no controller")}</span>{rows}'
 
 
 def _binding(status: RobotStatus) -> str:
@@ -104,10 +103,10 @@ def _binding(status: RobotStatus) -> str:
         f"<tr><td>{escape(_plain(describe_constraint(name)))}</td>"
         f"<td>{_bar(_leading(cost) / most, color='#7950f2')}</td>"
         f'<td class="n muted">{escape(cost)}</td></tr>'
-        for name, cost in found[:_NAMED]
+        for name, cost in found[:_MAX_BINDING]
     )
-    more = f'<tr><td class="muted">and {len(found) - _NAMED} more</td></tr>' if len(found) > _NAMED else ""
-    return f'<h4>Binding constraints, and their cost</h4><table class="binding">{rows}{more}</table>'
+    more = f'<tr><td class="muted">and {len(found) - _MAX_BINDING} more</td></tr>' if len(found) > _MAX_BINDING else ""
+    return f'<h4>Binding constraints and their cost</h4><table class="binding">{rows}{more}</table>'
 
 
 def _tasks(robot: Robot, status: RobotStatus) -> str:
@@ -125,7 +124,7 @@ def _loop(status: RobotStatus) -> str:
     rows = "".join(
         f'<tr><td class="key">{escape(name)}</td><td>{escape(text)}</td></tr>'
         for name, text in facts(status)
-        if name not in ("binding", "next")  # shown above
+        if name not in ("binding", "next")
     )
     rows += "".join(
         f'<tr><td class="muted">{escape(key)}</td><td>{escape(value)}</td></tr>'
@@ -137,7 +136,7 @@ def _loop(status: RobotStatus) -> str:
 
 def _contacts(robot: Robot, snapshot: Snapshot) -> str:
     if not snapshot.forces:
-        return '<h4>Contacts</h4><span class="muted">no forces: the controller is not active</span>'
+        return '<h4>Contacts</h4><span class="muted">no forces; the controller is inactive</span>'
     weight = robot.model.mass * robot.model.gravity
     used = friction_used(robot.contacts, snapshot.forces, weight)
     rows = ""
@@ -157,7 +156,7 @@ def _contacts(robot: Robot, snapshot: Snapshot) -> str:
 
 def _torques(robot: Robot, snapshot: Snapshot) -> str:
     if snapshot.torques is None:
-        return '<h4>Torques against their limits</h4><span class="muted">no torques are sent</span>'
+        return '<h4>Torques and limits</h4><span class="muted">no torques</span>'
     shares = effort_shares(robot, snapshot.torques)
     taus = np.round(shares * robot.model.effort_limits, 1) + 0.0  # no minus zero
     rows = "".join(
@@ -165,15 +164,14 @@ def _torques(robot: Robot, snapshot: Snapshot) -> str:
         for name, tau, share in zip(robot.model.actuators, taus.tolist(), shares.tolist(), strict=True)
     )
     return (
-        '<h4>Torques against their limits</h4><table><tr><th></th><th class="n">N·m</th><th>of the limit</th></tr>'
+        '<h4>Torques and limits</h4><table><tr><th></th><th class="n">N·m</th><th>share of limit</th></tr>'
         f"{rows}</table>"
     )
 
 
 def _bar(share: float, *, signed: bool = False, color: str = "") -> str:
-    """Draw a bar for a share of a limit, from the left or, if signed, from the middle."""
     size = min(1.0, abs(share))
-    color = color or ("#e03131" if size >= _ALL else "#f08c00" if size >= _MUCH else "#228be6")
+    color = color or ("#e03131" if size >= _RED_SHARE else "#f08c00" if size >= _ORANGE_SHARE else "#228be6")
     width = 100.0 * size / (2.0 if signed else 1.0)
     left = 50.0 - (width if share < 0.0 else 0.0) if signed else 0.0
     middle = "<b></b>" if signed else ""
@@ -189,14 +187,14 @@ def _short(error: float) -> str:
 
 
 def _plain(name: str) -> str:
-    """Write a name without underscores: ``left_knee_joint's upper torque limit`` becomes ``left knee's …``."""
+    """Return a name without underscores: ``left_knee_joint's upper torque limit`` becomes ``left knee's …``."""
     return name.replace("_joint", "").replace("_", " ")
 
 
-def sent(lines: Sequence[tuple[str, bool]]) -> str:
-    """List the requests sent, newest first, refused ones in red."""
+def request_list(lines: Sequence[tuple[str, bool]]) -> str:
+    """Return the list of requests, newest first, refused ones in red."""
     if not lines:
-        return _page(['<span class="muted">nothing yet</span>'])
+        return _page(['<span class="muted">none</span>'])
     return _page(
         f'<div style="{"" if done else "color:#e03131;"}font-family:monospace;font-size:11px">{escape(text)}</div>'
         for text, done in lines

@@ -1,4 +1,4 @@
-"""Playback of a recording: its snapshots by time, and a time line that marks modes, faults, contacts and pushes."""
+"""Playback of a recording: snapshots by time, and a time line with modes, faults, contacts and pushes."""
 
 from __future__ import annotations
 
@@ -20,23 +20,18 @@ from wbc_controller.recording.cycle_layout import MODES, cycle_slots, reference_
 from wbc_controller.recording.recording_file import RecordedCycle, Recording
 from wbc_controller.records import Array, Reference, References
 
-#: Largest number of cycles kept of a recording: of a longer one, every second, third, … cycle.
-MOST = 20_000
-#: Unmodelled force above which a push is marked, in weights of the robot.
-_PUSH = 0.1
-#: Time without an unmodelled force after which the next one is a new push, s.
-_ONE = 0.5
-#: Longest step of the playback, s: it pauses while no page is open.
-_LONGEST_STEP = 0.5
-#: Longest number of a cycle, in digits.
-_LONGEST_NUMBER = 18
+MAX_CYCLES = 20_000  # longer recordings are decimated
+_PUSH_FORCE = 0.1  # in weights of the robot
+_PUSH_GAP = 0.5  # s
+_LONGEST_STEP = 0.5  # s; playback pauses without a page
+_LONGEST_NUMBER = 18  # digits of a cycle number
 _COLORS = {"fault": "#e03131", "contact": "#2f9e44", "push": "#f08c00", "mode": "#228be6"}
 _SPEEDS = {"¼ ×": 0.25, "1 ×": 1.0, "4 ×": 4.0}
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """An event of the recording: its time since the start, s, its kind (a key of `_COLORS`), and a text."""
+    """Event of the recording: time since the start, s, kind (a key of `_COLORS`), and text."""
 
     time: float
     kind: str
@@ -44,15 +39,14 @@ class Mark:
 
 
 class Playback:
-    """The snapshots of a recording, by time.
+    """Snapshots of a recording by time.
 
     Attributes:
-        duration: its duration, s.
-        time: the present time, s; `seek` sets it.
+        time: present time, s; `seek` sets it.
         speed: recorded seconds per second.
 
     Raises:
-        ConfigurationError: if it holds no state of the robot, or the layout of its cycles does not fit the robot.
+        ConfigurationError: if the recording holds no robot state, or its cycle layout does not match the robot.
     """
 
     def __init__(self, recorded: Recording, robot: Robot) -> None:
@@ -63,18 +57,20 @@ class Playback:
         self._now = time.monotonic()
         self._times: list[float] = []
         self._cycles: list[RecordedCycle] = []
-        self.marks: list[Mark] = sorted(self._read(), key=lambda mark: mark.time)
+        self.marks: list[Mark] = sorted(self._read_cycles(), key=lambda mark: mark.time)
         if not self._cycles:
-            raise ConfigurationError(f"recording {recorded.path}: it holds no state of the robot")
+            raise ConfigurationError(
+                f"recording {recorded.path}: no robot state; record a controller with joint states"
+            )
         self.duration = self._times[-1]
         self._status_times, self._statuses = self._read_statuses()
 
     def seek(self, seconds: float) -> None:
-        """Go to a time, s."""
+        """Set the present time, s."""
         self.time = min(max(0.0, seconds), self.duration)
 
     def snapshot(self) -> Snapshot:
-        """Return the snapshot at the present time, which passes while it plays."""
+        """Return the snapshot at the present time, and advance the time during playback."""
         now = time.monotonic()
         if self.playing:
             self.time += self.speed * min(now - self._now, _LONGEST_STEP)
@@ -82,13 +78,13 @@ class Playback:
                 self.time, self.playing = self.duration, False
         self._now = now
         at = max(0, bisect.bisect_right(self._times, self.time) - 1)
-        return self._of(self._cycles[at])
+        return self._snapshot_of(self._cycles[at])
 
     def read_status(self) -> Sequence[str]:
         """Return no refusals."""
         return ()
 
-    def _of(self, cycle: RecordedCycle) -> Snapshot:
+    def _snapshot_of(self, cycle: RecordedCycle) -> Snapshot:
         values, model = cycle.values, self._robot.model
         mode = MODES[int(cycle.scalar("mode"))].value
         moved = time_of(self._recorded, cycle.time)
@@ -116,12 +112,11 @@ class Playback:
             silence=0.0,
         )
 
-    def _read(self) -> Iterator[Mark]:
-        """Keep the cycles to show, and yield the events."""
-        recorded, every = self._recorded, max(1, -(-self._recorded.count // MOST))
+    def _read_cycles(self) -> Iterator[Mark]:
+        recorded, every = self._recorded, max(1, -(-self._recorded.count // MAX_CYCLES))
         weight = self._robot.model.mass * self._robot.model.gravity
         before: tuple[str, frozenset[str]] | None = None
-        pushed = -_ONE
+        pushed = -_PUSH_GAP
         for number, cycle in enumerate(recorded.cycles()):
             if not cycle.scalar("has_state"):
                 continue
@@ -129,27 +124,26 @@ class Playback:
             if number % every == 0:
                 self._times.append(at)
                 self._cycles.append(cycle)
-            mode = MODES[int(cycle.scalar("mode"))].value
-            made = frozenset(
+            mode = MODES[int(cycle.number_of("mode"))].value
+            active_contacts = frozenset(
                 name for name in self._robot.contacts if np.isfinite(cycle.values[f"force/{name}"]).all()
             ) if mode == "active" else (before[1] if before is not None else frozenset())  # fmt: skip
             if before is not None:
                 if mode != before[0]:
                     yield Mark(at, "mode", mode)
                 if before[0] == mode == "active":
-                    yield from (Mark(at, "contact", f"{name} is made") for name in sorted(made - before[1]))
-                    yield from (Mark(at, "contact", f"{name} is broken") for name in sorted(before[1] - made))
-            before = mode, made
-            beside = float(np.linalg.norm(cycle.values["audit/force"]))
-            if beside > _PUSH * weight and mode == "active":
-                if at - pushed > _ONE:
-                    yield Mark(at, "push", f"unmodelled force of {beside:.0f} N: a push, or a collision")
+                    yield from (Mark(at, "contact", f"{name} active") for name in sorted(active_contacts - before[1]))
+                    yield from (Mark(at, "contact", f"{name} inactive") for name in sorted(before[1] - active_contacts))
+            before = mode, active_contacts
+            unmodelled_force = float(np.linalg.norm(cycle.values["audit/force"]))
+            if unmodelled_force > _PUSH_FORCE * weight and mode == "active":
+                if at - pushed > _PUSH_GAP:
+                    yield Mark(at, "push", f"unmodelled force of {unmodelled_force:.0f} N: push or collision")
                 pushed = at
         for fault in recorded.faults:
             yield Mark(time_of(recorded, fault.time), "fault", f"{fault.fault.code}: {fault.fault.sentence}")
 
     def _read_statuses(self) -> tuple[list[float], list[RobotStatus]]:
-        """Read the times and the statuses of the controller."""
         times: list[float] = []
         found: list[RobotStatus] = []
         count = 0
@@ -170,7 +164,7 @@ class Playback:
 
 
 class TimeLine:
-    """The time line on the page. Like `Controls`, it reads user input and shows the time on the server's event loop."""
+    """Time line on the page; like `Controls`, it uses the server's event loop."""
 
     def __init__(self, server: viser.ViserServer, playback: Playback) -> None:
         self._playback, gui = playback, server.gui
@@ -182,14 +176,14 @@ class TimeLine:
             speed.on_update(lambda event: setattr(playback, "speed", _SPEEDS[speed.value]))
             self._slider: Any = gui.add_slider("Time [s]", 0.0, max(0.01, round(playback.duration, 2)), 0.01, 0.0)
             self._slider.on_update(self._moved)
-            gui.add_html(strip(playback))
+            gui.add_html(marks_html(playback))
             names = {f"{mark.time:.2f} s  {mark.text}"[:70]: mark.time for mark in playback.marks}
             if names:
                 jump = gui.add_dropdown("Go to", tuple(names))
                 jump.on_update(lambda event: self._go(names[jump.value]))
 
     def show(self) -> None:
-        """Follow the time, soon."""
+        """Schedule an update to the present time."""
         self._loop.call_soon_threadsafe(self._show)
 
     def _show(self) -> None:
@@ -213,8 +207,8 @@ class TimeLine:
         self._playback.seek(seconds)
 
 
-def strip(playback: Playback) -> str:
-    """Draw the marks along the time as HTML."""
+def marks_html(playback: Playback) -> str:
+    """Return the marks along the time as HTML."""
     ticks = "".join(
         f'<i title="{escape(f"{mark.time:.2f} s: {mark.text}", quote=True)}" style="position:absolute;top:0;bottom:0;'
         f'width:3px;left:{100.0 * mark.time / max(playback.duration, 1e-9):.2f}%;background:{_COLORS[mark.kind]}"></i>'
@@ -233,12 +227,14 @@ def time_of(recorded: Recording, stamp: int) -> float:
     return 1.0e-9 * (stamp - recorded.start)
 
 
-def _references(wanted: Mapping[str, Array], robot: Robot) -> References | None:
-    if not wanted:
+def _references(reference_values: Mapping[str, Array], robot: Robot) -> References | None:
+    if not reference_values:
         return None
     tasks = {
-        name: Reference(*(np.array(wanted[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration")))
+        name: Reference(
+            *(np.array(reference_values[f"{kind}/{name}"]) for kind in ("position", "velocity", "acceleration"))
+        )
         for name in robot.tasks
-        if f"position/{name}" in wanted
+        if f"position/{name}" in reference_values
     }
-    return References(tasks, {name: float(wanted[f"weight/{name}"][0]) for name in tasks}, {})
+    return References(tasks, {name: float(reference_values[f"weight/{name}"][0]) for name in tasks}, {})

@@ -1,4 +1,4 @@
-"""Sender of a page's requests: at once, or for drags at a bounded rate and only while the drag lasts."""
+"""Sender of requests from the pages: immediate, or at a bounded rate during drags."""
 
 from __future__ import annotations
 
@@ -14,20 +14,13 @@ from wbc_controller.settings import Settings
 
 _log = logging.getLogger(__name__)
 
-#: Time between two messages of a drag, s.
-PERIOD = 0.05
-#: Age of a drag's value at which it is dropped, s.
-STALE = 0.5
-#: Largest number of waiting requests; no user sends more.
-_MOST = 200
+PERIOD = 0.05  # of a drag, s
+MAX_AGE = 0.5  # of a drag, s
+_QUEUE_SIZE = 200
 
 
 class RequestSender:
-    """Sends the pages' requests on a thread of its own, so that no page waits for a node.
-
-    A drag has a slot for its newest value, which is sent once per `PERIOD` at most. Each message answers an event of a
-    page: the last event of a drag is its last message, whatever ends the drag.
-    """
+    """Sends requests on its own thread, the newest value of each drag at most once per `PERIOD`."""
 
     def __init__(
         self,
@@ -39,13 +32,12 @@ class RequestSender:
         """Create the sender; `start` starts its thread.
 
         Args:
-            send: sends one request, from any thread; may raise `WbcError`.
-            report: called with the words of each request, empty for a drag, and its error, empty if it was sent; on the
-                sender's thread or, for an emergency stop, on the caller's.
+            send: sends one request from any thread; may raise `WbcError`.
+            report: receives the words of each request, empty for a drag, and its error or an empty text.
             clock: monotonic clock, s.
         """
         self._settings, self._send, self._report, self._clock = settings, send, report, clock
-        self._requests: queue.Queue[Request | None] = queue.Queue(_MOST)
+        self._requests: queue.Queue[Request | None] = queue.Queue(_QUEUE_SIZE)
         self._dragged: dict[str, tuple[float, int, Sequence[str]]] = {}
         self._sent: dict[str, float] = {}
         self._lock = threading.Lock()
@@ -56,7 +48,7 @@ class RequestSender:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread; waiting requests are dropped."""
+        """End the thread and drop queued requests."""
         with self._lock:
             self._dragged.clear()
         try:
@@ -67,14 +59,14 @@ class RequestSender:
         if self._thread.is_alive():
             self._thread.join()
 
-    def say(self, *words: str) -> None:
-        """Send a request of `wbc send`; an emergency stop overtakes all waiting requests."""
-        request = self._read(words)
+    def send_words(self, *words: str) -> None:
+        """Send a request of `wbc send`; an emergency stop overtakes all queued requests."""
+        request = self._parse(words)
         if request is not None:
             self.request(request, " ".join(words))
 
     def request(self, request: Request, words: str = "") -> None:
-        """Send a request, reported by its words."""
+        """Queue a request, reported by its words."""
         words = words or request.summary
         if (request.key, request.summary) == ("command", "estop"):
             with self._lock:
@@ -84,49 +76,42 @@ class RequestSender:
         try:
             self._requests.put_nowait(request)
         except queue.Full:
-            self._report(words, "too many requests are waiting")
+            self._report(words, f"dropped: the queue of {_QUEUE_SIZE} requests is full")
 
     def drag(self, key: str, client: int, value: Sequence[str]) -> None:
-        """Keep the newest value of a page's drag.
-
-        Args:
-            key: the dragged control: a newer value replaces a waiting one.
-            client: number of the page.
-            value: the words of a request.
-        """
+        """Store the newest value of a page's drag: words of a request for the control `key`."""
         with self._lock:
             self._dragged[key] = self._clock(), client, value
 
-    def forget(self, client: int) -> None:
-        """Drop the waiting drags of a closed page."""
+    def drop_drags(self, client: int) -> None:
+        """Drop the stored drags of a closed page."""
         with self._lock:
             self._dragged = {key: value for key, value in self._dragged.items() if value[1] != client}
 
-    def pump(self) -> None:
+    def send_due_drags(self) -> None:
         """Send the drags that are due."""
         now, due = self._clock(), []
         with self._lock:
-            for key, (asked, _, words) in list(self._dragged.items()):
+            for key, (requested_at, _, words) in list(self._dragged.items()):
                 if now - self._sent.get(key, -1.0e9) < PERIOD:
                     continue
                 del self._dragged[key]
-                if now - asked <= STALE:
+                if now - requested_at <= MAX_AGE:
                     self._sent[key] = now
                     due.append(words)
         for words in due:
-            request = self._read(words)
+            request = self._parse(words)
             if request is not None:
                 self._deliver(request, "")
 
-    def _read(self, words: Sequence[str]) -> Request | None:
-        """Parse a request; None if it is not valid, with the reason on the page."""
+    def _parse(self, words: Sequence[str]) -> Request | None:
         try:
             return parse_request(words, self._settings)
         except WbcError as error:
             self._report(" ".join(words), str(error))
-        except Exception as error:  # the thread must survive it
-            _log.exception("could not read the request %r", " ".join(words))
-            self._report(" ".join(words), f"could not be read: {error}")
+        except Exception as error:
+            _log.exception("parsing of the request %r failed", " ".join(words))
+            self._report(" ".join(words), f"parsing failed: {error}")
         return None
 
     def _run(self) -> None:
@@ -134,12 +119,12 @@ class RequestSender:
             try:
                 request = self._requests.get(timeout=PERIOD / 4.0)
             except queue.Empty:
-                self.pump()
+                self.send_due_drags()
                 continue
             if request is None:
                 return
             self._deliver(request, request.summary)
-            self.pump()
+            self.send_due_drags()
 
     def _deliver(self, request: Request, words: str) -> None:
         try:
@@ -147,7 +132,7 @@ class RequestSender:
         except WbcError as error:
             self._report(words or request.summary, str(error))
         except Exception as error:
-            _log.exception("a request could not be sent")
-            self._report(words or request.summary, f"it could not be sent: {error}")
+            _log.exception("sending of a request failed")
+            self._report(words or request.summary, f"sending failed: {error}")
         else:
             self._report(words, "")

@@ -1,7 +1,7 @@
-"""The page's server: viser's, behind a check of every request and every message.
+"""Server of the page: viser's server behind a check of every request and message.
 
-viser serves its page and its connections on one port with `websockets`, without checks of its own. `websockets` calls
-`Gate` before it answers a request, and `PageConnection` drops the messages that are not on the allow-list.
+viser serves its page and connections on one port with `websockets`, without checks. `websockets` calls `Gate` before it
+answers a request, and `PageConnection` drops messages that are not on the allow-list.
 """
 
 from __future__ import annotations
@@ -28,26 +28,22 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from wbc_controller.apps.page.connection import PageConnection
-from wbc_controller.apps.page.page_messages import LARGEST, AllowList
+from wbc_controller.apps.page.page_messages import MAX_MESSAGE_SIZE, AllowList
 from wbc_controller.errors import ConfigurationError, TransportError
 
-#: Wall time between two pings of a page, and until its answer is overdue, s. A page without network is disconnected
-#: after both: the actions of its user meanwhile must not arrive later and move the robot.
-PING_EVERY, PING_PATIENCE = 0.5, 2.5
-#: Pages that may be open at once.
-MOST_PAGES = 32
-#: Name of the cookie with the token of a page that was opened with it; all ports of a host share their cookies.
-_COOKIE = "wbc_token_{port}"
-#: Names of the loopback in browsers.
+#: Ping period of a page, and time limit of the answer, wall time, s. A page without network is disconnected, so that
+#: delayed input cannot move the robot later.
+PING_PERIOD, PING_TIMEOUT = 0.5, 2.5
+MAX_PAGES = 32
+_COOKIE = "wbc_token_{port}"  # cookies of a host are shared by all its ports
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
-_LOCKED = "This page needs the token in the address that wbc has printed.\n"
-_FOREIGN = "This page is only for {host}: {what} is {said!r}.\n"
-_FULL = f"At most {MOST_PAGES} pages may be open at once.\n"
+_UNAUTHORIZED = "This page requires the token in the address printed by wbc.\n"
+_INVALID_HOST = "{subject} is {value!r}; valid: {host}.\n"
+_TOO_MANY_PAGES = f"{MAX_PAGES} pages are open, the maximum; close one.\n"
 #: A host with or without a port, as browsers send it.
 _HOST = re.compile(r"([\w.-]+|\[[0-9A-Fa-f:.]+\])(:\d{1,5})?", re.ASCII)
-#: Content security policy: the page loads nothing from other servers, and evaluates no text as code. It has all its own
-#: code. Its address can name another server (``?websocket=``) or a file (``?playbackPath=``) whose messages would run
-#: code here, in a page that may command a robot. viser's sorter of Gaussian splats, unused here, evaluates text too.
+#: Content security policy: no content of other servers, and no evaluation of text as code. The page's address can name
+#: a server (``?websocket=``) or a file (``?playbackPath=``), and viser's Gaussian splats, unused here, evaluate text.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob: data:; worker-src blob: data:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; "
@@ -58,30 +54,29 @@ _Process = Callable[[ServerConnection, Request], Response | None]
 
 
 class Gate:
-    """Decides on every request, of the page and of its connection, before anything is answered.
+    """Decides on every HTTP request before an answer.
 
-    On the loopback, only requests by a name of the loopback are answered: another name belongs to a web site that
-    resolves its own name to this computer. Connections from pages of other sites are refused. On any other interface
-    every request needs the token.
+    On the loopback, hosts must be names of the loopback, and connections from pages of other sites are refused. On
+    other interfaces every request needs the token.
     """
 
     def __init__(self, host: str, token: str = "") -> None:
         """Set the rules for an address; without a token, addresses beyond the loopback get a random one."""
         self.loopback = _is_loopback(host)
-        self.token = token or ("" if self.loopback else secrets.token_urlsafe(24))  # empty if none is needed
+        self.token = token or ("" if self.loopback else secrets.token_urlsafe(24))  # empty if none is required
         self.port = 0
 
     def refusal(self, request: Request) -> str:
-        """Return the reason why a request is refused; empty if it is answered."""
+        """Return the reason for a refusal; empty if the request is answered."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         named = hosts[0] if len(hosts) == 1 else ""
-        if not _HOST.fullmatch(named) or (self.loopback and _name(f"//{named}") not in _LOOPBACK):
-            this = "this computer" if self.loopback else "its own address"
-            return _FOREIGN.format(host=this, what="the requested host", said=", ".join(hosts))
+        if not _HOST.fullmatch(named) or (self.loopback and _hostname(f"//{named}") not in _LOOPBACK):
+            this = "a name of the loopback" if self.loopback else "the address of this page"
+            return _INVALID_HOST.format(host=this, subject="The requested host", value=", ".join(hosts))
         if any(origin not in (f"http://{named}", f"https://{named}") for origin in origins):
-            return _FOREIGN.format(host=named, what="the requesting site", said=", ".join(origins))
+            return _INVALID_HOST.format(host=named, subject="The requesting site", value=", ".join(origins))
         if self.token and not any(hmac.compare_digest(_bytes(self.token), _bytes(t)) for t in self._tokens(request)):
-            return _LOCKED
+            return _UNAUTHORIZED
         return ""
 
     def _tokens(self, request: Request) -> Iterator[str]:
@@ -94,17 +89,17 @@ class Gate:
         if name in cookie:
             yield cookie[name].value
 
-    def before(self, process: _Process) -> _Process:
-        """Check each request before a function that answers requests."""
+    def checking(self, process: _Process) -> _Process:
+        """Return `process`, a function that answers requests, preceded by the check."""
 
         def checked(connection: ServerConnection, request: Request) -> Response | None:
             why = self.refusal(request)
             if why:
                 return _plain(http.HTTPStatus.FORBIDDEN, why)
             response = process(connection, request)
-            if response is None:  # it asks for a connection
-                full = len(connection.server.connections) >= MOST_PAGES
-                return _plain(http.HTTPStatus.SERVICE_UNAVAILABLE, _FULL) if full else None
+            if response is None:  # a request for a connection
+                full = len(connection.server.connections) >= MAX_PAGES
+                return _plain(http.HTTPStatus.SERVICE_UNAVAILABLE, _TOO_MANY_PAGES) if full else None
             response.headers["Content-Security-Policy"] = _POLICY.format(host=request.headers["Host"])
             response.headers["X-Content-Type-Options"] = "nosniff"
             response.headers["Referrer-Policy"] = "no-referrer"
@@ -129,33 +124,32 @@ def _bytes(token: str) -> bytes:
 
 
 def open_server(host: str, port: int, gate: Gate, *, commands: bool = False) -> viser.ViserServer:
-    """Open the server, which answers only requests that the gate accepts, and reads only messages on the allow-list.
-
-    Args:
-        port: port; if it is taken, the next free one. 0 for any.
-        commands: True if the page may command.
+    """Open the server behind the gate and the allow-list, on `port` or the next free one, 0 for any.
 
     Raises:
-        ConfigurationError: if this computer does not have the address.
-        TransportError: if viser does not use the checks; nothing is served then.
+        ConfigurationError: if `host` is not an address of this computer.
+        TransportError: if viser does not use the checks; the server is then stopped.
     """
-    _can_listen(host)
+    _require_own_address(host)
     allowed = AllowList(commands=commands)
     with (
-        _checked(gate, allowed) as in_use,
+        _install_checks(gate, allowed) as in_use,
         contextlib.redirect_stdout(io.StringIO()),  # viser draws a box around two addresses
     ):
         server = viser.ViserServer(host, port, verbose=False)
     if not in_use.is_set():
         server.stop()
-        raise TransportError(f"viser {viser.__version__} does not use the checks of its requests; nothing is served")
+        raise TransportError(
+            f"viser {viser.__version__} bypasses the request checks, so the server was stopped; install the supported "
+            "version: pip install 'wbc_controller[view]'"
+        )
     allowed.gui = server.gui
     gate.port = server.get_port()
     return server
 
 
 def address(gate: Gate, host: str) -> str:
-    """Return the address of the page, with its token if it needs one."""
+    """Return the address of the page, with its token if required."""
     shown = "localhost" if gate.loopback else f"[{host}]" if ":" in host else host
     if host in ("0.0.0.0", "::"):  # noqa: S104 - compared with, not bound to
         shown = socket.gethostname()
@@ -163,14 +157,14 @@ def address(gate: Gate, host: str) -> str:
 
 
 @contextlib.contextmanager
-def _checked(gate: Gate, allowed: AllowList) -> Iterator[threading.Event]:
-    """Install the checks in the server that is opened meanwhile; the event is set when it uses them."""
+def _install_checks(gate: Gate, allowed: AllowList) -> Iterator[threading.Event]:
+    """Install the checks in the server opened in this context; the event is set once they are in use."""
     serve, in_use = websockets.asyncio.server.serve, threading.Event()
 
     def checked(*args: Any, process_request: _Process, **options: Any) -> Any:
-        options |= {"ping_interval": PING_EVERY, "ping_timeout": PING_PATIENCE, "close_timeout": PING_PATIENCE}
-        options |= {"max_size": LARGEST, "create_connection": partial(PageConnection, allowed)}
-        made = serve(*args, process_request=gate.before(process_request), **options)
+        options |= {"ping_interval": PING_PERIOD, "ping_timeout": PING_TIMEOUT, "close_timeout": PING_TIMEOUT}
+        options |= {"max_size": MAX_MESSAGE_SIZE, "create_connection": partial(PageConnection, allowed)}
+        made = serve(*args, process_request=gate.checking(process_request), **options)
         in_use.set()
         return made
 
@@ -181,14 +175,14 @@ def _checked(gate: Gate, allowed: AllowList) -> Iterator[threading.Event]:
         websockets.asyncio.server.serve = serve  # type: ignore[misc]
 
 
-def _can_listen(host: str) -> None:
-    """Refuse an address of another computer: viser would try a thousand ports and wait for ever."""
+def _require_own_address(host: str) -> None:
+    """Refuse an address of another computer; viser would try a thousand ports and then wait forever."""
     try:
         family, kind, _, _, place = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as probe:
             probe.bind(place)
     except OSError as error:
-        raise ConfigurationError(f"--host {host}: this computer cannot listen there: {error}") from error
+        raise ConfigurationError(f"--host {host}: not an address of this computer: {error}") from error
 
 
 def _is_loopback(host: str) -> bool:
@@ -198,7 +192,7 @@ def _is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def _name(address: str) -> str:
+def _hostname(address: str) -> str:
     try:
         return urlsplit(address).hostname or ""
     except ValueError:

@@ -1,4 +1,4 @@
-"""The robot and its state at one moment, from topics or from a recording, as the page draws them."""
+"""Robot and its state at one moment, from topics or a recording."""
 
 from __future__ import annotations
 
@@ -17,19 +17,14 @@ from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, References
 from wbc_controller.settings import Settings
 
-#: Modes in which the controller follows references.
-FOLLOWING = ("active", "holding")
+FOLLOWING = ("active", "holding")  # with references
 
 
 class Robot:
-    """A robot as the page draws it: its settings and model, with the tasks and contacts by name."""
+    """A robot for drawing: settings, model, tasks and contacts."""
 
     def __init__(self, settings: Settings, urdf: str | None = None) -> None:
-        """Build the robot; `urdf` is the URDF if the settings name no file.
-
-        Raises:
-            ConfigurationError: if settings and URDF do not fit together.
-        """
+        """Build the robot, with `urdf` if the settings name no file; raise `ConfigurationError` for a mismatch."""
         self.settings = settings
         self.model: RobotModel = make_model(settings, urdf)
         self.contacts: dict[str, Contact] = {
@@ -38,27 +33,26 @@ class Robot:
         self.tasks: dict[str, Task] = {
             name: make_task(name, task, self.model, self.contacts) for name, task in settings.tasks.items()
         }
-        self.dynamics = Dynamics(self.model)  # the dynamics at the drawn snapshot, updated by `Drawing`
+        self.dynamics = Dynamics(self.model)  # dynamics at the drawn snapshot, updated by `Drawing`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
     """State of a robot and its controller at one moment."""
 
-    stamp: int  # time of the state, ns; 0 before the first one
-    age: float  # wall time since the last state arrived, s; infinite before the first one
-    q: Array  # configuration, (nq,)
-    v: Array  # generalized velocity, (nv,)
-    mode: str = ""  # the controller's mode, in a fault with its code and sentence; empty without a controller
-    #: At the joints, (nj,) in N·m, in the order of the model's joints; None if none are sent.
+    stamp: int  # ns; 0 before the first
+    age: float  # wall time since the last state, s; initially infinite
+    q: Array  # (nq,)
+    v: Array  # (nv,)
+    mode: str = ""  # mode of the controller, in a fault with code and sentence; empty without a controller
+    #: Joint torques, (nj,) in N·m, in the order of the model's joints; None without commands.
     torques: Array | None = None
-    #: Contact forces of the controller's solution, by contact, in the form of `Solution.forces`.
+    #: Contact forces of the solution by contact, in the form of `Solution.forces`.
     forces: Mapping[str, Array] = field(default_factory=dict)
-    references: References | None = None  # references of the tasks; None if the controller follows none
-    status: RobotStatus | None = None  # status of the nodes; None before the first message
-    silence: float = math.inf  # wall time since the controller's last status, s; infinite before the first one
-    #: True if the base's pose was measured; otherwise the robot is drawn as standing on its contacts
-    base_measured: bool = True
+    references: References | None = None  # None in modes without references
+    status: RobotStatus | None = None  # None before the first message
+    silence: float = math.inf  # wall time since the last status, s; initially infinite
+    base_measured: bool = True  # False if the robot is drawn standing on its contacts, without a measured base
 
     @property
     def following(self) -> bool:

@@ -1,4 +1,4 @@
-"""Snapshots of a running robot, from its topics."""
+"""Snapshots of a running robot from its topics."""
 
 from __future__ import annotations
 
@@ -21,16 +21,11 @@ from wbc_controller.middleware.states import BaseState, OdometryReader
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.records import Array, Reference, References
 
-#: Robot time after which torques or contact forces are stale, s.
-_FRESH = 0.2
+_MAX_AGE = 0.2  # of torques and forces relative to the state, robot time, s
 
 
 class TopicSource:
-    """Follows the topics of a robot.
-
-    Messages wait in DDS until a snapshot is requested: the ones in between cost this process almost nothing, and their
-    publisher no acknowledgment.
-    """
+    """Reads the topics of a robot; messages wait in DDS until a snapshot is requested."""
 
     def __init__(self, session: Session, robot: Robot) -> None:
         self._session, self._robot = session, robot
@@ -56,7 +51,7 @@ class TopicSource:
         self._base.update()
         joints: JointStates = self._joints.newest or JointStates(stamp=0, position=model.posture)
         base: BaseState | None = self._base.newest if model.floating_base else None
-        velocity = joints.velocity if len(joints.velocity) else np.zeros(model.nj)  # 0 if not measured
+        velocity = joints.velocity if len(joints.velocity) else np.zeros(model.nj)
         q, v = model.state(joints.position, velocity, *((base.pose, base.twist) if base is not None else ()))
         if model.floating_base and base is None:
             q = self._base_on_contacts.place(q)
@@ -76,9 +71,9 @@ class TopicSource:
         )
 
     def read_status(self) -> list[str]:
-        """Read the nodes' statuses, which is slower; return the refusals since the last call."""
+        """Read the status of the nodes, and return the refusals since the last call."""
         refused = []
-        for status in self._listener.take():
+        for status in self._listener.read_statuses():
             self._status_at = time.monotonic()
             refused += [value.value for value in status.values if value.key.startswith("refused/")]
         self._status = self._listener.newest()
@@ -91,7 +86,7 @@ class TopicSource:
             efforts = dict(zip(content.name, content.effort, strict=False))
             tau = np.array([efforts.get(name, 0.0) for name in self._robot.model.joints], dtype=np.float64)
             self._command = stamp_of(content), tau
-        return self._command[1] if self._command is not None and _fresh(self._command[0], stamp) else None
+        return self._command[1] if self._command is not None and _is_fresh(self._command[0], stamp) else None
 
     def _contact_forces(self, stamp: int) -> dict[str, Array]:
         for name, newest in self._wrenches.items():
@@ -101,10 +96,9 @@ class TopicSource:
                 force, torque = content.wrench.force, content.wrench.torque
                 wrench = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
                 self._forces[name] = stamp_of(content), self._robot.contacts[name].basis.T @ wrench
-        return {name: force for name, (time, force) in self._forces.items() if _fresh(time, stamp)}
+        return {name: force for name, (time, force) in self._forces.items() if _is_fresh(time, stamp)}
 
     def _references(self) -> References | None:
-        """Return the references of the tasks that are known."""
         if self._status is None:
             return None
         values, tasks = self._status.values, {}
@@ -127,11 +121,9 @@ class TopicSource:
 
 
 class _Stream:
-    """The newest state of a stream, and its arrival time."""
-
     def __init__(self, poll: Callable[[], bytes | None], reader: StateReader) -> None:
         self._poll, self._reader = poll, reader
-        self.newest: Any = None  # the record of the reader
+        self.newest: Any = None  # record of the reader
         self._arrival = -np.inf
 
     def update(self) -> None:
@@ -140,12 +132,12 @@ class _Stream:
             try:
                 self.newest = self._reader.read(payload)
             except InputRefused:
-                return  # the controller refuses it too, and reports it on its diagnostics
+                return  # the controller reports this refusal in its diagnostics
             self._arrival = time.monotonic()
 
     def age(self) -> float:
         return time.monotonic() - self._arrival
 
 
-def _fresh(stamp: int, now: int) -> bool:
-    return abs(now - stamp) <= 1.0e9 * _FRESH
+def _is_fresh(stamp: int, now: int) -> bool:
+    return abs(now - stamp) <= 1.0e9 * _MAX_AGE

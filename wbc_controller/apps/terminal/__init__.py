@@ -1,5 +1,5 @@
-"""Terminal commands: run nodes, check configurations, send requests to running nodes, and show their status."""
+"""Terminal commands: run nodes, check configurations, send requests, show the status."""
 
-#: Wall time after which an undiscovered node counts as absent, s. Fast DDS needs 1.1 s to introduce its writers and
-#: readers to a new participant, and repeats a lost announcement after 3 s.
+#: Time limit for the discovery of a node, wall time, s. Fast DDS needs 1.1 s for a new participant, and repeats a lost
+#: announcement after 3 s.
 DISCOVERY_PATIENCE = 5.0

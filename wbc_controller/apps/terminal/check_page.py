@@ -1,4 +1,4 @@
-"""The page of `wbc check --html`: the robot in its configured stance, its support, and the findings."""
+"""Page of `wbc check --html`: the robot in its configured stance, its support, and the findings."""
 
 from __future__ import annotations
 
@@ -24,24 +24,12 @@ from wbc_controller.recording.report.run_data import RunData, collect_supports
 from wbc_controller.records import Array, RobotState, frozen
 from wbc_controller.settings.config import Config
 
-#: Margin around the contacts, m, and width of the drawing, pixels.
-_MARGIN, _WIDTH = 0.05, 560
-#: Radius of the dot at the centre of mass, and of one at a contact without corners, as shares of the drawing's width.
-_DOT = 0.012
+_MARGIN, _WIDTH = 0.05, 560  # m, and width of the drawing, pixels
+_DOT = 0.012  # radius of dots, as a share of the drawing's width
 
 
 def write_check_page(config: Config, findings: Sequence[Finding], failure: str, path: Path) -> None:
-    """Write the page of a check.
-
-    Args:
-        config: the configuration that was checked.
-        findings: findings of the check; empty if it failed.
-        failure: error of the check; empty if it did not fail.
-
-    Raises:
-        ConfigurationError: if the robot or its quadratic program cannot be built, the visual geometry of the URDF
-            cannot be read, or the file cannot be written.
-    """
+    """Write the page of a check with its findings or its error `failure`; raise `ConfigurationError` if this fails."""
     settings = config.settings
     model = make_model(settings, config.urdf)
     qp = make_qp(settings, model)
@@ -85,7 +73,7 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
 
 
 def _forces(config: Config, qp: WholeBodyQP, q: Array) -> Mapping[str, Array]:
-    """Compute the contact forces of the first cycle at rest; zero without a solution."""
+    """Return the contact forces of the first cycle at rest; zeros without a solution."""
     state = RobotState(0, frozen(q), frozen(np.zeros(qp.model.nv)))
     board = make_board(config.settings, qp)
     qp.dynamics.update(q, np.zeros(qp.model.nv))
@@ -99,14 +87,13 @@ def _forces(config: Config, qp: WholeBodyQP, q: Array) -> Mapping[str, Array]:
 
 
 def _floor_plan(qp: WholeBodyQP, active: Sequence[str], true: Mapping[str, Array]) -> str:
-    """Draw contacts, undersides of the URDF and centre of mass from above: an SVG with x upwards and y to the left."""
     feet = {
         name: contact.points(qp.dynamics)[:, :2]
         for name in active
         if isinstance(contact := qp.contacts[name], UnilateralContact) and not contact.internal
     }
     if not feet:
-        return "<p>The robot stands on no contact.</p>"
+        return "<p>No active contact with the floor.</p>"
     com = qp.dynamics.com[:2]
     everything = np.vstack([*feet.values(), *(corners[:, :2] for corners in true.values()), com[None]])
     low, high = everything.min(axis=0) - _MARGIN, everything.max(axis=0) + _MARGIN
@@ -117,13 +104,13 @@ def _floor_plan(qp: WholeBodyQP, active: Sequence[str], true: Mapping[str, Array
         return round(float(scale * (high[1] - point[1])), 1), round(float(scale * (high[0] - point[0])), 1)
 
     def shape(points: Array, kind: str, title: str) -> str:
-        said = f"<title>{html.escape(title)}</title>"
+        tooltip = f"<title>{html.escape(title)}</title>"
         corners = support_polygon(points)
         if len(corners) < 3:
             dots = [f'cx="{x}" cy="{y}" r="{_DOT * _WIDTH}"' for x, y in map(at, points)]
-            return "".join(f'<circle class="{kind}" {dot}>{said}</circle>' for dot in dots)
-        drawn = " ".join(f"{x},{y}" for x, y in map(at, corners))
-        return f'<polygon class="{kind}" points="{drawn}">{said}</polygon>'
+            return "".join(f'<circle class="{kind}" {dot}>{tooltip}</circle>' for dot in dots)
+        vertices = " ".join(f"{x},{y}" for x, y in map(at, corners))
+        return f'<polygon class="{kind}" points="{vertices}">{tooltip}</polygon>'
 
     parts = [shape(np.vstack(list(feet.values())), "support", "support polygon")]
     parts += [shape(corners[:, :2], "true", f"{name}: underside in the URDF") for name, corners in true.items()]

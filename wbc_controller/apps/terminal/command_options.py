@@ -1,4 +1,4 @@
-"""Arguments, options and steps that several commands share: CONFIG, --namespace, --remap, loading a configuration."""
+"""Arguments and options of several commands: CONFIG, --namespace, --remap."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _read_remappings(ctx: click.Context, param: click.Parameter, texts: Sequence[str]) -> dict[str, str]:
-    """Read the values of --remap as a mapping from name to name."""
     return {} if ctx.resilient_parsing else dict(map(parse_remapping, texts))
 
 
 config_argument = click.argument("config", shell_complete=complete_config)
-namespace_option = click.option("--namespace", default="/", show_default=True, help="Namespace of the nodes' topics.")
+namespace_option = click.option(
+    "--namespace", default="/", show_default=True, help="Namespace of the nodes and topics."
+)
 remap_option = click.option("--remap", "remappings", multiple=True, metavar="FROM:=TO", callback=_read_remappings,
-                            help="Rename a topic; may be repeated.")  # fmt: skip
+                            help="Rename a topic; repeatable.")  # fmt: skip
 
 
 def with_options(*options: Callable[[F], F]) -> Callable[[F], F]:
@@ -40,17 +41,13 @@ def with_options(*options: Callable[[F], F]) -> Callable[[F], F]:
 
 
 def load_named(config: str) -> Settings:
-    """Load the settings of a robot that is shipped, or of a file.
-
-    Raises:
-        ConfigurationError: if there is no such configuration, or a value is not valid.
-    """
+    """Load the settings of a supplied robot or a file; raise `ConfigurationError` for unknown or invalid ones."""
     return load_settings(find_configuration(config))
 
 
 @contextlib.contextmanager
 def naming_file(config: str) -> Iterator[None]:
-    """Put the file's path in front of errors about its values."""
+    """Prefix errors about values with the path of the file."""
     try:
         yield
     except ConfigurationError as error:

@@ -1,4 +1,4 @@
-"""The commands that run a node on DDS: `wbc run`, `mock`, `guard` and `estimate`."""
+"""Commands that run a node on DDS: `wbc run`, `mock`, `guard` and `estimate`."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from wbc_controller.nodes.signals import set_by_signals
 from wbc_controller.settings import NODE_NAME
 
 _node_options = with_options(
-    namespace_option, remap_option, click.option("-v", "--verbose", is_flag=True, help="Log more.")
+    namespace_option, remap_option, click.option("-v", "--verbose", is_flag=True, help="Log informational messages.")
 )
 
 
 @click.command()
 @config_argument
-@click.option("--activate", is_flag=True, help="Activate as soon as the inputs are fresh, without a command.")
-@click.option("--use-sim-time", is_flag=True, help="Measure ages and durations by /clock: for simulators alone.")
+@click.option("--activate", is_flag=True, help="Activate without a command as soon as the inputs are fresh.")
+@click.option("--use-sim-time", is_flag=True, help="Measure ages and durations by /clock; only for simulators.")
 @click.option("--record", type=click.Path(path_type=Path),
-              help="Record all of the run to this .mcap file: docs/recording.md.")  # fmt: skip
+              help="Record the complete run to this .mcap file: docs/recording.md.")  # fmt: skip
 @_node_options
 def run(**options: Any) -> None:
-    """Run the controller on DDS, where ROS 2's topics are, without ROS 2."""
+    """Run the controller on DDS, with the topics of ROS 2 but without ROS 2."""
     from wbc_controller.nodes.controller_service import run_controller
 
     _serve(run_controller, NODE_NAME, **options)
@@ -46,11 +46,11 @@ def run(**options: Any) -> None:
 @click.command()
 @config_argument
 @click.option("--real-time-factor", default=1.0, show_default=True, help="Simulated seconds per second.")
-@click.option("--lockstep", is_flag=True, help="Wait for the controller's answer to each state.")
-@click.option("--patient", is_flag=True, help="Simulated time waits for a controller that is late: a computer that is "
-              "too slow makes slow motion. The controller needs --use-sim-time.")  # fmt: skip
+@click.option("--lockstep", is_flag=True, help="Wait for the controller's command after each state.")
+@click.option("--patient", is_flag=True, help="Let simulated time wait for a late controller, as on a slow computer: "
+              "slow motion. The controller requires --use-sim-time.")  # fmt: skip
 @click.option("--faults", type=click.Path(path_type=Path, exists=True, dir_okay=False),
-              help="A YAML file with a list of faults and the times at which they happen: docs/faults.md.")  # fmt: skip
+              help="YAML file with a list of faults and their times: docs/faults.md.")  # fmt: skip
 @_node_options
 def mock(**options: Any) -> None:
     """Run the mock robot: rigid-body physics behind the robot's topics."""
@@ -58,7 +58,7 @@ def mock(**options: Any) -> None:
         from wbc_controller.simulation.mock_service import run_mock
     except ModuleNotFoundError as error:
         raise ConfigurationError(
-            f"the mock robot needs MuJoCo ({error}); install it with: pip install 'wbc_controller[mock]'"
+            f"the mock robot requires MuJoCo ({error}); install it with: pip install 'wbc_controller[mock]'"
         ) from error
 
     _serve(run_mock, MOCK_NODE, **options)
@@ -68,7 +68,7 @@ def mock(**options: Any) -> None:
 @config_argument
 @_node_options
 def guard(**options: Any) -> None:
-    """Damp the robot when the controller's commands stop: start it beside `wbc run`."""
+    """Run the guard beside `wbc run`: it damps the robot if the controller's commands stop."""
     from wbc_controller.nodes.guard_service import NODE_NAME, run_guard
 
     _serve(run_guard, NODE_NAME, **options)
@@ -80,7 +80,7 @@ def guard(**options: Any) -> None:
 def estimate(**options: Any) -> None:
     """Estimate the pose and twist of the base from an IMU and the legs, and publish odometry: docs/estimation.md.
 
-    `wbc run` needs it only if `estimation.base_state` is odom: with imu, the controller estimates its base itself.
+    Required only if `estimation.base_state` is odom; with imu, the controller estimates the base itself.
     """
     from wbc_controller.nodes.estimator_service import run_estimator
 
@@ -97,7 +97,6 @@ def _serve(
     verbose: bool,
     **options: Any,
 ) -> None:
-    """Run a service on a node of its own until Ctrl-C, SIGTERM or the end of the terminal."""
     from wbc_controller.middleware.transports.dds import DdsTransport
 
     logging.basicConfig(

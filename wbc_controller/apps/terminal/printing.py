@@ -1,4 +1,4 @@
-"""Messages as text: one field per line, indented as YAML, numbers to six digits and arrays in one line."""
+"""Messages as text: one field per line in the form of YAML, numbers with six digits, arrays in one line."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-#: Fields of a diagnostic's key and value, which are shown as one line.
-_KEY_VALUE = "diagnostic_msgs/msg/KeyValue"
+_KEY_VALUE = "diagnostic_msgs/msg/KeyValue"  # type of diagnostic entries, printed in one line
 
 
 def as_text(content: Any) -> str:
-    """Write a message."""
+    """Return a message as text."""
     return "\n".join(_fields(content, ""))
 
 
@@ -38,7 +37,6 @@ def _fields(content: Any, indent: str) -> Iterator[str]:
 
 
 def _item(item: Any, indent: str) -> Iterator[str]:
-    """An element of a list of messages."""
     if item.__msgtype__ == _KEY_VALUE:
         yield f"{indent}  {item.key}: {item.value}"
         return

@@ -11,7 +11,7 @@ import numpy as np
 from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.records import Array
 
-#: Directions by the robot's heading, and along the axes of the world.
+#: Directions along the axes of the robot's heading, and of the world.
 HEADINGS: Mapping[str, tuple[int, int, int]] = {
     "forward": (1, 0, 0),
     "back": (-1, 0, 0),
@@ -21,7 +21,7 @@ HEADINGS: Mapping[str, tuple[int, int, int]] = {
     "down": (0, 0, -1),
 }
 AXES: Mapping[str, tuple[int, int, int]] = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-#: Axes about which a lean moves the head in a direction, by the robot's heading.
+#: Rotation axes of a lean in a direction, in the axes of the robot's heading.
 LEANS: Mapping[str, tuple[int, int, int]] = {
     "forward": (0, 1, 0),
     "back": (0, -1, 0),
@@ -30,7 +30,7 @@ LEANS: Mapping[str, tuple[int, int, int]] = {
 }
 TURNS: Mapping[str, tuple[int, int, int]] = {"left": (0, 0, 1), "right": (0, 0, -1)}
 
-#: Units that may follow a number, without a space.
+#: Units that may follow a number without a space.
 LENGTH = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 ANGLE = {"": 1.0, "rad": 1.0, "deg": math.pi / 180.0}
 FORCE = {"": 1.0, "N": 1.0}
@@ -39,61 +39,55 @@ PLAIN = {"": 1.0}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)([A-Za-z]*)")
 
 
-def number(text: str, what: str, units: Mapping[str, float] = PLAIN) -> float:
-    """Read a number with its unit.
-
-    Raises:
-        InputRefused: if the text is no number, or the unit is unknown.
-    """
+def number(text: str, subject: str, units: Mapping[str, float] = PLAIN) -> float:
+    """Return a number in SI units; raise `InputRefused` for other texts and unknown units."""
     match = _NUMBER.fullmatch(text)
     if match is None:
-        raise InputRefused(f"{what} is a number, got {text!r}")
+        raise InputRefused(f"{subject}: expected a number, got {text!r}")
     if match[2] not in units:
-        raise InputRefused(f"{what} is {text!r}: unknown unit; {valid_choices(match[2], [u for u in units if u])}")
+        raise InputRefused(f"{subject}: unknown unit in {text!r}; {valid_choices(match[2], [u for u in units if u])}")
     return float(match[1]) * units[match[2]]
 
 
-def displacement(words: Sequence[str], what: str, units: Mapping[str, float]) -> tuple[Array, bool]:
-    """Read pairs of a number and a direction, such as ``0.02 forward 0.01 down``, and add them up.
+def displacement(words: Sequence[str], subject: str, units: Mapping[str, float]) -> tuple[Array, bool]:
+    """Return the sum of pairs of a number and a direction, such as ``0.02 forward 0.01 down``.
 
     Returns:
-        Their sum, (3,), and True if it is in the axes of the robot's heading; otherwise it is in those of the world.
+        The sum, (3,), and True for the axes of the robot's heading, False for the axes of the world.
 
     Raises:
         InputRefused: if the words have another form, or mix both kinds of direction.
     """
     if not words or len(words) % 2:
         raise InputRefused(
-            f"{what} takes pairs of a number and a direction, such as 0.02 forward, got {_quoted(words)}"
+            f"{subject} requires pairs of a number and a direction, such as 0.02 forward; got {_quoted(words)}"
         )
     known = {**HEADINGS, **AXES}
     total, directions = np.zeros(3), words[1::2]
     for amount, direction in zip(words[::2], directions, strict=True):
         if direction not in known:
-            raise InputRefused(f"{what}: unknown direction {direction!r}; {valid_choices(direction, known)}")
-        total += number(amount, what, units) * np.array(known[direction])
+            raise InputRefused(f"{subject}: unknown direction {direction!r}; {valid_choices(direction, known)}")
+        total += number(amount, subject, units) * np.array(known[direction])
     level = {"up", "down", "z"}  # the same in both
     by_heading, by_axes = (set(directions) & set(names) - level for names in (HEADINGS, AXES))
     if by_heading and by_axes:
-        raise InputRefused(f"{what}: {_quoted(words)} mixes the robot's directions with the world's axes x, y, z")
+        raise InputRefused(
+            f"{subject}: {_quoted(words)} mixes directions of the robot with axes x, y, z of the world; use one kind"
+        )
     return total, not by_axes
 
 
-def turn(words: Sequence[str], axes: Mapping[str, tuple[int, int, int]], what: str) -> Array:
-    """Read an angle and a direction, such as ``10deg left``, as a rotation vector by the robot's heading, (3,) in rad.
-
-    Raises:
-        InputRefused: if the words have another form.
-    """
+def turn(words: Sequence[str], axes: Mapping[str, tuple[int, int, int]], subject: str) -> Array:
+    """Return ``ANGLE DIRECTION`` as a rotation vector in heading axes, (3,) in rad; raise `InputRefused` otherwise."""
     if len(words) != 2:
-        raise InputRefused(f"{what} takes an angle and a direction, such as 10deg left, got {_quoted(words)}")
+        raise InputRefused(f"{subject} requires an angle and a direction, such as 10deg left; got {_quoted(words)}")
     if words[1] not in axes:
-        raise InputRefused(f"{what}: unknown direction {words[1]!r}; {valid_choices(words[1], axes)}")
-    return number(words[0], what, ANGLE) * np.array(axes[words[1]])
+        raise InputRefused(f"{subject}: unknown direction {words[1]!r}; {valid_choices(words[1], axes)}")
+    return number(words[0], subject, ANGLE) * np.array(axes[words[1]])
 
 
 def quaternion(rotation: Array) -> Array:
-    """Quaternion (x, y, z, w) of a rotation vector, (3,) in rad."""
+    """Return the quaternion (x, y, z, w) of a rotation vector, (3,) in rad."""
     angle = float(np.linalg.norm(rotation))
     axis = rotation / angle if angle > 0.0 else np.zeros(3)
     return np.array([*(math.sin(0.5 * angle) * axis), math.cos(0.5 * angle)])

@@ -1,4 +1,4 @@
-"""Parser of the requests of `wbc send`: words become one message on one topic of a node."""
+"""Parser of the requests of `wbc send`: words become one message on one topic."""
 
 from __future__ import annotations
 
@@ -28,9 +28,8 @@ from wbc_controller.middleware.topics import TASK_TYPES
 from wbc_controller.records import REQUESTS, Array
 from wbc_controller.settings import Settings
 
-#: Returns the newest message of a topic, by its node, row and subject; waits for the first one.
-Hear = Callable[[str, str, str], Any]
-#: First words of requests that do not begin with a task's name, with the form of the rest.
+ReadMessage = Callable[[str, str, str], Any]  # waits for the newest message of a topic, given by node, key and subject
+#: First words of requests other than setpoints, with the form of the arguments.
 FORMS = {
     **dict.fromkeys(REQUESTS, ""),
     "release": "",
@@ -51,20 +50,16 @@ class Request:
     """One message to a node."""
 
     node: str  # ``controller`` or ``mock``
-    key: str  # row of the node's table of topics
-    subject: str  # its task or contact; empty for the others
-    summary: str  # the effect in words, without a full stop
-    make: Callable[[Hear], Any]  # makes the message; it may ask for messages of the nodes
-    #: Frame of the robot whose name the sender has to check, since the mock robot only logs an error; or empty.
+    key: str  # key of the topic in the node's table
+    subject: str  # task or contact of the topic; empty for other topics
+    summary: str  # effect in words, without a full stop
+    make: Callable[[ReadMessage], Any]  # makes the message; it may read messages of the nodes
+    #: Frame of the robot to be checked by the sender, because the mock robot only logs an error; or empty.
     frame: str = ""
 
 
 def parse_request(words: Sequence[str], settings: Settings) -> Request:
-    """Parse a request such as ``["com", "+0.02", "forward"]``; the settings name the tasks and contacts.
-
-    Raises:
-        InputRefused: if the words have no valid form, with the valid ones.
-    """
+    """Parse a request such as ``["com", "+0.02", "forward"]``; raise `InputRefused` with the valid forms."""
     first, rest = (words[0], list(words[1:])) if words else ("", [])
     if first in settings.tasks:
         return _setpoint(first, rest, settings)
@@ -76,41 +71,42 @@ def parse_request(words: Sequence[str], settings: Settings) -> Request:
     if first in REQUESTS:
         return Request("controller", "command", "", first, _string(first))
     if first in ("release", "hold"):
-        summary = "the hoist lets go of the robot" if first == "release" else "the hoist holds the robot at its start"
+        summary = (
+            "the hoist releases the robot" if first == "release" else "the hoist lifts the robot to its start pose"
+        )
         return Request("mock", "hold", "", summary, _bool(first == "hold"))
     if first == "push":
         return _push(rest, settings)
     if first in ("update", "fault"):
         if not rest:
-            raise InputRefused(f"{first} takes YAML, see docs/{'topics' if first == 'update' else 'faults'}.md")
+            raise InputRefused(f"{first} requires YAML; see docs/{'topics' if first == 'update' else 'faults'}.md")
         return Request("controller" if first == "update" else "mock", first, "", f"{first} {text}", _string(text))
     if first == "record":
         return Request("controller", "record", "", "the last seconds are written to a file", _string("-".join(rest)))
     if len(rest) != 2:
-        raise InputRefused(f"{first} takes {form}, got {text!r}")
+        raise InputRefused(f"{first} requires {form}; got {text!r}")
     kind, known = ("task", settings.tasks) if first in ("task", "weight") else ("contact", settings.contacts)
     name = _one_of(rest[0], known, kind)
     if first == "weight":
-        value = number(rest[1], "a weight")
+        value = number(rest[1], "weight")
         summary = f"the weight of {name} becomes {value:g} in {settings.control.weight_ramp:g} s"
         return Request("controller", "weight", name, summary, _constant("std_msgs/msg/Float64", data=value))
     on = _one_of(rest[1], ("on", "off"), "value") == "on"
     if first == "grip":
-        return Request("mock", "grip", name, f"{'grips' if on else 'lets go of'} {name}", _bool(on))
+        return Request("mock", "grip", name, f"{'grips' if on else 'releases'} {name}", _bool(on))
     ramp = settings.control.weight_ramp if first == "task" else settings.contacts[name].ramp
     return Request("controller", f"{first}_enable", name, f"{first} {name} goes {rest[1]} in {ramp:g} s", _bool(on))
 
 
-def _constant(type_name: str, **fields: Any) -> Callable[[Hear], Any]:
-    """Make a message that depends on no other message."""
-    return lambda hear: message(type_name, **fields)
+def _constant(type_name: str, **fields: Any) -> Callable[[ReadMessage], Any]:
+    return lambda wait_for_message: message(type_name, **fields)
 
 
-def _string(text: str) -> Callable[[Hear], Any]:
+def _string(text: str) -> Callable[[ReadMessage], Any]:
     return _constant("std_msgs/msg/String", data=text)
 
 
-def _bool(value: bool) -> Callable[[Hear], Any]:
+def _bool(value: bool) -> Callable[[ReadMessage], Any]:
     return _constant("std_msgs/msg/Bool", data=value)
 
 
@@ -121,19 +117,19 @@ def _one_of(word: str, choices: Any, kind: str) -> str:
 
 
 def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
-    """Read a setpoint, such as ``TASK 0.02 forward``, ``TASK turn 10deg left`` or ``TASK to 0 0 0.6 in FRAME``."""
+    """Parse a setpoint: ``TASK 0.02 forward``, ``TASK turn 10deg left`` or ``TASK to 0 0 0.6 in FRAME``."""
     spec = settings.tasks[task]
     kind, duration = spec.type, spec.setpoint_duration
     type_name = TASK_TYPES[kind]["setpoint"]
     oriented = type_name == "geometry_msgs/msg/PoseStamped"
     make = partial(setpoint_message, type_name, kind)
 
-    def request(summary: str, content: Callable[[Hear], Any]) -> Request:
+    def request(summary: str, content: Callable[[ReadMessage], Any]) -> Request:
         when = f"in {duration:g} s" if duration > 0.0 else "at once"
         return Request("controller", "setpoint", task, f"{task} {summary}, {when}", content)
 
     def at(summary: str, position: Array, frame: str) -> Request:
-        return request(summary, lambda hear: make(position, frame=frame))
+        return request(summary, lambda wait_for_message: make(position, frame=frame))
 
     if kind in JOINT_FIELDS:
         return request(*_joints(task, words, JOINT_FIELDS[kind]))
@@ -146,93 +142,99 @@ def _setpoint(task: str, words: list[str], settings: Settings) -> Request:
         return at(f"{words[0]}s {' '.join(words[1:])}", values, f"{task}/heading")
     if kind in ("frame_orientation", "axis_alignment", "contact_wrench"):
         forms = {"frame_orientation": "turn 10deg left, lean 5deg forward, or to X Y Z W"}.get(kind, "to NUMBERS")
-        raise InputRefused(f"{task} is a {kind} task: it takes {forms}")
+        raise InputRefused(f"{task} is a {kind} task; valid forms: {forms}")
     moved, by_heading = displacement(words, task, LENGTH if "momentum" not in kind else {"": 1.0})
     if kind == "relative_pose" and by_heading:
-        raise InputRefused(f"{task} is relative to {spec.reference_frame}: give its axes x, y, z")  # type: ignore[union-attr]
+        raise InputRefused(f"{task} is relative to {spec.reference_frame}; valid directions: its axes x, y, z")  # type: ignore[union-attr]
     values = np.array([*moved, 0.0, 0.0, 0.0, 1.0]) if oriented else moved
     return at(f"moves {' '.join(words)}", values, f"{task}/{'heading' if by_heading else 'reference'}")
 
 
 def _absolute(
     task: str, words: list[str], make: Callable[..., Any], oriented: bool, home: str
-) -> tuple[str, Callable[[Hear], Any]]:
-    """Read ``0 0 0.6 [in FRAME]``."""
+) -> tuple[str, Callable[[ReadMessage], Any]]:
+    """Parse ``0 0 0.6 [in FRAME]``."""
     frame = home
     if len(words) > 1 and words[-2] == "in":
         frame, words = words[-1], words[:-2]
     values = np.array([number(word, task) for word in words])
     summary = f"goes to {' '.join(words)} in {frame}"
     if not oriented or len(values) in (4, 7):
-        return summary, lambda hear: make(values, frame=frame)
+        return summary, lambda wait_for_message: make(values, frame=frame)
     if len(values) != 3 or frame != home:
-        raise InputRefused(f"{task} goes to x y z, or with a quaternion to x y z x y z w, got {' '.join(words)!r}")
+        raise InputRefused(
+            f"{task} requires x y z in {home}, or x y z and a quaternion x y z w; got {' '.join(words)!r}"
+        )
 
-    def keep_orientation(hear: Hear) -> Any:
-        turned = hear("controller", "task_reference", task).pose.orientation
+    def keep_orientation(wait_for_message: ReadMessage) -> Any:
+        turned = wait_for_message("controller", "task_reference", task).pose.orientation
         return make(np.array([*values, turned.x, turned.y, turned.z, turned.w]), frame=frame)
 
     return summary, keep_orientation
 
 
-def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[Hear], Any]]:
-    """Read ``JOINT by 0.1`` or ``JOINT to 0.6``, or several of the same kind."""
-    hows = set(words[1::3])
-    if not words or len(words) % 3 or len(hows) != 1 or not hows <= {"by", "to"}:
-        raise InputRefused(f"{task} takes JOINT by NUMBER, or JOINT to NUMBER, one or several, got {' '.join(words)!r}")
+def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[ReadMessage], Any]]:
+    """Parse ``JOINT by 0.1`` or ``JOINT to 0.6``, one or several of the same kind."""
+    keywords = set(words[1::3])
+    if not words or len(words) % 3 or len(keywords) != 1 or not keywords <= {"by", "to"}:
+        raise InputRefused(
+            f"{task} requires JOINT by NUMBER or JOINT to NUMBER, one or several; got {' '.join(words)!r}"
+        )
     units = {"": 1.0, "N·m": 1.0, "Nm": 1.0} if field == "effort" else ANGLE
     names, values = words[::3], np.array([number(word, task, units) for word in words[2::3]])
 
     def joints(names: Sequence[str], values: Array, frame: str) -> Any:
-        kind = next(kind for kind, held in JOINT_FIELDS.items() if held == field)
+        kind = next(kind for kind, field_kind in JOINT_FIELDS.items() if field_kind == field)
         return setpoint_message("sensor_msgs/msg/JointState", kind, values, frame=frame, joints=names)
 
-    if hows == {"by"}:
-        return f"moves {' '.join(words)}", lambda hear: joints(names, values, f"{task}/reference")
+    if keywords == {"by"}:
+        return f"moves {' '.join(words)}", lambda wait_for_message: joints(names, values, f"{task}/reference")
 
-    def others_stay(hear: Hear) -> Any:
-        before = hear("controller", "task_reference", task)
+    def keep_other_joints(wait_for_message: ReadMessage) -> Any:
+        before = wait_for_message("controller", "task_reference", task)
         known = dict(zip(before.name, getattr(before, field), strict=True))
         for name in names:
             _one_of(name, known, "joint")
         known |= dict(zip(names, values, strict=True))
         return joints(list(known), np.array(list(known.values())), "")
 
-    return f"goes {' '.join(words)}", others_stay
+    return f"goes {' '.join(words)}", keep_other_joints
 
 
 def _push(words: list[str], settings: Settings) -> Request:
-    """Read ``60 forward [for 0.1] [at FRAME]``."""
+    """Parse ``60 forward [for 0.1] [at FRAME]``."""
     tail = {"for": "", "at": ""}
     while len(words) > 2 and words[-2] in tail:
         tail[words[-2]] = words[-1]
         words = words[:-2]
     force, by_heading = displacement(words, "push", FORCE)
-    lasts = settings.mock.push_duration
-    asked = number(tail["for"], "push: the duration", TIME) if tail["for"] else lasts
-    if not abs(asked - lasts) <= 1.0e-6:
-        same = np.linalg.norm(force) * asked / lasts
+    push_time = settings.mock.push_duration
+    requested_time = number(tail["for"], "push: the duration", TIME) if tail["for"] else push_time
+    if not abs(requested_time - push_time) <= 1.0e-6:
+        same = np.linalg.norm(force) * requested_time / push_time
         raise InputRefused(
-            f"push: the mock robot is pushed for {lasts:g} s (mock.push_duration), not for {asked:g} s; "
-            f"{same:g} N for {lasts:g} s are the same impulse"
+            f"push: duration {requested_time:g} s; valid: {push_time:g} s (mock.push_duration). "
+            f"{same:g} N for {push_time:g} s give the same impulse"
         )
     named = settings.tasks.get(tail["at"]) or settings.contacts.get(tail["at"])
     frame = getattr(named, "frame", tail["at"])
     floating = settings.robot.base == "floating"
 
-    def content(hear: Hear) -> Any:
-        return wrench_stamped(np.array([*_heading(hear, floating and by_heading) @ force, 0.0, 0.0, 0.0]), frame)
+    def content(wait_for_message: ReadMessage) -> Any:
+        return wrench_stamped(
+            np.array([*_heading(wait_for_message, floating and by_heading) @ force, 0.0, 0.0, 0.0]), frame
+        )
 
-    summary = f"a push of {' '.join(words)} (N) for {lasts:g} s at {frame or 'the base'}"
+    summary = f"a push of {' '.join(words)} (N) for {push_time:g} s at {frame or 'the base'}"
     return Request("mock", "push", "", summary, content, frame)
 
 
-def _heading(hear: Hear, turned: bool) -> Array:
-    """Axes of the robot's heading in the world, (3, 3); the world's where it is not turned."""
+def _heading(wait_for_message: ReadMessage, turned: bool) -> Array:
+    """Return the axes of the robot's heading in the world, (3, 3), or the world's axes."""
     if not turned:
         return np.eye(3)
-    odometry = hear("mock", "odom", "")
-    # The decoders import the whole controller, for which shell completion would have to wait.
+    odometry = wait_for_message("mock", "odom", "")
+    # imported late, because shell completion must be fast
     from wbc_controller.middleware.codec import encode
     from wbc_controller.middleware.states import OdometryReader
 

@@ -1,4 +1,4 @@
-"""A user's connection to the nodes of one robot: their newest messages, and requests with their answers."""
+"""Connection of a user to the nodes of one robot: newest messages, and requests with their outcomes."""
 
 from __future__ import annotations
 
@@ -32,30 +32,27 @@ from wbc_controller.nodes.guard_service import NODE_NAME as GUARD_NODE
 from wbc_controller.nodes.wiring import named_frames
 from wbc_controller.settings import NODE_NAME, Settings
 
-#: Name of the user's node.
 _NODE = "wbc_user"
-#: Wall time in which a node that is there has to answer, s: on a computer that is busy, several times what it takes.
-ANSWER = 20.0
-#: Commands that take the ramp of the torques, and the mode in which they end.
-_RAMPED = {"activate": "active", "deactivate": "inactive"}
+ANSWER_TIMEOUT = 20.0  # of a discovered node, wall time, s
+_RAMPED = {"activate": "active", "deactivate": "inactive"}  # commands with a torque ramp, and their final mode
 
 
 class NoAnswer(WbcError):
-    """No node was found, or it did not answer."""
+    """A node was not found or did not answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Answer:
-    """The outcome of a request."""
+    """Outcome of a request."""
 
-    done: bool  # False if it was refused
-    sentence: str  # the outcome in words
+    done: bool  # False after a refusal
+    text: str
 
 
 def topics_of(
     settings: Settings, namespace: str = "/", remappings: Mapping[str, str] | None = None
 ) -> dict[tuple[str, str, str], Endpoint]:
-    """Return every topic of all nodes, by node, row and subject."""
+    """Return the topics of all nodes, by node, key and subject."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
     tables = {
         "controller": (CONTROLLER_TOPICS, NODE_NAME),
@@ -79,7 +76,7 @@ def topics_of(
 
 
 class Session:
-    """Sends messages to the nodes, and keeps their newest messages."""
+    """Sends requests to the nodes and stores their newest messages."""
 
     def __init__(
         self,
@@ -90,14 +87,14 @@ class Session:
         patience: float = DISCOVERY_PATIENCE,
         node: str = _NODE,
     ) -> None:
-        """Join the DDS domain as a node; an undiscovered node counts as absent after `patience`, s of wall time."""
+        """Join the DDS domain as a node; an undiscovered node counts as absent after `patience`, wall time, s."""
         self.topics = topics_of(settings, namespace, remappings)
         self._settings = settings
         self._status_name = f"{namespace.strip('/')}/{NODE_NAME}: control loop".lstrip("/")
         self._patience = patience
         self._transport = DdsTransport(node, namespace)
-        self._came = threading.Condition()
-        self._kept: dict[tuple[str, str, str], deque[bytes]] = {}
+        self._arrival = threading.Condition()
+        self._messages: dict[tuple[str, str, str], deque[bytes]] = {}
         self._publications: dict[tuple[str, str, str], DdsPublication] = {}
         self._opening = threading.Lock()
 
@@ -108,68 +105,56 @@ class Session:
         self._transport.close()
 
     def listen(self, node: str, key: str, subject: str = "", *, depth: int = 1) -> None:
-        """Keep the newest messages of a topic from now on, and of a latched one the last."""
+        """Subscribe to a topic and store its newest messages; a latched topic delivers its last message."""
         place = (node, key, subject)
-        if place not in self._kept:
-            self._kept[place] = self._subscribe(counterpart(self.topics[place]), depth)
+        if place not in self._messages:
+            self._messages[place] = self._subscribe(counterpart(self.topics[place]), depth)
 
     def _subscribe(self, endpoint: Endpoint, depth: int) -> deque[bytes]:
-        """Subscribe to a topic; returns the queue of its serialized messages."""
-        kept: deque[bytes] = deque(maxlen=depth)
+        payloads: deque[bytes] = deque(maxlen=depth)
 
         def receive(payload: bytes) -> None:
-            with self._came:
-                kept.append(payload)
-                self._came.notify_all()
+            with self._arrival:
+                payloads.append(payload)
+                self._arrival.notify_all()
 
         self._transport.subscribe(endpoint, receive)
-        return kept
+        return payloads
 
     def poll(self, node: str, key: str, subject: str = "") -> Callable[[], bytes | None]:
-        """Follow a stream without a callback; the result returns the newest serialized message since its last call.
-
-        The subscription is best effort: the publisher waits for no acknowledgment.
-        """
+        """Return a function that returns the newest payload since its last call, by a best-effort subscription."""
         topic = dataclasses.replace(counterpart(self.topics[node, key, subject]), qos=STATE_IN)
         stream = self._transport.stream(topic, depth=1)
 
         def newest() -> bytes | None:
-            taken = stream.take()
-            return taken[-1] if taken else None
+            received = stream.take()
+            return received[-1] if received else None
 
         return newest
 
     def newest(self, node: str, key: str, subject: str = "") -> Any | None:
-        """Return the newest message of a topic that is listened to; None before the first one."""
-        kept = self._kept[node, key, subject]
-        return decode(kept[-1], self.topics[node, key, subject].type) if kept else None
+        """Return the newest message of a subscribed topic; None before the first one."""
+        payloads = self._messages[node, key, subject]
+        return decode(payloads[-1], self.topics[node, key, subject].type) if payloads else None
 
     def take(self, node: str, key: str, subject: str = "") -> Iterator[Any]:
-        """Take the messages of a topic that were kept, oldest first."""
-        kept = self._kept[node, key, subject]
-        while kept:
-            yield decode(kept.popleft(), self.topics[node, key, subject].type)
+        """Remove and yield the stored messages of a topic, oldest first."""
+        payloads = self._messages[node, key, subject]
+        while payloads:
+            yield decode(payloads.popleft(), self.topics[node, key, subject].type)
 
-    def hear(self, node: str, key: str, subject: str = "") -> Any:
-        """Return the newest message of a topic; waits for the first one.
-
-        Raises:
-            NoAnswer: if none arrives.
-        """
+    def wait_for_message(self, node: str, key: str, subject: str = "") -> Any:
+        """Return the newest message of a topic, after waiting for the first one; raise `NoAnswer` without any."""
         self.listen(node, key, subject)
         name = self.topics[node, key, subject].name
-        self.until(lambda: self._kept[node, key, subject], f"no message on {name}{self._mode_said()}")
+        self.until(lambda: self._messages[node, key, subject], f"no message on {name}{self._mode_note()}")
         return self.newest(node, key, subject)
 
-    def until(self, condition: Callable[[], Any], otherwise: str, patience: float = ANSWER) -> None:
-        """Wait until messages have made a condition true.
-
-        Raises:
-            NoAnswer: with the sentence `otherwise`, if it is not true in time.
-        """
-        with self._came:
-            if not self._came.wait_for(condition, patience):
-                raise NoAnswer(otherwise)
+    def until(self, condition: Callable[[], Any], error: str, patience: float = ANSWER_TIMEOUT) -> None:
+        """Wait until a condition on the messages is true; raise `NoAnswer` with the text `error` otherwise."""
+        with self._arrival:
+            if not self._arrival.wait_for(condition, patience):
+                raise NoAnswer(error)
 
     def publishers(self, topic: Endpoint) -> tuple[str, ...]:
         """Return the names of the nodes that publish on a topic."""
@@ -177,28 +162,24 @@ class Session:
 
     def mode(self) -> str:
         """Return the controller's state; empty before its first message."""
-        state = self.newest("controller", "state") if ("controller", "state", "") in self._kept else None
+        state = self.newest("controller", "state") if ("controller", "state", "") in self._messages else None
         return "" if state is None else str(state.data)
 
-    def _mode_said(self) -> str:
+    def _mode_note(self) -> str:
         return f"; the controller is {self.mode()}" if self.mode() else ""
 
-    def ask(self, request: Request) -> Answer:
-        """Send a request, and wait for its outcome.
-
-        Raises:
-            NoAnswer: if its node is not found, or does not answer.
-        """
+    def execute(self, request: Request) -> Answer:
+        """Send a request, and wait for its outcome; raise `NoAnswer` without a node or an answer."""
         if (request.node, request.key, request.summary) == ("controller", "command", "estop"):
-            return self._stop(request)
+            return self._emergency_stop(request)
         if request.node == "mock":
             self._deliver(request)
             return Answer(True, f"sent to the mock robot: {request.summary}")
         self.wait_for_controller()
-        return self._ask_recorder(request) if request.key == "record" else self._ask_controller(request)
+        return self._request_recording(request) if request.key == "record" else self._send_and_confirm(request)
 
     def open(self, node: str, key: str, subject: str = "") -> DdsPublication:
-        """Open a topic for `send`, once: a node needs a moment to discover a new publisher."""
+        """Advertise a topic for `send` early, because discovery of a publisher takes time."""
         place = (node, key, subject)
         with self._opening:
             if place not in self._publications:
@@ -206,61 +187,63 @@ class Session:
             return self._publications[place]
 
     def send(self, request: Request) -> None:
-        """Send a request without waiting for its outcome; a refusal is on the controller's diagnostics. Thread-safe.
+        """Send a request without waiting for its outcome; refusals appear in the controller's diagnostics. Thread-safe.
 
         Raises:
-            NoAnswer: if nobody reads its topic.
-            TransportError: if it could not be sent.
+            NoAnswer: without a subscriber of the topic.
+            TransportError: if sending failed.
         """
-        publication, content = self.open(request.node, request.key, request.subject), request.make(self.hear)
-        if not publication.wait_for_reader(self._patience):
-            raise NoAnswer(self._absent(request.node))
+        publication, content = (
+            self.open(request.node, request.key, request.subject),
+            request.make(self.wait_for_message),
+        )
+        if not publication.finds_reader(self._patience):
+            raise NoAnswer(self._absent_node(request.node))
         publication(encode(content))
 
-    def _stop(self, request: Request) -> Answer:
-        """Send an emergency stop first, then wait until the controller confirms it."""
+    def _emergency_stop(self, request: Request) -> Answer:
         self._deliver(request)
         self.listen("controller", "state")
         self.until(
-            lambda: "ESTOP" in self.mode(), "the emergency stop is delivered; the controller has not confirmed it"
+            lambda: "ESTOP" in self.mode(),
+            "the emergency stop was delivered, but the controller has not confirmed it; check the robot",
         )
         return Answer(True, f"the controller is {self.mode()}")
 
     def find_controller(self) -> None:
-        """Wait until DDS has discovered the publisher of the controller's state.
+        """Wait until DDS has discovered the publisher of the controller's state, before the first subscription.
 
-        Call it before the first subscription. Fast DDS sends latched messages with its next heartbeat, up to 3 s later,
-        to a reader that announced itself before it had discovered the writer.
+        Fast DDS delays latched messages by up to 3 s for a reader that was announced before the discovery of the
+        writer.
 
         Raises:
-            NoAnswer: if no publisher is discovered within the session's patience.
+            NoAnswer: if no publisher is discovered in time.
         """
         state = counterpart(self.topics["controller", "state", ""])
         deadline = time.monotonic() + self._patience
         while not self._transport.publishers(state):
             if time.monotonic() >= deadline:
-                raise NoAnswer(self._absent("controller"))
+                raise NoAnswer(self._absent_node("controller"))
             time.sleep(0.01)
 
     def wait_for_controller(self) -> None:
-        """Wait for a message on each of the controller's topics state and diagnostics.
-
-        Raises:
-            NoAnswer: if the controller is not found, or publishes nothing on one of them.
-        """
+        """Wait for messages on the controller's topics state and diagnostics; raise `NoAnswer` without them."""
         self.find_controller()
         self.listen("controller", "state")
         self.listen("controller", "diagnostics", depth=1000)
         for key in ("state", "diagnostics"):
             name = self.topics["controller", key, ""].name
-            self.until(lambda key=key: self._kept["controller", key, ""], f"no message on {name}{self._mode_said()}")  # type: ignore[misc]
+            self.until(
+                lambda key=key: self._messages["controller", key, ""],  # type: ignore[misc]
+                f"no message on {name}{self._mode_note()}",
+            )
 
-    def _ask_controller(self, request: Request) -> Answer:
-        topic, before = self.topics[request.node, request.key, request.subject], self._values()
+    def _send_and_confirm(self, request: Request) -> Answer:
+        topic, before = self.topics[request.node, request.key, request.subject], self._status_values()
         self._deliver(request)
-        later = self._values_until(
+        later = self._status_values_until(
             lambda values: values["requests_taken"] != before["requests_taken"],
-            f"the controller has not taken it{self._mode_said()}",
+            f"the controller did not process the request{self._mode_note()}",
         )
         refusals = [text for values in later for key, text in values.items() if key.startswith("refused/")]
         refusals = [text for text in refusals if not text.startswith("/") or text.startswith(topic.name)]
@@ -270,84 +253,82 @@ class Session:
             return self._await_ramp(request.summary)
         return Answer(True, f"accepted: {request.summary}")
 
-    def _ask_recorder(self, request: Request) -> Answer:
-        before = self._values()
+    def _request_recording(self, request: Request) -> Answer:
+        before = self._status_values()
         if not before.get("recorder_said"):
             return Answer(False, f"refused: {before['recorder']}")
         self._deliver(request)
-        later = self._values_until(
+        later = self._status_values_until(
             lambda values: values.get("recorder_said") != before["recorder_said"],
-            f"the recorder does not answer; its last status: {before['recorder']}",
+            f"no answer from the recorder; its last status: {before['recorder']}",
         )
         return Answer(True, later[-1]["recorder"])
 
-    def _values(self) -> dict[str, str]:
-        """Return the values of the controller's newest status; waits for one."""
-        return self._values_until(lambda values: True, "no status of this controller on /diagnostics")[-1]
+    def _status_values(self) -> dict[str, str]:
+        return self._status_values_until(lambda values: True, "no status of the controller on /diagnostics")[-1]
 
-    def _values_until(self, condition: Callable[[dict[str, str]], bool], otherwise: str) -> list[dict[str, str]]:
-        """Return the values of the controller's statuses from now on, up to the first that meets a condition."""
+    def _status_values_until(self, condition: Callable[[dict[str, str]], bool], error: str) -> list[dict[str, str]]:
         found: list[dict[str, str]] = []
 
         def met() -> bool:
             found.extend({value.key: value.value for value in status.values} for status in self.statuses())
             return bool(found) and condition(found[-1])
 
-        self.until(met, otherwise)
+        self.until(met, error)
         return found
 
     def statuses(self) -> Iterator[Any]:
-        """Take the controller's statuses since the last call, oldest first: diagnostic_msgs/DiagnosticStatus."""
+        """Remove and yield the controller's statuses (DiagnosticStatus) since the last call, oldest first."""
         for array in self.take("controller", "diagnostics"):
             yield from (status for status in array.status if status.name == self._status_name)
 
     def follow(self, topic: Endpoint) -> Callable[[float], list[Any]]:
-        """Listen to any topic; the result waits up to a time, in s, and takes the messages that have arrived."""
-        # Of a node's outputs, use its quality of service; of its inputs, receive from publishers of any quality.
+        """Subscribe to any topic; return a function that waits up to a time, s, and returns the new messages."""
+        # Outputs of a node keep their quality of service; inputs accept publishers of any quality.
         endpoint = dataclasses.replace(topic, qos=STATE_IN) if topic.direction is Direction.IN else counterpart(topic)
-        kept = self._subscribe(dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=1000)), 1000)
+        payloads = self._subscribe(
+            dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=1000)), 1000
+        )
 
         def messages(wait: float) -> list[Any]:
-            with self._came:
-                self._came.wait_for(lambda: kept, wait)
-                taken = list(kept)
-                kept.clear()
-            return [decode(payload, topic.type) for payload in taken]
+            with self._arrival:
+                self._arrival.wait_for(lambda: payloads, wait)
+                received = list(payloads)
+                payloads.clear()
+            return [decode(payload, topic.type) for payload in received]
 
         return messages
 
     def _await_ramp(self, word: str) -> Answer:
-        """Wait for the end of the ramp that a command begins."""
         if word not in _RAMPED:
             return Answer(True, f"accepted: {word}; the controller is {self.mode()}")
         self.listen("controller", "joint_commands")
-        begun, ramp = self._stamp(), self._settings.safety.activation_ramp
+        begun, ramp = self._command_stamp(), self._settings.safety.activation_ramp
         while self.mode().startswith("active"):
-            if word == "activate" and self._stamp() - begun > ramp:
-                return Answer(True, "the controller is active, and its torques are ramped in")
-            before = self._stamp()
+            if word == "activate" and self._command_stamp() - begun > ramp:
+                return Answer(True, "the controller is active at full torque")
+            before = self._command_stamp()
             self.until(
-                lambda before=before: self._stamp() > before or not self.mode().startswith("active"),  # type: ignore[misc]
-                "the controller is active, but sends no commands",
+                lambda before=before: self._command_stamp() > before or not self.mode().startswith("active"),  # type: ignore[misc]
+                "the controller is active, but sends no joint commands",
             )
         done = self.mode() == _RAMPED[word]
         return Answer(done, f"the controller is {self.mode()}")
 
-    def _stamp(self) -> float:
+    def _command_stamp(self) -> float:
         """Return the stamp of the newest joint command, s; 0 before the first one."""
-        kept = self._kept["controller", "joint_commands", ""]
-        return header_time(kept[-1]) if kept else 0.0
+        payloads = self._messages["controller", "joint_commands", ""]
+        return header_time(payloads[-1]) if payloads else 0.0
 
     def _deliver(self, request: Request) -> None:
         topic = self.topics[request.node, request.key, request.subject]
-        content = request.make(self.hear)
-        if not self._transport.deliver(counterpart(topic), encode(content), self._patience, ANSWER):
-            raise NoAnswer(self._absent(request.node))
+        content = request.make(self.wait_for_message)
+        if not self._transport.deliver(counterpart(topic), encode(content), self._patience, ANSWER_TIMEOUT):
+            raise NoAnswer(self._absent_node(request.node))
 
-    def _absent(self, owner: str) -> str:
-        """Return the message for an absent node."""
+    def _absent_node(self, owner: str) -> str:
         node, command = ("controller", "run") if owner == "controller" else ("mock robot", "mock")
         return (
-            f"no {node} found on DDS domain {self._transport.domain} within {self._patience:g} s; "
+            f"no {node} found in DDS domain {self._transport.domain} within {self._patience:g} s; "
             f"start it with: wbc {command}"
         )

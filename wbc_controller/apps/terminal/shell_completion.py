@@ -1,4 +1,4 @@
-"""Shell completion of `wbc`: robots, the words of a request, and topics."""
+"""Shell completion of robots, words of requests, and topics."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wbc_controller.settings.files import find_configuration, load_settings, shi
 
 
 def complete_config(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete the robots that are shipped, or files."""
+    """Complete supplied robots or files."""
     robots = [CompletionItem(name) for name in shipped_configurations() if name.startswith(incomplete)]
     return robots or [CompletionItem(incomplete, type="file")]
 
@@ -39,7 +39,6 @@ def complete_topics(ctx: click.Context, param: click.Parameter, incomplete: str)
 
 
 def _settings(ctx: click.Context) -> Settings | None:
-    """Settings of the robot on the command line; None if they cannot be read, which the command itself reports."""
     try:
         return load_settings(find_configuration(str(ctx.params.get("config") or "")))
     except WbcError:
@@ -47,7 +46,7 @@ def _settings(ctx: click.Context) -> Settings | None:
 
 
 def next_words(words: list[str], settings: Settings) -> list[str]:
-    """Return the words that may come next in a request."""
+    """Return the valid next words of a request."""
     if "then" in words:
         words = words[len(words) - words[::-1].index("then") :]
     if not words:

@@ -1,4 +1,4 @@
-"""The text of `wbc status`: mode, rates, ages, tasks, binding constraints, audit, and the next step after a fault."""
+"""Text of `wbc status`: mode, rates, ages, tasks, binding constraints, audit, and the next step after a fault."""
 
 from __future__ import annotations
 
@@ -18,36 +18,35 @@ from wbc_controller.middleware.setpoints import JOINT_FIELDS
 from wbc_controller.nodes.diagnostics.shortfall import describe_constraint
 from wbc_controller.settings import Settings
 
-#: Colours of the levels of a status.
 _COLOURS = {0: "green", 1: "yellow", 2: "red"}
 
 
-#: What to check and do after a fault, by its code.
+#: Checks and commands after a fault, by its code.
 NEXT_STEPS: Mapping[str, str] = {
-    "CLOCK": "see that one node publishes the time, and that nobody sets the clock; then reset, activate",
-    "STALE_INPUT": "see that the robot's driver runs, and its messages come in time (wbc status); then reset, activate",
-    "ESTIMATE_LOST": "look at the IMU and its mounting; let the robot stand still or hang it up; then reset, activate",
-    "IMPLAUSIBLE_STATE": "look at the joint or sensor that is named, with the robot hung up; then reset, activate",
-    "UNEXPLAINED_MOTION": "hang the robot up; compare the order and signs of its effort command; then reset, activate",
-    "FALLEN": "hold the robot up (wbc send hold for the mock robot), then reset, activate, release",
-    "NO_SOLUTION": "wbc replay names the constraints in conflict; take back the last request; then reset, activate",
-    "RELAXED": "look at the constraints that were relaxed; ask for less; then reset, activate",
-    "BAD_TORQUE": "look at the recording of the fault (wbc replay); then reset, activate",
-    "ESTOP": "when it is safe: reset, then activate",
-    "METHOD_FAILED": "correct the class and method that are named; the log has the traceback; then start it again",
-    "INTERNAL_ERROR": "a defect of the controller: keep the log and the recording of the fault, and report it",
+    "CLOCK": "check that exactly one node publishes the time and that the clock is not set; then reset, activate",
+    "STALE_INPUT": "check that the robot's driver runs and its messages are in time (wbc status); then reset, activate",
+    "ESTIMATE_LOST": "check the IMU and its mounting; let the robot stand still or suspend it; then reset, activate",
+    "IMPLAUSIBLE_STATE": "suspend the robot; check the named joint or sensor; then reset, activate",
+    "UNEXPLAINED_MOTION": "suspend the robot; check the order and signs of its effort commands; then reset, activate",
+    "FALLEN": "suspend the robot (mock robot: wbc send hold), then reset, activate, release",
+    "NO_SOLUTION": "find the constraints in conflict with wbc replay; undo the last request; then reset, activate",
+    "RELAXED": "reduce the request that caused the relaxed constraints; then reset, activate",
+    "BAD_TORQUE": "examine the recording of the fault (wbc replay); then reset, activate",
+    "ESTOP": "if safe: reset, then activate",
+    "METHOD_FAILED": "correct the named class and method (traceback in the log); then restart the controller",
+    "INTERNAL_ERROR": "report this defect of the controller with its log and the recording of the fault",
 }
 _FAULT_CODE = re.compile(rf"\b({'|'.join(NEXT_STEPS)})\b")
 
 
 def next_step(state: str) -> str:
-    """Return the next step after the fault whose code is in the controller's state; empty without a fault."""
+    """Return the next step after the fault in the controller's state; empty without a fault."""
     found = _FAULT_CODE.search(state)
     return NEXT_STEPS[found[1]] if found else ""
 
 
 def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
-    """Draw the state of a controller."""
+    """Return the state of a controller as a table."""
     values = robot.values
     table = Table.grid(padding=(0, 2))
     for row in facts(robot):
@@ -65,7 +64,7 @@ def status_view(settings: Settings, robot: RobotStatus) -> RenderableType:
 
 
 def facts(robot: RobotStatus) -> list[tuple[str, str]]:
-    """Return the facts beside the mode and the tasks, each with its name."""
+    """Return further facts as pairs of name and text."""
     values, found = robot.values, []
     late = values.get("deadlines_missed", "0")
     cycles = f"{robot.rate:.0f} per second" if np.isfinite(robot.rate) else "counting"
@@ -105,7 +104,7 @@ def _milliseconds(age: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TaskRow:
-    """One task in words; unknown values, and those of a task that is off, are empty."""
+    """One task in words; unknown values and values of disabled tasks are empty."""
 
     name: str
     kind: str
@@ -128,8 +127,8 @@ def task_rows(settings: Settings, robot: RobotStatus) -> list[TaskRow]:
                 name=name,
                 kind=task.type,
                 weight="" if weight is None else "off" if off else weight,
-                value="" if value is None else numbers(value, task.type),
-                reference="" if reference is None or off else numbers(reference, task.type),
+                value="" if value is None else format_numbers(value, task.type),
+                reference="" if reference is None or off else format_numbers(reference, task.type),
                 error="" if off else values.get(f"task_error/{name}", ""),
                 off=off,
             )
@@ -147,8 +146,8 @@ def _task_table(settings: Settings, robot: RobotStatus) -> Table:
     return table
 
 
-def numbers(content: Any, kind: str) -> str:
-    """Write the numbers of a setpoint, a reference or a value in short."""
+def format_numbers(content: Any, kind: str) -> str:
+    """Return the numbers of a setpoint, reference or value in short form."""
     if kind in JOINT_FIELDS:
         joints: Sequence[float] = getattr(content, JOINT_FIELDS[kind])
         return f"{len(joints)} joints"

@@ -1,4 +1,4 @@
-"""The commands on the topics of running nodes: `wbc send`, `echo`, `status` and `topics`."""
+"""Commands on the topics of running nodes: `wbc send`, `echo`, `status` and `topics`."""
 
 from __future__ import annotations
 
@@ -23,23 +23,20 @@ from wbc_controller.errors import InputRefused, valid_choices
 from wbc_controller.middleware.topics import Direction, Endpoint
 from wbc_controller.settings import Settings
 
-#: Exit statuses beside 0 and 2: the request was refused, and no node answered.
-REFUSED, NO_ANSWER = 1, 3
-#: Time between two updates of the status, s.
-_REFRESH = 0.5
+REFUSED, NO_ANSWER = 1, 3  # further exit statuses: request refused, and no answer
+_REFRESH = 0.5  # s
 
 _session_options = with_options(
     config_argument,
     namespace_option,
     remap_option,
     click.option("--wait", "patience", default=DISCOVERY_PATIENCE, show_default=True, type=click.FloatRange(0.1),
-                 help="Seconds to wait for the discovery of a node."),
+                 help="Time limit for the discovery of a node, s."),
 )  # fmt: skip
 
 
 @contextlib.contextmanager
 def _exit_without_answer() -> Iterator[None]:
-    """Print the error if no node answers, and exit."""
     from wbc_controller.apps.terminal.session import NoAnswer
 
     try:
@@ -56,21 +53,21 @@ def send(config: str, words: tuple[str, ...], namespace: str, remappings: Mappin
     """Send a request to the running nodes of a robot, and print its outcome.
 
     \b
-    activate | deactivate | damp | reset | estop     the controller's modes
-    release | hold                                   the mock robot's hoist
-    com +0.02 forward 0.01 down                      a task's reference, moved (m, or 20mm, 2cm)
-    torso turn 10deg left, torso lean 5deg forward   turned (rad, or deg)
-    right_hand to 0.3 -0.2 0.9 [in torso_link]       to a place in the world or in a frame
+    activate | deactivate | damp | reset | estop     modes of the controller
+    release | hold                                   hoist of the mock robot
+    com +0.02 forward 0.01 down                      relative setpoint of a task (m, or 20mm, 2cm)
+    torso turn 10deg left, torso lean 5deg forward   relative orientation (rad, or deg)
+    right_hand to 0.3 -0.2 0.9 [in torso_link]       absolute setpoint, in the world or a frame
     posture left_knee_joint by 0.1 (or: to 0.7)      joints of a posture task (rad)
     weight com 30, task right_hand on                weights, tasks on and off
-    contact left_foot off, grip CONTACT on           contacts made and broken; the mock robot's grips
-    push 60 forward for 0.1 at torso                 a push of the mock robot (N; a task, contact or frame)
-    update YAML, fault YAML                          several changes at once; docs/faults.md
+    contact left_foot off, grip CONTACT on           contacts on and off; grips of the mock robot
+    push 60 forward for 0.1 at torso                 push of the mock robot (N; at a task, contact or frame)
+    update YAML, fault YAML                          several changes together; docs/faults.md
 
-    forward, back, left, right go by the robot's heading, x, y, z along the world's axes. `then` joins requests:
-    activate then release.
+    forward, back, left, right refer to the robot's heading; x, y, z to the axes of the world. `then` joins
+    requests: activate then release.
 
-    The status is 0 if it was accepted, 1 if it was refused, 2 if it is not valid, 3 if no node answers.
+    Exit status: 0 accepted, 1 refused, 2 invalid, 3 no answer from a node.
     """  # noqa: D301 - click's mark of lines that it must not join
     from wbc_controller.apps.terminal.request_parser import parse_request
     from wbc_controller.apps.terminal.session import Session
@@ -85,8 +82,8 @@ def send(config: str, words: tuple[str, ...], namespace: str, remappings: Mappin
         _exit_without_answer(),
     ):
         for request in requests:
-            answer = session.ask(request)
-            click.echo(answer.sentence, err=not answer.done)
+            answer = session.execute(request)
+            click.echo(answer.text, err=not answer.done)
             if not answer.done:
                 sys.exit(REFUSED)
 
@@ -94,7 +91,7 @@ def send(config: str, words: tuple[str, ...], namespace: str, remappings: Mappin
 @click.command()
 @_session_options
 @click.argument("topic", shell_complete=complete_topics)
-@click.option("--once", is_flag=True, help="End after the first message.")
+@click.option("--once", is_flag=True, help="Exit after the first message.")
 def echo(config: str, topic: str, once: bool, namespace: str, remappings: Mapping[str, str], patience: float) -> None:
     """Print the messages on a topic: `~/state`, `com/reference`, `joint_states`, … (`wbc topics` lists them)."""
     from wbc_controller.apps.terminal.printing import as_text
@@ -117,12 +114,12 @@ def echo(config: str, topic: str, once: bool, namespace: str, remappings: Mappin
                 if not session.publishers(found):
                     click.echo(f"no publisher on {found.name} ({found.type.replace('/msg/', '/')})", err=True)
                     sys.exit(NO_ANSWER)
-                click.echo(f"no message on {found.name} yet; Ctrl-C ends the wait", err=True)
+                click.echo(f"no message on {found.name} yet; Ctrl-C to exit", err=True)
 
 
 @click.command()
 @_session_options
-@click.option("--once", is_flag=True, help="Print it once, as without a terminal.")
+@click.option("--once", is_flag=True, help="Print the status once and exit.")
 def status(config: str, once: bool, namespace: str, remappings: Mapping[str, str], patience: float) -> None:
     """Show the state of a robot: mode, rates, ages, tasks, binding constraints, and the audit."""
     from rich.console import Console, RenderableType
@@ -145,11 +142,11 @@ def status(config: str, once: bool, namespace: str, remappings: Mapping[str, str
         listener = StatusListener(session, settings)
 
         def view() -> RenderableType:
-            listener.take()
+            listener.read_statuses()
             robot = listener.newest()
             return "no status of the controller yet" if robot is None else status_view(settings, robot)
 
-        listener.begin()
+        listener.wait_for_first()
         if once or not console.is_terminal:
             console.print(view())
             return
@@ -161,20 +158,16 @@ def status(config: str, once: bool, namespace: str, remappings: Mapping[str, str
 
 @click.command()
 def topics() -> None:
-    """Print the table of all topics, as Markdown."""
+    """Print the table of all topics as Markdown."""
     from wbc_controller.middleware.topics_table import topics_page
 
     click.echo(topics_page(), nl=False)
 
 
 def find_topic(text: str, topics: dict[tuple[str, str, str], Endpoint]) -> Endpoint:
-    """Find a topic by its name, or by the end of it, such as ``state`` or ``com/reference``.
-
-    Raises:
-        InputRefused: if there is no such topic.
-    """
+    """Return the topic with this name or end of a name, such as ``com/reference``; raise `InputRefused` without one."""
     by_name = {topic.name: topic for topic in topics.values()}
-    # Of a topic between two nodes, use the sender's row: a latched message needs a latched subscription.
+    # Latched messages require the sender's row, with a latched subscription.
     by_name |= {topic.name: topic for topic in topics.values() if topic.direction is Direction.OUT}
     ending = "/" + text.removeprefix("~").strip("/")
     own = [name for name in by_name if name.endswith(ending)]
@@ -185,7 +178,6 @@ def find_topic(text: str, topics: dict[tuple[str, str, str], Endpoint]) -> Endpo
 
 
 def _split_requests(words: tuple[str, ...]) -> list[list[str]]:
-    """Split words at ``then``; one argument may hold several words."""
     requests: list[list[str]] = [[]]
     for word in words if words[0] in ("update", "fault") else " ".join(words).split():
         if word == "then":

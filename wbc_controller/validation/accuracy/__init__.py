@@ -1,1 +1,1 @@
-"""The errors of robots without odometry, of their posture and of their estimate: `wbc accuracy`."""
+"""Errors of the posture and the estimate of robots without odometry: `wbc accuracy`."""

@@ -1,4 +1,4 @@
-"""A robot without odometry on simulated time: controller, sensors and physics, and the truth for comparison."""
+"""Robot without odometry on simulated time: controller, sensors, physics, and the truth for comparison."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -17,58 +17,48 @@ from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.validation.lockstep import Lockstep
 from wbc_controller.validation.user import com_trajectory
 
-#: Time for the torques to ramp in, and to come to rest after the base is let go, beside those of the settings, s.
-_RAMPED, _RESTED = 0.2, 1.0
-#: Patience with an estimate that does not begin, s.
-_PATIENCE = 5.0
+#: Additional times for the torque ramp, and for settling after the release of the base, s.
+_RAMP_TIME, _REST_TIME = 0.2, 1.0
+_TIMEOUT = 5.0  # s
 
 
 class EstimationTrial(Lockstep):
-    """A mock robot that stands on its estimate, with a user who moves its centre of mass.
+    """A mock robot standing on its estimate, and a user for motions of the centre of mass.
 
     Attributes:
-        faults: faults of the robot besides its sensors', from the release of its base on.
-        report: of the last cycle.
-        answered: true q and v of the state that the last cycle answered; None before the first.
-        origin: wanted centre of mass while it stands, (3,) in m; set by `stand`.
-        shift: from the true world to the world of the estimate when the robot had come to rest, (3,) in m.
+        faults: faults after the release of the base, besides sensor errors.
+        true_state: true q and v of the last cycle; None before the first.
+        origin: reference of the centre of mass while standing, (3,) in m; set by `stand`.
+        shift: offset from the true world to the estimate's world at rest, (3,) in m.
     """
 
     report: CycleReport
 
     def __init__(self, robot: str | Config, changes: Mapping[str, Any], *, force_sensors: bool = False) -> None:
-        """Build a robot that hangs on its hoist.
-
-        Raises:
-            ConfigurationError: if the robot cannot be controlled or simulated.
-        """
-        wanted = {"control.markers_rate": 0.0, "safety.bring_up_time": 0.0, **changes}
-        settings = load(robot).replace(wanted).settings
+        """Build a robot on its hoist; raise `ConfigurationError` if it cannot be controlled or simulated."""
+        values = {"control.markers_rate": 0.0, "safety.bring_up_time": 0.0, **changes}
+        settings = load(robot).replace(values).settings
         model = make_model(settings)
         measured = [each for each in controller_endpoints(settings, model) if each.key == "measured_wrench"]
         remappings = {f"~/contacts/{each.subject}/wrench": each.name for each in measured if force_sensors}
         super().__init__(settings, model=model, mock={"remappings": remappings})
         self.faults: Sequence[Fault] = ()
-        self.answered: tuple[Array, Array] | None = None
+        self.true_state: tuple[Array, Array] | None = None
         self._com = next(iter(self.user.tasks("com")), "")
 
     @property
     def estimator(self) -> BaseEstimator | None:
-        """The base estimator, if the settings have one."""
+        """The base estimator, or None."""
         return self.loop.estimator
 
     def cycle(self) -> CycleReport:
-        """Let one control period pass."""
-        self.answered = self.mock.plant.state()
+        """Execute one control period."""
+        self.true_state = self.mock.plant.state()
         self.report = super().cycle()
         return self.report
 
     def run(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
-        """Let `seconds` pass; `each` is called after every cycle.
-
-        Raises:
-            NoSolution: if the controller has left its active mode, or the robot has fallen.
-        """
+        """Run for `seconds`, with `each` after every cycle; raise `NoSolution` if the active mode ends."""
         for _ in range(round(seconds * self.settings.control.rate)):
             self.cycle()
             if self.report.mode is not Mode.ACTIVE or self.mock.plant.fallen:
@@ -84,31 +74,27 @@ class EstimationTrial(Lockstep):
             self.cycle()
 
     def stand(self) -> None:
-        """Wait for the estimate, activate, and let the base go.
-
-        Raises:
-            NoSolution: if one of them fails.
-        """
+        """Wait for the estimate, activate, and release the base; raise `NoSolution` if this fails."""
         self.settle()
-        deadline = self.time + _PATIENCE
+        deadline = self.time + _TIMEOUT
         while self.report.mode is not Mode.ACTIVE:
-            self.user.say("command", "activate")
+            self.user.send_text("command", "activate")
             self.cycle()
             if self.time > deadline:
                 raise NoSolution("; ".join(self.report.refused), self.report.mode.value, None)
-        self.run(self.settings.safety.activation_ramp + _RAMPED)
+        self.run(self.settings.safety.activation_ramp + _RAMP_TIME)
         self.mock.plan(self.faults, since=self.time)
         self.mock.plant.hold(False)
-        self.run(_RESTED)
-        self.origin = self.wanted()
+        self.run(_REST_TIME)
+        self.origin = self.reference_com()
         base = None if self.estimator is None else self.estimator.base
-        true, _ = self.mock.plant.state() if self.answered is None else self.answered
+        true, _ = self.mock.plant.state() if self.true_state is None else self.true_state
         self.shift = np.zeros(3) if base is None else base[0][:3] - true[:3]
 
-    def wanted(self) -> Array:
-        """Return the wanted centre of mass now, (3,) in m."""
+    def reference_com(self) -> Array:
+        """Return the present reference of the centre of mass, (3,) in m."""
         return np.array(self.controller.board.present(self._com, 1.0e-9 * self.mock.stamp).position)
 
     def follow(self, times: Sequence[float], points: Sequence[Array]) -> None:
-        """Send the centre of mass along points at rest, (3,) in m in the world of the estimate, at times from now."""
+        """Send a trajectory of the centre of mass through points at rest, (3,) in m in the estimate's world."""
         self.user.send("trajectory", com_trajectory(times, np.array(points)), self._com)

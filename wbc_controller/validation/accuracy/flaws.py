@@ -1,4 +1,4 @@
-"""Errors of the centre of mass of robots without odometry, caused by flaws of robot, sensors and ground."""
+"""Errors of the centre of mass without odometry, caused by flaws of robot, sensors and ground."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,10 +17,8 @@ from wbc_controller.simulation.faults.joint_sensors import JointNoise
 from wbc_controller.simulation.faults.world import MassError, SoftFloor
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
-#: Amplitudes of sway and squat, m, and the time for each way, s.
-SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5
-#: Frequency above which torques are chatter, Hz.
-CHATTER = 8.0
+SWAY, SQUAT, _BEAT = 0.03, 0.05, 1.5  # amplitudes, m, and time between points, s
+CHATTER = 8.0  # Hz
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,20 +26,20 @@ class Flaw:
     """A difference between the robot and the controller's model."""
 
     name: str
-    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # settings, by dotted key
-    # of the mock robot, by its actuators' names
+    changes: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))  # by dotted key
+    # faults of the mock robot, from the names of its actuators
     faults: Callable[[Sequence[str]], Sequence[Fault]] = lambda actuators: ()
-    force_sensors: bool = False  # whether the robot has force sensors at its contacts
+    force_sensors: bool = False  # True for force sensors at the contacts
 
 
 def _always(kind: type[Fault], **parameters: Any) -> Callable[[Sequence[str]], Sequence[Fault]]:
     return lambda actuators: (kind(duration=LONGEST, **parameters),)
 
 
-#: Noise of an IMU's samples, and its density at 500 of them per second.
+#: Noise of an IMU's samples, and its density at 500 samples per second.
 _SIGMA = 0.05
 _DENSITY = _SIGMA * 0.002**0.5
-#: The rows of the table. Of noise that a data sheet tells, the filter is told.
+#: Rows of the table. Noise in a data sheet is given to the filter.
 FLAWS = (
     Flaw("none"),
     Flaw("torques 20 ms late", faults=_always(ActuatorDelay, delay=0.02)),
@@ -56,14 +54,14 @@ FLAWS = (
         {"estimation.joint_velocity": "differentiated"},
         _always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2),
     ),
-    Flaw("the same, taken as they come", faults=_always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2)),
+    Flaw("velocity noise 0.2 rad/s, as measured", faults=_always(JointNoise, sigma=1.0e-5, velocity_sigma=0.2)),
     Flaw(
         "IMU noise 0.05 rad/s, m/s²",
         {"estimation.gyroscope_noise": _DENSITY, "estimation.accelerometer_noise": _DENSITY},
         _always(ImuNoise, sigma=_SIGMA),
     ),
     Flaw(
-        "slope 10°, force sensors",  # let down onto it, one foot after the other
+        "slope 10°, force sensors",  # lowered onto the slope, one foot after the other
         {"mock.floor_normal": [0.0, float(np.sin(np.deg2rad(10))), float(np.cos(np.deg2rad(10)))]},
         force_sensors=True,
     ),
@@ -76,35 +74,31 @@ FLAWS = (
     ),
     Flaw("joint friction 2 N·m", {"mock.joint_friction": 2.0}),
     Flaw("joint friction 5 N·m", {"mock.joint_friction": 5.0}),
-    Flaw("ground gives in 0.15 s", faults=_always(SoftFloor, time_constant=0.15)),
+    Flaw("soft ground, time constant 0.15 s", faults=_always(SoftFloor, time_constant=0.15)),
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Cost:
-    """The errors caused by a flaw; NaN if the run ended before."""
+class FlawErrors:
+    """Errors caused by a flaw; NaN after an early end."""
 
-    sway: float  # largest error of the centre of mass in the sway, m
-    squat: float  # and in the squat, m
-    chatter: float  # largest torque above `CHATTER`, as the RMS of one actuator and a share of its limit
-    ended: str = ""  # reason of an early end; empty if there was none
+    sway: float  # largest error of the centre of mass, m
+    squat: float  # during the squat, m
+    chatter: float  # largest RMS torque of an actuator above `CHATTER`, as a share of its limit
+    ended: str = ""  # reason of an early end; empty otherwise
 
 
-def cost_of(
+def measure_flaw(
     robot: str,
     name: str,
     sensors: str = "good",
     disturbance: str = "imu",
     known_friction: bool = False,
     changes: Mapping[str, Any] = MappingProxyType({}),
-) -> Cost:
-    """Let a robot sway by `SWAY` and squat by `SQUAT`, and compare its true centre of mass with the references.
+) -> FlawErrors:
+    """Compare the true centre of mass with the references of a sway and a squat.
 
-    Args:
-        known_friction: whether ``robot.friction`` has the joint friction of the flaw.
-
-    Raises:
-        ConfigurationError: if the robot cannot be controlled or simulated.
+    With `known_friction`, ``robot.friction`` contains the joint friction of the flaw.
     """
     flaw = next(flaw for flaw in FLAWS if flaw.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "estimation.disturbance": disturbance}
@@ -124,8 +118,8 @@ def cost_of(
         ):
             found[name] = _error(trial, np.array(points), torques)
     except WbcError as error:
-        return Cost(found.get("sway", np.nan), np.nan, np.nan, str(error))
-    return Cost(
+        return FlawErrors(found.get("sway", np.nan), np.nan, np.nan, str(error))
+    return FlawErrors(
         found["sway"],
         found["squat"],
         chatter(np.array(torques), trial.settings.control.rate, trial.controller.model.effort_limits),
@@ -133,29 +127,23 @@ def cost_of(
 
 
 def _error(trial: EstimationTrial, points: Array, torques: list[Array]) -> float:
-    """Return the largest distance of the true centre of mass from its reference in a motion, m."""
+    """Return the largest error of the true centre of mass during a motion, m."""
     errors = [0.0]
     times = _BEAT * np.arange(1, len(points) + 1)
     trial.follow(times.tolist(), list(trial.origin + points))
 
-    def look() -> None:
-        errors.append(float(np.linalg.norm(trial.com() + trial.shift - trial.wanted())))
+    def observe() -> None:
+        errors.append(float(np.linalg.norm(trial.com() + trial.shift - trial.reference_com())))
         torques.append(trial.report.command.tau if trial.report.command is not None else torques[-1])
 
-    trial.run(float(times[-1]) + 0.5, look)
+    trial.run(float(times[-1]) + 0.5, observe)
     return max(errors)
 
 
 def chatter(torques: Array, rate: float, limits: Array) -> float:
-    """The largest RMS of an actuator's torque above `CHATTER`, as a share of its limit.
-
-    Args:
-        torques: (n, na) in N·m.
-        rate: samples per second.
-        limits: of each actuator, (na,) in N·m.
-    """
+    """Return the largest RMS of torques, (n, na), above `CHATTER`, as a share of the limits, (na,); `rate` in Hz."""
     spectrum = np.fft.rfft(torques * np.hanning(len(torques))[:, None], axis=0)
     frequency = np.fft.rfftfreq(len(torques), 1.0 / rate)
-    # Parseval's theorem, and the mean square of the window, 3/8.
+    # Parseval's theorem; 3/8 is the mean square of the window.
     power = 2.0 * np.sum(np.abs(spectrum[frequency > CHATTER]) ** 2, axis=0) / len(torques) ** 2 / 0.375
     return float(np.max(np.sqrt(power) / limits))

@@ -1,4 +1,4 @@
-"""Faults of contacts and sensors on robots without odometry: the estimate survives, or a fault damps the robot."""
+"""Faults of contacts and sensors without odometry: the estimate survives, or a fault damps the robot."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,40 +19,35 @@ from wbc_controller.simulation.faults.joint_sensors import JointBias
 from wbc_controller.simulation.faults.world import SlipperyFloor
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
-#: Error of the base's velocity above which an estimate is wrong, m/s, and how long it may be so unsaid, s.
-WRONG, UNSAID = 0.2, 0.3
-#: How the robot sways beside: amplitude in m, and the time for each way, s.
-_SWAY, _BEAT = 0.03, 0.5
-#: Time from the mishap on, s.
-_WATCHED = 2.0
-#: Time for the hoist to lift a robot that has fallen, and patience with a controller that is to be activated again, s.
-_LIFTED, _PATIENCE = 4.0, 5.0
-#: A foot is pulled up by this many times its share of the robot's weight, and for this long, s.
-_PULL, _PULLED = 1.5, 0.1
-#: A foot slides for this distance, m, and at most for this time, s; its force is this many times the missing momentum
-#: of the robot per second, 1/s, and at most this share of the weight.
-_SLIDE, _SLID = 0.05, 0.5
+#: Error of the base velocity of a wrong estimate, m/s, and its largest time without a fault, s.
+WRONG, MAX_UNDETECTED = 0.2, 0.3
+_SWAY, _BEAT = 0.03, 0.5  # amplitude of the sway, m, and time between points, s
+_DURATION = 2.0  # duration after the mishap, s
+_LIFT_TIME, _TIMEOUT = 4.0, 5.0  # time for lifting a fallen robot, and timeout of the reactivation, s
+_PULL, _PULL_TIME = 1.5, 0.1  # multiple of the foot's share of the weight, and duration, s
+#: Sliding distance of a foot, m, and largest duration, s. The force is proportional to the missing momentum, 1/s, up to
+#: a share of the weight.
+_SLIDE, _SLIDE_TIME = 0.05, 0.5
 _DRAG, _MOST_DRAG = 20.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Mishap:
-    """A fault of a robot that stands and sways."""
+    """A fault of a standing and swaying robot."""
 
     name: str
-    # of the mock robot, given its first contact and the joint that moves it last
+    # faults of the mock robot, from its first contact and the last joint of that limb
     faults: Callable[[str, str], Sequence[Fault]] = lambda contact, joint: ()
-    pull: bool = False  # whether the first contact is pulled up, by `_PULL` for `_PULLED`
-    slide: float = 0.0  # speed at which the first contact is dragged forward, m/s
-    hoist: bool = False  # whether the robot hangs on the hoist, before its activation
+    pull: bool = False  # True for an upward pull on the first contact
+    slide: float = 0.0  # speed of dragging the first contact forward, m/s
+    hoist: bool = False  # True for a robot on the hoist, before its activation
 
 
 def _ice(foot: str) -> Fault:
-    """Ice below one foot."""
     return SlipperyFloor(duration=LONGEST, contact=foot, friction=0.05)
 
 
-#: The rows of the table.
+#: Rows of the table.
 MISHAPS = (
     Mishap("one foot on ice, friction 0.05", lambda foot, _: [_ice(foot)]),
     Mishap("one foot pulled up", pull=True),
@@ -98,28 +93,27 @@ MISHAPS = (
 class Outcome:
     """Outcome of one mishap."""
 
-    error: float  # largest error of the base's linear velocity while the controller acted on it, m/s
-    unsaid: float  # longest time for which it was above `WRONG` without a fault, s
-    left_out: tuple[str, ...]  # contacts that the estimate left out
-    said: tuple[str, ...] = ()  # a sentence for each fault, in order
-    ended: bool = False  # whether the controller damped the robot
-    fell: bool = False  # whether the robot fell before
-    # time from 'reset' to an active controller, with the robot on the hoist, s; infinite if it stayed refused, and NaN
-    # if the controller did not damp
+    error: float  # largest error of the base velocity during control, m/s
+    undetected: float  # longest time above `WRONG` without a fault, s
+    left_out: tuple[str, ...]  # contacts excluded from the estimate
+    fault_texts: tuple[str, ...] = ()  # one text per fault, in order
+    ended: bool = False  # True if the controller damped the robot
+    fell: bool = False  # True if the robot fell before
+    # time from 'reset' on the hoist to an active controller, s; infinite if refused, NaN without damping
     recovery: float = math.nan
 
     @property
     def silently_wrong(self) -> bool:
-        """Whether the estimate was wrong for too long without a fault."""
-        return not (self.unsaid <= UNSAID) or self.fell
+        """True if the estimate was wrong for too long without a fault."""
+        return not (self.undetected <= MAX_UNDETECTED) or self.fell
 
     @property
     def good(self) -> bool:
-        """Whether a fault named every wrong estimate in time, and the robot could be activated again."""
+        """True if faults reported every wrong estimate in time, and the robot could be reactivated."""
         return not (self.silently_wrong or math.isinf(self.recovery))
 
 
-def come_of(
+def run_mishap(
     robot: str | Config,
     name: str,
     sensors: str = "good",
@@ -127,14 +121,7 @@ def come_of(
     force_sensors: bool = False,
     changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> Outcome:
-    """Let a robot sway, or hang on the hoist, and observe the outcome of a mishap.
-
-    Args:
-        force_sensors: whether the robot has force sensors at its contacts: the true forces, 100 times a second.
-
-    Raises:
-        ConfigurationError: if the robot cannot be controlled or simulated.
-    """
+    """Apply a mishap to a robot; `force_sensors` provides the true contact forces at 100 Hz."""
     mishap = next(mishap for mishap in MISHAPS if mishap.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
     trial = EstimationTrial(load(robot).replace({**known, **changes}), {}, force_sensors=force_sensors)
@@ -156,12 +143,12 @@ def come_of(
     trial.mock.plan(mishap.faults(contact, model.pinocchio.names[moved_by]), since=trial.time)
     if mishap.pull:
         share = model.mass * model.gravity / len(trial.mock.plant.contacts)
-        trial.mock.plant.push(spec.frame, [0.0, 0.0, _PULL * share, 0.0, 0.0, 0.0], _PULLED)
+        trial.mock.plant.push(spec.frame, [0.0, 0.0, _PULL * share, 0.0, 0.0, 0.0], _PULL_TIME)
     if mishap.slide:
-        end = trial.time + min(_SLIDE / mishap.slide, _SLID)
-        comparison.follow(_WATCHED, lambda: _drag(trial, spec.frame, mishap.slide) if trial.time < end else None)
+        end = trial.time + min(_SLIDE / mishap.slide, _SLIDE_TIME)
+        comparison.follow(_DURATION, lambda: _drag(trial, spec.frame, mishap.slide) if trial.time < end else None)
     else:
-        comparison.follow(_WATCHED)
+        comparison.follow(_DURATION)
     return comparison.outcome(_recovery(trial) if comparison.ended or mishap.hoist else math.nan)
 
 
@@ -177,36 +164,31 @@ def _drag(trial: EstimationTrial, frame: str, speed: float) -> None:
 
 
 def _recovery(trial: EstimationTrial) -> float:
-    """Time from 'reset' to an active controller, with the robot on the hoist, s; infinite if it stays refused."""
+    """Return the time from 'reset' on the hoist to an active controller, s; infinite if refused."""
     trial.mock.plant.hold(True)
-    for _ in range(round(_LIFTED * trial.settings.control.rate)):
+    for _ in range(round(_LIFT_TIME * trial.settings.control.rate)):
         trial.cycle()
     began = trial.time
-    trial.user.say("command", "reset")
-    while trial.time - began < _PATIENCE:
+    trial.user.send_text("command", "reset")
+    while trial.time - began < _TIMEOUT:
         trial.cycle()
         if trial.report.mode is Mode.ACTIVE:
             return trial.time - began
-        trial.user.say("command", "activate")
+        trial.user.send_text("command", "activate")
     return math.inf
 
 
 class _Comparison:
-    """Compares the estimate with the truth, cycle by cycle."""
-
     def __init__(self, trial: EstimationTrial) -> None:
         self._trial = trial
         self._errors: list[float] = []
-        self._unsaid: list[bool] = []  # whether the estimate was wrong without a fault
+        self._undetected: list[bool] = []  # True while the estimate is wrong without a fault
         self._left_out: dict[str, None] = {}
-        self._said: dict[str, str] = {}
+        self._fault_texts: dict[str, str] = {}
         self.ended = self._fell = False
 
     def follow(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
-        """Let time pass, while the controller acts on the estimate and the robot has not fallen.
-
-        `each` is called before every cycle.
-        """
+        """Run until the robot is damped or has fallen; `each` is called before every cycle."""
         for _ in range(round(seconds * self._trial.settings.control.rate)):
             if self.ended or self._fell:
                 return
@@ -214,40 +196,39 @@ class _Comparison:
             self._trial.cycle()
             fault = self._trial.report.fault
             if fault is not None:
-                self._said.setdefault(fault.code, f"{fault.code}: {fault.sentence}")
+                self._fault_texts.setdefault(fault.code, f"{fault.code}: {fault.sentence}")
             self.ended = fault is not None and self._trial.report.mode not in (Mode.ACTIVE, Mode.HOLDING)
             self._fell = self._trial.mock.plant.fallen and not self.ended
             if not self.ended:
-                self._look()
+                self._compare()
 
-    def _look(self) -> None:
-        state, true, estimator = self._trial.report.inputs.state, self._trial.answered, self._trial.estimator
+    def _compare(self) -> None:
+        state, true, estimator = self._trial.report.inputs.state, self._trial.true_state, self._trial.estimator
         if true is None or estimator is None:
             return
         if state is None:
-            self._unsaid.append(False)
+            self._undetected.append(False)
             if estimator.lost:
-                self._said.setdefault("ESTIMATE_LOST", f"ESTIMATE_LOST: {estimator.waits_for}")
+                self._fault_texts.setdefault("ESTIMATE_LOST", f"ESTIMATE_LOST: {estimator.waits_for}")
             return
         self._left_out |= dict.fromkeys(estimator.slipping)
         error = float(np.linalg.norm(state.v[:3] - true[1][:3]))
         self._errors.append(error)
-        self._unsaid.append(error > WRONG and self._trial.report.fault is None)
+        self._undetected.append(error > WRONG and self._trial.report.fault is None)
 
     def outcome(self, recovery: float) -> Outcome:
-        """Outcome of the mishap."""
         return Outcome(
             max(self._errors, default=0.0),
-            self._trial.controller.period * longest(np.array(self._unsaid, dtype=np.bool_)),
+            self._trial.controller.period * longest_run(np.array(self._undetected, dtype=np.bool_)),
             tuple(self._left_out),
-            tuple(self._said.values()),
+            tuple(self._fault_texts.values()),
             self.ended,
             self._fell,
             recovery,
         )
 
 
-def longest(wrong: np.ndarray) -> int:
-    """The largest number of values in a row that are true, of booleans (n,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
+def longest_run(flags: np.ndarray) -> int:
+    """Return the length of the longest run of True in booleans, (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -1,4 +1,4 @@
-"""Errors of the estimate of a standing robot, against the truth and against the filter's covariance."""
+"""Errors of the estimate of a standing robot, compared with the truth and the filter's covariance."""
 
 import math
 from collections.abc import Sequence
@@ -15,30 +15,27 @@ from wbc_controller.settings.service import SensorQuality
 from wbc_controller.simulation.sensors import PARTS
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 
-#: Time between two looks, s.
-_LOOK = 0.1
-#: Share of the probability that is outside the bounds of the consistency.
-_OUTSIDE = 0.05
-#: Creep of the contact points on the ground of the mock robot, m/s/√Hz, from the drift of several robots.
-_CREEP = 8.0e-5
+_SAMPLING_PERIOD = 0.1  # s
+_SIGNIFICANCE = 0.05  # probability outside the consistency bounds
+_CREEP = 8.0e-5  # creep of contact points in the mock robot, m/s/√Hz
 
 
 @dataclass(frozen=True, slots=True)
-class Stand:
-    """Figures of one standing robot."""
+class StandingErrors:
+    """Errors of one standing robot."""
 
     seed: int
     tilt: float  # RMS of roll and pitch error, rad
     height: float  # RMS error of the height since the start, m
     velocity: float  # RMS error of the linear velocity, m/s
     drift: float  # growth of the horizontal error since the start, m per minute
-    seen: Array  # normalized estimation error squared of tilt and velocity, 5 degrees of freedom, at each look, (n,)
-    drifting: Array  # that of heading and position since the start, 4 degrees of freedom, (n,)
-    ended: str = ""  # reason of an early end; empty if there was none
+    observable_nees: Array  # NEES of tilt and velocity, 5 degrees of freedom, (n,)
+    drifting_nees: Array  # NEES of heading and position since the start, 4 degrees of freedom, (n,)
+    ended: str = ""  # reason of an early end; empty otherwise
 
 
 def sensor_settings(sensors: SensorQuality) -> dict[str, Any]:
-    """Return settings of a filter with the figures of the sensors' data sheets; none for `ideal` ones."""
+    """Return filter settings from the data sheets of the sensors; empty for `ideal` ones."""
     parts = PARTS.get(sensors)
     if parts is None:
         return {}
@@ -48,7 +45,7 @@ def sensor_settings(sensors: SensorQuality) -> dict[str, Any]:
         "estimation.gyroscope_bias_walk": parts.gyroscope_walk,
         "estimation.accelerometer_bias_walk": parts.accelerometer_walk,
         "estimation.accelerometer_bias": parts.accelerometer_bias,
-        # A rounded value is off by up to half a step, evenly.
+        # Rounding errors are uniform within half a step.
         "estimation.joint_position_noise": math.hypot(
             parts.encoder_noise, parts.encoder_resolution / math.sqrt(12.0), parts.encoder_offset
         ),
@@ -56,20 +53,16 @@ def sensor_settings(sensors: SensorQuality) -> dict[str, Any]:
     }
 
 
-def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stand:
-    """Let a robot stand for some seconds on its estimate, which knows the figures of its sensors.
-
-    Raises:
-        ConfigurationError: if the robot cannot be controlled or simulated.
-    """
+def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> StandingErrors:
+    """Measure the errors of a robot standing on its estimate; the filter has the data of its sensors."""
     own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
     trial = EstimationTrial(robot, {**sensor_settings(sensors), **own})
     errors: list[Array] = []
     covariances: list[Array] = []
-    every = max(1, round(_LOOK * trial.settings.control.rate))
+    every = max(1, round(_SAMPLING_PERIOD * trial.settings.control.rate))
     ended, count = "", 0
 
-    def look() -> None:
+    def observe() -> None:
         nonlocal count
         count += 1
         if count % every == 0:
@@ -79,40 +72,40 @@ def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stan
 
     try:
         trial.stand()
-        trial.run(seconds, look)
+        trial.run(seconds, observe)
     except WbcError as error:
         ended = str(error)
     if not errors:
         nothing = np.zeros(0)
-        return Stand(seed, np.nan, np.nan, np.nan, np.nan, nothing, nothing, ended)
+        return StandingErrors(seed, np.nan, np.nan, np.nan, np.nan, nothing, nothing, ended)
     found = np.array(errors)
     since = found - found[0]
-    minutes = max(len(found) - 1, 1) * _LOOK / 60.0
-    seen, drifting = [0, 1, 3, 4, 5], [2, 6, 7, 8]
-    # What has drifted since the start has the covariance that has been added since.
+    minutes = max(len(found) - 1, 1) * _SAMPLING_PERIOD / 60.0
+    observable, drifting = [0, 1, 3, 4, 5], [2, 6, 7, 8]
+    # The covariance of the drift is the growth since the start.
     grown = [P - covariances[0] for P in covariances[1:]]
-    return Stand(
+    return StandingErrors(
         seed,
         tilt=float(np.sqrt(np.mean(np.sum(found[:, :2] ** 2, axis=1)))),
         height=float(np.sqrt(np.mean(since[:, 8] ** 2))),
         velocity=float(np.sqrt(np.mean(np.sum(found[:, 3:6] ** 2, axis=1)))),
         drift=float(np.linalg.norm(since[-1, 6:8])) / minutes,
-        seen=_normalized(found[:, seen], [P[np.ix_(seen, seen)] for P in covariances]),
-        drifting=_normalized(since[1:, drifting], [P[np.ix_(drifting, drifting)] for P in grown]),
+        observable_nees=_normalized(found[:, observable], [P[np.ix_(observable, observable)] for P in covariances]),
+        drifting_nees=_normalized(since[1:, drifting], [P[np.ix_(drifting, drifting)] for P in grown]),
         ended=ended,
     )
 
 
 def error_of(trial: EstimationTrial) -> tuple[Array, Array]:
-    """Return the filter's error ξ of rotation, velocity and position, to first order, (9,), and its covariance, (9, 9).
+    """Return the filter's error ξ of rotation, velocity and position, first order, (9,), and its covariance, (9, 9).
 
-    The right-invariant error X̂ X⁻¹ = exp(ξ) has R̂ Rᵀ, v̂ - R̂ Rᵀ v and p̂ - R̂ Rᵀ p as its columns. The filter is as old
-    as the state that the last cycle has answered.
+    The right-invariant error X̂ X⁻¹ = exp(ξ) has the columns R̂ Rᵀ, v̂ - R̂ Rᵀ v and p̂ - R̂ Rᵀ p at the time of the
+    last cycle's state.
     """
     estimator = trial.estimator
-    if estimator is None or estimator.filter is None or trial.answered is None:
-        raise ConfigurationError("the robot has no estimate of its base: estimation.base_state has to be imu")
-    model, (q, v), found = trial.controller.model, trial.answered, estimator.filter
+    if estimator is None or estimator.filter is None or trial.true_state is None:
+        raise ConfigurationError("the robot has no base estimate; required: estimation.base_state: imu")
+    model, (q, v), found = trial.controller.model, trial.true_state, estimator.filter
     data, frame = model.pinocchio.createData(), model.frame_id(estimator.imu_frame, "estimation.imu_frame")
     pin.forwardKinematics(model.pinocchio, data, q, v)
     placement = pin.updateFramePlacement(model.pinocchio, data, frame)
@@ -127,19 +120,16 @@ def _normalized(errors: Array, covariances: Sequence[Array]) -> Array:
 
 
 def consistency(squares: Sequence[Array], freedom: int) -> tuple[float, float]:
-    """Return the share of the time in which the mean over the runs is within its 95 % bounds, and the mean over all.
+    """Return the share of time with the mean NEES within its 95 % bounds, and the normalized mean.
 
     Args:
-        squares: normalized estimation errors squared of each run, (n,) each; the shortest run counts.
-        freedom: degrees of freedom of each.
-
-    Returns:
-        The share, and the mean divided by the degrees of freedom: above 1 the covariance is too small.
+        squares: NEES of each run, (n,); the shortest run counts.
+        freedom: degrees of freedom; a mean above 1 means a covariance that is too small.
     """
     length = min((len(each) for each in squares), default=0)
     if not length:
         return np.nan, np.nan
     runs = len(squares)
     mean = np.mean([each[:length] for each in squares], axis=0)
-    low, high = chi2.ppf([_OUTSIDE / 2.0, 1.0 - _OUTSIDE / 2.0], freedom * runs) / runs
+    low, high = chi2.ppf([_SIGNIFICANCE / 2.0, 1.0 - _SIGNIFICANCE / 2.0], freedom * runs) / runs
     return float(np.mean((mean >= low) & (mean <= high))), float(np.mean(mean)) / freedom

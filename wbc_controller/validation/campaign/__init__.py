@@ -1,1 +1,1 @@
-"""Fault campaigns: many simulated trials, each with one fault, and their outcomes."""
+"""Fault campaigns: many simulated trials with one fault each, and their outcomes."""

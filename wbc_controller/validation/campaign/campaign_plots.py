@@ -1,4 +1,4 @@
-"""Plots of a campaign: outcomes by kind of fault, times until detection, and motion of the robot."""
+"""Plots of a campaign: outcomes by kind of fault, detection times, and motion of the robot."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ _VIOLATION = "#d6455d"
 
 
 def campaign_plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plot]:
-    """Make the plots of a campaign."""
+    """Return the plots of a campaign."""
     detected = [each for each in outcomes if each.deadline is not None and each.after is not None]
     survived = [each for each in outcomes if not each.code]
     return [
         Plot(
             "shares",
             "Outcomes of the trials",
-            "Share of the trials of each kind of fault, on all robots.",
+            "Share of the trials by kind of fault, all robots.",
             by_category(_shares(rows), axis="share of the trials [%]", range=(0.0, 104.0)),
         ),
         Plot(
             "delays",
             "Time until detection",
-            "From the beginning of the fault until damping, as a share of the deadline: every point has to be left of "
-            "1. Only faults that must be detected.",
+            "From the beginning of the fault until damping, as a share of the deadline; required: below 1. Only faults "
+            "that must be detected.",
             by_category(
                 _by_robot(detected, lambda each: (each.after or 0.0) / (each.deadline or 1.0), _delay),
                 axis="time / deadline [1]",
@@ -54,15 +54,14 @@ def campaign_plots(rows: Sequence[Row], outcomes: Sequence[Outcome]) -> list[Plo
         Plot(
             "distances",
             "Motion of the robot",
-            "Largest distance of the centre of mass from its position at the beginning of the fault, in trials that "
-            "the robot survived.",
+            "Largest distance of the centre of mass from its position at the beginning of the fault, in survived "
+            "trials.",
             by_category(_by_robot(survived, lambda each: each.moved, _distance), axis="distance [m]"),
         ),
     ]
 
 
 def _shares(rows: Sequence[Row]) -> list[Series]:
-    """Return the shares of each outcome, and a cross at each kind with violations."""
     kinds = list(dict.fromkeys(row.kind for row in rows))
     trials = {kind: sum(row.trials for row in rows if row.kind == kind) for kind in kinds}
     series = []
@@ -85,7 +84,6 @@ def _count(row: Row, name: str) -> int:
 def _by_robot(
     outcomes: Sequence[Outcome], value: Callable[[Outcome], float], text: Callable[[Outcome], str]
 ) -> list[Series]:
-    """Return one series of points per robot."""
     series = []
     for i, robot in enumerate(dict.fromkeys(each.robot for each in outcomes)):
         own = [each for each in outcomes if each.robot == robot]

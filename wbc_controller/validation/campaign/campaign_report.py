@@ -1,4 +1,4 @@
-"""The report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
+"""Report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
 
 import csv
 import importlib.util
@@ -19,15 +19,15 @@ from wbc_controller.controller.visualization.page_report import PageReport, Resu
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign.campaign_plots import campaign_plots
 from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS, Outcome
-from wbc_controller.validation.campaign.results import Key, key_of
+from wbc_controller.validation.campaign.results import TrialKey, key_of
 from wbc_controller.validation.campaign.trial import ALL_KINDS
 
 _COLUMNS = (
     "kind", "robot", "trials", "survived", "share (95 %)", "damped for", "to detect", "detected after [ms]",
     "deadline [ms]", "violations",
 )  # fmt: skip
-#: Violations from the worst to the least, for the one trial that is named.
-_WORST = (
+#: Violations by decreasing severity.
+_SEVERITY = (
     "not_finite", "unreadable", "over_limit", "over_rate", "stale", "internal_error", "logged", "stall", "fell",
     "undetected", "wrong_reason", "recording", "early", "start", "diverged",
 )  # fmt: skip
@@ -35,23 +35,23 @@ _WORST = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The trials of one kind of fault on one robot."""
+    """Trials of one kind of fault on one robot."""
 
     place: str
     kind: str
     robot: str
     trials: int
-    survived: int  # number of trials that the robot survived
-    interval: tuple[float, float]  # Wilson's interval of the share survived at 95 %, two shares
-    reasons: dict[str, int]  # number of damped trials by code of the fault
-    must: int  # number of trials whose fault must be detected
-    delays: tuple[float, ...]  # times until detection in these trials, s
-    deadline: float | None  # longest deadline of these trials, s; None without any
-    violations: dict[str, int]  # number of trials by name of a violation
+    survived: int
+    interval: tuple[float, float]  # Wilson's 95 % interval of the share of survived trials
+    reasons: dict[str, int]  # by fault code
+    must_detect: int  # trials with a deadline
+    delays: tuple[float, ...]  # s
+    deadline: float | None  # longest, s; None without any
+    violations: dict[str, int]  # trials by name
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
-    """Summarize trials by kind and robot, in the order of the table of kinds."""
+    """Return the trials by kind and robot, in the order of the kinds."""
     groups: dict[tuple[str, str], list[Outcome]] = {}
     for outcome in outcomes:
         groups.setdefault((outcome.kind, outcome.robot), []).append(outcome)
@@ -65,7 +65,7 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
 def _row(kind: str, robot: str, group: Sequence[Outcome]) -> Row:
     survived = sum(not outcome.code for outcome in group)
     low, high = stats.binomtest(survived, len(group)).proportion_ci(0.95, method="wilson")
-    must = [outcome for outcome in group if outcome.deadline is not None]
+    must_detect = [outcome for outcome in group if outcome.deadline is not None]
     return Row(
         ALL_KINDS[kind].place,
         kind,
@@ -74,9 +74,9 @@ def _row(kind: str, robot: str, group: Sequence[Outcome]) -> Row:
         survived,
         (float(low), float(high)),
         dict(Counter(outcome.code for outcome in group if outcome.code).most_common()),
-        len(must),
-        tuple(outcome.after for outcome in must if outcome.after is not None),
-        max((outcome.deadline for outcome in must if outcome.deadline is not None), default=None),
+        len(must_detect),
+        tuple(outcome.after for outcome in must_detect if outcome.after is not None),
+        max((outcome.deadline for outcome in must_detect if outcome.deadline is not None), default=None),
         dict(Counter(name for outcome in group for name in outcome.violations)),
     )
 
@@ -90,20 +90,20 @@ def _cells(row: Row) -> tuple[str, ...]:
         str(row.trials),
         str(row.survived),
         f"{row.survived / row.trials:.2f} ({low:.2f}–{high:.2f})",
-        _counted(row.reasons),
-        str(row.must),
+        _counts_text(row.reasons),
+        str(row.must_detect),
         delays,
         "–" if row.deadline is None else f"{1e3 * row.deadline:.0f}",
-        _counted(row.violations),
+        _counts_text(row.violations),
     )
 
 
-def _counted(counts: dict[str, int]) -> str:
+def _counts_text(counts: dict[str, int]) -> str:
     return ", ".join(f"{name} {number}" for name, number in counts.items()) or "–"
 
 
 def terminal_table(outcomes: Sequence[Outcome]) -> Table:
-    """The table for a terminal."""
+    """Return the table for a terminal."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for column in _COLUMNS:
         text = column in ("kind", "robot", "damped for", "violations")
@@ -114,22 +114,22 @@ def terminal_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def summary(outcomes: Sequence[Outcome]) -> str:
-    """Summarize the campaign in one sentence."""
+    """Return a summary of the campaign in one sentence."""
     kinds, robots = {outcome.kind for outcome in outcomes}, {outcome.robot for outcome in outcomes}
     survived = sum(not outcome.code for outcome in outcomes)
     bad = sum(bool(outcome.violations) for outcome in outcomes)
-    must = [outcome for outcome in outcomes if outcome.deadline is not None]
-    seen = sum("undetected" not in outcome.violations for outcome in must)
+    must_detect = [outcome for outcome in outcomes if outcome.deadline is not None]
+    detected = sum("undetected" not in outcome.violations for outcome in must_detect)
     longest = max(outcome.longest for outcome in outcomes)
     return (
         f"{len(outcomes)} trials, {len(kinds)} kinds of fault, {len(robots)} robots: {survived} survived, "
-        f"{len(outcomes) - survived} damped; {seen} of {len(must)} faults that must be detected were, in time; "
-        f"{bad} trials with violations; longest cycle {1e3 * longest:.1f} ms of processor time"
+        f"{len(outcomes) - survived} damped; {detected} of {len(must_detect)} faults with a deadline were detected "
+        f"in time; {bad} trials with violations; longest cycle {1e3 * longest:.1f} ms of processor time"
     )
 
 
-def repetitions(outcomes: Sequence[Outcome], before: Mapping[Key, Outcome]) -> list[str]:
-    """Return one sentence per trial that was repeated because of a stall."""
+def repetitions(outcomes: Sequence[Outcome], before: Mapping[TrialKey, Outcome]) -> list[str]:
+    """Return one sentence per trial that was repeated after a stall."""
     return [
         f"{outcome.robot}, {outcome.kind}, seed {outcome.seed} was repeated: its longest cycle took "
         f"{1e3 * first.longest:.1f} ms of processor time, and {1e3 * outcome.longest:.1f} ms in a new process"
@@ -138,29 +138,25 @@ def repetitions(outcomes: Sequence[Outcome], before: Mapping[Key, Outcome]) -> l
     ]
 
 
-def worst(outcomes: Sequence[Outcome]) -> Outcome | None:
-    """The trial with the worst violation; None without any."""
+def worst_trial(outcomes: Sequence[Outcome]) -> Outcome | None:
+    """Return the trial with the most severe violation, or None."""
     bad = [outcome for outcome in outcomes if outcome.violations]
-    return min(bad, key=lambda outcome: min(map(_WORST.index, outcome.violations)), default=None)
+    return min(bad, key=lambda outcome: min(map(_SEVERITY.index, outcome.violations)), default=None)
 
 
-def command_that_repeats(outcome: Outcome) -> str:
-    """The command line that runs a trial again."""
+def repeat_command(outcome: Outcome) -> str:
+    """Return the command that repeats a trial."""
     return f"wbc faults {shlex.quote(outcome.robot)} --kinds {outcome.kind} --seed {outcome.seed} --out repeated"
 
 
 def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> None:
-    """Write the table as Markdown and CSV, and, if plotly is installed, a page with plots.
-
-    Raises:
-        ConfigurationError: if a file cannot be written.
-    """
+    """Write Markdown, CSV and, with plotly, a page with plots; raise `ConfigurationError` if this fails."""
     rows = rows_of(outcomes)
     try:
         (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")
         (folder / "faults.csv").write_text(_csv(rows), encoding="utf-8")
     except OSError as error:
-        raise ConfigurationError(f"{folder}: the report cannot be written: {error.strerror or error}") from error
+        raise ConfigurationError(f"{folder}: writing of the report failed: {error.strerror or error}") from error
     if importlib.util.find_spec("plotly") is not None:
         _write_page(rows, outcomes, folder / "faults.html")
 
@@ -177,12 +173,12 @@ def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequen
     bad = [outcome for outcome in outcomes if outcome.violations]
     if bad:
         lines.append("\n## Violations\n")
-        lines += [f"- `{name}`: {ALL_VIOLATIONS[name]}" for name in _WORST if any(name in o.violations for o in bad)]
+        lines += [f"- `{name}`: {ALL_VIOLATIONS[name]}" for name in _SEVERITY if any(name in o.violations for o in bad)]
         lines.append("")
         for outcome in bad:
-            said = "; ".join(f"{name}: {sentence}" for name, sentence in outcome.violations.items())
+            texts = "; ".join(f"{name}: {sentence}" for name, sentence in outcome.violations.items())
             lines.append(
-                f"- `{command_that_repeats(outcome)}`: {said} (`{json.dumps(dict(outcome.parameters), default=str)}`)"
+                f"- `{repeat_command(outcome)}`: {texts} (`{json.dumps(dict(outcome.parameters), default=str)}`)"
             )
     return "\n".join(lines) + "\n"
 
@@ -197,8 +193,8 @@ def _csv(rows: Sequence[Row]) -> str:
     for row in rows:
         median, largest = (float(np.median(row.delays)), max(row.delays)) if row.delays else ("", "")
         writer.writerow(
-            (row.place, row.kind, row.robot, row.trials, row.survived, *row.interval, json.dumps(row.reasons), row.must,
-             median, largest, "" if row.deadline is None else row.deadline, json.dumps(row.violations))
+            (row.place, row.kind, row.robot, row.trials, row.survived, *row.interval, json.dumps(row.reasons),
+             row.must_detect, median, largest, "" if row.deadline is None else row.deadline, json.dumps(row.violations))
         )  # fmt: skip
     return text.getvalue()
 

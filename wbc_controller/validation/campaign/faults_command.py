@@ -8,17 +8,17 @@ import click
 
 @click.command()
 @click.argument("robots", nargs=-1, metavar="[ROBOT]...")
-@click.option("--kinds", default="", help="Kinds of fault, separated by commas: docs/faults.md; all by default.")
+@click.option("--kinds", default="", help="Kinds of fault, comma-separated (docs/faults.md); by default all.")
 @click.option("--seeds", default=25, show_default=True, type=click.IntRange(1), help="Trials per kind and robot.")
-@click.option("--seed", type=click.IntRange(0), help="One trial per kind and robot, with this seed, to repeat it.")
-@click.option("--jobs", default=-1, show_default=True, help="Trials at once; -1 for one per processor.")
+@click.option("--seed", type=click.IntRange(0), help="Run one trial per kind and robot with this seed.")
+@click.option("--jobs", default=-1, show_default=True, help="Parallel trials; -1 for one per processor.")
 @click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("faults"), show_default=True,
-              help="Folder of the results; what is missing there is run.")  # fmt: skip
+              help="Folder of the results; only missing trials are run.")  # fmt: skip
 @click.option("--backend", default="loky", show_default=True, help="loky (this machine), dask or ray.")
 @click.option("--address", help="Address of the dask scheduler or the ray cluster.")
 @click.option("--recordings", type=click.Path(path_type=Path, file_okay=False),
-              help="Folder for the recordings that faults leave: each has to name its fault, and to come out bit for "
-              "bit. Trials that are in the results already are not recorded.")  # fmt: skip
+              help="Folder of the fault recordings. Each must name its fault, and its replay must be identical in each "
+              "bit. Existing trials are not recorded.")  # fmt: skip
 def faults(
     robots: tuple[str, ...],
     kinds: str,
@@ -30,9 +30,9 @@ def faults(
     address: str | None,
     recordings: Path | None,
 ) -> None:
-    """Run a campaign of faults on mock robots, and report the outcomes: g1, talos and go2 by default.
+    """Run a fault campaign on mock robots, by default g1, talos and go2, and report the outcomes.
 
-    The status is 1 if a trial violates a guarantee.
+    Exit status 1: a trial violated a guarantee.
     """
     from wbc_controller.validation.campaign.run import run_campaign
 

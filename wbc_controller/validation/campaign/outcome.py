@@ -1,4 +1,4 @@
-"""The outcome of a trial, and the names of all violations."""
+"""Outcome of a trial, and the names of all violations."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,37 +6,36 @@ from typing import Any
 
 from wbc_controller.validation.campaign.monitor import VIOLATIONS
 
-#: Longest time for which a robot may be fallen while its controller is active, s.
-UNSEEN = 0.2
-#: Every name of a violation, with its meaning: what the monitor finds, and what the outcome tells.
+MAX_FALLEN_TIME = 0.2  # with an active controller, s
+#: Meaning of each violation, of the monitor and of the outcome.
 ALL_VIOLATIONS: Mapping[str, str] = {
     **VIOLATIONS,
-    "start": "the robot did not stand when the fault was to begin",
-    "early": "the controller left its active mode before the fault began",
-    "undetected": "a fault that must be detected was not, or too late",
-    "wrong_reason": "damping for a reason that this kind of fault does not have, or with one that is harmless",
-    "fell": f"the robot lay on the ground for {UNSEEN:g} s while its controller was active",
-    "recording": "the fault's recording does not name it, or does not come out bit for bit when it is solved again",
-    "diverged": "the physics of the mock robot diverged: the trial says nothing",
+    "start": "the robot did not stand at the beginning of the fault",
+    "early": "the controller left its active mode before the fault",
+    "undetected": "a fault with a deadline was not detected in time",
+    "wrong_reason": "damping for an invalid reason, or despite a harmless fault",
+    "fell": f"the robot lay on the ground for {MAX_FALLEN_TIME:g} s with an active controller",
+    "recording": "the recording of the fault does not name it, or its replay differs",
+    "diverged": "the physics of the mock robot diverged; the trial is invalid",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of one trial."""
+    """Outcome of one trial."""
 
     robot: str
     kind: str
     seed: int
     parameters: Mapping[str, Any]
     expected: str  # `survive`, `detect` or `either`
-    deadline: float | None  # time after the beginning of the fault within which it had to be detected, s; None for none
+    deadline: float | None  # time limit of the detection, s; or None
     result: str  # `survived`, `damped` or `violation`
-    code: str  # code of the controller's fault, or its mode if it had none; empty if it stayed active
+    code: str  # fault code, or mode without a fault; empty if active
     sentence: str
-    after: float | None  # time from the beginning of the fault until then, s; None if it stayed active
-    moved: float  # largest distance of the centre of mass from its place at the beginning of the fault, m
-    longest: float  # longest processor time of the loop for one cycle, s
-    simulated: float  # length of the trial, s
-    wall: float  # wall time that it took, s
-    violations: Mapping[str, str]  # sentences by name, as in `ALL_VIOLATIONS`
+    after: float | None  # from the beginning of the fault to the end of the active mode, s; or None
+    moved: float  # largest displacement of the centre of mass, m
+    longest: float  # longest processor time of a cycle, s
+    simulated: float  # s
+    wall: float  # s
+    violations: Mapping[str, str]  # texts by name, as in `ALL_VIOLATIONS`

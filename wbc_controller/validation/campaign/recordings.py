@@ -1,4 +1,4 @@
-"""Checks the recording of a trial's fault: it names the fault, and its replay gives the same cycles bit for bit."""
+"""Check of fault recordings: the recording names its fault, and the replay is identical in every bit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,40 +13,40 @@ from wbc_controller.recording.replay.recording_summary import summarize
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """Where the recordings of one trial are."""
+class TrialRecordings:
+    """Recordings of one trial."""
 
     folder: Path
-    name: str  # of the trial, with which the files begin
+    name: str  # beginning of the file names
 
     @property
     def settings(self) -> Mapping[str, object]:
-        """Those of the recorder, by dotted key."""
+        """Settings of the recorder by dotted key."""
         return {"recorder.folder": str(self.folder.absolute())}
 
     def clear(self) -> None:
-        """Remove what an earlier run of the same trial has left."""
+        """Remove the recordings of an earlier run of the trial."""
         for file in self._files():
             file.unlink()
 
-    def mistake(self, code: str, sentence: str) -> str:
-        """What is wrong with the recording of a fault, or nothing: it names the fault, and all its cycles come out."""
+    def error_of_fault(self, code: str, sentence: str) -> str:
+        """Return the error of a fault's recording, or an empty text."""
         files = self._files()
         if not files:
-            return f"there is none of {code}"
+            return f"no recording of {code}"
         try:
             found = [Recording(file) for file in files]
             named = [each for each in found if f"fault {code} " in summarize(each) and sentence in summarize(each)]
             if not named:
                 return f"{files[-1]} does not name {code}"
             run = Replay(named[0])
-            with np.errstate(all="ignore"):  # as in the trial
+            with np.errstate(all="ignore"):
                 cycles = list(run.run())
         except ConfigurationError as error:
             return str(error)
         different = sum(not each.is_identical for each in cycles)
         if different or not cycles:
-            return f"{named[0].path}: of {len(cycles)} cycles {different} do not come out as they were recorded"
+            return f"{named[0].path}: the replay of {different} of {len(cycles)} cycles differs from the recording"
         return ""
 
     def _files(self) -> list[Path]:

@@ -12,23 +12,23 @@ from wbc_controller.records import Array
 from wbc_controller.simulation.faults.fault import Fault, number
 from wbc_controller.validation.user import User, com_trajectory
 
-#: Topics whose messages are a single number or switch, so that random bytes are mostly a valid request.
+#: Topics with a single number or switch, for which random bytes would be a valid request.
 _ANY_BYTES = ("weight", "task_enable", "contact_enable")
 
 
 @dataclass(slots=True)
-class Sending:
-    """The state of a fault of requests."""
+class RequestFaultState:
+    """State of a request fault."""
 
     user: User
     rng: np.random.Generator
-    com: Array | None = None  # centre of mass at the beginning, (3,) in m
-    periods: int = 0  # number of control periods since the beginning
+    com: Array | None = None  # initial, (3,) in m
+    periods: int = 0  # since the beginning
 
-    def say(self, key: str, text: str, count: int = 1) -> None:
-        """Send a text some times."""
+    def send_text(self, key: str, text: str, count: int = 1) -> None:
+        """Send a text `count` times."""
         for _ in range(count):
-            self.user.say(key, text)
+            self.user.send_text(key, text)
 
     def move(self, times: list[float], positions: Array) -> None:
         """Send trajectories of the centre of mass through points, (n, 3) in m."""
@@ -37,121 +37,118 @@ class Sending:
 
 
 class RequestFault(Fault):
-    """A fault of requests: campaigns have it, the mock robot does not."""
+    """A fault of requests, for campaigns only."""
 
     place = "user"
 
-    def act(self, sending: Sending, com: Array) -> None:
-        """Pass one control period, with the present centre of mass, (3,) in m."""
-        if sending.com is None:
-            sending.com = com.copy()
-        if sending.periods % self.interval() == 0:
-            self.send(sending, com)
-        sending.periods += 1
+    def step(self, state: RequestFaultState, com: Array) -> None:
+        """Execute one control period with the present centre of mass, (3,) in m."""
+        if state.com is None:
+            state.com = com.copy()
+        if state.periods % self.interval() == 0:
+            self.send(state, com)
+        state.periods += 1
 
     def interval(self) -> float:
-        """Return the number of periods from one message to the next; infinite to send once."""
+        """Return the number of periods between messages; infinite for one message."""
         return getattr(self, "every", 1)
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send the messages of one control period."""
         raise NotImplementedError
 
 
-class _Once(RequestFault):
-    """A fault whose messages are sent once."""
-
+class _OneTimeFault(RequestFault):
     def interval(self) -> float:
-        """Send once."""
         return math.inf
 
 
 class Garbage(RequestFault):
-    """Random bytes on random topics for requests."""
+    """Random bytes on random topics of requests."""
 
     messages: int = number(5, 1, 20, "messages", "in each control period")
     longest: int = number(200, 4, 5000, "bytes", "of a message")
 
-    def send(self, sending: Sending, com: Array) -> None:
-        """Send random bytes behind a valid encapsulation header, so that decoders read them."""
-        keys = [(key, subject) for key, subject in sending.user.requests if key not in _ANY_BYTES]
+    def send(self, state: RequestFaultState, com: Array) -> None:
+        """Send random bytes after a valid encapsulation header, so that decoders read them."""
+        keys = [(key, subject) for key, subject in state.user.requests if key not in _ANY_BYTES]
         for _ in range(self.messages):
-            key, subject = keys[int(sending.rng.integers(len(keys)))]
-            body = sending.rng.bytes(int(sending.rng.integers(1, self.longest)))
+            key, subject = keys[int(state.rng.integers(len(keys)))]
+            body = state.rng.bytes(int(state.rng.integers(1, self.longest)))
             if b"estop" not in body:
-                sending.user.send_bytes(key, b"\x00\x01\x00\x00" + body, subject)
+                state.user.send_bytes(key, b"\x00\x01\x00\x00" + body, subject)
 
 
 class UnknownWords(RequestFault):
-    """Words that are no command, on the topic for commands."""
+    """Unknown commands on the topic of commands."""
 
-    def send(self, sending: Sending, com: Array) -> None:
-        """Send one."""
+    def send(self, state: RequestFaultState, com: Array) -> None:
+        """Send one unknown command."""
         words = ("", "ACTIVATE", "e-stop", "resett", "start", "\n", "активировать", "a" * 1000)
-        sending.say("command", str(sending.rng.choice(words)))
+        state.send_text("command", str(state.rng.choice(words)))
 
 
 class RequestFlood(RequestFault):
-    """The request for activation comes again and again, many times in each period."""
+    """Many activation requests in each period."""
 
     messages: int = number(20, 1, 200, "messages", "in each control period")
 
-    def send(self, sending: Sending, com: Array) -> None:
-        """Send many requests."""
-        sending.say("command", "activate", self.messages)
+    def send(self, state: RequestFaultState, com: Array) -> None:
+        """Send the requests."""
+        state.send_text("command", "activate", self.messages)
 
 
-class FarSetpoint(_Once):
-    """The centre of mass is sent to where the robot cannot go, once."""
+class FarSetpoint(_OneTimeFault):
+    """One setpoint of the centre of mass out of the robot's reach."""
 
     distance: float = number(0.5, 0.05, 5.0, "m", "in a random direction")
 
-    def send(self, sending: Sending, com: Array) -> None:
-        """Send one trajectory there, of half a second."""
-        direction = sending.rng.normal(size=3)
-        sending.move([0.5], com[None, :] + self.distance * direction / np.linalg.norm(direction))
+    def send(self, state: RequestFaultState, com: Array) -> None:
+        """Send one trajectory of 0.5 s."""
+        direction = state.rng.normal(size=3)
+        state.move([0.5], com[None, :] + self.distance * direction / np.linalg.norm(direction))
 
 
 class StepSetpoint(RequestFault):
-    """The centre of mass is sent to another side in each of a few periods."""
+    """Repeated steps of the centre of mass to random sides."""
 
     distance: float = number(0.05, 0.005, 0.5, "m", "to a random side")
-    every: int = number(10, 1, 100, "periods", "between two")
+    every: int = number(10, 1, 100, "periods", "between setpoints")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send a short trajectory."""
-        sending.move([0.2], com[None, :] + self.distance * sending.rng.uniform(-1.0, 1.0, 3))
+        state.move([0.2], com[None, :] + self.distance * state.rng.uniform(-1.0, 1.0, 3))
 
 
 class LongTrajectory(RequestFault):
-    """Trajectories with thousands of points that stay where the robot is, in each of some periods."""
+    """Repeated trajectories with thousands of points at the present position."""
 
     points: int = number(1000, 100, 4900, "points", "of each trajectory")
-    every: int = number(20, 5, 100, "periods", "between two")
+    every: int = number(20, 5, 100, "periods", "between trajectories")
 
-    def send(self, sending: Sending, com: Array) -> None:
-        """Send a trajectory that stays at the first centre of mass."""
-        start = com if sending.com is None else sending.com
-        sending.move(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
+    def send(self, state: RequestFaultState, com: Array) -> None:
+        """Send a trajectory at the initial centre of mass."""
+        start = com if state.com is None else state.com
+        state.move(np.linspace(0.1, 10.0, self.points).tolist(), np.tile(start, (self.points, 1)))
 
 
-class HugeMessage(_Once):
-    """Messages of megabytes on the topics for commands and updates, once each."""
+class HugeMessage(_OneTimeFault):
+    """Messages of megabytes on the topics of commands and updates, once each."""
 
     size: int = number(4_000_000, 300_000, 10_000_000, "bytes", "of each message")
 
-    def send(self, sending: Sending, com: Array) -> None:
-        """Send both."""
-        sending.say("command", "a" * self.size)
-        sending.say("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
+    def send(self, state: RequestFaultState, com: Array) -> None:
+        """Send both messages."""
+        state.send_text("command", "a" * self.size)
+        state.send_text("update", "{tasks: [" + "1," * (self.size // 2) + "]}")
 
 
-class Estop(_Once):
-    """An emergency stop, once."""
+class Estop(_OneTimeFault):
+    """One emergency stop."""
 
-    def send(self, sending: Sending, com: Array) -> None:
-        """Send it."""
-        sending.say("command", "estop")
+    def send(self, state: RequestFaultState, com: Array) -> None:
+        """Send the stop."""
+        state.send_text("command", "estop")
 
 
 class EstopInFlood(RequestFault):
@@ -159,37 +156,37 @@ class EstopInFlood(RequestFault):
 
     messages: int = number(100, 1, 500, "messages", "before it, in the same control period")
 
-    def send(self, sending: Sending, com: Array) -> None:
-        """Send all."""
-        sending.say("command", "activate", self.messages)
-        sending.say("command", "estop")
+    def send(self, state: RequestFaultState, com: Array) -> None:
+        """Send the requests and the stop."""
+        state.send_text("command", "activate", self.messages)
+        state.send_text("command", "estop")
 
 
-class ContactOff(_Once):
-    """A contact that carries the robot is switched off, once; at the end nobody switches it on."""
+class ContactOff(_OneTimeFault):
+    """A loaded contact is disabled, permanently."""
 
     contact: str = Field("", description="name of the contact; empty for one at random")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send the request."""
-        names = list(sending.user.settings.contacts)
-        name = self.contact or names[int(sending.rng.integers(len(names)))]
-        sending.user.send("contact_enable", message("std_msgs/msg/Bool", data=False), name)
+        names = list(state.user.settings.contacts)
+        name = self.contact or names[int(state.rng.integers(len(names)))]
+        state.user.send("contact_enable", message("std_msgs/msg/Bool", data=False), name)
 
 
 class ConflictingUpdates(RequestFault):
-    """Updates that contradict each other: weights, gains and times go up and down in each of some periods."""
+    """Repeated contradictory updates of weights, gains and times."""
 
-    every: int = number(5, 1, 50, "periods", "between two")
+    every: int = number(5, 1, 50, "periods", "between updates")
 
-    def send(self, sending: Sending, com: Array) -> None:
+    def send(self, state: RequestFaultState, com: Array) -> None:
         """Send random changes within their ranges."""
-        tasks, rng = sending.user.settings.tasks, sending.rng
+        tasks, rng = state.user.settings.tasks, state.rng
         name = list(tasks)[int(rng.integers(len(tasks)))]
         weight, factor = tasks[name].weight, float(np.exp(rng.uniform(-1.0, 1.0)))
-        sending.say("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
-        sending.say("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
-        sending.say("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
+        state.send_text("update", f"{{tasks: {{{name}: {{weight: {weight * factor}}}}}}}")
+        state.send_text("update", f"{{control: {{weight_ramp: {rng.uniform(0.0, 2.0)}}}}}")
+        state.send_text("update", f"{{tasks: {{{name}: {{weight: {weight / factor}, wieght: 1}}}}}}")
 
 
 REQUEST_KINDS: Mapping[str, type[RequestFault]] = {

@@ -1,4 +1,4 @@
-"""The file of a campaign: one line of JSON for each trial, so that it can be stopped and resumed at any time."""
+"""File of a campaign, one line of JSON per trial; a campaign can be stopped and resumed at any time."""
 
 import dataclasses
 import hashlib
@@ -12,12 +12,11 @@ from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.files import find_configuration
 from wbc_controller.validation.campaign.outcome import Outcome
 
-#: Name of the file in the folder of a campaign.
 FILE = "trials.jsonl"
 
 
-class Key(NamedTuple):
-    """What makes a trial: all else follows from it."""
+class TrialKey(NamedTuple):
+    """Arguments that determine a trial."""
 
     robot: str
     kind: str
@@ -25,24 +24,20 @@ class Key(NamedTuple):
 
 
 class Results:
-    """The outcomes of a campaign, in memory and on disk.
+    """Outcomes of a campaign, in memory and on disk.
 
     Attributes:
-        outcomes: those of this version of code and configuration, by key; the last one of a trial that was repeated.
-        repeated: the outcomes before, of trials that were repeated, by key.
-        others: number of lines in the file of another version, which are kept and not used.
+        outcomes: newest outcomes of this version of code and configuration.
+        repeated: earlier outcomes of repeated trials.
+        other_versions: number of unused lines of other versions.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Open the file of a folder, and read what is there.
-
-        Raises:
-            ConfigurationError: where the folder or file cannot be used.
-        """
+        """Open and read the file of a folder; raise `ConfigurationError` if this fails."""
         self.path = folder / FILE
-        self.outcomes: dict[Key, Outcome] = {}
-        self.repeated: dict[Key, Outcome] = {}
-        self.others = 0
+        self.outcomes: dict[TrialKey, Outcome] = {}
+        self.repeated: dict[TrialKey, Outcome] = {}
+        self.other_versions = 0
         self._versions: dict[str, str] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -50,14 +45,16 @@ class Results:
                 self._read()
             self._file = self.path.open("a", encoding="utf-8")
         except OSError as error:
-            raise ConfigurationError(f"{self.path}: cannot be used: {error.strerror or error}") from error
+            raise ConfigurationError(
+                f"{self.path}: opening of the results failed: {error.strerror or error}"
+            ) from error
 
     def add(self, outcome: Outcome) -> None:
-        """Append an outcome to the file, at once."""
+        """Append an outcome to the file immediately."""
         content = {"version": self._version(outcome.robot), **dataclasses.asdict(outcome)}
         self._file.write(json.dumps(_without_infinities(content), ensure_ascii=False) + "\n")
         self._file.flush()
-        self._take(outcome)
+        self._store(outcome)
 
     def close(self) -> None:
         """Close the file."""
@@ -66,7 +63,7 @@ class Results:
     def _read(self) -> None:
         text = self.path.read_text(encoding="utf-8")
         complete = text[: text.rfind("\n") + 1]
-        if complete != text:  # the process ended while it wrote the last line
+        if complete != text:  # the process ended while writing the last line
             self.path.write_text(complete, encoding="utf-8")
         for number, line in enumerate(complete.splitlines(), 1):
             try:
@@ -75,15 +72,15 @@ class Results:
                 outcome = Outcome(**content)
             except (ValueError, TypeError, KeyError, AttributeError) as error:
                 raise ConfigurationError(
-                    f"{self.path}:{number}: not a line of a fault campaign ({type(error).__name__}: {error}); name "
+                    f"{self.path}:{number}: invalid line of a fault campaign ({type(error).__name__}: {error}); choose "
                     "another folder"
                 ) from error
             if version == self._version(outcome.robot):
-                self._take(outcome)
+                self._store(outcome)
             else:
-                self.others += 1
+                self.other_versions += 1
 
-    def _take(self, outcome: Outcome) -> None:
+    def _store(self, outcome: Outcome) -> None:
         key = key_of(outcome)
         if key in self.outcomes:
             self.repeated[key] = self.outcomes[key]
@@ -95,13 +92,13 @@ class Results:
         return self._versions[robot]
 
 
-def key_of(outcome: Outcome) -> Key:
-    """The key of an outcome."""
-    return Key(outcome.robot, outcome.kind, outcome.seed)
+def key_of(outcome: Outcome) -> TrialKey:
+    """Return the key of an outcome."""
+    return TrialKey(outcome.robot, outcome.kind, outcome.seed)
 
 
 def version_of(robot: str) -> str:
-    """A fingerprint of this package's code and of a robot's configuration; the robot's file may be gone."""
+    """Return a hash of this package's code and of a robot's configuration, if its file exists."""
     digest = hashlib.sha256()
     package = Path(__file__).resolve().parents[2]
     for path in _sources(package):
@@ -114,13 +111,12 @@ def version_of(robot: str) -> str:
 
 
 def _sources(package: Path) -> Iterator[Path]:
-    """The code on which the outcome of a trial depends: not the code that counts and shows outcomes."""
+    """Yield the files of code that can change an outcome, without reports."""
     shown = {Path(__file__).with_name(f"{name}.py") for name in ("results", "campaign_report", "campaign_plots", "run")}
     return (path for path in sorted(package.rglob("*.py")) if path not in shown and path.parent.name != "demo")
 
 
 def _without_infinities(content: dict[str, Any]) -> dict[str, Any]:
-    """JSON has no infinities: they become texts."""
     return {
         key: repr(value) if isinstance(value, float) and not math.isfinite(value) else value
         for key, value in content.items()

@@ -1,4 +1,4 @@
-"""Runs a campaign: trials in parallel, on this machine or on a cluster."""
+"""Execution of a campaign: parallel trials on this machine or a cluster."""
 
 import contextlib
 import multiprocessing
@@ -14,22 +14,20 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.settings.files import find_configuration
 from wbc_controller.validation.campaign.campaign_report import (
-    command_that_repeats,
+    repeat_command,
     repetitions,
     summary,
     terminal_table,
-    worst,
+    worst_trial,
     write_report,
 )
 from wbc_controller.validation.campaign.outcome import Outcome
-from wbc_controller.validation.campaign.results import Key, Results
+from wbc_controller.validation.campaign.results import Results, TrialKey
 from wbc_controller.validation.campaign.trial import ALL_KINDS, run_trial
 
 BACKENDS = ("loky", "dask", "ray")
-#: Width of the output where it is not a terminal, in characters.
-_WIDTH = 150
-#: Between two lines about progress where the output is no terminal, in trials.
-_SAY_EVERY = 100
+_WIDTH = 150  # outside a terminal, characters
+_PROGRESS_EVERY = 100  # trials, outside a terminal
 
 
 def run_campaign(
@@ -44,36 +42,31 @@ def run_campaign(
     recordings: Path | None = None,
     console: Console | None = None,
 ) -> bool:
-    """Run the trials that are missing in a folder, and write the report of all.
+    """Run the missing trials of a folder, and write the report of all; return True without violations.
 
     Args:
-        folder: where the results are kept; a second call goes on where the first has ended.
-        jobs: trials at once; -1 for as many as there are processors.
-        address: of the scheduler or cluster of the backend, where it has one.
-        recordings: folder for the recordings that faults leave, which are then looked at; None records nothing.
-
-    Returns:
-        Whether there was no violation.
+        jobs: parallel trials; -1 for one per processor.
+        address: address of the scheduler or cluster of the backend.
+        recordings: folder of fault recordings, which are checked.
 
     Raises:
-        ConfigurationError: where a name is unknown, a file cannot be used, or the backend is not installed.
+        ConfigurationError: if a name is unknown, a file cannot be used, or the backend is not installed.
     """
     console = console or (Console() if Console().is_terminal else Console(width=_WIDTH))
     for robot in robots:
         find_configuration(robot)
     for kind in kinds:
         if kind not in ALL_KINDS:
-            raise ConfigurationError(f"kind {kind!r} is unknown; {valid_choices(kind, ALL_KINDS)}")
-    wanted = [Key(robot, kind, seed) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots]
+            raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
+    requested = [TrialKey(robot, kind, seed) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots]
     results = Results(folder)
-    if results.others:
+    if results.other_versions:
         console.print(
-            f"{results.path} has {results.others} trials of another version of the code or configuration: they are "
-            "not used"
+            f"{results.path}: {results.other_versions} trials of another version of the code or the robot are ignored"
         )
-    missing = [key for key in wanted if key not in results.outcomes]
-    if len(missing) < len(wanted):
-        console.print(f"{len(wanted) - len(missing)} of {len(wanted)} trials are there already")
+    missing = [key for key in requested if key not in results.outcomes]
+    if len(missing) < len(requested):
+        console.print(f"{len(requested) - len(missing)} of {len(requested)} trials exist already")
     interrupted = False
     try:
         trial = partial(run_trial, recordings=recordings)
@@ -81,13 +74,13 @@ def run_campaign(
             for outcome in run(missing):
                 results.add(outcome)
                 done(outcome)
-        _repeat_stalls(results, wanted, trial)
+        _repeat_stalls(results, requested, trial)
     except KeyboardInterrupt:
         interrupted = True
-        console.print(f"interrupted; the same command goes on with what is missing in {results.path}")
+        console.print(f"interrupted; the same command resumes the campaign in {results.path}")
     finally:
         results.close()
-    outcomes = [results.outcomes[key] for key in wanted if key in results.outcomes]
+    outcomes = [results.outcomes[key] for key in requested if key in results.outcomes]
     if not outcomes:
         return not interrupted
     console.print(terminal_table(outcomes))
@@ -97,51 +90,48 @@ def run_campaign(
         console.print(sentence, markup=False)
     write_report(outcomes, folder, repeated)
     console.print(f"report: {folder}/faults.md, faults.csv, faults.html")
-    bad = worst(outcomes)
+    bad = worst_trial(outcomes)
     if bad is not None:
         names = "; ".join(f"{name}: {sentence}" for name, sentence in bad.violations.items())
-        console.print(f"the worst trial: {bad.robot}, {bad.kind}, seed {bad.seed}: {names}", markup=False)
-        console.print(f"repeat it with: {command_that_repeats(bad)}", markup=False)
+        console.print(f"worst trial: {bad.robot}, {bad.kind}, seed {bad.seed}: {names}", markup=False)
+        console.print(f"repeat with: {repeat_command(bad)}", markup=False)
     return bad is None and not interrupted
 
 
-def _repeat_stalls(results: Results, wanted: Sequence[Key], trial: Callable[..., Outcome]) -> None:
-    """Repeat the trials with stalls, each in a new process.
-
-    A trial computes the same in every run, the first time of a process too. A host that halts a processor of a virtual
-    machine, and a kernel that looks for memory, count as the thread's own processor time; they do not come again.
-    """
-    for key in wanted:
+def _repeat_stalls(results: Results, requested: Sequence[TrialKey], trial: Callable[..., Outcome]) -> None:
+    """Repeat trials with a stall in a new process: stalls of the host or kernel do not recur."""
+    for key in requested:
         if "stall" in results.outcomes[key].violations and key not in results.repeated:
             results.add(_in_new_process(key, trial))
 
 
-def _in_new_process(key: Key, trial: Callable[..., Outcome]) -> Outcome:
+def _in_new_process(key: TrialKey, trial: Callable[..., Outcome]) -> Outcome:
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(trial, *key).result()
 
 
 @contextlib.contextmanager
 def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[..., Outcome]) -> Iterator[Any]:
-    """A function that runs trials and gives their outcomes as they come."""
     try:
         import joblib
     except ModuleNotFoundError as error:
         raise ConfigurationError(
-            f"fault campaigns need joblib ({error}); install it with: pip install 'wbc_controller[campaign]'"
+            f"fault campaigns require joblib ({error}); install it with: pip install 'wbc_controller[campaign]'"
         ) from error
     if backend not in BACKENDS:
-        raise ConfigurationError(f"backend {backend!r} is unknown; {valid_choices(backend, BACKENDS)}")
+        raise ConfigurationError(f"unknown backend {backend!r}; {valid_choices(backend, BACKENDS)}")
     if backend == "loky" and address is not None:
-        raise ConfigurationError(f"address {address!r}: the backend loky is this machine; dask and ray take an address")
+        raise ConfigurationError(
+            f"--address {address!r}: not valid for the backend loky (this machine); valid: dask, ray"
+        )
     with _cluster(backend, address), joblib.parallel_config(backend, n_jobs=jobs):
 
-        def run(keys: Sequence[Key]) -> Iterator[Outcome]:
-            # One trial after the other goes out, so that what has been done is known, and can be kept, at any time.
+        def run(keys: Sequence[TrialKey]) -> Iterator[Outcome]:
+            # Single trials, so that each outcome is stored at once.
             streamed = "generator_unordered" if backend == "loky" else "list"
             parallel = joblib.Parallel(return_as=streamed, batch_size=1 if backend == "loky" else "auto")
-            # On a cluster the outcomes come in portions, each of which is kept when it is complete.
-            size = len(keys) or 1 if backend == "loky" else 10 * _SAY_EVERY
+            # A cluster returns outcomes in batches; each complete batch is stored.
+            size = len(keys) or 1 if backend == "loky" else 10 * _PROGRESS_EVERY
             for i in range(0, len(keys), size):
                 yield from parallel(joblib.delayed(trial)(*key) for key in keys[i : i + size])
 
@@ -150,7 +140,6 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
 
 @contextlib.contextmanager
 def _cluster(backend: str, address: str | None) -> Iterator[None]:
-    """Connect to a cluster, where the backend is one."""
     if backend == "loky":
         yield
         return
@@ -164,7 +153,9 @@ def _cluster(backend: str, address: str | None) -> Iterator[None]:
         import ray
         from ray.util.joblib import register_ray
     except ModuleNotFoundError as error:
-        raise ConfigurationError(f"the backend {backend} is not installed ({error}); Valid without: loky") from error
+        raise ConfigurationError(
+            f"the backend {backend} is not installed ({error}); install it, or use loky"
+        ) from error
     if not ray.is_initialized():
         ray.init(address=address)
     register_ray()
@@ -173,18 +164,18 @@ def _cluster(backend: str, address: str | None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _progress(console: Console, total: int) -> Iterator[Any]:
-    """A progress bar, or a line now and then where the output is not a terminal."""
+    """Yield a function that shows the progress, as a bar in a terminal and as lines otherwise."""
     count = {"survived": 0, "damped": 0, "violation": 0}
 
-    def said() -> str:
+    def progress_text() -> str:
         return ", ".join(f"{number} {result}" for result, number in count.items())
 
     if not console.is_terminal:
 
         def line(outcome: Outcome) -> None:
             count[outcome.result] += 1
-            if sum(count.values()) % _SAY_EVERY == 0 or sum(count.values()) == total:
-                console.print(f"{sum(count.values())} of {total} trials: {said()}")
+            if sum(count.values()) % _PROGRESS_EVERY == 0 or sum(count.values()) == total:
+                console.print(f"{sum(count.values())} of {total} trials: {progress_text()}")
 
         yield line
         return
@@ -192,10 +183,10 @@ def _progress(console: Console, total: int) -> Iterator[Any]:
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
     )  # fmt: skip
     with Progress(*columns, console=console) as progress:
-        task = progress.add_task(said(), total=total)
+        task = progress.add_task(progress_text(), total=total)
 
         def advance(outcome: Outcome) -> None:
             count[outcome.result] += 1
-            progress.update(task, advance=1, description=said())
+            progress.update(task, advance=1, description=progress_text())
 
         yield advance

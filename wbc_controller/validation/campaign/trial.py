@@ -1,8 +1,7 @@
-"""One trial: a robot that stands and moves, a fault at a random moment, and the outcome.
+"""One trial: a standing and moving robot, a fault at a random time, and the outcome.
 
-Controller, physics and user run in one thread on simulated time, so that the same seed gives the same trial. Their
-clocks are the same one; trials with an odd seed tell the controller so (`safety.synchronized_clocks`), in the others it
-has to learn the offset.
+Controller, physics and user run in one thread on simulated time. Odd seeds set `safety.synchronized_clocks`; with even
+seeds the controller learns the offset of its clock.
 """
 
 import contextlib
@@ -30,24 +29,19 @@ from wbc_controller.simulation.faults.fault import Fault
 from wbc_controller.validation.campaign.expectations import Expectation, expect
 from wbc_controller.validation.campaign.fall import TrueFall
 from wbc_controller.validation.campaign.monitor import OutputMonitor
-from wbc_controller.validation.campaign.outcome import UNSEEN, Outcome
-from wbc_controller.validation.campaign.recordings import Place
-from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, Sending
+from wbc_controller.validation.campaign.outcome import MAX_FALLEN_TIME, Outcome
+from wbc_controller.validation.campaign.recordings import TrialRecordings
+from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Every kind of fault that a trial can have, by name.
 ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
-#: Kinds for which the controller measures time by /clock.
-_BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")
-#: Earliest and latest beginning of a fault after the robot has begun to move, and shortest and longest duration, s.
-_BEGINS, _LASTS = (0.2, 0.5), (0.05, 0.6)
-#: How long a trial goes on after the fault, and after the controller has left its active mode, s.
-_AFTER, _DAMPED = 0.6, 0.2
-#: Time between two looks at the whole robot, s.
-_LOOK = 0.01
-#: Periods for which the base is held before anything else.
-_HELD = 3
+_BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")  # kinds with a controller on the time of /clock
+#: Ranges of the fault's start after the beginning of the motion, and of its duration, s.
+_START_RANGE, _DURATION_RANGE = (0.2, 0.5), (0.05, 0.6)
+_AFTER_FAULT, _AFTER_DAMPING = 0.6, 0.2  # after the fault, and after the active mode, s
+_CHECK_PERIOD = 0.01  # s
+_HOLD_PERIODS = 3
 
 
 def run_trial(
@@ -59,54 +53,50 @@ def run_trial(
     prepare: Callable[[Controller], None] = lambda controller: None,
     recordings: Path | None = None,
 ) -> Outcome:
-    """Run one trial.
+    """Run one trial; the seed determines start, duration and parameters of the fault.
 
     Args:
-        seed: decides when the fault begins, how long it lasts, and its parameters.
-        parameters: of the fault, in place of those that are drawn.
-        prepare: called with the controller before the trial, for tests.
-        recordings: folder for the recording that a fault leaves, which then has to name the fault, and to come out bit
-            for bit when it is solved again; None records nothing.
+        parameters: parameters of the fault that replace random ones.
+        prepare: function for tests, called with the controller before the trial.
+        recordings: folder of fault recordings, which are checked.
 
     Raises:
-        ConfigurationError: where the kind is unknown, or the configuration cannot be used.
+        ConfigurationError: if the kind is unknown or the configuration invalid.
     """
     began = time.perf_counter()
     if kind not in ALL_KINDS:
-        raise ConfigurationError(f"kind {kind!r} is unknown; {valid_choices(kind, ALL_KINDS)}")
+        raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
     rng = np.random.default_rng([seed, zlib.crc32(f"{robot}/{kind}".encode())])
     given = {
-        "start": rng.uniform(*_BEGINS),
-        "duration": rng.uniform(*_LASTS),
+        "start": rng.uniform(*_START_RANGE),
+        "duration": rng.uniform(*_DURATION_RANGE),
         "seed": int(rng.integers(2**32)),
         **(parameters or {}),
     }
     fault = draw(ALL_KINDS[kind], rng, **given)
-    place = None if recordings is None else Place(recordings, f"{Path(robot).stem}-{kind}-{seed}")
+    place = None if recordings is None else TrialRecordings(recordings, f"{Path(robot).stem}-{kind}-{seed}")
     if place is not None:
         place.clear()
-    with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before they are refused
+    with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before their refusal
         trial = _Trial(robot, fault, rng, place, synchronized=seed % 2 == 1)
         prepare(trial.controller)
-        with _few_objects_to_collect():
+        with _frozen_objects():
             trial.run()
         if place is not None:
             trial.check_recording(place)
     if logged:
-        trial.monitor.found("logged", logged[0])
+        trial.monitor.add_violation("logged", logged[0])
     return trial.outcome(robot, seed, time.perf_counter() - began)
 
 
 class _Trial(Lockstep):
-    """The robot, its controller and its user, and the observations."""
-
     def __init__(
-        self, robot: str, fault: Fault, rng: np.random.Generator, place: Place | None, *, synchronized: bool
+        self, robot: str, fault: Fault, rng: np.random.Generator, place: TrialRecordings | None, *, synchronized: bool
     ) -> None:
         changes = {
             **(place.settings if place is not None else {}),
             "safety.activation_ramp": 0.0,
-            "safety.bring_up_time": 0.0,  # the robot has been active for longer
+            "safety.bring_up_time": 0.0,  # the robot counts as active for longer
             "safety.synchronized_clocks": synchronized,
             "control.markers_rate": 0.0,
             "control.trigger": "joint_states",
@@ -117,7 +107,7 @@ class _Trial(Lockstep):
         names = {topic.key: topic.name for topic in controller_endpoints(settings, model) if topic.key in streams}
         self.monitor = OutputMonitor(model, settings, names, stamps_lie=fault.place == "stamps and clock")
         self._recorder = None if place is None else Recorder(settings, patient=True, name=place.name)
-        self._read = 0.0  # processor time of reading in the last cycle, which a thread of its own does in a service
+        self._read = 0.0  # processor time of reading; a service uses another thread
         super().__init__(
             settings,
             model=model,
@@ -131,16 +121,15 @@ class _Trial(Lockstep):
         MemoryTransport(self.bus).subscribe(counterpart(effort), self.monitor.torques)
         self._fault, self._expected = fault, expect(fault, settings)
         self._fall = TrueFall(model, self.mock.plant)
-        self._sending = Sending(self.user, rng)
-        self._began = math.inf  # of the fault, on the monitor's time
+        self._request_state = RequestFaultState(self.user, rng)
+        self._began = math.inf  # start of the fault on the monitor's time
         self._moved = 0.0
 
     def run(self) -> None:
-        """Stand up, move, and let the fault happen."""
         try:
             self._stand()
-            if self.monitor.mode is not Mode.ACTIVE or self._fall.seen():
-                self.monitor.found("start", f"mode {self.monitor.mode}")
+            if self.monitor.mode is not Mode.ACTIVE or self._fall.has_fallen():
+                self.monitor.add_violation("start", f"mode {self.monitor.mode}")
                 return
             self.user.move(self.com())
             plant = self.mock.plant
@@ -148,71 +137,66 @@ class _Trial(Lockstep):
             self._began = 1.0e-9 * self.mock.stamp + self._fault.start
             if not isinstance(self._fault, RequestFault):
                 self.mock.plan([self._fault], since=plant.time)
-            self._go_on(begins, begins + self._fault.duration)
+            self._run_fault(begins, begins + self._fault.duration)
         except WbcError as error:
-            self.monitor.found("diverged", str(error))
+            self.monitor.add_violation("diverged", str(error))
         finally:
             if self._recorder is not None:
                 self._recorder.close()
 
-    def check_recording(self, place: Place) -> None:
-        """Check the recording of a fault."""
-        left = self.monitor.left
-        if left is not None and left[2]:
-            mistake = place.mistake(left[1], left[2])
-            if mistake:
-                self.monitor.found("recording", mistake)
+    def check_recording(self, place: TrialRecordings) -> None:
+        deactivation = self.monitor.deactivation
+        if deactivation is not None and deactivation[2]:
+            error_of_fault = place.error_of_fault(deactivation[1], deactivation[2])
+            if error_of_fault:
+                self.monitor.add_violation("recording", error_of_fault)
 
     def _stand(self) -> None:
-        """Activate with the base held until the torques are those of standing, and let it go."""
-        for _ in range(_HELD):
+        for _ in range(_HOLD_PERIODS):
             self._cycle()
-        self.user.say("command", "activate")
+        self.user.send_text("command", "activate")
         rising = 1.0 / self.settings.limits.torque_rate
-        for _ in range(_HELD + math.ceil(rising / self.controller.period)):
+        for _ in range(_HOLD_PERIODS + math.ceil(rising / self.controller.period)):
             self._cycle()
         self.mock.plant.hold(False, ramp=0.0)
-        for _ in range(_HELD):
+        for _ in range(_HOLD_PERIODS):
             self._cycle()
 
-    def _go_on(self, begins: float, ends: float) -> None:
-        """Let the time of the fault come and pass."""
-        plant, looked, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
-        while plant.time < ends + _AFTER:
+    def _run_fault(self, begins: float, ends: float) -> None:
+        plant, checked_at, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
+        while plant.time < ends + _AFTER_FAULT:
             now = plant.time
-            if now - looked >= _LOOK:
-                looked, com = now, self.com()
+            if now - checked_at >= _CHECK_PERIOD:
+                checked_at, com = now, self.com()
                 if now < begins:
                     origin = com
                 self._moved = max(self._moved, float(np.linalg.norm(com - origin)))
-                if not self._fall.seen():
+                if not self._fall.has_fallen():
                     fallen_since = math.inf
-                elif self.monitor.left is None:
+                elif self.monitor.deactivation is None:
                     fallen_since = min(fallen_since, now)
-                    if now - fallen_since > UNSEEN:
-                        self.monitor.found(
-                            "fell", f"the mode is {self.monitor.mode.value if self.monitor.mode else ''}"
+                    if now - fallen_since > MAX_FALLEN_TIME:
+                        self.monitor.add_violation(
+                            "fell", f"mode {self.monitor.mode.value if self.monitor.mode else ''}"
                         )
-            if self.monitor.left is not None and now > self.monitor.left[0] + _DAMPED:
+            if self.monitor.deactivation is not None and now > self.monitor.deactivation[0] + _AFTER_DAMPING:
                 return
             if isinstance(self._fault, RequestFault) and begins - 1e-9 <= now < ends:
-                self._fault.act(self._sending, self.com())
+                self._fault.step(self._request_state, self.com())
             self._cycle()
 
     def _cycle(self) -> None:
-        """One control period: measure, compute where a cycle is due, act."""
         self.monitor.now = 1.0e-9 * self.mock.stamp
         self.publish_state()
         before = time.thread_time()
-        # The first cycles of a process take longer: code is made when it is first used.
+        # The first cycles of a process are slower.
         if self.loop.run_due(self.monitor.now, self.controller.period) and self.monitor.now >= self._began:
-            self.monitor.spent(time.thread_time() - before - self._read)
+            self.monitor.check_processor_time(time.thread_time() - before - self._read)
         self.mock.advance()
 
     def outcome(self, robot: str, seed: int, wall: float) -> Outcome:
-        """Judge the observations."""
         monitor, expected = self.monitor, self._expected
-        when, code, sentence = monitor.left or (None, "", "")
+        when, code, sentence = monitor.deactivation or (None, "", "")
         after = when - self._began if when is not None and math.isfinite(self._began) else None
         if "start" not in monitor.violations and "diverged" not in monitor.violations:
             self._judge(expected, after, code)
@@ -222,7 +206,7 @@ class _Trial(Lockstep):
             kind=self._fault.kind(),
             seed=seed,
             parameters={key: getattr(self._fault, key) for key in keys},
-            expected=expected.word,
+            expected=expected.label,
             deadline=expected.deadline,
             result="violation" if monitor.violations else "survived" if when is None else "damped",
             code=code,
@@ -236,20 +220,19 @@ class _Trial(Lockstep):
         )
 
     def _judge(self, expected: Expectation, after: float | None, code: str) -> None:
-        """Compare the outcome of the fault with the expected one."""
         if after is not None and after < 0.0:
-            self.monitor.found("early", f"{code} {-after:.3f} s before the fault")
+            self.monitor.add_violation("early", f"{code} {-after:.3f} s before the fault")
         elif after is not None and code not in expected.codes:
-            valid = ", ".join(sorted(expected.codes)) or "none, as this fault is harmless"
-            self.monitor.found("wrong_reason", f"{code}; valid: {valid}")
+            valid = ", ".join(sorted(expected.codes)) or "none, because this fault is harmless"
+            self.monitor.add_violation("wrong_reason", f"{code}; valid: {valid}")
         elif expected.deadline is not None and not (after is not None and after <= expected.deadline + 1e-9):
             came = f"detected after {after:.4f} s" if after is not None else "not detected"
-            self.monitor.found("undetected", f"{came}; it has to be within {expected.deadline:.4f} s")
+            self.monitor.add_violation("undetected", f"{came}; required: within {expected.deadline:.4f} s")
 
 
 @contextlib.contextmanager
-def _few_objects_to_collect() -> Iterator[None]:
-    """Keep garbage collections as short as the service's loop does, which freezes what it starts with."""
+def _frozen_objects() -> Iterator[None]:
+    """Keep garbage collections as short as in the service's loop, which freezes its initial objects."""
     gc.collect()
     gc.freeze()
     try:

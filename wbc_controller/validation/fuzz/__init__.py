@@ -1,4 +1,3 @@
-"""Tests by hostile input: fuzzers of messages and files, floods, killed processes, and long runs."""
+"""Tests with hostile input: fuzzers of messages and files, floods, killed processes, and long runs."""
 
-#: DDS domain of the live trials where none is asked for: not ROS 2's default of 0, where a real robot may be.
-DOMAIN = 91
+DOMAIN = 91  # DDS domain of live trials, unlike ROS 2's default of 0

@@ -1,8 +1,7 @@
-"""The fuzzer of clocks and load: with any clock, delivery and lateness a robot stands, or a fault says why not.
+"""Fuzzer of clocks and load: with any clock and lateness, the robot stays upright or a fault gives the reason.
 
-In each trial the controller measures time by /clock, by a clock that is synchronized with the robot's, or by its own.
-Up to three faults of stamps, clocks and delivery begin before the activation or while the robot stands. /clock may
-move in steps, and the controller may lose the processor again and again. All runs on simulated time and one thread.
+The controller uses /clock, a synchronized clock, or its own. Up to three faults of stamps, clocks and delivery begin
+before or after the activation; /clock may move in steps, and the controller may pause. Trials run on simulated time.
 """
 
 import math
@@ -24,20 +23,16 @@ from wbc_controller.simulation.faults.fault import Fault, FaultContext, Measurem
 from wbc_controller.simulation.measurement import Measurement
 from wbc_controller.validation.campaign.fall import TrueFall
 from wbc_controller.validation.campaign.monitor import OutputMonitor
-from wbc_controller.validation.campaign.outcome import UNSEEN
+from wbc_controller.validation.campaign.outcome import MAX_FALLEN_TIME
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Clocks of the controller.
-CLOCKS = ("simulated", "synchronized", "own")
-#: Simulated time of a trial after the activation, s, and periods for which the robot hangs before it.
-_DURATION, _HANGING = 1.2, 10
-#: Periods of hanging between two attempts to activate, and the number of attempts.
-_BETWEEN, _ATTEMPTS = 5, 4
-#: Range of the pauses of the controller, s, and of the time between two of them, s.
-_PAUSE, _BUSY = (0.002, 0.1), (0.005, 0.5)
-#: Kinds of fault that change times only.
-_TIMES = [kind for kind in KINDS.values() if kind.place in ("stamps and clock", "delivery")]
+CLOCKS = ("simulated", "synchronized", "own")  # clocks of the controller
+_DURATION, _HANGING_PERIODS = 1.2, 10  # s, and periods on the hoist before
+_PERIODS_BETWEEN_ATTEMPTS, _ATTEMPTS = 5, 4  # periods between attempts, and attempts
+_PAUSE_DURATION, _TIME_BETWEEN_PAUSES = (0.002, 0.1), (0.005, 0.5)  # pauses of the controller, and time between them, s
+#: Kinds of fault that change only times.
+_TIME_FAULTS = [kind for kind in KINDS.values() if kind.place in ("stamps and clock", "delivery")]
 
 
 class ClockSteps(MeasurementFault):
@@ -55,12 +50,12 @@ class ClockTrial:
     """One trial."""
 
     robot: str
-    number: int  # of the trial: with the seed it decides everything
-    clock: str  # one of `CLOCKS`
-    faults: str  # kinds of the faults
-    late: bool  # whether the controller loses the processor again and again
-    result: str = "stood"  # `stood`, `refused`, or the code of the fault that ended the control
-    why: str = ""  # the broken invariant; empty if none
+    number: int
+    clock: str
+    faults: str
+    late: bool  # with pauses of the controller
+    result: str = "survived"  # `survived`, `refused`, or the code of the fault that ended the control
+    why: str = ""  # violated invariant, or empty
 
     def line(self) -> str:
         """Return the trial in one line."""
@@ -77,11 +72,7 @@ def fuzz_clocks(
     first: int = 0,
     progress: Callable[[ClockTrial], None] = lambda trial: None,
 ) -> list[ClockTrial]:
-    """Run a number of trials with each robot.
-
-    Raises:
-        ConfigurationError: if there is no such robot.
-    """
+    """Run a number of trials with each robot."""
     trials = []
     for robot in robots:
         for each in range(first, first + count):
@@ -94,8 +85,10 @@ def run_trial(robot: str, seed: int, number: int) -> ClockTrial:
     """Run one trial."""
     rng = np.random.default_rng([seed, number])
     clock, late = CLOCKS[number % len(CLOCKS)], bool(rng.random() < 0.4)
-    before = rng.random() < 0.3  # whether the faults begin before the activation
-    kinds: list[type[Fault]] = [_TIMES[i] for i in rng.choice(len(_TIMES), rng.integers(0 if late else 1, 4))]
+    before = rng.random() < 0.3  # True for faults before the activation
+    kinds: list[type[Fault]] = [
+        _TIME_FAULTS[i] for i in rng.choice(len(_TIME_FAULTS), rng.integers(0 if late else 1, 4))
+    ]
     if clock == "simulated" and rng.random() < 0.5:
         kinds.append(ClockSteps)
     faults = [
@@ -115,13 +108,11 @@ def run_trial(robot: str, seed: int, number: int) -> ClockTrial:
         except WbcError as error:
             trial.why = f"{type(error).__name__}: {error}"
     if errors:
-        trial.why = f"an error was logged: {errors[0]}"
+        trial.why = f"logged error: {errors[0]}"
     return trial
 
 
 class _Standing(Lockstep):
-    """A robot that stands, and its controller with its clock and its pauses."""
-
     def __init__(self, trial: ClockTrial, faults: Sequence[Fault], before: bool, rng: np.random.Generator) -> None:
         changes = {
             "safety.activation_ramp": 0.0,
@@ -143,14 +134,13 @@ class _Standing(Lockstep):
         self._fall = TrueFall(model, self.mock.plant)
 
     def run(self) -> None:
-        """Hang, activate, and stand until the time is over or the controller damps."""
         if self._before:
             self.mock.plan(self._faults, self.time)
-        for _ in range(_HANGING):
+        for _ in range(_HANGING_PERIODS):
             self._period()
         for _ in range(_ATTEMPTS):
-            self.user.say("command", "activate")
-            for _ in range(_BETWEEN):
+            self.user.send_text("command", "activate")
+            for _ in range(_PERIODS_BETWEEN_ATTEMPTS):
                 self._period()
             if self._monitor.mode is Mode.ACTIVE:
                 break
@@ -166,44 +156,41 @@ class _Standing(Lockstep):
         if self._trial.late:
             self._pauses_at = self.time
         end, fallen_since = self.time + _DURATION, math.inf
-        while self.time < end and self._monitor.left is None:
+        while self.time < end and self._monitor.deactivation is None:
             self._period()
-            fallen_since = min(fallen_since, self.time) if self._fall.seen() else math.inf
-            if self.time - fallen_since > UNSEEN:
+            fallen_since = min(fallen_since, self.time) if self._fall.has_fallen() else math.inf
+            if self.time - fallen_since > MAX_FALLEN_TIME:
                 self._trial.why = "the robot fell without a fault"
                 return None
         return self._judge()
 
     def _period(self) -> None:
-        """Let one control period pass, in which the controller may not run."""
         self._monitor.now = 1.0e-9 * self.mock.stamp
         self.publish_state()
         if self.time >= self._pauses_at:
-            self._paused_until = self.time + _between(self._rng, _PAUSE)
-            self._pauses_at = self._paused_until + _between(self._rng, _BUSY)
+            self._paused_until = self.time + _between(self._rng, _PAUSE_DURATION)
+            self._pauses_at = self._paused_until + _between(self._rng, _TIME_BETWEEN_PAUSES)
         if self.time >= self._paused_until:
             self.loop.run_due(self._monitor.now, self.controller.period)
         self.mock.advance()
 
     def _judge(self) -> None:
-        """Note the result, and the first violation."""
-        if self._monitor.left is not None:
-            self._trial.result = self._monitor.left[1]
+        if self._monitor.deactivation is not None:
+            self._trial.result = self._monitor.deactivation[1]
         violations = dict(self._monitor.violations)
         if any(fault.place == "stamps and clock" for fault in self._faults):
-            violations.pop("stale", None)  # the true age is not known to a controller with a false clock
+            violations.pop("stale", None)  # a controller with a false clock cannot know the true age
         if violations:
             name, sentence = next(iter(violations.items()))
             self._trial.why = f"{name}: {sentence}"
 
 
 def _between(rng: np.random.Generator, ends: tuple[float, float]) -> float:
-    """Draw a time, s, so that short and long ones are equally frequent."""
     return float(np.exp(rng.uniform(*np.log(ends))))
 
 
 def summary(trials: Sequence[ClockTrial]) -> Iterator[str]:
-    """Return a line for each robot and clock, and one for each trial with a broken invariant."""
+    """Yield a line for each robot and clock, and for each trial with a violated invariant."""
     for robot, clock in dict.fromkeys((trial.robot, trial.clock) for trial in trials):
         own = [trial.result for trial in trials if (trial.robot, trial.clock) == (robot, clock)]
         yield f"{robot:10} {clock:13} " + ", ".join(f"{own.count(each)} {each}" for each in sorted(set(own)))

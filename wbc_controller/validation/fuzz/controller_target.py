@@ -1,4 +1,4 @@
-"""The controller as a target of the fuzzer: the service's loop in lockstep with a mock robot on the hoist."""
+"""Controller as a target of the fuzzer: the service's loop in lockstep with a mock robot on the hoist."""
 
 import dataclasses
 from collections.abc import Collection, Mapping
@@ -13,28 +13,25 @@ from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.wiring import controller_endpoints, make_vocabulary
 from wbc_controller.records import Array, Mode
-from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
-    Broken,
+    InvariantViolation,
     Target,
     check_torques,
     fuzzed_robot,
-    within,
+    time_limit,
 )
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Topics whose messages count in the cycle that they come in.
-_STATES = ("joint_states", "odom", "clock")
-#: Refused messages that one cycle gets.
-_BATCH = 16
-#: Cycles after the activation until the torques have settled.
-_SETTLE = 8
+_STATES = ("joint_states", "odom", "clock")  # read by the cycle itself
+_BATCH = 16  # number of refused messages per cycle
+_SETTLING_CYCLES = 8  # cycles from the activation to settled torques
 
 
-class _Gate:
-    """Inputs of a loop in which each message is read on arrival, and passes if and when the fuzzer says so."""
+class _InputGate:
+    """Inputs with immediate reading; the fuzzer decides on the passing of each message."""
 
     def __init__(self, inputs: Inputs) -> None:
         self._inputs = inputs
@@ -44,41 +41,40 @@ class _Gate:
         return getattr(self._inputs, name)
 
     def read(self) -> LatchedInputs:
-        """Read the messages since the last call."""
         return self._inputs.latch()
 
-    def latch(self, holding: Collection[str], *, controlled: bool) -> LatchedInputs:
-        """Return the newest state and the passed requests; as `Inputs.latch`."""
-        passed, self.passed = [*self.passed, self._inputs.latch(holding, controlled=controlled)], []
+    def latch(self, holding: Collection[str], *, held: bool) -> LatchedInputs:
+        """Return the newest state and the passed requests, as `Inputs.latch`."""
+        passed, self.passed = [*self.passed, self._inputs.latch(holding, held=held)], []
         requests = [latched.requests for latched in passed]
         return dataclasses.replace(
             passed[-1],
             refused_states=tuple(sentence for latched in passed for sentence in latched.refused_states),
-            requests=UserRequests(
-                commands=tuple(word for taken in requests for word in taken.commands),
-                changes=tuple(change for taken in requests for change in taken.changes),
-                refused=tuple(sentence for taken in requests for sentence in taken.refused),
+            requests=TakenRequests(
+                commands=tuple(word for request in requests for word in request.commands),
+                changes=tuple(change for request in requests for change in request.changes),
+                refused=tuple(sentence for request in requests for sentence in request.refused),
                 total=requests[-1].total,
             ),
         )
 
 
 class ControllerTarget(Target):
-    """The controller's loop, active, with a user who sends any message.
+    """Active control loop, and a user with any message.
 
-    Each message is read by itself, as the reader of requests does. A cycle gets several refused messages together, and
-    must not change any reference, setting or mode. It gets messages that it may refuse in the end one by one.
+    Each message is read alone. Refused messages reach a cycle together, and must not change references, settings or
+    mode.
     """
 
     def __init__(self, robot: str) -> None:
-        """Build the controller and its robot, and activate it."""
+        """Build controller and robot, and activate."""
         fuzzed = fuzzed_robot(robot)
         super().__init__(controller_endpoints(fuzzed.settings, fuzzed.model), ("effort",))
         self._robot = Lockstep(fuzzed.settings, model=fuzzed.model, bus=self.bus, use_sim_time=True)
         self._settings, self._model = fuzzed.settings, fuzzed.model
         self._mock, self._controller, self._loop = self._robot.mock, self._robot.controller, self._robot.loop
         self._vocabulary = make_vocabulary(self._settings, self._model)
-        self._gate = _Gate(self._loop._inputs)
+        self._gate = _InputGate(self._loop._inputs)
         self._loop._inputs = self._gate  # type: ignore[assignment]  # it delegates all other attributes
         self._step = self._settings.limits.torque_rate * self._controller.period * self._model.effort_limits
         self._tau = np.zeros(self._model.na)
@@ -88,23 +84,23 @@ class ControllerTarget(Target):
         self._start()
 
     def _start(self) -> None:
-        for _ in range(3):  # the odometry and the joint states have to come before an activation
+        for _ in range(3):  # odometry and joint states are required for the activation
             self._cycle("the start", publish=True)
-        self.take(self.by_key["command"], encode(message("std_msgs/msg/String", data="activate")))
+        self.deliver(self.by_key["command"], encode(message("std_msgs/msg/String", data="activate")))
         self.finish()
-        for _ in range(_SETTLE):
+        for _ in range(_SETTLING_CYCLES):
             self._cycle("the start", publish=True)
         if self._controller.mode is not Mode.ACTIVE:
-            raise Broken(f"the robot cannot be activated: {self._controller.mode.value} {self._controller.fault}")
+            raise InvariantViolation(f"activation failed: {self._controller.mode.value} {self._controller.fault}")
         self._disturbed = False
 
     def example(self, topic: Endpoint) -> Any:
-        """An ordinary message of a topic, valid now."""
+        """Return a valid message of a topic."""
         names: Any = self._vocabulary.joints.get(topic.subject, self._model.joints)
-        # Between two states of the robot, so that it is newer than the last one and older than the next.
+        # Stamp between two states of the robot.
         stamp = self._mock.stamp + round(0.5e9 * self._controller.period) if topic.key in _STATES else 0
         frame = self._vocabulary.reference_frames.get(topic.subject, "world")
-        content = ordinary(topic.type, names, frame, stamp)
+        content = valid_message(topic.type, names, frame, stamp)
         if topic.key == "joint_states":
             content.position = np.array(self._mock.plant.state()[0][self._model.q_index])
         elif topic.key == "odom":
@@ -118,7 +114,7 @@ class ControllerTarget(Target):
             content.data = 1.0
         return content
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message; see `Target`."""
         state = topic.key in _STATES
         if state:
@@ -127,13 +123,13 @@ class ControllerTarget(Target):
             self._gate.passed.append(self._gate.read())
         limit = CYCLE_LIMIT if state else READ_LIMIT
         now = self._robot.clock.now()
-        with within(limit, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(limit, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
             latched = self._gate.read()
         if self._robot.clock.now() != now:
             self._disturbed = True
         if latched.refused and (latched.requests.commands or latched.requests.changes):
-            raise Broken(f"a message on {topic.name} was refused, and is used all the same: {latched.refused}")
+            raise InvariantViolation(f"a refused message on {topic.name} was used: {latched.refused}")
         if latched.refused:
             self._refused.append(latched)
         elif state:
@@ -141,16 +137,16 @@ class ControllerTarget(Target):
         else:
             self._accepted.append(latched)
         if state:
-            self._see_refused(publish=False)
+            self._check_refused(publish=False)
         elif len(self._refused) + len(self._accepted) >= _BATCH:
             self.finish()
 
     def finish(self) -> None:
-        """Run the cycles of the messages that have been read; see `Target`."""
+        """Run the cycles of the delivered messages; see `Target`."""
         if self._refused:
-            self._see_refused(publish=True)
-        alone = [each for each in self._accepted if each.requests.commands or _may_be_late(each)]
-        together = [each for each in self._accepted if not (each.requests.commands or _may_be_late(each))]
+            self._check_refused(publish=True)
+        alone = [each for each in self._accepted if each.requests.commands or _has_trajectory(each)]
+        together = [each for each in self._accepted if not (each.requests.commands or _has_trajectory(each))]
         self._accepted = []
         for batch in [*([each] for each in alone), *([together] if together else [])]:
             self._gate.passed += batch
@@ -158,29 +154,27 @@ class ControllerTarget(Target):
             report = self._cycle("messages that were read", publish=True)
             late = [
                 sentence for sentence in report.refused if not sentence.startswith("/")
-            ]  # others begin with a topic
+            ]  # other texts begin with a topic
             if len(late) == sum(len(each.requests.commands) + len(each.requests.changes) for each in batch):
-                self._see_unchanged(before, mode, report)  # refused after all, by what they met
+                self._check_unchanged(before, mode, report)  # refused by the cycle
             else:
                 self._disturbed = True
 
-    def _see_refused(self, publish: bool) -> None:
-        """Run one cycle with all that was refused, in which nothing may change."""
+    def _check_refused(self, publish: bool) -> None:
         self._gate.passed += self._refused
         self._refused = []
         before, mode = self._parts(), self._controller.mode
-        self._see_unchanged(before, mode, self._cycle("messages that were refused", publish))
+        self._check_unchanged(before, mode, self._cycle("messages that were refused", publish))
 
-    def _see_unchanged(self, before: Mapping[str, Any], mode: Mode, report: CycleReport) -> None:
+    def _check_unchanged(self, before: Mapping[str, Any], mode: Mode, report: CycleReport) -> None:
         after = self._parts()
         changed = [key for key in before.keys() | after.keys() if before.get(key) is not after.get(key)]
         if changed:
-            raise Broken(f"refused messages changed {', '.join(sorted(changed))}; {report.refused}")
+            raise InvariantViolation(f"refused messages changed {', '.join(sorted(changed))}; {report.refused}")
         if report.mode is not mode and not self._disturbed:
-            raise Broken(f"refused messages led from {mode.value} to {report.mode.value} ({report.fault})")
+            raise InvariantViolation(f"refused messages led from {mode.value} to {report.mode.value} ({report.fault})")
 
     def _parts(self) -> dict[str, Any]:
-        """All that a message may change, each as the object that it is."""
         controller = self._controller
         parts: dict[str, Any] = {
             "settings": controller.live.settings,
@@ -197,17 +191,16 @@ class ControllerTarget(Target):
         return parts
 
     def _cycle(self, why: str, publish: bool) -> CycleReport:
-        """Run one cycle of the robot and the controller, and see that all holds that must hold."""
         if publish:
             self._mock.publish()
-        self.forget()
-        with within(CYCLE_LIMIT, f"the cycle of {why}"):
+        self.clear_outputs()
+        with time_limit(CYCLE_LIMIT, f"the cycle of {why}"):
             report = self._loop.cycle()
         self._mock.advance()
         if report.fault is not None and report.fault.code == "INTERNAL_ERROR":
-            raise Broken(f"{why} led to {report.fault.code}: {report.fault.sentence}")
+            raise InvariantViolation(f"{why} led to {report.fault.code}: {report.fault.sentence}")
         stopped = report.fault is not None and report.fault.code == "ESTOP"
-        for payload in self.heard["effort"]:
+        for payload in self.outputs["effort"]:
             tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
             step = np.full(self._model.na, np.inf) if stopped and not tau.any() else self._step
             check_torques(tau, self._tau, self._model.effort_limits, step, f"the controller, at {why},")
@@ -216,6 +209,5 @@ class ControllerTarget(Target):
         return report
 
 
-def _may_be_late(latched: LatchedInputs) -> bool:
-    """Whether a cycle may find that a trajectory is over."""
+def _has_trajectory(latched: LatchedInputs) -> bool:
     return any(isinstance(change, SetTrajectory) for changes in latched.requests.changes for change in changes)

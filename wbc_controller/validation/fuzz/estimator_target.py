@@ -1,4 +1,4 @@
-"""The base estimator as a target of the fuzzer."""
+"""Base estimator as a target of the fuzzer."""
 
 from typing import Any
 
@@ -10,27 +10,26 @@ from wbc_controller.middleware.topics import ESTIMATOR_NODE, ESTIMATOR_TOPICS, E
 from wbc_controller.nodes.estimator_service import EstimatorService
 from wbc_controller.simulation.measurement import STREAMS, measure
 from wbc_controller.simulation.plant import Plant
-from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
-    Broken,
+    InvariantViolation,
     Target,
     fuzzed_robot,
+    time_limit,
     with_all_diagnostics,
-    within,
 )
 
-#: Time for which the robot stands still at the start, s: short, as every episode begins with it.
-_SETTLING = 0.1
-#: Time between two states while absolute poses begin the world, s: longer, for the same reason; below gaps of the IMU.
-_STRIDE = 0.05
+_SETTLING = 0.1  # of the estimator, s; short for short episodes
+#: Time between two states during the first absolute poses, s; long for the same reason, but below IMU gaps.
+_POSE_PERIOD = 0.05
 
 
 class EstimatorTarget(Target):
-    """The estimator of a robot that stands still, whose sensors go on between the messages."""
+    """Estimator of a standing robot with continuous sensors between the messages."""
 
     def __init__(self, robot: str) -> None:
-        """Build the node, and let it begin its estimate."""
+        """Build the node, and wait for its first estimate."""
         fuzzed = fuzzed_robot(robot)
         estimation = fuzzed.settings.estimation.model_copy(update={"settling": _SETTLING, "absolute_pose": True})
         settings = with_all_diagnostics(fuzzed.settings).model_copy(update={"estimation": estimation})
@@ -41,62 +40,63 @@ class EstimatorTarget(Target):
         self._period = 1.0 / settings.control.rate
         self._standing = measure(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
         for _ in range(round(2.0 * _SETTLING / self._period)):
-            self._go_on("the start")
-        for _ in range(round(AGREEMENT_TIME / _STRIDE) + 2):
-            self.clock.time += _STRIDE - self._period
+            self._advance("the start")
+        for _ in range(round(AGREED / _POSE_PERIOD) + 2):
+            self.clock.time += _POSE_PERIOD - self._period
             self.send("pose", self._sensed("pose"))
-            self._go_on("the start of poses")
+            self._advance("the start of poses")
         self.alive = self._node.estimator.base is not None
         if not self.alive:
-            raise Broken(f"the estimator does not begin: {self._node.estimator.waits_for}")
+            raise InvariantViolation(f"no estimate: {self._node.estimator.waits_for}")
 
     def example(self, topic: Endpoint) -> Any:
-        """An ordinary message of a topic, valid now."""
+        """Return a valid message of a topic."""
         if topic.key in STREAMS:
             return self._sensed(topic.key)
-        return ordinary(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
+        return valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message between those of the sensors; see `Target`."""
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
+        """Deliver a message between the sensors' messages; see `Target`."""
         what = f"a message on {topic.name}"
         self.clock.time += 0.5 * self._period
         self.publish(topic, payload)
         answers = self._cycle(what)
         refused = "; ".join(self.refused().values())
         if refused and answers:
-            raise Broken(f"{what} was refused ({refused}), and is answered all the same")
-        self._go_on(f"the cycle behind {what}")
+            raise InvariantViolation(f"{what} was refused ({refused}), but an estimate was published")
+        self._advance(f"the cycle after {what}")
         self.alive = self._node.estimator.odometry is not None
 
     def finish(self) -> None:
-        """Go on once more; see `Target`."""
-        self._go_on("the end")
+        """Execute one more period; see `Target`."""
+        self._advance("the end")
 
     def _sensed(self, stream: str) -> Any:
         self._standing.stamps = dict.fromkeys(STREAMS, round(1e9 * self.clock.time))
         return self._standing.message(stream)
 
-    def _go_on(self, what: str) -> None:
-        """One period of the robot's own sensors."""
+    def _advance(self, what: str) -> None:
         self.clock.time += self._period
         for stream in ("imu", "joint_states"):
             self.send(stream, self._sensed(stream))
         self._cycle(what)
 
     def _cycle(self, what: str) -> int:
-        """Run a cycle, and look at what it has published; gives the number of estimates."""
-        self.forget()
-        with within(CYCLE_LIMIT, what):
+        """Run a cycle, check its outputs, and return the number of estimates."""
+        self.clear_outputs()
+        with time_limit(CYCLE_LIMIT, what):
             self._node.cycle()
-        for payload in self.heard["odom"]:
+        for payload in self.outputs["odom"]:
             odom = decode(payload, self.types["odom"])
             pose, twist = odom.pose.pose, odom.twist.twist
             numbers = [getattr(part, axis) for part in (pose.position, twist.linear, twist.angular) for axis in "xyz"]
             turned = np.array([getattr(pose.orientation, axis) for axis in "xyzw"])
             if not (np.isfinite(numbers).all() and abs(float(turned @ turned) - 1.0) < 1e-6):
-                raise Broken(f"{what}: the estimate is no pose with a twist: {numbers}, {turned.tolist()}")
+                raise InvariantViolation(f"{what}: invalid pose or twist of the estimate: {numbers}, {turned.tolist()}")
             for covariance in (odom.pose.covariance, odom.twist.covariance):
                 variances = covariance.reshape(6, 6).diagonal()
                 if not (np.isfinite(covariance).all() and (variances >= 0.0).all()):
-                    raise Broken(f"{what}: the covariance of the estimate is none: {variances.tolist()}")
-        return len(self.heard["odom"])
+                    raise InvariantViolation(
+                        f"{what}: invalid covariance of the estimate: variances {variances.tolist()}"
+                    )
+        return len(self.outputs["odom"])

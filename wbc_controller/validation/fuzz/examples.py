@@ -1,4 +1,4 @@
-"""Ordinary messages of every incoming type."""
+"""Valid messages of every incoming type."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,8 +9,8 @@ from rosbags.interfaces import Nodetype
 from wbc_controller.middleware.codec import TYPES, message
 
 
-def ordinary(type_name: str, names: Sequence[str], frame: str, stamp: int) -> Any:
-    """Make a message that is valid on the topics of its type."""
+def valid_message(type_name: str, names: Sequence[str], frame: str, stamp: int) -> Any:
+    """Return a valid message of a type."""
     content = _blank(type_name)
     if hasattr(content, "header"):
         content.header.stamp.sec, content.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
@@ -38,7 +38,7 @@ def ordinary(type_name: str, names: Sequence[str], frame: str, stamp: int) -> An
 
 
 def _blank(type_name: str) -> Any:
-    """A message with zeros, empty texts and sequences, and unit quaternions."""
+    """Return a message with zeros, empty texts and sequences, and unit quaternions."""
     values = {name: _zero(kind) for name, kind in TYPES.fielddefs[type_name][1]}
     if type_name == "geometry_msgs/msg/Quaternion":
         values["w"] = 1.0

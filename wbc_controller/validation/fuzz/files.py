@@ -1,8 +1,8 @@
-"""The fuzzer of configurations, URDFs and recordings: each works, or is refused in a sentence.
+"""Fuzzer of configurations, URDFs and recordings: each file is read, or refused with one message.
 
-Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, or with ``robot.mcap``, which follows
-from the seed and its number alone. A child process reads it as `wbc check`, `run`, `guard`, `mock` and `replay` do, so
-that a crash is seen and named.
+Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, or with ``robot.mcap``, determined by
+seed and number. A child process reads it as `wbc check`, `run`, `guard`, `mock` and `replay`, so that crashes are
+detected.
 """
 
 import contextlib
@@ -38,27 +38,22 @@ from wbc_controller.validation.fuzz.hostile_recordings import (
     read_recording,
     write_messages,
 )
-from wbc_controller.validation.fuzz.strategies import drawn
+from wbc_controller.validation.fuzz.strategies import draw_by_key
 
-#: Most processor time of one case, s: a robot of the size that is shipped takes a tenth of a second.
-_LIMIT = 5.0
-#: Wall time after which a case hangs, s, and within which the child process has to be ready.
-_HANG, _START = 60.0, 300.0
-#: Memory that a case may ask for, bytes.
-_MEMORY = 8 << 30
-#: What the child process says when it has imported all that it needs.
+_PROCESSOR_TIME_LIMIT = 5.0  # largest processor time of one case, s; a supplied robot requires 0.1 s
+_CASE_TIMEOUT, _START_TIMEOUT = 60.0, 300.0  # wall time limits of a case and of the start, s
+_MEMORY = 8 << 30  # bytes
 _READY = "ready"
-#: The line of a configuration that names the URDF of its case.
-_URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")
+_URDF_KEY = re.compile(r"(?m)^(\s*urdf:\s*).*$")  # line of the configuration with the URDF
 
 
 @dataclass(slots=True)
 class FilesOutcome:
-    """The result of a run."""
+    """Result of a run."""
 
-    # number of cases by result: `works`, `refused`, or the name of what went wrong
+    # number of cases by result: `works`, `refused`, or the name of the failure
     results: Counter[str] = field(default_factory=Counter)
-    failures: dict[Path, str] = field(default_factory=dict)  # the folder of each case that went wrong, and a sentence
+    failures: dict[Path, str] = field(default_factory=dict)  # folder and description of each failure
     seconds: float = 0.0
 
 
@@ -73,11 +68,7 @@ def fuzz_files(
     most_failures: int = 20,
     progress: Callable[[FilesOutcome, int], None] = lambda outcome, number: None,
 ) -> FilesOutcome:
-    """Read hostile ``configurations``, ``urdf`` or ``recordings``, of robots in turn, in a child process.
-
-    Raises:
-        WbcError: if the child process does not start.
-    """
+    """Read hostile ``configurations``, ``urdf`` or ``recordings`` of the robots in turn, in a child process."""
     outcome, due, began = FilesOutcome(), first, time.monotonic()
     while due < first + count and len(outcome.failures) < most_failures:
         ours, theirs = multiprocessing.get_context("spawn").Pipe()
@@ -107,17 +98,17 @@ def fuzz_files(
 
 
 def case_folder(folder: Path, kind: str, number: int) -> Path:
-    """The folder of a case."""
+    """Return the folder of a case."""
     return folder / f"{kind}-{number}"
 
 
 def _results(child: Any, ours: Connection, number: int) -> Iterator[tuple[int, str]]:
-    """The number and result of each case; of the one in which the child ended, what became of it."""
-    if not ours.poll(_START) or ours.recv() != _READY:
-        raise WbcError(f"the child process that reads the files is not ready after {_START:g} s")
+    """Yield number and result of each case; after a crash, the last one describes it."""
+    if not ours.poll(_START_TIMEOUT) or ours.recv() != _READY:
+        raise WbcError(f"the child process is not ready after {_START_TIMEOUT:g} s")
     while True:
-        if not ours.poll(_HANG):
-            yield number, f"hang: no result after {_HANG:g} s"
+        if not ours.poll(_CASE_TIMEOUT):
+            yield number, f"hang: no result after {_CASE_TIMEOUT:g} s"
             return
         try:
             number, result = ours.recv()
@@ -141,11 +132,10 @@ def _work(
     end: int,
     folder: Path,
 ) -> None:
-    """Read the cases from a number on; in the child process."""
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
     warnings.simplefilter("ignore")
     logging.disable(logging.CRITICAL)  # replays log the faults of a controller
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # the parsers of C++ write what they refuse there too
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # C++ parsers print their refusals
     pipe.send(_READY)
     for i in range(number, end):
         place = case_folder(folder, kind, i)
@@ -155,25 +145,25 @@ def _work(
 
 
 def make_case(kind: str, robot: str, seed: int, number: int, place: Path) -> None:
-    """Write the files of one case of ``configurations``, ``urdf`` or ``recordings`` to a folder, which is made."""
+    """Write the files of one case of ``configurations``, ``urdf`` or ``recordings`` to a new folder."""
     place.mkdir(parents=True, exist_ok=True)
     if kind == "recordings":
         topics, _ = original(robot)
-        write_messages(place / "robot.mcap", topics, drawn(hostile_recording(robot), kind, seed, number))
+        write_messages(place / "robot.mcap", topics, draw_by_key(hostile_recording(robot), kind, seed, number))
         return
     configuration, urdf = _originals(robot)
     configuration = _URDF_KEY.sub(lambda found: f"{found.group(1)}{place / 'robot.urdf'}", configuration)
     files = {"robot.yaml": configuration.encode(), "robot.urdf": urdf.encode()}
     if kind == "configurations":
-        files["robot.yaml"] = drawn(hostile_configuration(configuration), kind, seed, number)
+        files["robot.yaml"] = draw_by_key(hostile_configuration(configuration), kind, seed, number)
     else:
-        files["robot.urdf"] = drawn(hostile_urdf(urdf), kind, seed, number)
+        files["robot.urdf"] = draw_by_key(hostile_urdf(urdf), kind, seed, number)
     for name, content in files.items():
         (place / name).write_bytes(content)
 
 
 def read_case(place: Path) -> str:
-    """Read the files of a case as the commands do: ``works``, ``refused``, or what went wrong."""
+    """Read the files of a case as the commands do; return ``works``, ``refused``, or a description of the failure."""
     path = place / "robot.mcap"
     recorded = path.exists()
     path = path if recorded else place / "robot.yaml"
@@ -187,15 +177,10 @@ def read_case(place: Path) -> str:
         where = traceback.extract_tb(error.__traceback__)[-1]
         result = f"traceback: {type(error).__name__}: {str(error)[:300]} ({Path(where.filename).name}:{where.lineno})"
     spent = time.process_time() - began
-    return result if spent <= _LIMIT else f"slow: {spent:.1f} s of processor time, then: {result}"
+    return result if spent <= _PROCESSOR_TIME_LIMIT else f"slow: {spent:.1f} s of processor time, then: {result}"
 
 
 def _read_configuration(path: Path) -> None:
-    """Read a configuration and its URDF.
-
-    Raises:
-        ConfigurationError: if it is refused.
-    """
     check(str(path))
     settings = load_settings(path)
     with _named(path):
@@ -204,24 +189,21 @@ def _read_configuration(path: Path) -> None:
         Plant(make_model(settings), settings)
 
 
-#: Reads a case in the child process.
-_reader = read_case
+_reader = read_case  # reads a case in the child process
 
 
 @contextlib.contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Put the file's path in front of what is wrong with its values, as the command line does."""
     try:
         yield
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     except InputRefused as error:
-        raise RuntimeError(f"a message was refused where none came: {error}") from error
+        raise RuntimeError(f"message refusal without a message: {error}") from error
 
 
 @cache
 def _originals(robot: str) -> tuple[str, str]:
-    """A shipped robot's configuration and URDF, the latter without what is only seen."""
     path = find_configuration(robot)
     urdf = read_urdf(load_settings(path).robot.urdf)
     return path.read_text(encoding="utf-8"), re.sub(r"(?s)<visual.*?</visual>|<!--.*?-->|\n\s*(?=\n)", "", urdf)

@@ -1,4 +1,4 @@
-"""Floods: another participant fills an input of the controller, and an emergency stop has to pass."""
+"""Floods: another participant fills an input of the controller, and an emergency stop must pass."""
 
 import math
 import multiprocessing
@@ -18,31 +18,22 @@ from wbc_controller.middleware.transports.dds import DdsTransport
 from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.recording_file import Recording
 from wbc_controller.validation.fuzz import DOMAIN
-from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 from wbc_controller.validation.user import com_trajectory
 
-#: Messages per second of a flood, and of one whose messages are large.
-_RATE, _SLOW_RATE = 10_000.0, 20.0
-#: Time in which the controller finds the participant of a flood, s.
-_DISCOVERY = 0.2
-#: Length of a large text, in characters.
-_LARGE = 10_000_000
-#: Points of a trajectory.
+_RATE, _SLOW_RATE = 10_000.0, 20.0  # messages per second; second value for large messages
+_DISCOVERY_TIME = 0.2  # s
+_LARGE_LENGTH = 10_000_000  # characters
 _POINTS = 100
-#: Time of a flood before and after the stop, s.
-_BEFORE, _AFTER = (0.2, 0.6), 0.15
-#: Time after a flood in which a busy machine may still bring the diagnostics of it, s.
-_TOLD = 2.0
-#: Trials for each stop that is counted, at most: where the machine stalls, another fault comes before the stop.
-_ATTEMPTS = 5
-#: Changes of settings: what is measured is the stop, and a machine that is late must not end in another fault first.
+_TIME_BEFORE_STOP, _TIME_AFTER_STOP = (0.2, 0.6), 0.15  # duration before and after the stop, s
+_DIAGNOSTICS_TIMEOUT = 2.0  # s
+_ATTEMPTS = 5  # per counted stop; stalls of the machine may cause another fault
+#: Settings that prevent other faults on a slow machine.
 _CHANGES = {"safety.activation_ramp": 0.1, "safety.state_timeout": 0.3}
-#: Cycles within which a stop is obeyed, counted from the newest state that its sender knew when it was sent.
-CYCLES = 2
-#: Longest cycle, beside the lateness of the machine, s.
-STALL = 0.02
+CYCLES = 2  # until a stop is obeyed, from the newest state known to its sender
+STALL = 0.02  # longest cycle, s
 
 
 def _string(text: str) -> Callable[[], bytes]:
@@ -50,14 +41,14 @@ def _string(text: str) -> Callable[[], bytes]:
 
 
 def _example(type_name: str, *arguments: Any) -> Callable[[], bytes]:
-    return lambda: encode(ordinary(type_name, *arguments))
+    return lambda: encode(valid_message(type_name, *arguments))
 
 
 def _trajectory() -> bytes:
     return encode(com_trajectory(range(1, _POINTS + 1), np.tile([0.0, 0.0, 1.0], (_POINTS, 1))))
 
 
-#: The floods: the input, and the message.
+#: Input and message of each flood.
 FLOODS: Mapping[str, tuple[str, Callable[[], bytes]]] = {
     "activate": ("command", _string("activate")),
     "garbage": ("command", _string("\x7f%s{}é\n" * 30)),
@@ -67,22 +58,22 @@ FLOODS: Mapping[str, tuple[str, Callable[[], bytes]]] = {
     "nonsense": ("update", _string("{tasks: {com: {stiffness: [" + "1, " * 1000 + "]}}}")),
     "odometry": ("odom", _example("nav_msgs/msg/Odometry", (), "world", 1)),
     "joint_states": ("joint_states", _example("sensor_msgs/msg/JointState", ("nose",), "", 1)),
-    "large": ("update", _string("x" * _LARGE)),
+    "large": ("update", _string("x" * _LARGE_LENGTH)),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """An emergency stop, as its sender sees it."""
+    """An emergency stop from its sender's view."""
 
-    began: int  # stamp of the robot's state at the beginning of the flood, ns
-    known: int  # newest stamp that the sender knew when it sent the stop, ns
+    began: int  # stamp at the beginning of the flood, ns
+    known: int  # newest stamp known to the sender at the stop, ns
     ended: int  # stamp at the end, ns
-    seen: float  # time from sending until the sender saw the zero torques, s
-    late: float  # lateness of the machine meanwhile, s
+    delay: float  # time from sending to the arrival of zero torques, s
+    late: float  # s
     sent: int
     seconds: float
-    said: bool  # whether the diagnostics said that messages were lost or refused
+    losses_reported: bool  # by the diagnostics
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +82,10 @@ class StopTrial:
 
     flood: str
     stop: Stop
-    # cycles, with those missing in the record, from the newest state that the sender knew to the first cycle with zero
-    # torques and the fault
+    # cycles from the newest state known to the sender to the first with zero torques and the fault, including
+    # unrecorded ones
     cycles: int
-    slowest: float  # longest cycle while the flood lasted, s
+    slowest: float  # longest cycle during the flood, s
     period: float
 
     @property
@@ -104,26 +95,26 @@ class StopTrial:
 
     @property
     def obeyed(self) -> bool:
-        """Whether the stop was obeyed within `CYCLES`, and the cycles for which the machine was late."""
+        """True if the stop was obeyed within `CYCLES`, plus the lateness of the machine."""
         return self.cycles <= CYCLES + math.ceil(2.0 * self.stop.late / self.period)
 
     @property
     def steady(self) -> bool:
-        """Whether no cycle took longer than `STALL`, and the lateness of the machine."""
+        """True if no cycle exceeded `STALL`, plus the lateness of the machine."""
         return self.slowest <= STALL + 2.0 * self.stop.late
 
 
 def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any, count: Any) -> None:
-    """Send a message again and again while an event is set; a negative count ends the process."""
+    """Send a message repeatedly while an event is set; a negative count ends the process."""
     rate = _SLOW_RATE if kind == "large" else _RATE
     count.value = 0
     while count.value >= 0:
         if not running.wait(0.1):
             continue
-        # It comes and goes: a participant that stayed would be a rival to the robot's odometry, which none may be.
+        # A temporary participant, because a permanent one would be a second publisher of the odometry.
         transport = DdsTransport(f"flood_{kind}", domain_id=domain, discovery_range="LOCALHOST")
         publish = transport.advertise(counterpart(topic))
-        time.sleep(_DISCOVERY)
+        time.sleep(_DISCOVERY_TIME)
         began, sent = time.monotonic(), 0
         while running.is_set():
             due = (time.monotonic() - began) * rate
@@ -145,15 +136,10 @@ def flood_trials(
     seed: int = 0,
     progress: Callable[[StopTrial], None] = lambda trial: None,
 ) -> list[StopTrial]:
-    """Flood each kind of input of a running controller, and stop it in the middle, again and again.
-
-    Raises:
-        ConfigurationError: if there is no such flood.
-        WbcError: if a process does not do what it should.
-    """
+    """Flood each kind of input of a running controller, and stop it; raise `WbcError` if a process fails."""
     for kind in kinds:
         if kind not in FLOODS:
-            raise ConfigurationError(f"no flood is named {kind!r}; {valid_choices(kind, FLOODS)}")
+            raise ConfigurationError(f"unknown flood {kind!r}; {valid_choices(kind, FLOODS)}")
     rng, done = np.random.default_rng(seed), []
     with RobotProcesses(robot, folder, domain, _CHANGES) as nodes:
         nodes.start("mock")
@@ -167,25 +153,26 @@ def flood_trials(
 def _under_one_flood(
     nodes: RobotProcesses, kind: str, trials: int, rng: np.random.Generator, domain: int
 ) -> list[StopTrial]:
-    """Run the trials of one flood, with a controller of its own that records its cycles."""
     context = multiprocessing.get_context("spawn")
     running, count = context.Event(), context.Value("q", -1)
     name, make = FLOODS[kind]
     topic = nodes.inputs[name]
     flooder = context.Process(target=flood, args=(kind, topic, make(), domain, running, count), daemon=True)
-    nodes.forget("controller")
+    nodes.clear("controller")
     nodes.record.unlink(missing_ok=True)
     nodes.start("controller", "--record", str(nodes.record))
     flooder.start()
     try:
         nodes.wait_for("mock", "controller")
         nodes.until(lambda: bool(count.value == 0), "the flooder")
-        attempts = (_stop_once(nodes, running, count, float(rng.uniform(*_BEFORE))) for _ in range(_ATTEMPTS * trials))
+        attempts = (
+            _stop_once(nodes, running, count, float(rng.uniform(*_TIME_BEFORE_STOP))) for _ in range(_ATTEMPTS * trials)
+        )
         stops = list(islice((stop for stop in attempts if stop is not None), trials))
         if len(stops) < trials:
-            raise WbcError(f"the machine was too late for {trials} stops under the flood {kind!r}")
+            raise WbcError(f"machine too slow for {trials} stops under the flood {kind!r}")
     finally:
-        count.value = -(2**62)  # ends it
+        count.value = -(2**62)
         flooder.join(5.0)
         flooder.kill()
     status = nodes.stop("controller")
@@ -199,12 +186,11 @@ def _under_one_flood(
 def _compared(
     kind: str, stop: Stop, record: Mapping[str, np.ndarray], gaps: Sequence[tuple[int, int, int]], period: float
 ) -> StopTrial:
-    """Find a stop in the controller's record."""
     stamps = record["stamp"]
     after = stamps > stop.known
     obeyed = np.flatnonzero(after & ~record["tau"].any(axis=1) & (record["mode"] == "fault"))
-    cycles = most = math.ceil(stop.seen / period) + 1  # the sender waited no longer for the zero torques
-    if len(obeyed):  # otherwise the record has none of the following cycles
+    cycles = most = math.ceil(stop.delay / period) + 1  # upper bound from the sender's waiting time
+    if len(obeyed):  # otherwise the following cycles are not in the record
         missing = sum(count for start, end, count in gaps if end > stop.known and start < stamps[obeyed[0]])
         cycles = int(after[: obeyed[0] + 1].sum()) + min(missing, most)
     slowest = record["seconds/total"][(stamps >= stop.began) & (stamps <= stop.ended)].max(initial=0.0)
@@ -212,7 +198,7 @@ def _compared(
 
 
 def _gaps(recorded: Recording) -> list[tuple[int, int, int]]:
-    """Gaps of a recording: stamps of the cycles before and after, ns, and the number of missing cycles."""
+    """Return the gaps of a recording: stamps of the cycles before and after, ns, and number of missing cycles."""
     known = [(each.number, each.stamp) for each in recorded.cycles()]
     return [
         (before, stamp, number - last - 1) for (last, before), (number, stamp) in pairwise(known) if number > last + 1
@@ -220,38 +206,36 @@ def _gaps(recorded: Recording) -> list[tuple[int, int, int]]:
 
 
 def _stop_once(nodes: RobotProcesses, running: Any, count: Any, before: float) -> Stop | None:
-    """Activate, flood, and stop; None where the machine was so late that another fault came before.
-
-    Raises:
-        WbcError: where another fault came and the machine was not late.
-    """
+    """Activate, flood and stop; None if lateness of the machine caused another fault."""
     nodes.activate()
     nodes.wait_for_torques(time.monotonic())
-    nodes.lateness.forget()
+    nodes.lateness.reset()
     count.value = 0
     running.set()
     nodes.until(lambda: count.value > 0, "the first message of the flood")
     began, start = time.monotonic(), nodes.stamp()
     time.sleep(before)
     known = nodes.stamp()
-    nodes.user.say("command", "estop")
+    nodes.user.send_text("command", "estop")
     sent_at = time.monotonic()
-    nodes.until(lambda: nodes.said("controller").startswith("fault"), "the stop", patience=60.0)
-    time.sleep(_AFTER)
+    nodes.until(lambda: nodes.state_of("controller").startswith("fault"), "the stop", patience=60.0)
+    time.sleep(_TIME_AFTER_STOP)
     running.clear()
-    if "ESTOP" not in (fault := nodes.said("controller")):
+    if "ESTOP" not in (fault := nodes.state_of("controller")):
         if nodes.lateness.worst < MACHINE * nodes.settings.safety.state_timeout:
-            raise WbcError(f"before the stop came {fault!r}, and the machine was {nodes.lateness.worst:.3f} s late")
+            raise WbcError(
+                f"fault {fault!r} before the stop, with a lateness of the machine of {nodes.lateness.worst:.3f} s"
+            )
         return None
     seconds = time.monotonic() - began
     late, sent = nodes.lateness.worst, count.value
     times, torques = nodes.efforts(sent_at)
-    said, told = False, time.monotonic() + _TOLD
-    while not said and time.monotonic() < told:
-        said = any(
-            entry.key.startswith("refused") for _, content in nodes.heard("controller/diagnostics", began)
+    losses_reported, deadline = False, time.monotonic() + _DIAGNOSTICS_TIMEOUT
+    while not losses_reported and time.monotonic() < deadline:
+        losses_reported = any(
+            entry.key.startswith("refused") for _, content in nodes.messages_since("controller/diagnostics", began)
             for entry in content.status[0].values
         )  # fmt: skip
         time.sleep(0.02)
-    seen = float(times[~torques.any(axis=1)][0] - sent_at)
-    return Stop(start, known, nodes.stamp(), seen, late, sent, seconds, said)
+    delay = float(times[~torques.any(axis=1)][0] - sent_at)
+    return Stop(start, known, nodes.stamp(), delay, late, sent, seconds, losses_reported)

@@ -1,4 +1,4 @@
-"""The commands of `wbc fuzz`, with their progress and final tables."""
+"""Commands of `wbc fuzz`, with their progress and tables."""
 
 import os
 import sys
@@ -17,27 +17,24 @@ from wbc_controller.validation.fuzz import DOMAIN
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-#: Time between two lines of progress, s.
-_EVERY = 10.0
+_EVERY = 10.0  # time between two progress lines, s
 
 
 @click.group()
 def fuzz() -> None:
-    """Try to break it: hostile messages, files, clocks, states and setpoints, floods, killed processes, long runs.
+    """Test with hostile messages, files, clocks, states and setpoints, floods, killed processes, and long runs.
 
-    Floods, kills and soak start real processes on a DDS domain of their own, the others none. All of them end with exit
-    status 1 where something broke, and repeat themselves by their seed.
+    Floods, kills and soak start processes in their own DDS domain. The seed reproduces a run. Exit status 1: a test
+    failed.
     """
     exit_by_signals()
-    # Hypothesis keeps a cache there, by default in the current folder.
+    # Cache folder of Hypothesis, by default in the current folder.
     os.environ.setdefault(
         "HYPOTHESIS_STORAGE_DIRECTORY", str(Path(tempfile.gettempdir()) / "wbc_controller_hypothesis")
     )
 
 
 def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
-    """Combine options, in the order of the help text."""
-
     def add(function: F) -> F:
         for option in reversed(options):
             function = option(function)
@@ -46,10 +43,10 @@ def _options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
     return add
 
 
-_seed = click.option("--seed", default=0, show_default=True, help="Of all choices.")
-#: Options of the commands that write files, of those with real processes, and of those that read files.
+_seed = click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
+#: Options of commands with output files, with processes, and with input files.
 _common = _options(_seed, click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("fuzz"),
-                                       show_default=True, help="Folder for what broke, and for logs."))  # fmt: skip
+                                       show_default=True, help="Folder of failures and logs."))  # fmt: skip
 _live = _options(
     click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes."), _common
 )
@@ -63,31 +60,29 @@ _of_files = _options(
 
 @fuzz.command()
 @click.argument("robot", default="go2")
-@click.option("--count", default=1_000_000, show_default=True, help="Messages, over all nodes.")
+@click.option("--count", default=1_000_000, show_default=True, help="Total number of messages.")
 @click.option("--nodes", default="controller,guard,mock,urdf,estimator", show_default=True, help="Nodes under test.")
 @click.option("--first", default=0, show_default=True, help="Number of the first episode of each node.")
-@click.option(
-    "--replay", type=click.Path(path_type=Path), help="Send the messages of a failure again, and nothing else."
-)
+@click.option("--replay", type=click.Path(path_type=Path), help="Only send the messages of a failure again.")
 @_common
 def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None, seed: int, folder: Path) -> None:
-    """Send hostile messages on every input of every node, in memory, and see what they change."""
+    """Send hostile messages to every input of every node, in memory, and check the invariants."""
     with _needing_extras():
         from wbc_controller.validation.fuzz import hostile_messages as run
 
     if replay is not None:
         key, robot, sent = run.load(replay)
         why = run.replay(key, robot, sent)
-        click.echo(f"{key}, {len(sent)} messages: {why or 'nothing breaks'}")
+        click.echo(f"{key}, {len(sent)} messages: {why or 'no failure'}")
         sys.exit(0 if why is None else 1)
-    say = _Progress()
+    report = _Progress()
     outcome = run.fuzz_messages(
         robot,
         count,
         seed,
         first=first,
         targets=tuple(nodes.split(",")),
-        progress=lambda outcome, key, episode: say(
+        progress=lambda outcome, key, episode: report(
             f"{outcome.sent} messages, {outcome.sent / max(outcome.seconds, 1e-9):.0f}/s, {len(outcome.failures)} "
             f"failures; {key}, episode {episode}"
         ),
@@ -95,15 +90,15 @@ def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None
     for kind, of_kind in sorted(outcome.counts.items()):
         click.echo(f"{of_kind:9d}  {kind}")
     click.echo(
-        f"{outcome.sent} messages in {outcome.seconds:.0f} s, {outcome.processor:.0f} s of processor time; memory grew "
-        f"by {outcome.growth / 1024:.0f} MB after the first {100 * run.WARM_UP:.0f} %"
+        f"{outcome.sent} messages in {outcome.seconds:.0f} s, {outcome.processor:.0f} s of processor time; memory "
+        f"growth {outcome.growth / 1024:.0f} MB after the first {100 * run.WARM_UP:.0f} %"
     )
     for number, failure in enumerate(outcome.failures):
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{failure.target}-{seed}-{number}.json"
         run.save(failure, robot, path)
-        again = "" if failure.repeated else " (not again, when they were sent once more)"
-        click.echo(f"{failure.target}, {len(failure.messages)} messages{again}: {failure.why[:500]}\n  --replay {path}")
+        note = "" if failure.repeated else " (not reproduced)"
+        click.echo(f"{failure.target}, {len(failure.messages)} messages{note}: {failure.why[:500]}\n  --replay {path}")
     sys.exit(0 if not outcome.failures and outcome.flat else 1)
 
 
@@ -111,7 +106,7 @@ def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Pa
     with _needing_extras():
         from wbc_controller.validation.fuzz.files import fuzz_files
 
-    say = _Progress()
+    report = _Progress()
     outcome = fuzz_files(
         kind,
         tuple(robots.split(",")),
@@ -119,7 +114,7 @@ def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Pa
         seed,
         folder,
         first=first,
-        progress=lambda outcome, number: say(f"case {number}: {dict(outcome.results)}"),
+        progress=lambda outcome, number: report(f"case {number}: {dict(outcome.results)}"),
     )
     done = sum(outcome.results.values())
     click.echo(f"{done} cases in {outcome.seconds:.0f} s: " + ", ".join(f"{n} {r}" for r, n in outcome.results.items()))
@@ -131,21 +126,21 @@ def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Pa
 @fuzz.command()
 @_of_files
 def configurations(**options: Any) -> None:
-    """Read hostile configuration files: each works, or is refused in a sentence with its path."""
+    """Read hostile configuration files: each works or is refused with its path."""
     _files("configurations", **options)
 
 
 @fuzz.command()
 @_of_files
 def urdf(**options: Any) -> None:
-    """Read hostile URDFs: each works, or is refused in a sentence with the path of its configuration."""
+    """Read hostile URDFs: each works or is refused with the path of its configuration."""
     _files("urdf", **options)
 
 
 @fuzz.command()
 @_of_files
 def recordings(**options: Any) -> None:
-    """Read hostile recordings with valid checksums: each works, or is refused in a sentence with its path."""
+    """Read hostile recordings with valid checksums: each works or is refused with its path."""
     _files("recordings", **options)
 
 
@@ -153,12 +148,12 @@ def recordings(**options: Any) -> None:
 @click.option("--count", default=5_000, show_default=True, help="Number of classes.")
 @_seed
 def classes(count: int, seed: int) -> None:
-    """Run controllers with a user's class that has a hostile member: it is refused, or the robot is damped."""
+    """Run controllers with a user class with a hostile member: it is refused, or the robot is damped."""
     with _needing_extras():
         from wbc_controller.validation.fuzz.hostile_classes import fuzz_classes
 
-    say = _Progress()
-    failures, results = fuzz_classes(count, seed, lambda results, number: say(f"class {number}: {dict(results)}"))
+    report = _Progress()
+    failures, results = fuzz_classes(count, seed, lambda results, number: report(f"class {number}: {dict(results)}"))
     click.echo(", ".join(f"{number} {result}" for result, number in results.most_common()))
     for hostile, why in failures:
         click.echo(f"{hostile}: {why}")
@@ -167,11 +162,11 @@ def classes(count: int, seed: int) -> None:
 
 @fuzz.command()
 @click.argument("robot", default="go2")
-@click.option("--trials", default=100, show_default=True, help="Emergency stops under each flood.")
-@click.option("--kinds", help="Floods; all of them where none is named.")
+@click.option("--trials", default=100, show_default=True, help="Emergency stops per flood.")
+@click.option("--kinds", help="Floods, comma-separated; by default all.")
 @_live
 def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, folder: Path) -> None:
-    """Flood each kind of input, and see that an emergency stop passes, and that the loop goes on."""
+    """Flood each kind of input, and check that an emergency stop passes and the loop continues."""
     with _needing_extras():
         from wbc_controller.validation.fuzz import floods as run
 
@@ -187,37 +182,37 @@ def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, f
     for kind in dict.fromkeys(trial.flood for trial in done):
         of_kind = [trial for trial in done if trial.flood == kind]
         rates, cycles = [trial.rate for trial in of_kind], max(trial.cycles for trial in of_kind)
-        seen, slowest = 1e3 * max(t.stop.seen for t in of_kind), 1e3 * max(t.slowest for t in of_kind)
+        delay, slowest = 1e3 * max(t.stop.delay for t in of_kind), 1e3 * max(t.slowest for t in of_kind)
         click.echo(
             f"{kind:14} at {min(rates):.0f} to {max(rates):.0f} messages/s: obeyed within {run.CYCLES} cycles in "
-            f"{sum(t.obeyed for t in of_kind)} of {len(of_kind)} (at most {cycles}), seen after {seen:.1f} ms at most; "
-            f"slowest cycle {slowest:.1f} ms, steady in {sum(t.steady for t in of_kind)}; losses said in "
-            f"{sum(t.stop.said for t in of_kind)}"
+            f"{sum(t.obeyed for t in of_kind)} of {len(of_kind)} (max. {cycles}), zero torques within {delay:.1f} ms; "
+            f"slowest cycle {slowest:.1f} ms, steady in {sum(t.steady for t in of_kind)}; losses reported in "
+            f"{sum(t.stop.losses_reported for t in of_kind)}"
         )
     sys.exit(0 if all(trial.obeyed and trial.steady for trial in done) else 1)
 
 
 @fuzz.command()
 @click.argument("robot", default="go2")
-@click.option("--trials", default=50, show_default=True, help="Trials of each process in each way.")
+@click.option("--trials", default=50, show_default=True, help="Trials per process and signal.")
 @_live
 def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None:
-    """Kill, hang up and stop the controller and the mock robot at random moments."""
+    """Kill, hang up and stop the controller and the mock robot at random times."""
     with _needing_extras():
         from wbc_controller.validation.fuzz import kills as run
 
     done = run.kill_trials(
         robot, folder, trials, domain=domain, seed=seed, progress=lambda trial: click.echo(str(trial), err=True)
     )
-    for victim, way in dict.fromkeys((trial.victim, trial.way) for trial in done):
-        of_kind = [trial for trial in done if (trial.victim, trial.way) == (victim, way)]
+    for victim, method in dict.fromkeys((trial.victim, trial.method) for trial in done):
+        of_kind = [trial for trial in done if (trial.victim, trial.method) == (victim, method)]
         gaps = sorted(1e3 * trial.gap for trial in of_kind)
         click.echo(
-            f"{victim:10} {way:8} held in {sum(t.held for t in of_kind)} of {len(of_kind)}; torques stayed for "
-            f"{gaps[len(gaps) // 2]:.1f} ms in the median, {gaps[-1]:.1f} at most (allowed "
-            f"{1e3 * of_kind[0].bound:.0f}, machine late by up to {1e3 * max(t.late for t in of_kind):.0f})"
+            f"{victim:10} {method:8} passed {sum(t.passed for t in of_kind)} of {len(of_kind)}; constant torques for a "
+            f"median of {gaps[len(gaps) // 2]:.1f} ms, maximum {gaps[-1]:.1f} (allowed "
+            f"{1e3 * of_kind[0].bound:.0f}, lateness of the machine {1e3 * max(t.late for t in of_kind):.0f})"
         )
-    sys.exit(0 if all(trial.held for trial in done) else 1)
+    sys.exit(0 if all(trial.passed for trial in done) else 1)
 
 
 @fuzz.command()
@@ -225,44 +220,44 @@ def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None
 @click.option("--minutes", default=30.0, show_default=True, help="Duration.")
 @_live
 def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> None:
-    """Run controller, mock robot and guard for long, and watch their memory and faults."""
+    """Run controller, mock robot and guard for a long time, and monitor memory and faults."""
     with _needing_extras():
         from wbc_controller.validation.fuzz import soak as run
 
-    say = _Progress()
+    report = _Progress()
     result = run.soak(
         robot,
         folder,
         60.0 * minutes,
         domain=domain,
-        progress=lambda r: say(f"{r.seconds:.0f} s, {r.rate:.0f} commands/s, {len(r.faults)} faults"),
+        progress=lambda r: report(f"{r.seconds:.0f} s, {r.rate:.0f} commands/s, {len(r.faults)} faults"),
     )
-    for name, kept in result.memory.items():
+    for name, values in result.memory.items():
         click.echo(
-            f"{name:10} {kept[0] / 1024:.0f} MB at the start, {kept[-1] / 1024:.0f} MB at the end; grew by "
-            f"{result.growth(name)} kB in the second half{'' if result.flat(name) else ': NOT FLAT'}"
+            f"{name:10} {values[0] / 1024:.0f} MB at the start, {values[-1] / 1024:.0f} MB at the end; growth "
+            f"{result.growth(name)} kB in the second half{'' if result.flat(name) else ': TOO LARGE'}"
         )
     click.echo(
-        f"{result.seconds:.0f} s, {result.rate:.1f} commands/s, machine late by up to {1e3 * result.late:.0f} ms; "
-        f"{len(result.faults)} faults, of which the machine did not cause {len(result.own_faults)}"
+        f"{result.seconds:.0f} s, {result.rate:.1f} commands/s, lateness of the machine {1e3 * result.late:.0f} ms; "
+        f"{len(result.faults)} faults, {len(result.own_faults)} not caused by the machine"
     )
-    for said in result.own_faults:
-        click.echo(f"  {said}")
+    for fault_text in result.own_faults:
+        click.echo(f"  {fault_text}")
     sys.exit(0 if not result.own_faults and all(result.flat(name) for name in result.memory) else 1)
 
 
 @fuzz.command()
 @click.argument("robots", default="go2,g1,talos")
-@click.option("--count", default=1000, show_default=True, help="Trials of each robot.")
-@click.option("--first", default=0, show_default=True, help="Number of each robot's first trial.")
-@click.option("--seed", default=0, show_default=True, help="Of all choices.")
+@click.option("--count", default=1000, show_default=True, help="Trials per robot.")
+@click.option("--first", default=0, show_default=True, help="Number of the first trial.")
+@click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
 def clocks(robots: str, count: int, first: int, seed: int) -> None:
-    """Change clocks, stamps and delivery, pause the controller, and see that no robot falls without a fault."""
+    """Change clocks, stamps and delivery, pause the controller, and check that no robot falls without a fault."""
     with _needing_extras():
         from wbc_controller.validation.fuzz import clocks as run
 
-    say = _Progress()
-    done = run.fuzz_clocks(robots.split(","), count, seed, first=first, progress=lambda trial: say(trial.line()))
+    report = _Progress()
+    done = run.fuzz_clocks(robots.split(","), count, seed, first=first, progress=lambda trial: report(trial.line()))
     for line in run.summary(done):
         click.echo(line)
     sys.exit(1 if any(trial.why for trial in done) else 0)
@@ -270,41 +265,41 @@ def clocks(robots: str, count: int, first: int, seed: int) -> None:
 
 @fuzz.command()
 @click.argument("robots", default="go2,g1,talos")
-@click.option("--minutes", default=10.0, show_default=True, help="Simulated time under control, for each robot.")
-@click.option("--first", default=0, show_default=True, help="Number of each robot's first trial.")
-@click.option("--seed", default=0, show_default=True, help="Of all choices.")
+@click.option("--minutes", default=10.0, show_default=True, help="Simulated time under control per robot.")
+@click.option("--first", default=0, show_default=True, help="Number of the first trial.")
+@click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
 def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
-    """Ask for what no robot can do, and see that its joints keep their limits, whatever is relaxed."""
+    """Send infeasible setpoints, and check that joints keep their limits under any relaxation."""
     with _needing_extras():
         from wbc_controller.validation.fuzz import setpoints as run
 
-    say = _Progress()
+    report = _Progress()
     done = run.fuzz_setpoints(
         robots.split(","),
         minutes,
         seed,
         first=first,
-        progress=lambda trial: say(
+        progress=lambda trial: report(
             f"{trial.robot}, trial {trial.number}: {trial.kind}, {trial.ended or 'active'} after {trial.seconds:.1f} s"
         ),
     )
     for line in run.summary(done):
         click.echo(line)
-    sys.exit(0 if all(trial.kept for trial in done) else 1)
+    sys.exit(0 if all(trial.within_limits for trial in done) else 1)
 
 
 @fuzz.command()
 @click.argument("robots", default="go2,g1,talos")
-@click.option("--count", default=10_000, show_default=True, help="Problems of each robot.")
+@click.option("--count", default=10_000, show_default=True, help="Problems per robot.")
 @click.option("--first", default=0, show_default=True, help="Number of the first problem.")
-@click.option("--seed", default=0, show_default=True, help="Added to the number of each problem.")
+@click.option("--seed", default=0, show_default=True, help="Offset of the problem numbers.")
 def problems(robots: str, count: int, first: int, seed: int) -> None:
-    """Solve random quadratic programs, and see by linear programs that nothing is relaxed without need."""
+    """Solve random quadratic programs, and check by linear programs that nothing is relaxed unnecessarily."""
     from wbc_controller.validation.fuzz.problems import fuzz_problems
 
-    say, failed = _Progress(), False
+    report, failed = _Progress(), False
     for outcome in fuzz_problems(
-        robots.split(","), count, seed, first=first, progress=lambda outcome: say(outcome.line())
+        robots.split(","), count, seed, first=first, progress=lambda outcome: report(outcome.line())
     ):
         click.echo(outcome.line())
         for number, why in outcome.failures.items():
@@ -314,8 +309,6 @@ def problems(robots: str, count: int, first: int, seed: int) -> None:
 
 
 class _Progress:
-    """Writes a line now and then."""
-
     def __init__(self) -> None:
         self._due = time.monotonic() + _EVERY
 
@@ -327,15 +320,11 @@ class _Progress:
 
 @contextmanager
 def _needing_extras() -> Iterator[None]:
-    """Name the extra of a missing library.
-
-    Raises:
-        ConfigurationError: if MuJoCo or Hypothesis is not installed.
-    """
+    """Report the extra of a missing library."""
     try:
         yield
     except ModuleNotFoundError as error:
         extra = "fuzz" if error.name == "hypothesis" else "mock"
         raise ConfigurationError(
-            f"this fuzzer needs another library ({error}); install it with: pip install 'wbc_controller[{extra}]'"
+            f"missing library of this fuzzer ({error}); install it with: pip install 'wbc_controller[{extra}]'"
         ) from error

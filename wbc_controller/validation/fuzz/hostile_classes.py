@@ -1,4 +1,4 @@
-"""The fuzzer of users' classes: a task, contact or limit with a hostile attribute, or a method that turns hostile."""
+"""Fuzzer of user classes: a task, contact or limit with a hostile attribute or method."""
 
 from __future__ import annotations
 
@@ -23,17 +23,14 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import MotionTask
 from wbc_controller.records import Array, Mode
 from wbc_controller.settings.config import load
-from wbc_controller.validation.fuzz.strategies import drawn
+from wbc_controller.validation.fuzz.strategies import draw_by_key
 from wbc_controller.validation.fuzz.values import FLOATS
 
-#: Cycles of an active controller, after which a method has turned hostile.
 _CYCLES = 8
 _TOLERANCE = 1.0e-9
 
 
 class _Height(MotionTask):
-    """Height of the centre of mass."""
-
     size = 1
 
     def __init__(self, model: RobotModel) -> None:
@@ -56,8 +53,6 @@ class _Height(MotionTask):
 
 
 class _Grip(AnchoredContact):
-    """A point of a link that is held."""
-
     def __init__(self, model: RobotModel) -> None:
         basis, cone = np.eye(6)[:, :3], np.zeros((0, 3))
         super().__init__("own", basis, cone, "world", stiffness=1.0, damping=20.0, internal=False)
@@ -86,8 +81,6 @@ class _Grip(AnchoredContact):
 
 
 class _Ceiling(RowLimit):
-    """An upper bound of the vertical acceleration of the centre of mass."""
-
     names, kind, unit = ("ceiling:com",), "ceiling", "m/s²"
 
     def __init__(self, model: RobotModel) -> None:
@@ -98,7 +91,7 @@ class _Ceiling(RowLimit):
         lower[:], upper[:] = -np.inf, 50.0 - dynamics.com_drift[2]
 
 
-#: Class, methods and attributes of each kind of object.
+#: Class, methods and attributes by kind of object.
 _KINDS: dict[str, tuple[type, tuple[str, ...], tuple[str, ...]]] = {
     "tasks": (
         _Height, ("position", "velocity", "error", "jacobian", "drift", "rest", "right", "equation"),
@@ -115,13 +108,11 @@ _KINDS: dict[str, tuple[type, tuple[str, ...], tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class HostileClass:
-    """A class with one hostile member.
+    """A class of ``tasks``, ``contacts`` or ``limits`` with one hostile member.
 
     Attributes:
-        kind: ``tasks``, ``contacts`` or ``limits``.
-        member: name of the method or attribute.
-        after: number of calls before a method turns hostile.
-        value: value of the attribute or result of the method; an exception is raised.
+        after: number of normal calls of a method.
+        value: value of the attribute or result of the method; exceptions are raised.
     """
 
     kind: str
@@ -130,7 +121,7 @@ class HostileClass:
     value: Any
 
     def make(self, model: RobotModel) -> Any:
-        """Make the object, as `Controller` calls it."""
+        """Make the object; called by `Controller`."""
         base, methods, _ = _KINDS[self.kind]
         if self.member not in methods:
             made = type("Own", (base,), {})(model)
@@ -166,7 +157,7 @@ def _values() -> SearchStrategy[Any]:
 
 
 def hostile_class() -> SearchStrategy[HostileClass]:
-    """Return classes with a hostile member."""
+    """Return a strategy of classes with a hostile member."""
     members = [
         (kind, member) for kind, (_, methods, attributes) in _KINDS.items() for member in (*methods, *attributes)
     ]
@@ -182,11 +173,7 @@ def _robot() -> RobotModel:
 
 
 def run_class(hostile: HostileClass) -> str:
-    """Run a controller with a hostile class.
-
-    Returns:
-        ``refused``, the final mode and code of the fault, or a sentence about what went wrong.
-    """
+    """Run a controller with a hostile class; return ``refused``, the mode and fault code, or a failure."""
     model = _robot()
     try:
         own: dict[str, Any] = {hostile.kind: [hostile.make]}
@@ -196,7 +183,7 @@ def run_class(hostile: HostileClass) -> str:
     except ConfigurationError:
         return "refused"
     except Exception as error:
-        return f"wrong: {type(error).__name__}: {error} instead of a ConfigurationError"
+        return f"wrong: {type(error).__name__}: {error}; required: ConfigurationError"
     for i in range(_CYCLES):
         try:
             result = controller.step(q, v, i * controller.period)
@@ -213,13 +200,13 @@ def run_class(hostile: HostileClass) -> str:
 def fuzz_classes(
     count: int, seed: int, progress: Callable[[Counter[str], int], None] = lambda results, number: None
 ) -> tuple[list[tuple[HostileClass, str]], Counter[str]]:
-    """Run controllers with hostile classes; return those that went wrong with a sentence, and all results."""
+    """Run controllers with hostile classes, and return the failures and the counts of all results."""
     results: Counter[str] = Counter()
     failures: list[tuple[HostileClass, str]] = []
-    logging.getLogger("wbc_controller").setLevel(logging.CRITICAL)  # the failures of methods, with tracebacks
+    logging.getLogger("wbc_controller").setLevel(logging.CRITICAL)  # failing methods log tracebacks
     with np.errstate(all="ignore"):
         for number in range(count):
-            hostile = drawn(hostile_class(), "classes", seed, number)
+            hostile = draw_by_key(hostile_class(), "classes", seed, number)
             result = run_class(hostile)
             results[result.partition(":")[0]] += 1
             if result.startswith("wrong"):

@@ -1,4 +1,4 @@
-"""Hypothesis strategies of hostile configurations and URDFs, made from the shipped ones."""
+"""Hypothesis strategies of hostile configurations and URDFs, from the supplied ones."""
 
 import itertools
 import re
@@ -9,17 +9,16 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from wbc_controller.validation.fuzz.strategies import encoded, mutated_text, scaled_text, share
 from wbc_controller.validation.fuzz.values import ATTRIBUTES, SCALARS, STRINGS, TEXTS
 
-#: Links of the chains, and depths of the nesting, of a hostile URDF.
-_SIZES = st.sampled_from((2, 50, 300, 2000, 20_000))
-#: Attributes that are changed in all links or joints at once.
+_SIZES = st.sampled_from((2, 50, 300, 2000, 20_000))  # sizes of chains and nestings in a hostile URDF
+#: Attributes that are changed in all links or joints together.
 _EVERYWHERE = ("value", "ixx", "iyy", "ixy", "effort", "velocity", "lower", "upper", "type", "xyz", "rpy")
-#: Declared encodings, which the text does not have.
+#: False declarations of the encoding.
 _ENCODINGS = st.sampled_from(("utf-16", "ascii", "latin-1", "utf-7", "rot13", "idna", "x" * 300, "", "zlib"))
 
 
 @st.composite
 def hostile_configuration(draw: DrawFn, text: str) -> bytes:
-    """A configuration with hostile values, or a hostile YAML text."""
+    """Draw a configuration with hostile values, or a hostile YAML text."""
     if draw(share(0.05)):
         return draw(encoded(draw(st.sampled_from(TEXTS))))
     return draw(encoded(draw(mutated_text(text, STRINGS if draw(share(0.2)) else SCALARS))))
@@ -27,7 +26,7 @@ def hostile_configuration(draw: DrawFn, text: str) -> bytes:
 
 @st.composite
 def hostile_urdf(draw: DrawFn, text: str) -> bytes:
-    """A URDF with hostile attributes, numbers, tokens or elements."""
+    """Draw a URDF with hostile attributes, numbers, tokens or elements."""
     kind = draw(st.integers(0, 9))
     if kind <= 2:
         text = draw(mutated_text(text, ATTRIBUTES if kind else STRINGS))
@@ -46,7 +45,7 @@ def hostile_urdf(draw: DrawFn, text: str) -> bytes:
 
 
 def structures(text: str) -> dict[str, SearchStrategy[str]]:
-    """A URDF with another structure, by name of the change."""
+    """Return strategies of URDFs with another structure, by name of the change."""
     elements = list(re.finditer(r"(?s)<(joint|link|inertial|limit|robot)\b.*?</\1>|<limit[^>]*/>", text))
     joints = list(re.finditer(r'<parent\s+link="([^"]*)"\s*/>\s*<child\s+link="([^"]*)"\s*/>', text))
     body = re.sub(r"<\?xml.*?\?>", "", text)
@@ -69,7 +68,6 @@ def structures(text: str) -> dict[str, SearchStrategy[str]]:
 
 
 def _chain(text: str, size: int) -> str:
-    """Links and joints of a chain below the robot's first link."""
     root = (re.findall(r'<link\s+name="([^"]*)"', text) or ["base"])[0]
     names = [root, *(f"more_{i}" for i in range(size))]
     joint = '<joint name="at_{1}" type="fixed"><parent link="{0}"/><child link="{1}"/></joint>'
@@ -77,6 +75,5 @@ def _chain(text: str, size: int) -> str:
 
 
 def _loop(text: str, at: re.Match[str], same: bool) -> str:
-    """A joint with exchanged parent and child, or with its child as both."""
     parent, child = at.group(2), at.group(2 if same else 1)
     return text[: at.start()] + f'<parent link="{parent}"/><child link="{child}"/>' + text[at.end() :]

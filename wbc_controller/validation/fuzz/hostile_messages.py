@@ -1,7 +1,7 @@
-"""The fuzzer of messages: every incoming topic of every node gets random bytes, mutated and hostile messages.
+"""Fuzzer of messages: every input of every node gets random, mutated and hostile messages.
 
-Each episode begins with a fresh node. Its messages follow from the seed, the node and the number of the episode. The
-messages that break a node are written to a file, with as many of the messages before them as are needed.
+Each episode begins with a fresh node, and is determined by seed, node and number. Messages that break a node are
+written to a file, with the required messages before them.
 """
 
 import base64
@@ -24,10 +24,16 @@ from wbc_controller.nodes import processes
 from wbc_controller.validation.fuzz.controller_target import ControllerTarget
 from wbc_controller.validation.fuzz.estimator_target import EstimatorTarget
 from wbc_controller.validation.fuzz.other_targets import GuardTarget, MockTarget, UrdfTarget
-from wbc_controller.validation.fuzz.strategies import drawn, requests
-from wbc_controller.validation.fuzz.target import Broken, Slow, Target, fuzzed_robot, watched
+from wbc_controller.validation.fuzz.strategies import draw_by_key, requests
+from wbc_controller.validation.fuzz.target import (
+    InvariantViolation,
+    Target,
+    TimeLimitExceeded,
+    collected_errors,
+    fuzzed_robot,
+)
 
-#: The nodes under test, each with its share of the messages.
+#: Nodes under test, with their shares of the messages.
 TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
     "controller": (ControllerTarget, 0.65),
     "guard": (GuardTarget, 0.15),
@@ -35,12 +41,9 @@ TARGETS: Mapping[str, tuple[Callable[[str], Target], float]] = {
     "urdf": (UrdfTarget, 0.05),
     "estimator": (EstimatorTarget, 0.1),
 }
-#: Messages of an episode, at most.
-_EPISODE = 400
-#: Wall time after which an episode counts as hanging, s; the process then ends with a traceback.
-_HANG = 120.0
-#: Share of the messages after which the memory has to be constant, and its allowed growth, kB.
-WARM_UP, _GROWTH = 0.2, 40_000
+_EPISODE_LENGTH = 400
+_EPISODE_TIMEOUT = 120.0  # wall time, s; then the process ends with a traceback
+WARM_UP, _MAX_GROWTH = 0.2, 40_000  # share of messages, and growth of the memory afterwards, kB
 
 Message = tuple[str, bytes]
 
@@ -50,20 +53,20 @@ class Failure:
     """A broken node."""
 
     target: str
-    why: str  # the invariant that did not hold
-    messages: list[Message]  # topic and payload of the messages that led to it
-    repeated: bool  # whether it broke again in a fresh node
+    why: str  # violated invariant
+    messages: list[Message]  # topic and payload of the causing messages
+    repeated: bool  # True if reproduced with a fresh node
 
 
 @dataclass(slots=True)
 class Outcome:
-    """The result of a run."""
+    """Result of a run."""
 
-    counts: Counter[str] = field(default_factory=Counter)  # number of messages, by node and kind of topic
-    failures: list[Failure] = field(default_factory=list)  # the broken nodes
+    counts: Counter[str] = field(default_factory=Counter)  # messages by node and topic
+    failures: list[Failure] = field(default_factory=list)  # broken nodes
     seconds: float = 0.0
     processor: float = 0.0
-    growth: int = 0  # growth of the memory after the warm-up, kB
+    growth: int = 0  # kB, after the warm-up
 
     @property
     def sent(self) -> int:
@@ -72,8 +75,8 @@ class Outcome:
 
     @property
     def flat(self) -> bool:
-        """Whether the memory was constant after the warm-up, apart from fragmentation."""
-        return self.growth <= _GROWTH
+        """True if the memory was constant after the warm-up, apart from fragmentation."""
+        return self.growth <= _MAX_GROWTH
 
 
 def fuzz_messages(
@@ -86,11 +89,7 @@ def fuzz_messages(
     most_failures: int = 10,
     progress: Callable[[Outcome, str, int], None] = lambda outcome, key, episode: None,
 ) -> Outcome:
-    """Send hostile messages to all nodes.
-
-    Raises:
-        ConfigurationError: if there is no such node.
-    """
+    """Send hostile messages to all nodes."""
     shares = {key: _of(key)[1] for key in targets}
     done, episodes = dict.fromkeys(targets, 0), dict.fromkeys(targets, first)
     outcome, warm, began, before_all = Outcome(), 0, time.monotonic(), time.process_time()
@@ -98,7 +97,7 @@ def fuzz_messages(
         key = min(targets, key=lambda key: done[key] / shares[key])
         progress(outcome, key, episodes[key])
         before = outcome.sent
-        faulthandler.dump_traceback_later(_HANG, exit=True, file=sys.__stderr__ or 2)
+        faulthandler.dump_traceback_later(_EPISODE_TIMEOUT, exit=True, file=sys.__stderr__ or 2)
         failure = _episode(key, robot, f"{seed} {key} {episodes[key]}", outcome, count)
         faulthandler.cancel_dump_traceback_later()
         if failure is not None:
@@ -114,7 +113,7 @@ def fuzz_messages(
 
 
 def memory() -> int:
-    """Return the memory of this process that is in use, kB, without the reserve of glibc's allocator."""
+    """Return the memory of this process, kB, without reserves of glibc's allocator."""
     gc.collect()
     with contextlib.suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)
@@ -123,21 +122,20 @@ def memory() -> int:
 
 def _of(key: str) -> tuple[Callable[[str], Target], float]:
     if key not in TARGETS:
-        raise ConfigurationError(f"no node is named {key!r}; {valid_choices(key, TARGETS)}")
+        raise ConfigurationError(f"unknown node {key!r}; {valid_choices(key, TARGETS)}")
     return TARGETS[key]
 
 
 def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> Failure | None:
-    """Send the messages of one episode to a fresh node; returns the failure, or None."""
     messages: list[Message] = []
-    with watched() as errors:
+    with collected_errors() as errors:
         try:
             target, names = _of(key)[0](robot), fuzzed_robot(robot).model.joints
-            while target.alive and len(messages) < _EPISODE and outcome.sent < count:
-                topic, payload = drawn(requests(target, names), seed, len(messages))
+            while target.alive and len(messages) < _EPISODE_LENGTH and outcome.sent < count:
+                topic, payload = draw_by_key(requests(target, names), seed, len(messages))
                 messages.append((topic.name, payload))
                 outcome.counts[f"{key}: {topic.key}"] += 1
-                target.take(topic, payload)
+                target.deliver(topic, payload)
                 _check_log(errors)
             target.finish()
             _check_log(errors)
@@ -148,25 +146,25 @@ def _episode(key: str, robot: str, seed: str, outcome: Outcome, count: int) -> F
 
 def _check_log(errors: list[str]) -> None:
     if errors:
-        raise Broken(f"an error was logged: {errors[0]}")
+        raise InvariantViolation(f"logged error: {errors[0]}")
 
 
 def _reduced(key: str, robot: str, messages: list[Message], error: Exception) -> Failure | None:
-    """Find the fewest of the last messages that break a fresh node; slowness that does not recur is the machine's."""
-    for length in sorted({min(length, len(messages)) for length in (1, 2, 4, 16, 64, _EPISODE)}):
+    """Return the failure with the fewest last messages; slowness that does not recur is ignored."""
+    for length in sorted({min(length, len(messages)) for length in (1, 2, 4, 16, 64, _EPISODE_LENGTH)}):
         why = replay(key, robot, messages[-length:])
         if why is not None:
             return Failure(key, why, messages[-length:], True)
-    return None if isinstance(error, Slow) else Failure(key, _sentence(error), messages, False)
+    return None if isinstance(error, TimeLimitExceeded) else Failure(key, _sentence(error), messages, False)
 
 
 def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
-    """Send messages to a fresh node; returns the invariant that did not hold, or None."""
-    with watched() as errors:
+    """Send messages to a fresh node, and return the violated invariant or None."""
+    with collected_errors() as errors:
         try:
             target = _of(key)[0](robot)
             for name, payload in sent:
-                target.take(target.topics[name], payload)
+                target.deliver(target.topics[name], payload)
                 _check_log(errors)
             target.finish()
             _check_log(errors)
@@ -176,7 +174,7 @@ def replay(key: str, robot: str, sent: Sequence[Message]) -> str | None:
 
 
 def _sentence(error: Exception) -> str:
-    return str(error) if isinstance(error, Broken) else f"{type(error).__name__}: {error}"
+    return str(error) if isinstance(error, InvariantViolation) else f"{type(error).__name__}: {error}"
 
 
 def save(failure: Failure, robot: str, path: Path) -> None:
@@ -187,17 +185,10 @@ def save(failure: Failure, robot: str, path: Path) -> None:
 
 
 def load(path: Path) -> tuple[str, str, list[Message]]:
-    """Read a file of `save`.
-
-    Returns:
-        Key of the node, name of the robot, and the messages.
-
-    Raises:
-        ConfigurationError: if the file has another content.
-    """
+    """Return node, robot and messages from a file of `save`; raise `ConfigurationError` for other contents."""
     try:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
         sent = [(str(each["topic"]), base64.b64decode(each["payload"])) for each in content["messages"]]
         return str(content["target"]), str(content["robot"]), sent
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(f"{path}: holds no messages of a failure: {type(error).__name__}: {error}") from error
+        raise ConfigurationError(f"{path}: not a file of fuzzer messages: {type(error).__name__}: {error}") from error

@@ -1,4 +1,4 @@
-"""Recordings with valid checksums and hostile content, made from a short run, and the commands that read them."""
+"""Recordings with valid checksums and hostile content, made from a short run."""
 
 from __future__ import annotations
 
@@ -28,12 +28,10 @@ from wbc_controller.validation.fuzz.strategies import mutated_bytes, mutated_tex
 from wbc_controller.validation.fuzz.values import FLOATS, SCALARS, STRINGS
 from wbc_controller.validation.lockstep import Lockstep
 
-#: Messages of a recording: topic, time in ns, serialized message.
-Messages = Sequence[tuple[Topic, int, bytes]]
-#: Cycles of the original run, and cycles that are solved again of a hostile one.
-_CYCLES, _SOLVED = 60, 20
+Messages = Sequence[tuple[Topic, int, bytes]]  # messages of a recording: topic, time in ns, payload
+_CYCLES, _SOLVED = 60, 20  # cycles of the original run, and replayed cycles of a hostile one
 _STRING = "std_msgs/msg/String"
-#: Values in place of one in JSON.
+#: Replacements of a value in JSON.
 _VALUES: SearchStrategy[Any] = st.one_of(
     st.sampled_from((None, True, False, 0, -1, 1, 2**31, 2**63, 10**400, "", [], {}, [[]], [None], {"$map": [[1]]})),
     st.sampled_from(FLOATS),
@@ -43,7 +41,7 @@ _VALUES: SearchStrategy[Any] = st.one_of(
 
 
 def record_run(robot: str, path: Path) -> None:
-    """Record a short run of a robot: it is activated, moves, refuses a request, and is stopped."""
+    """Record a short run: activation, motion, a refused request, and a stop."""
     settings = load_settings(find_configuration(robot))
     settings = settings.model_copy(update={"recorder": settings.recorder.model_copy(update={"seconds": 0.0})})
     recorder = Recorder(settings, path, patient=True, name=robot)
@@ -51,14 +49,14 @@ def record_run(robot: str, path: Path) -> None:
         run = Lockstep(settings, recorder=recorder)
         for i in range(_CYCLES):
             if i == 3:
-                run.user.say("command", "activate")
+                run.user.send_text("command", "activate")
             elif i == 10:
                 run.user.move(run.com())
             elif i == 20:
-                run.user.say("command", "fly")
-                run.user.say("update", "{limits: {acceleration: 200.0}}")
+                run.user.send_text("command", "fly")
+                run.user.send_text("update", "{limits: {acceleration: 200.0}}")
             elif i == _CYCLES - 3:
-                run.user.say("command", "estop")
+                run.user.send_text("command", "estop")
             run.cycle()
     finally:
         recorder.close()
@@ -76,7 +74,7 @@ def original(robot: str) -> tuple[dict[int, Topic], Messages]:
 
 
 def hostile_recording(robot: str) -> SearchStrategy[Messages]:
-    """Return the messages of a short run with hostile changes."""
+    """Return a strategy of the messages with hostile changes."""
     return _hostile_messages(original(robot)[1])
 
 
@@ -93,7 +91,6 @@ def write_messages(path: Path, topics: dict[int, Topic], messages: Messages) -> 
 
 @st.composite
 def _hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
-    """Change, delete, repeat or move some messages of a recording; mostly its own topics."""
     result = list(messages)
     for _ in range(draw(st.sampled_from((1, 1, 1, 2, 3)))):
         kinds: dict[str, list[int]] = {}
@@ -117,7 +114,6 @@ def _hostile_messages(draw: DrawFn, messages: Messages) -> Messages:
 
 @st.composite
 def _hostile_payload(draw: DrawFn, topic: Topic, payload: bytes) -> bytes:
-    """Change one message."""
     if draw(st.integers(0, 9)) == 0:
         return draw(mutated_bytes(payload))
     if topic.type == _STRING:
@@ -133,7 +129,6 @@ def _hostile_payload(draw: DrawFn, topic: Topic, payload: bytes) -> bytes:
 
 @st.composite
 def _hostile_text(draw: DrawFn, text: str) -> str:
-    """Change a value of a JSON text, or a token of any other text."""
     try:
         tree = json.loads(text)
     except ValueError:
@@ -158,11 +153,7 @@ def _hostile_text(draw: DrawFn, text: str) -> str:
 
 
 def read_recording(path: Path) -> None:
-    """Read a recording as the commands do: summarize it, solve some of its cycles again, and make the data of a report.
-
-    Raises:
-        ConfigurationError: if it is refused.
-    """
+    """Read a recording as the commands do; raise `ConfigurationError` if it is refused."""
     recorded = Recording(path)
     summarize(recorded)
     run = Replay(recorded)

@@ -1,4 +1,4 @@
-"""Measures the lateness of this machine: of naps on each processor, and of the threads of processes."""
+"""Measurement of the machine's lateness: sleeps on each processor, and waiting threads of processes."""
 
 import os
 import threading
@@ -6,17 +6,12 @@ import time
 from collections import deque
 from pathlib import Path
 
-#: A fault of time counts as the machine's if the machine was late by this share of the fault's time.
+#: Smallest lateness, as a share of a fault's time limit, for which the machine counts as the fault's cause.
 MACHINE = 0.5
 
 
 class Lateness:
-    """The lateness of naps on each processor, and the time for which watched processes wait for a processor.
-
-    Attributes:
-        worst: largest lateness since `forget`, s: of a nap, or of a thread of this process or of a watched one within
-            `_WINDOW`.
-    """
+    """Lateness of sleeps and of watched processes; `worst` is the largest since `reset`, s."""
 
     _NAP, _LOOK, _WINDOW = 0.001, 0.01, 0.05
 
@@ -26,18 +21,18 @@ class Lateness:
         self._processes = {os.getpid()}
         self._waited: dict[Path, deque[tuple[float, float]]] = {}
         self._ended = False
-        # A nap on each processor: on a virtual machine one of them may stand still alone.
+        # One sleep per processor, because a single processor of a virtual machine may stall.
         naps = [threading.Thread(target=self._nap, args=(cpu,), daemon=True) for cpu in os.sched_getaffinity(0)]
-        self._threads = [*naps, threading.Thread(target=self._look, name="lateness", daemon=True)]
+        self._threads = [*naps, threading.Thread(target=self._check_processes, name="lateness", daemon=True)]
         for thread in self._threads:
             thread.start()
 
     def watch(self, process: int) -> None:
-        """OutputMonitor the threads of a process, too."""
+        """Also measure the threads of a process."""
         self._processes.add(process)
 
-    def forget(self) -> None:
-        """Begin anew."""
+    def reset(self) -> None:
+        """Reset the largest lateness."""
         self.worst = 0.0
 
     def end(self) -> None:
@@ -51,34 +46,34 @@ class Lateness:
         while not self._ended:
             began = time.monotonic()
             time.sleep(self._NAP)
-            self._note(time.monotonic() - began - self._NAP)
+            self._record(time.monotonic() - began - self._NAP)
 
-    def _look(self) -> None:
+    def _check_processes(self) -> None:
         while not self._ended:
             time.sleep(self._LOOK)
             now = time.monotonic()
             for process in list(self._processes):
                 try:
                     tasks = list(Path(f"/proc/{process}/task").glob("*/schedstat"))
-                except FileNotFoundError:  # it ended while it was looked at
+                except FileNotFoundError:  # the process has ended
                     tasks = []
                 if not tasks:
                     self._processes.discard(process)
                 for task in tasks:
-                    self._look_at(task, now)
+                    self._check_thread(task, now)
 
-    def _look_at(self, task: Path, now: float) -> None:
-        try:  # time on the processor, time of waiting for one, ns
+    def _check_thread(self, task: Path, now: float) -> None:
+        try:  # time on the processor and waiting time, ns
             total = 1.0e-9 * int(task.read_text().split()[1])
-        except (OSError, IndexError):  # it has ended
+        except (OSError, IndexError):  # the thread has ended
             self._waited.pop(task, None)
             return
         waited = self._waited.setdefault(task, deque())
         waited.append((now, total))
         while now - waited[0][0] > self._WINDOW and len(waited) > 2:
             waited.popleft()
-        self._note(total - waited[0][1])
+        self._record(total - waited[0][1])
 
-    def _note(self, late: float) -> None:
+    def _record(self, late: float) -> None:
         with self._lock:
             self.worst = max(self.worst, late)

@@ -1,4 +1,4 @@
-"""The guard, the mock robot and the wait for a URDF as targets of the fuzzer."""
+"""Guard, mock robot and the wait for a URDF as targets of the fuzzer."""
 
 import threading
 from typing import Any
@@ -26,31 +26,28 @@ from wbc_controller.safety.guard import GuardMode
 from wbc_controller.settings import NODE_NAME
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.simulation.mock_robot import MockRobot
-from wbc_controller.validation.fuzz.examples import ordinary
+from wbc_controller.validation.fuzz.examples import valid_message
 from wbc_controller.validation.fuzz.target import (
     CYCLE_LIMIT,
     READ_LIMIT,
-    Broken,
+    InvariantViolation,
     Target,
     check_torques,
     fuzzed_robot,
+    time_limit,
     with_all_diagnostics,
-    within,
 )
 
-#: Messages to the guard between two silences of the controller, in which it takes over.
-_UNTIL_SILENCE = 25
-#: Periods of such a silence: longer than the guard's patience and the age of the last joint states.
-_SILENCE = 40
-#: Messages after which the mock robot is stood up again.
-_UNTIL_RESTORED = 100
+_MESSAGES_PER_SILENCE = 25  # messages
+_SILENT_PERIODS = 40  # periods, above the guard's patience
+_MESSAGES_PER_RESET = 100  # messages
 
 
 class GuardTarget(Target):
-    """The guard beside a controller that sends commands, and at times does not."""
+    """The guard beside a controller with silences."""
 
     def __init__(self, robot: str) -> None:
-        """Build the guard, and let it hear commands."""
+        """Build the guard, and send commands."""
         fuzzed = fuzzed_robot(robot)
         settings, self._model = with_all_diagnostics(fuzzed.settings), fuzzed.model
         description = describe(self._model.urdf, settings.robot)
@@ -68,26 +65,28 @@ class GuardTarget(Target):
         self._cycle("the start")
 
     def example(self, topic: Endpoint) -> Any:
-        """An ordinary message of a topic, valid now."""
-        content = ordinary(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
+        """Return a valid message of a topic."""
+        content = valid_message(topic.type, self._model.joints, "", round(1e9 * self.clock.time))
         if topic.key == "controller_state":
             content.data = "active"
         return content
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message between a joint state and the command that answers it; see `Target`."""
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
+        """Deliver a message between a joint state and the command after it; see `Target`."""
         mode = self._guard.guard.mode
         self.clock.time += self._period
         self._send("joint_states")
-        with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
         self._command()
         self._cycle(f"a message on {topic.name}")
         refused = self.refused().get(topic.key)
         if refused and self._guard.guard.mode is not mode:
-            raise Broken(f"a message that was refused ({refused}) led the guard to {self._guard.guard.mode.value}")
+            raise InvariantViolation(
+                f"a refused message ({refused}) changed the guard's mode to {self._guard.guard.mode.value}"
+            )
         self._count += 1
-        if self._count % _UNTIL_SILENCE == 0:
+        if self._count % _MESSAGES_PER_SILENCE == 0:
             self._fall_silent()
 
     def finish(self) -> None:
@@ -95,21 +94,24 @@ class GuardTarget(Target):
         self._fall_silent()
 
     def _fall_silent(self) -> None:
-        """End the commands but not the joint states, until the guard damps, then return."""
         self.send("controller_state", message("std_msgs/msg/String", data="active"))
         self._command()
         self._cycle("commands")
         takeovers = self._guard.guard.takeovers
-        for _ in range(_SILENCE):
+        for _ in range(_SILENT_PERIODS):
             self.clock.time += self._period
             self._send("joint_states")
             self._cycle("silence")
         if self._guard.guard.takeovers != takeovers + 1:
-            raise Broken(f"{_SILENCE} periods without a command, and the guard is {self._guard.guard.mode.value}")
+            raise InvariantViolation(
+                f"guard {self._guard.guard.mode.value} {_SILENT_PERIODS} periods after a command; required: takeover"
+            )
         self._command()
         self._cycle("the return")
         if self._guard.guard.mode is not GuardMode.WATCHING:
-            raise Broken(f"after a command the guard is {self._guard.guard.mode.value}: {self._guard.guard.reason}")
+            raise InvariantViolation(
+                f"the guard is {self._guard.guard.mode.value} after a new command: {self._guard.guard.reason}"
+            )
 
     def _send(self, key: str) -> None:
         self.send(key, self.example(self.by_key[key]))
@@ -119,22 +121,22 @@ class GuardTarget(Target):
         self._tau = np.zeros(self._model.na)
 
     def _cycle(self, why: str) -> None:
-        self.forget()
-        with within(CYCLE_LIMIT, f"the guard's cycle after {why}"):
+        self.clear_outputs()
+        with time_limit(CYCLE_LIMIT, f"the guard's cycle after {why}"):
             self._guard.cycle()
-        if self.heard["effort"] and why.startswith("a message"):
-            raise Broken(f"the guard sent torques while commands came, after {why}")
-        for payload in self.heard["effort"]:
+        if self.outputs["effort"] and why.startswith("a message"):
+            raise InvariantViolation(f"the guard sent torques despite commands, after {why}")
+        for payload in self.outputs["effort"]:
             tau: Array = np.asarray(decode(payload, self.types["effort"]).data)
             check_torques(tau, tau if self._tau is None else self._tau, self._limits, self._step, "the guard")
             self._tau = tau
 
 
 class MockTarget(Target):
-    """Two mock robots on the same topics: one in real time, whose torques come by ``effort``, and one in lockstep."""
+    """Two mock robots on the same topics: in real time with torques on ``effort``, and in lockstep."""
 
     def __init__(self, robot: str) -> None:
-        """Build both."""
+        """Build both robots."""
         fuzzed = fuzzed_robot(robot)
         self._settings, self._model = fuzzed.settings, fuzzed.model
         super().__init__(list(endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self._settings.contacts)))
@@ -142,34 +144,34 @@ class MockTarget(Target):
             MockRobot(self._model, self._settings, self.transport(), lockstep=lockstep) for lockstep in (False, True)
         ]
         self._stop = threading.Event()
-        self._stop.set()  # so that nobody waits for an answer
+        self._stop.set()  # so that nothing waits for an answer
         self._start = self._robots[0].plant.state()
         self._count = 0
 
     def example(self, topic: Endpoint) -> Any:
-        """An ordinary message of a topic, valid now."""
+        """Return a valid message of a topic."""
         frame = self._model.base_link if topic.key == "push" else ""
-        return ordinary(topic.type, self._model.joints, frame, self._robots[1].stamp)
+        return valid_message(topic.type, self._model.joints, frame, self._robots[1].stamp)
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
         """Deliver a message, and simulate a period; see `Target`."""
-        with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             self.publish(topic, payload)
             self._robots[1].wait_for_answer(self._stop)
         for robot in self._robots:
             try:
                 robot.advance()
-            except WbcError:  # the physics diverged: a push that is valid may do that
+            except WbcError:  # a valid push can make the physics diverge
                 self.alive = False
                 return
             q, v = robot.plant.state()
             if not (np.isfinite(q).all() and np.isfinite(v).all()):
-                raise Broken(f"the mock robot's state is not finite after a message on {topic.name}")
+                raise InvariantViolation(f"the mock robot's state is not finite after a message on {topic.name}")
             limits = robot.plant.effort_limits
             tau = robot.plant.applied_torques
             check_torques(tau, tau, limits, limits, f"the mock robot, after a message on {topic.name},")
         self._count += 1
-        if self._count % _UNTIL_RESTORED == 0:
+        if self._count % _MESSAGES_PER_RESET == 0:
             for robot in self._robots:
                 robot.plant.set_state(*self._start)
 
@@ -180,7 +182,7 @@ class MockTarget(Target):
 
 
 class UrdfTarget(Target):
-    """A node that waits for its URDF: whatever comes is refused, or is the text that was sent."""
+    """A node that waits for its URDF: every message is refused or returned unchanged."""
 
     def __init__(self, robot: str) -> None:
         """Make the topic."""
@@ -191,14 +193,14 @@ class UrdfTarget(Target):
         self._stop.set()
 
     def example(self, topic: Endpoint) -> Any:
-        """A small URDF."""
+        """Return a small URDF."""
         return message(topic.type, data="<robot name='r'><link name='a'/></robot>")
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
         """Publish a URDF, and wait for it; see `Target`."""
         bus = MemoryBus()
         MemoryTransport(bus).advertise(counterpart(topic))(payload)
-        with within(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
+        with time_limit(READ_LIMIT, f"reading {len(payload)} bytes on {topic.name}"):
             text = wait_for_urdf(MemoryTransport(bus), self._stop, [topic])
         if text and text != decode(payload, topic.type).data:
-            raise Broken("the node got another URDF than was published")
+            raise InvariantViolation("the node received another URDF than the published one")

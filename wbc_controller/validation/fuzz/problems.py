@@ -1,7 +1,4 @@
-"""The fuzzer of quadratic programs: feasible ones are solved, and no more is relaxed than necessary.
-
-Linear programs over the same constraints are the judge: they are slow, and have no cost that could mislead them.
-"""
+"""Fuzzer of quadratic programs: feasible ones are solved, and relaxation is minimal, compared with linear programs."""
 
 import time
 from collections import Counter
@@ -25,28 +22,26 @@ from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings
 
-#: Room above which a linear program's answer means that there is a solution, in the problem's units.
-_ROOM = 1.0e-6
-#: What was relaxed where nothing could be found.
-HELD = "no solution"
+_MARGIN = 1.0e-6  # margin of an infeasible problem, in its units
+NO_SOLUTION = "no solution"
 
 
 @dataclass(slots=True)
 class ProblemsOutcome:
-    """The result for one robot."""
+    """Result for one robot."""
 
     robot: str
-    relaxed: Counter[str] = field(default_factory=Counter)  # number of problems, by what was relaxed
-    # by the number of the problem, what was wrong with its answer
+    relaxed: Counter[str] = field(default_factory=Counter)  # number of problems by relaxation
+    # error of the answer, by number of the problem
     failures: dict[int, str] = field(default_factory=dict)
     slowest: float = 0.0  # processor time of the slowest answer, s
 
     def line(self) -> str:
-        """The result in a line."""
+        """Return the result in one line."""
         counts = ", ".join(f"{name}: {count}" for name, count in self.relaxed.most_common())
         return (
-            f"{self.robot:10} {sum(self.relaxed.values())} problems ({counts}); infeasible in name only, or "
-            f"relaxed too much: {len(self.failures)}; slowest answer {1e3 * self.slowest:.1f} ms of processor time"
+            f"{self.robot:10} {sum(self.relaxed.values())} problems ({counts}); falsely infeasible or relaxed "
+            f"too much: {len(self.failures)}; slowest answer {1e3 * self.slowest:.1f} ms of processor time"
         )
 
 
@@ -58,28 +53,22 @@ def fuzz_problems(
     first: int = 0,
     progress: Callable[[ProblemsOutcome], None] = lambda outcome: None,
 ) -> Iterator[ProblemsOutcome]:
-    """Solve random problems of each robot, and judge the relaxations; one outcome per robot.
-
-    The sum of `seed` and the number of a problem decides everything.
-
-    Raises:
-        ConfigurationError: where there is no such robot.
-    """
+    """Solve random problems of each robot, and check the relaxations; `seed` plus the number determines a problem."""
     for robot in robots:
         settings = load_settings(find_configuration(robot))
         qp = make_qp(settings, make_model(settings))
         standing, outcome = stance(qp.model, qp, list(qp.contacts)), ProblemsOutcome(robot)
         references = rest(qp, settings, RobotState(0, frozen(standing), frozen(np.zeros(qp.model.nv))))
         for number in range(first, first + count):
-            given = random_problem(qp.model, standing, references, seed + number)
+            arguments = random_problem(qp.model, standing, references, seed + number)
             started = time.thread_time()
             try:
-                relaxed = qp.solve(*given, explained=False).relaxed
+                relaxed = qp.solve(*arguments, explained=False).relaxed
             except NoSolution:
-                relaxed = (HELD,)
+                relaxed = (NO_SOLUTION,)
             outcome.slowest = max(outcome.slowest, time.thread_time() - started)
             outcome.relaxed[", ".join(relaxed) or "nothing relaxed"] += 1
-            why = too_much(qp, given, relaxed)
+            why = relaxation_error(qp, arguments, relaxed)
             if why is not None:
                 outcome.failures[number] = why
             progress(outcome)
@@ -87,7 +76,7 @@ def fuzz_problems(
 
 
 def rest(qp: WholeBodyQP, settings: Settings, state: RobotState) -> References:
-    """References that stay where a state is, with the weights of the configuration and all contacts active."""
+    """Return references at rest in a state, with the configured weights and all contacts active."""
     dynamics = Dynamics(qp.model)
     dynamics.update(state.q, state.v)
     return References(
@@ -100,12 +89,10 @@ def rest(qp: WholeBodyQP, settings: Settings, state: RobotState) -> References:
 def random_problem(
     model: RobotModel, standing: Array, references: References, seed: int
 ) -> tuple[RobotState, References, Array | None]:
-    """A random state with a quarter of the joints 0.1 to 100 mrad before a limit, references and torques before.
+    """Return a random state, references, and previous torques.
 
-    With odd seeds the weights are the given ones times 10^-2 to 10^2; half of the seeds have torques before.
-
-    Args:
-        standing: q of the robot as it stands, (nq,).
+    A quarter of the joints is 0.1 to 100 mrad from a limit. Odd seeds scale the weights by 10^-2 to 10^2; half of the
+    seeds have previous torques. `standing` is q of the standing robot, (nq,).
     """
     rng = np.random.default_rng(seed)
     lower, upper = model.position_lower + 0.02, model.position_upper - 0.02
@@ -124,34 +111,33 @@ def random_problem(
     return state, references, before
 
 
-def too_much(qp: WholeBodyQP, given: tuple[RobotState, References, Array | None], relaxed: Sequence[str]) -> str | None:
-    """Return the mistake in relaxing so much, with `HELD` for no solution; None if it was necessary."""
+def relaxation_error(
+    qp: WholeBodyQP, arguments: tuple[RobotState, References, Array | None], relaxed: Sequence[str]
+) -> str | None:
+    """Return the error of a relaxation, with `NO_SOLUTION` for no solution, or None if it was necessary."""
     if not relaxed:
         return None
-    layout = qp.formulation.build(*given)
-    *rate, everything = relaxations(qp.formulation, layout, given[1])
-    result = "no solution was found" if HELD in relaxed else f"{', '.join(relaxed)} was relaxed"
-    steps: list[tuple[Sequence[Relaxable], str]] = [((), "")]  # groups to soften one after the other, in words
+    layout = qp.formulation.build(*arguments)
+    *rate, everything = relaxations(qp.formulation, layout, arguments[1])
+    result = "no solution was found" if NO_SOLUTION in relaxed else f"{', '.join(relaxed)} was relaxed"
+    steps: list[tuple[Sequence[Relaxable], str]] = [((), "")]  # groups to soften in order, and text
     if tuple(relaxed) != ("torque_rate",):
         steps += [(groups, " without the torque rate") for groups in rate]
-    if HELD in relaxed:
+    if NO_SOLUTION in relaxed:
         steps.append((everything, " with everything relaxed"))
     for groups, without in steps:
         if groups:
             soften(layout, groups)
-        least = room(layout.problem)
-        if least > _ROOM:
-            return f"feasible with a room of {least:.3g}{without}, and {result}"
+        largest_margin = feasibility_margin(layout.problem)
+        if largest_margin > _MARGIN:
+            return f"feasible with a margin of {largest_margin:.3g}{without}, but {result}"
     return None
 
 
-def room(problem: QuadraticProgram) -> float:
-    """How feasible a problem is: the largest distance that x can keep from all its bounds, at most 1.
+def feasibility_margin(problem: QuadraticProgram) -> float:
+    """Return the largest distance of a solution x from all bounds, at most 1, by a linear program.
 
-    In the problem's units, by a linear program; below 0 where the problem is infeasible.
-
-    Raises:
-        WbcError: where the linear program is not solved.
+    It has the problem's units, and is negative for infeasible problems.
     """
     n, (lower, upper) = problem.n, problem.bounds
     rows = np.vstack([np.eye(n), problem.C])
@@ -169,4 +155,4 @@ def room(problem: QuadraticProgram) -> float:
         result = linprog(*program, method=method)
         if result.status == 0:
             return float(result.x[-1])
-    raise WbcError(f"the linear program was not solved: {result.message}")
+    raise WbcError(f"the linear program failed: {result.message}")

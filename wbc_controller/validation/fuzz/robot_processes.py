@@ -1,4 +1,4 @@
-"""A mock robot, a controller and a guard as processes on a DDS domain of their own, with a user: for live trials."""
+"""Mock robot, controller and guard as processes in their own DDS domain, with a user, for live trials."""
 
 from __future__ import annotations
 
@@ -26,41 +26,39 @@ from wbc_controller.records import Array
 from wbc_controller.simulation.mock_robot import NODE_NAME as MOCK_NODE
 from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import Lateness
-from wbc_controller.validation.user import User, deep, words_to_activate
+from wbc_controller.validation.user import User, activation_commands, reliable_counterpart
 
-#: Messages that are kept of each topic: a minute of the fastest ones.
-_KEPT = 30_000
+_CAPACITY = 30_000  # messages per topic
 
 
-def _keep(kept: deque[tuple[float, bytes]], payload: bytes) -> None:
-    kept.append((time.monotonic(), payload))
+def _store(messages: deque[tuple[float, bytes]], payload: bytes) -> None:
+    messages.append((time.monotonic(), payload))
 
 
 class RobotProcesses(Processes):
-    """A mock robot, a controller and a guard as processes, and a user on the same domain.
+    """Mock robot, controller and guard as processes, and a user in the same domain.
 
     Attributes:
-        record: file for the controller's record.
         inputs: topics of the controller, by key and subject, such as ``setpoint/com``.
-        kept: arrival time and payload of the messages of each topic, by node and key, such as ``mock/odom``.
+        messages: arrival times and payloads by node and key, such as ``mock/odom``.
     """
 
     def __init__(
         self, robot: str, folder: Path, domain: int = DOMAIN, changes: Mapping[str, Any] | None = None
     ) -> None:
-        """Join the domain. No process is started yet."""
+        """Join the domain, without starting a process."""
         super().__init__(robot, folder, domain, changes)
         self.model = make_model(self.settings)
         self.record = folder / "cycles.mcap"
         self.lateness = Lateness()
-        self.kept: dict[str, deque[tuple[float, bytes]]] = {}
+        self.messages: dict[str, deque[tuple[float, bytes]]] = {}
         self._types: dict[str, str] = {}
         self._transport = DdsTransport("trial_user", domain_id=domain, discovery_range="LOCALHOST")
         topics = controller_endpoints(self.settings, self.model)
-        self._listen("controller", topics, ("effort", "joint_commands", "state", "diagnostics"))
+        self._subscribe("controller", topics, ("effort", "joint_commands", "state", "diagnostics"))
         mock_topics = endpoints(MOCK_TOPICS, MOCK_NODE, contacts=self.settings.contacts)
-        self._listen("mock", mock_topics, ("joint_states", "odom"))
-        self._listen("guard", endpoints(GUARD_TOPICS, GUARD_NODE), ("state",))
+        self._subscribe("mock", mock_topics, ("joint_states", "odom"))
+        self._subscribe("guard", endpoints(GUARD_TOPICS, GUARD_NODE), ("state",))
         self.inputs = {
             f"{topic.key}/{topic.subject}".rstrip("/"): topic for topic in topics if topic.direction is Direction.IN
         }
@@ -75,12 +73,12 @@ class RobotProcesses(Processes):
         self._transport.close()
         self.lateness.end()
 
-    def _listen(self, node: str, topics: Iterable[Endpoint], keys: Sequence[str]) -> None:
+    def _subscribe(self, node: str, topics: Iterable[Endpoint], keys: Sequence[str]) -> None:
         for topic in topics:
             if topic.direction is Direction.OUT and topic.key in keys:
-                kept = self.kept[f"{node}/{topic.key}"] = deque(maxlen=_KEPT)
+                messages = self.messages[f"{node}/{topic.key}"] = deque(maxlen=_CAPACITY)
                 self._types[f"{node}/{topic.key}"] = topic.type
-                self._transport.subscribe(deep(topic), partial(_keep, kept))
+                self._transport.subscribe(reliable_counterpart(topic), partial(_store, messages))
 
     def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
         """Start a process by its command line, and measure its lateness."""
@@ -95,71 +93,71 @@ class RobotProcesses(Processes):
         self.wait_for(*names)
 
     def wait_for(self, *names: str) -> None:
-        """Wait for the first message of each of some nodes."""
+        """Wait for the first message of some nodes."""
         topics = {"mock": "mock/joint_states", "controller": "controller/state", "guard": "guard/state"}
         for name in names:
-            self.until(self.kept[topics[name]].__len__, f"the first message of {name}")
+            self.until(self.messages[topics[name]].__len__, f"the first message of {name}")
 
     def newest(self, name: str) -> Any:
-        """Return the newest message of a topic such as ``mock/odom``; None before the first one."""
-        kept = self.kept[name]
-        return decode(kept[-1][1], self._types[name]) if kept else None
+        """Return the newest message of a topic such as ``mock/odom``; None before the first."""
+        messages = self.messages[name]
+        return decode(messages[-1][1], self._types[name]) if messages else None
 
-    def said(self, node: str) -> str:
-        """Return the newest state of ``controller`` or ``guard``; empty before the first one."""
+    def state_of(self, node: str) -> str:
+        """Return the newest state of ``controller`` or ``guard``; empty before the first."""
         newest = self.newest(f"{node}/state")
         return "" if newest is None else str(newest.data)
 
     def stamp(self) -> int:
-        """Return the stamp of the robot's newest state, ns; 0 before the first one."""
+        """Return the stamp of the robot's newest state, ns; 0 before the first."""
         newest = self.newest("mock/joint_states")
         return 0 if newest is None else nanoseconds(newest.header.stamp)
 
     def centre_of_mass(self) -> Array:
         """Return the robot's centre of mass in its newest state, (3,) in m."""
-        joints, base = (self.kept[f"mock/{key}"][-1][1] for key in ("joint_states", "odom"))
+        joints, base = (self.messages[f"mock/{key}"][-1][1] for key in ("joint_states", "odom"))
         q = np.zeros(self.model.nq)
         q[self.model.q_index] = JointStateReader(self.model.joints).read(joints).position
         q[:7] = OdometryReader(self.model.base_link).read(base).pose
         return np.array(pin.centerOfMass(self.model.pinocchio, self.model.pinocchio.createData(), q))
 
-    def heard(self, name: str, since: float = 0.0) -> list[tuple[float, Any]]:
-        """Return the messages of a topic after a time, with their arrival times, oldest first."""
-        recent = [each for each in list(self.kept[name]) if each[0] > since]
+    def messages_since(self, name: str, since: float = 0.0) -> list[tuple[float, Any]]:
+        """Return the messages of a topic after a time, with arrival times, oldest first."""
+        recent = [each for each in list(self.messages[name]) if each[0] > since]
         return [(when, decode(payload, self._types[name])) for when, payload in recent]
 
     def efforts(self, since: float) -> tuple[Array, Array]:
-        """Return the arrival times, (n,) in s, and torques, (n, na) in N·m, of the commands after a time."""
-        heard = self.heard("controller/effort", since)
-        torques = np.array([content.data for _, content in heard]).reshape(-1, self.model.na)
-        return np.array([when for when, _ in heard]), torques
+        """Return arrival times, (n,) in s, and torques, (n, na) in N·m, of the commands after a time."""
+        received = self.messages_since("controller/effort", since)
+        torques = np.array([content.data for _, content in received]).reshape(-1, self.model.na)
+        return np.array([when for when, _ in received]), torques
 
     def until(
         self,
         condition: Callable[[], Any],
         what: str,
-        again: Callable[[], Any] = lambda: None,
-        patience: float = TIMEOUT,
+        repeat: Callable[[], Any] = lambda: None,
+        patience: float = PATIENCE,
     ) -> None:
-        """Wait for a condition; as `nodes.processes.until`, with the nodes' states in the error."""
-        said = lambda: f"; controller: {self.said('controller')!r}, guard: {self.said('guard')!r}"  # noqa: E731
-        until(condition, what, again, patience, said)
+        """Wait for a condition, as `nodes.processes.until`, with the nodes' states in the error."""
+        states = lambda: f"; controller: {self.state_of('controller')!r}, guard: {self.state_of('guard')!r}"  # noqa: E731
+        until(condition, what, repeat, patience, states)
 
     def wait_for_torques(self, since: float) -> None:
-        """Wait for torques other than zero after a time."""
+        """Wait for nonzero torques after a time."""
         self.until(lambda: bool(self.efforts(since)[1].any()), "torques")
 
-    def forget(self, *names: str) -> None:
-        """Forget the messages of some nodes."""
-        for name, kept in self.kept.items():
+    def clear(self, *names: str) -> None:
+        """Delete the messages of some nodes."""
+        for name, messages in self.messages.items():
             if name.partition("/")[0] in names:
-                kept.clear()
+                messages.clear()
 
     def activate(self) -> None:
         """Reset a fault, and activate the controller."""
 
         def ask() -> None:
-            for word in words_to_activate(self.said("controller")):
-                self.user.say("command", word)
+            for word in activation_commands(self.state_of("controller")):
+                self.user.send_text("command", word)
 
-        self.until(lambda: self.said("controller") == "active", "the activation", ask)
+        self.until(lambda: self.state_of("controller") == "active", "the activation", ask)

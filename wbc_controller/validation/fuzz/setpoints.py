@@ -1,10 +1,7 @@
-"""The fuzzer of setpoints: joints stay within their limits with any setpoint and relaxation.
+"""Fuzzer of setpoints: joints stay within their limits with any setpoint and relaxation.
 
-Each trial asks a standing robot for what it cannot do, and then again while it tries or falls. A trial ends with its
-time, or where the controller has left its active mode: then the supervisor damps.
-
-Where a hand or a knee strikes the floor, the impact turns joints within one step of the physics, between two cycles.
-How far it drives them into their stops no torque decides: that is measured apart.
+Each trial sends infeasible setpoints to a standing robot, until the end of the time or of the active mode. Excesses
+after an impact on the floor are counted separately, because no torque can prevent them.
 """
 
 import logging
@@ -22,39 +19,35 @@ from wbc_controller.settings import FramePoseTask
 from wbc_controller.settings.config import load
 from wbc_controller.simulation.simulation import Simulation
 
-#: Simulated time of a trial, s.
-DURATION = 2.0
-#: How far a joint may be beyond its position limit, rad or m.
-BEYOND = 0.02
-#: Time after a link has struck the floor for which its impact moves the joints, s: a wrist that it flings with 23 rad/s
-#: crosses 0.3 rad meanwhile, whatever its motor does, and the stops give way for a few steps.
-_IMPACT = 0.02
-#: Modes in which torques come from solutions.
-_IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)
+DURATION = 2.0  # s
+MAX_EXCESS = 0.02  # largest excess over a position limit, rad or m
+#: Time after an impact on the floor without a check, s: a wrist at 23 rad/s moves 0.3 rad and deflects its stops.
+_IMPACT_TIME = 0.02
+_IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from solutions
 
 _log = logging.getLogger("wbc_controller")
 
 
 @dataclass(slots=True)
 class SetpointTrial:
-    """One robot, asked for one kind of impossible things."""
+    """One robot with one kind of infeasible setpoint."""
 
     robot: str
-    number: int  # of the trial: with the seed it decides everything
-    kind: str  # of the setpoints, a key of `KINDS`
-    ended: str = ""  # code of the fault that ended the control; empty where none did
-    seconds: float = 0.0  # simulated time under control, s
-    # how far a joint was beyond its position limit at most, rad or m, but for impacts; negative where none was
-    beyond: float = -np.inf
+    number: int
+    kind: str  # kind of the setpoints, a key of `KINDS`
+    ended: str = ""  # code of the fault that ended the control, or empty
+    seconds: float = 0.0  # s
+    # largest excess over a position limit without impacts, rad or m; negative within the limits
+    excess: float = -np.inf
     joint: str = ""
-    impact: float = -np.inf  # how far one was within 20 ms after a link had struck the floor, likewise
-    relaxed: int = 0  # number of cycles in which constraints were relaxed
-    holding: int = 0  # number of cycles without a solution
+    impact: float = -np.inf  # largest excess within 20 ms after an impact
+    relaxed: int = 0  # cycles
+    holding: int = 0  # cycles
 
     @property
-    def kept(self) -> bool:
-        """Whether the joints kept their limits."""
-        return self.beyond <= BEYOND
+    def within_limits(self) -> bool:
+        """True if the joints kept their limits."""
+        return self.excess <= MAX_EXCESS
 
 
 def fuzz_setpoints(
@@ -65,11 +58,7 @@ def fuzz_setpoints(
     first: int = 0,
     progress: Callable[[SetpointTrial], None] = lambda trial: None,
 ) -> list[SetpointTrial]:
-    """Run trials until each robot was under control for a time.
-
-    Raises:
-        ConfigurationError: where there is no such robot.
-    """
+    """Run trials until each robot was under control for a time."""
     level, trials = _log.level, list[SetpointTrial]()
     _log.setLevel(logging.ERROR)  # falls and cycles without a solution are expected
     try:
@@ -86,19 +75,19 @@ def fuzz_setpoints(
 
 
 def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> SetpointTrial:
-    """Run one trial, which begins anew from the nominal posture."""
+    """Run one trial from the nominal posture."""
     rng = np.random.default_rng([seed, number])
     trial = SetpointTrial(robot, number, list(KINDS)[number % len(KINDS)])
     simulation.reset()
     controller, plant = simulation.controller, simulation.plant
-    struck, down = -np.inf, frozenset[str]()  # when a link struck the floor last, and the links on it
-    model, asks = controller.model, iter((0.0, rng.uniform(0.3, 1.2), np.inf))
-    due = next(asks)
+    impact_time, down = -np.inf, frozenset[str]()  # time of the last impact, and links on the floor
+    model, request_times = controller.model, iter((0.0, rng.uniform(0.3, 1.2), np.inf))
+    due = next(request_times)
     start = simulation.time
     for _ in range(round(DURATION / controller.period)):
         if simulation.time - start >= due:
             KINDS[trial.kind](controller, rng)
-            due = next(asks)
+            due = next(request_times)
         try:
             result = controller.step(*plant.state(), simulation.time)
             if result.mode not in _IN_CONTROL:
@@ -109,17 +98,17 @@ def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> Set
                 plant.step()
                 before, down = down, plant.links_on_the_floor()
                 if down - before:
-                    struck = simulation.time
-        except WbcError as error:  # the physics has diverged
+                    impact_time = simulation.time
+        except WbcError as error:  # diverged physics
             trial.ended = f"{type(error).__name__}: {error}"
             break
         q = plant.state()[0][model.q_places]
-        beyond = np.maximum(q - model.position_upper, model.position_lower - q)
-        i = int(np.argmax(beyond))
-        if simulation.time - struck <= _IMPACT:
-            trial.impact = max(trial.impact, float(beyond[i]))
-        elif beyond[i] > trial.beyond:
-            trial.beyond, trial.joint = float(beyond[i]), model.joints[i]
+        excess = np.maximum(q - model.position_upper, model.position_lower - q)
+        i = int(np.argmax(excess))
+        if simulation.time - impact_time <= _IMPACT_TIME:
+            trial.impact = max(trial.impact, float(excess[i]))
+        elif excess[i] > trial.excess:
+            trial.excess, trial.joint = float(excess[i]), model.joints[i]
         trial.relaxed += bool(result.relaxed)
         trial.holding += result.mode is Mode.HOLDING
     trial.seconds = simulation.time - start
@@ -127,19 +116,19 @@ def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> Set
 
 
 def _centre(controller: Controller, rng: np.random.Generator) -> None:
-    """The centre of mass, half of its height away in any direction."""
+    """Move the centre of mass by up to half its height in any direction."""
     com = np.array(controller.dynamics.com)
     controller.follow("com", [rng.uniform(0.2, 1.0)], [com + com[2] * rng.uniform(-0.5, 0.5, 3)])
 
 
 def _squat(controller: Controller, rng: np.random.Generator) -> None:
-    """The centre of mass, down to under a third of its height."""
+    """Move the centre of mass down by 30 to 70 % of its height."""
     com = np.array(controller.dynamics.com)
     controller.follow("com", [rng.uniform(0.2, 1.0)], [com - [0.0, 0.0, com[2] * rng.uniform(0.3, 0.7)]])
 
 
 def _poses(controller: Controller, rng: np.random.Generator) -> None:
-    """Frames that are enabled by users, 1.5 m away and turned at will; the base's orientation where there are none."""
+    """Move enabled frames by up to 1.5 m and rotate them; rotate the base of a robot without them."""
     settings = controller.config.settings.tasks
     reached = [name for name, task in settings.items() if isinstance(task, FramePoseTask) and not task.enabled]
     for name in reached:
@@ -151,38 +140,37 @@ def _poses(controller: Controller, rng: np.random.Generator) -> None:
 
 
 def _turned(rng: np.random.Generator, most: float) -> np.ndarray:
-    """A unit quaternion (x, y, z, w) with random roll, pitch and yaw of up to `most` rad."""
+    """Return a quaternion (x, y, z, w) with random roll, pitch and yaw of up to `most` rad."""
     return quaternion_of(pin.rpy.rpyToMatrix(*rng.uniform(-most, most, 3)))
 
 
 def _posture(controller: Controller, rng: np.random.Generator) -> None:
-    """A third of the joints up to 0.5 rad beyond their limits, with any weight."""
+    """Move a third of the joints up to 0.5 rad beyond their limits, with any weight."""
     model = controller.model
     controller.set_weight("posture", 10.0 ** rng.uniform(-2.0, 2.0))
-    beyond = np.where(
+    excess = np.where(
         rng.random(model.nj) < 0.5,
         model.position_lower - rng.uniform(0.0, 0.5, model.nj),
         model.position_upper + rng.uniform(0.0, 0.5, model.nj),
     )
     chosen = np.flatnonzero(rng.random(model.nj) < 0.3)
-    controller.set("posture", {model.joints[i]: float(beyond[i]) for i in chosen}, duration=rng.uniform(0.1, 0.6))
+    controller.set("posture", {model.joints[i]: float(excess[i]) for i in chosen}, duration=rng.uniform(0.1, 0.6))
 
 
 def _weights(controller: Controller, rng: np.random.Generator) -> None:
-    """All weights at 10⁻² to 10² of the configuration's, and the centre of mass away or down."""
+    """Scale all weights by 10⁻² to 10², and move the centre of mass."""
     for name, task in controller.config.settings.tasks.items():
         controller.set_weight(name, float(task.weight * 10.0 ** rng.uniform(-2.0, 2.0)))
     (_squat if rng.random() < 0.5 else _centre)(controller, rng)
 
 
 def _mix(controller: Controller, rng: np.random.Generator) -> None:
-    """Two of the others at once."""
     others = [_centre, _squat, _poses, _posture]
     for i in rng.choice(len(others), 2, replace=False):
         others[i](controller, rng)
 
 
-#: What is asked for, by kind.
+#: Setpoints by kind.
 KINDS: Mapping[str, Callable[[Controller, np.random.Generator], None]] = {
     "centre": _centre,
     "squat": _squat,
@@ -194,15 +182,15 @@ KINDS: Mapping[str, Callable[[Controller, np.random.Generator], None]] = {
 
 
 def summary(trials: Sequence[SetpointTrial]) -> Iterator[str]:
-    """A line for each robot."""
+    """Yield a line for each robot."""
     for robot in dict.fromkeys(trial.robot for trial in trials):
         own = [trial for trial in trials if trial.robot == robot]
-        worst = max(own, key=lambda trial: trial.beyond)
+        worst = max(own, key=lambda trial: trial.excess)
         yield (
             f"{robot:10} {len(own)} trials, {sum(t.seconds for t in own):.0f} s under control, "
             f"{sum(bool(t.ended) for t in own)} ended in damping; {sum(t.relaxed for t in own)} cycles relaxed, "
-            f"{sum(t.holding for t in own)} held; beyond a position limit by {max(worst.beyond, 0.0):.4f} at most "
-            f"({worst.joint}, trial {worst.number}, {worst.kind}), by over {BEYOND:g} in "
-            f"{sum(not t.kept for t in own)} trials; within 20 ms after a link struck the floor by "
+            f"{sum(t.holding for t in own)} held; largest excess over a position limit {max(worst.excess, 0.0):.4f} "
+            f"({worst.joint}, trial {worst.number}, {worst.kind}), above {MAX_EXCESS:g} in "
+            f"{sum(not t.within_limits for t in own)} trials; within 20 ms after an impact on the floor "
             f"{max(0.0, *(t.impact for t in own)):.4f}"
         )

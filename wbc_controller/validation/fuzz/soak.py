@@ -1,4 +1,4 @@
-"""A long run of controller, mock robot and guard: memory, faults and the lateness of the machine."""
+"""Long run of controller, mock robot and guard: memory, faults and lateness of the machine."""
 
 import time
 from collections.abc import Callable
@@ -13,40 +13,37 @@ from wbc_controller.validation.fuzz import DOMAIN
 from wbc_controller.validation.fuzz.lateness import MACHINE
 from wbc_controller.validation.fuzz.robot_processes import RobotProcesses
 
-#: Time between two looks at the processes, s, and between two setpoints.
-_LOOK, _SETPOINT = 1.0, 3.0
-#: Amplitude of the setpoints of the centre of mass, m.
-_SWAY = 0.01
-#: Share of the time after which the memory is to be flat, and by how much it may still grow, kB, and kB per minute.
-_WARM_UP, _GROWTH, _SLOPE = 0.5, 1024, 256
+_CHECK_PERIOD, _SETPOINT_PERIOD = 1.0, 3.0  # s
+_SWAY = 0.01  # m
+#: Share of the time as warm-up, and largest growth of the memory afterwards, kB and kB per minute.
+_WARM_UP, _MAX_GROWTH, _MAX_SLOPE = 0.5, 1024, 256
 
 
 @dataclass(slots=True)
 class SoakResult:
-    """The result of a long run."""
+    """Result of a long run."""
 
     seconds: float = 0.0
-    memory: dict[str, list[int]] = field(default_factory=dict)  # memory of each process at each look, kB
-    # what the controller and the guard said when they were not active or watching, each with the lateness of the
-    # machine in the second before, s, and the time that the fault allows, s
+    memory: dict[str, list[int]] = field(default_factory=dict)  # of each process at each check, kB
+    # inactive states, each with the lateness of the machine in the last second and the time limit of the fault, s
     faults: list[tuple[str, float, float]] = field(default_factory=list)
-    rate: float = 0.0  # commands per second that the user received
-    late: float = 0.0  # largest lateness of the machine, s
+    rate: float = 0.0  # received commands per second
+    late: float = 0.0  # s
 
     def growth(self, name: str) -> int:
-        """Growth of a process's memory after the warm-up, kB: between the medians of two quarters of the rest."""
-        kept = self.memory[name][int(_WARM_UP * len(self.memory[name])) :]
-        quarter = max(1, len(kept) // 4)
-        return int(np.median(kept[-quarter:]) - np.median(kept[:quarter]))
+        """Return the growth of a process's memory after the warm-up, kB, between the medians of two quarters."""
+        values = self.memory[name][int(_WARM_UP * len(self.memory[name])) :]
+        quarter = max(1, len(values) // 4)
+        return int(np.median(values[-quarter:]) - np.median(values[:quarter]))
 
     def flat(self, name: str) -> bool:
-        """Whether a process's memory stayed as it was after the warm-up."""
-        return self.growth(name) <= _GROWTH + _SLOPE * (1.0 - _WARM_UP) * self.seconds / 60.0
+        """Return True if a process's memory was constant after the warm-up."""
+        return self.growth(name) <= _MAX_GROWTH + _MAX_SLOPE * (1.0 - _WARM_UP) * self.seconds / 60.0
 
     @property
     def own_faults(self) -> list[str]:
-        """The faults that the machine did not cause."""
-        return [said for said, late, allowed in self.faults if late < MACHINE * allowed]
+        """Faults that were not caused by the machine."""
+        return [text for text, late, allowed in self.faults if late < MACHINE * allowed]
 
 
 def soak(
@@ -57,53 +54,48 @@ def soak(
     domain: int = DOMAIN,
     progress: Callable[[SoakResult], None] = lambda result: None,
 ) -> SoakResult:
-    """Run everything for a while, with a robot that sways.
-
-    Raises:
-        WbcError: if a process does not do what it should.
-    """
+    """Run all nodes for a time with a swaying robot; raise `WbcError` if a process fails."""
     result, names = SoakResult(), ("mock", "guard", "controller")
     with RobotProcesses(robot, folder, domain) as nodes:
         nodes.start_and_wait(*names)
         result.memory = {name: [] for name in names}
         nodes.activate()
-        nodes.until(lambda: nodes.said("guard") == "watching", "the guard to watch")
+        nodes.until(lambda: nodes.state_of("guard") == "watching", "the guard's watching state")
         time.sleep(2.0 * nodes.settings.safety.activation_ramp)
         start = nodes.centre_of_mass()
-        nodes.forget("controller", "guard")
-        nodes.lateness.forget()
-        began = seen = due = time.monotonic()
+        nodes.clear("controller", "guard")
+        nodes.lateness.reset()
+        began = checked_at = due = time.monotonic()
         side, count = 1.0, 0
         while time.monotonic() - began < seconds:
             if time.monotonic() >= due:
-                due, side = due + _SETPOINT, -side
-                there = start + [0.0, side * _SWAY, 0.0]
-                nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", there), "com")
-            time.sleep(_LOOK)
+                due, side = due + _SETPOINT_PERIOD, -side
+                target = start + [0.0, side * _SWAY, 0.0]
+                nodes.user.send("setpoint", setpoint_message("geometry_msgs/msg/PointStamped", "com", target), "com")
+            time.sleep(_CHECK_PERIOD)
             now = time.monotonic()
-            count += len(nodes.heard("controller/joint_commands", seen))
-            _look(nodes, result, seen)
-            seen = now
+            count += len(nodes.messages_since("controller/joint_commands", checked_at))
+            _check(nodes, result, checked_at)
+            checked_at = now
             result.seconds = now - began
             result.rate = count / result.seconds
             progress(result)
     return result
 
 
-def _look(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
-    """Note the memory of each process, and what was said; activate again after a fault."""
+def _check(nodes: RobotProcesses, result: SoakResult, since: float) -> None:
     late = nodes.lateness.worst
-    nodes.lateness.forget()
+    nodes.lateness.reset()
     result.late = max(result.late, late)
-    for name, kept in result.memory.items():
-        kept.append(memory(nodes.processes[name].pid))
+    for name, values in result.memory.items():
+        values.append(memory(nodes.processes[name].pid))
     settings = nodes.settings
     for node, usual, allowed in (
         ("controller", ("active",), settings.safety.state_timeout),
         ("guard", ("watching",), settings.guard.patience),
     ):
-        said = [str(content.data) for _, content in nodes.heard(f"{node}/state", since)]
-        result.faults += [(text, late, allowed) for text in said if text not in usual]
-    if nodes.said("controller") not in ("", "active"):
+        states = [str(content.data) for _, content in nodes.messages_since(f"{node}/state", since)]
+        result.faults += [(text, late, allowed) for text in states if text not in usual]
+    if nodes.state_of("controller") not in ("", "active"):
         nodes.activate()
-        nodes.forget("controller")
+        nodes.clear("controller")

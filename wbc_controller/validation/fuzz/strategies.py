@@ -1,4 +1,4 @@
-"""Hypothesis strategies of hostile bytes, texts and messages, and values of them that follow from a key."""
+"""Hypothesis strategies of hostile bytes, texts and messages, with reproducible draws."""
 
 import copy
 import re
@@ -19,7 +19,7 @@ from wbc_controller.validation.fuzz.values import FLOATS, INTEGERS, LENGTHS, SCA
 
 T = TypeVar("T")
 
-#: Settings with which a strategy only generates: no database, no shrinking, no limits of time.
+#: Settings for generation only: no database, shrinking or time limits.
 _GENERATE = hypothesis.settings(
     max_examples=2,
     phases=[hypothesis.Phase.generate],
@@ -28,35 +28,26 @@ _GENERATE = hypothesis.settings(
     derandomize=False,
     suppress_health_check=list(hypothesis.HealthCheck),
 )
-#: Number of mutations of one payload or text; a single one gets furthest into the reader.
 _MUTATIONS = (1, 1, 1, 2, 4)
-#: Longest run of bytes that is repeated or inserted.
-_LONGEST_RUN = 64
-#: Longest random payload, in bytes.
-_LONGEST_NOISE = 400
-#: Share of the fields that get a very long array or text, and their lengths: characters of a text, values of an array.
+_LONGEST_RUN = 64  # bytes
+_LONGEST_NOISE = 400  # bytes
+#: Share of fields with a very long array or text, and lengths of texts and arrays.
 _LARGE, _LARGEST = 0.002, (20_000, 300_000)
-#: Most elements of a hostile sequence of messages or texts.
 _MANY = 100
-#: A number, a word, or any other visible character.
-_TOKEN = re.compile(r"[-+]?[0-9][-+.0-9eE]*|[A-Za-z_][\w./:-]*|\S")
-#: A number in a text, and its factors: signs, mistaken units, degrees for radians.
+_TOKEN = re.compile(r"[-+]?[0-9][-+.0-9eE]*|[A-Za-z_][\w./:-]*|\S")  # a number, a word, or another visible character
+#: A number in a text, and its factors: sign, wrong units, degrees for radians.
 _NUMBER = re.compile(r"(?<![\w.])-?[0-9]+\.?[0-9]*(?:[eE][-+]?[0-9]+)?(?![\w.])")
 _FACTORS = (-1.0, 0.0, 0.5, 2.0, 57.29577951308232, 1e-9, 1e-3, 1e3, 1e6)
-#: Characters that some encoding, or YAML or XML, does not allow.
+#: Characters that are invalid in some encoding, YAML or XML.
 _STRAY = ("\x00", "\r", "\t", "\ufeff", "\u2028", "é", "\U0001f916", "#", ":", "-", "[", "}", "&", "*", "!", "<", ">")
 
 
-def drawn(strategy: SearchStrategy[T], *key: object) -> T:
-    """Draw a value of a strategy that follows from a key alone.
-
-    Hypothesis also draws constants from the code of all imported local modules: the value is the same in each process
-    with the same code that has imported all modules before.
-    """
+def draw_by_key(strategy: SearchStrategy[T], *key: object) -> T:
+    """Draw a value determined by a key, by the code and by the imported modules."""
     values: list[T] = []
 
-    # Hypothesis begins with the simplest example, and with another first choice in the next one: a number takes that.
-    # It caches `st.tuples` with its arguments, and with them the node under test: two arguments are not cached.
+    # The first example of Hypothesis is trivial; a varying number makes the second one random. Its cache would hold a
+    # node in `st.tuples`.
     @hypothesis.seed(str(key))
     @_GENERATE
     @hypothesis.given(st.integers(0, 2**32), strategy)
@@ -68,13 +59,13 @@ def drawn(strategy: SearchStrategy[T], *key: object) -> T:
 
 
 def share(probability: float) -> SearchStrategy[bool]:
-    """True with a probability, to within 0.001."""
+    """Return a strategy of True with a probability, to within 0.001."""
     return st.integers(0, 999).map(lambda value: value >= 1000 * (1.0 - probability))
 
 
 @st.composite
 def mutated_bytes(draw: DrawFn, payload: bytes) -> bytes:
-    """A serialized message with changed bits, lengths or values, truncated, or with repeated or inserted bytes."""
+    """Draw a payload with changed bits, lengths or values, truncated, or with repeated or inserted bytes."""
     data = bytearray(payload)
     for _ in range(draw(st.sampled_from(_MUTATIONS))):
         if not data:
@@ -102,7 +93,7 @@ def mutated_bytes(draw: DrawFn, payload: bytes) -> bytes:
 
 @st.composite
 def mutated_text(draw: DrawFn, text: str, values: Sequence[str]) -> str:
-    """A text with tokens replaced by `values` or by each other, and lines deleted, repeated, moved or indented."""
+    """Draw a text with replaced tokens, and deleted, repeated, moved or indented lines."""
     for _ in range(draw(st.sampled_from(_MUTATIONS))):
         tokens, lines = list(_TOKEN.finditer(text)), text.split("\n")
         line, kind = draw(st.integers(0, len(lines) - 1)), draw(st.integers(0, 11))
@@ -127,7 +118,7 @@ def mutated_text(draw: DrawFn, text: str, values: Sequence[str]) -> str:
 
 
 def scaled_text(text: str) -> SearchStrategy[str]:
-    """A text with one number multiplied by one of `_FACTORS`."""
+    """Return a strategy of texts with one number multiplied by one of `_FACTORS`."""
 
     def scaled(at: re.Match[str], factor: float) -> str:
         return f"{text[: at.start()]}{float(at.group()) * factor:.12g}{text[at.end() :]}"
@@ -137,7 +128,7 @@ def scaled_text(text: str) -> SearchStrategy[str]:
 
 
 def encoded(text: str) -> SearchStrategy[bytes]:
-    """The bytes of a text: mostly UTF-8, at times in another encoding, or invalid bytes."""
+    """Return a strategy of the bytes of a text: mostly UTF-8, sometimes another encoding or invalid bytes."""
     encodings = st.sampled_from(("utf-16", "utf-32", "utf-8-sig", "latin-1"))
     others = encodings.map(lambda name: text.encode(name, errors="replace")) | mutated_bytes(text.encode())
     return share(0.06).flatmap(lambda other: others if other else st.just(text.encode()))
@@ -148,7 +139,7 @@ def _is_number(kind: Any) -> bool:
 
 
 def _places(content: Any) -> list[tuple[Any, str, Any]]:
-    """Owner, name and kind of each field that holds no message; of a sequence of messages, only of its ends."""
+    """Return owner, name and type of each primitive field; of sequences of messages, the first and last elements."""
     found = []
     for name, kind in TYPES.fielddefs[content.__msgtype__][1]:
         node, detail = kind
@@ -164,7 +155,7 @@ def _places(content: Any) -> list[tuple[Any, str, Any]]:
 
 @st.composite
 def hostile(draw: DrawFn, content: Any, names: Sequence[str]) -> Any:
-    """A copy of a message with some fields replaced: numbers, texts, and sequences of other lengths and orders."""
+    """Draw a copy of a message with replaced numbers and texts, and sequences of other lengths and orders."""
     content = copy.deepcopy(content)
     for _ in range(draw(st.integers(1, 3))):
         owner, name, (node, detail) = draw(st.sampled_from(_places(content)))
@@ -190,7 +181,6 @@ def hostile(draw: DrawFn, content: Any, names: Sequence[str]) -> Any:
 
 @st.composite
 def _numbers(draw: DrawFn, value: Any, type_name: str, size: int) -> Any:
-    """An array with one or all values replaced, or of another length if its type has no fixed one."""
     change = draw(st.integers(0, 2))
     length = size or len(value)
     if not size and draw(share(_LARGE)):
@@ -207,7 +197,7 @@ def _numbers(draw: DrawFn, value: Any, type_name: str, size: int) -> Any:
 
 @st.composite
 def scalar(draw: DrawFn, type_name: str, names: Sequence[str]) -> Any:
-    """A hostile value of a primitive type; of a string, also one of some names."""
+    """Draw a hostile value of a primitive type; strings may be one of `names`."""
     if type_name == "string":
         if draw(share(_LARGE)):
             return "x" * draw(st.sampled_from(_LARGEST))
@@ -224,7 +214,7 @@ def scalar(draw: DrawFn, type_name: str, names: Sequence[str]) -> Any:
 
 
 def hostile_text(key: str) -> SearchStrategy[str]:
-    """A text for a topic of texts: a word, an update or a URDF."""
+    """Return a strategy of texts for a topic of texts: a word, an update or a URDF."""
     strings = st.sampled_from(STRINGS)
     if key == "update":
         mutated = st.sampled_from(UPDATES).flatmap(lambda update: mutated_text(update, SCALARS))
@@ -238,7 +228,7 @@ def hostile_text(key: str) -> SearchStrategy[str]:
 
 @st.composite
 def payloads(draw: DrawFn, topic: Endpoint, example: Any, names: Sequence[str]) -> bytes:
-    """A message for a topic: noise, mutated bytes, hostile fields, a hostile text, or its ordinary example."""
+    """Draw a payload for a topic: noise, mutated bytes, hostile fields or text, or a valid message."""
     kind = draw(st.integers(0, 99))
     if kind >= 92:
         return draw(st.binary(max_size=_LONGEST_NOISE))
@@ -251,9 +241,9 @@ def payloads(draw: DrawFn, topic: Endpoint, example: Any, names: Sequence[str]) 
 
 @st.composite
 def requests(draw: DrawFn, target: Target, names: Sequence[str]) -> tuple[Endpoint, bytes]:
-    """A topic of a node, and a message for it; a third of the choices is by kind of topic."""
+    """Draw a topic of a node and a payload; a third of the draws is by kind of topic."""
     topics = list(target.topics.values())
-    if draw(share(0.33)):  # there are many topics of setpoints, and a single one of updates
+    if draw(share(0.33)):  # many topics of setpoints exist, but only one of updates
         key = draw(st.sampled_from(sorted({topic.key for topic in topics})))
         topics = [topic for topic in topics if topic.key == key]
     topic = draw(st.sampled_from(topics))

@@ -1,4 +1,4 @@
-"""The fuzzer's base class of nodes under test: their robot, the other end of their topics, and checks of outputs."""
+"""Base class of the fuzzer's nodes under test: robot, counterparts of the topics, and checks of outputs."""
 
 import contextlib
 import gc
@@ -21,34 +21,31 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings.files import find_configuration, load_settings, parse_settings
 from wbc_controller.validation.error_log import logged_errors
 
-#: Most processor time for reading a request, s: the largest trajectory takes half of it on a slow core.
-READ_LIMIT = 0.5
-#: Most processor time of one cycle, s, and for reading a message that a cycle reads itself.
-CYCLE_LIMIT = 0.02
-#: Rounding in comparisons of torques, N·m.
-_ROUNDING = 1.0e-9
+READ_LIMIT = 0.5  # processor time of reading a request, s
+CYCLE_LIMIT = 0.02  # processor time of a cycle and its messages, s
+_ROUNDING = 1.0e-9  # N·m
 
 
-class Broken(Exception):
-    """An invariant does not hold after a message: one sentence."""
+class InvariantViolation(Exception):
+    """Violated invariant after a message."""
 
 
-class Slow(Broken):
-    """A message or cycle took too much processor time."""
+class TimeLimitExceeded(InvariantViolation):
+    """Excessive processor time of a message or cycle."""
 
 
 class Target:
-    """A fresh node under test on a bus of its own, on simulated time; everything about it is deterministic.
+    """A deterministic, fresh node under test on its own bus and simulated time.
 
     Attributes:
-        topics: its incoming topics, by name; without its URDF, which is read before the node exists.
-        types: type of each topic, by key.
-        alive: whether it still works; a valid message may end that.
-        heard: messages on the outgoing topics that are listened to, by key.
+        topics: incoming topics by name, except the URDF.
+        types: type of each topic by key.
+        alive: True while the node works; a valid message may end this.
+        outputs: messages on the subscribed outgoing topics by key.
     """
 
-    def __init__(self, topics: Sequence[Endpoint], listen: Sequence[str] = ()) -> None:
-        """Open the other end of the node's topics."""
+    def __init__(self, topics: Sequence[Endpoint], subscribed: Sequence[str] = ()) -> None:
+        """Open the counterparts of the node's topics."""
         self.bus, self.clock, self.alive = MemoryBus(), ManualClock(1.0), True
         self.topics: Mapping[str, Endpoint] = {
             topic.name: topic
@@ -57,58 +54,54 @@ class Target:
         }
         self.by_key = {topic.key: topic for topic in self.topics.values()}
         self.types = {topic.key: topic.type for topic in topics}
-        self.heard: dict[str, list[bytes]] = {key: [] for key in listen}
+        self.outputs: dict[str, list[bytes]] = {key: [] for key in subscribed}
         other_end = self.transport()
         for topic in topics:
-            if topic.key in self.heard:
-                other_end.subscribe(counterpart(topic), self.heard[topic.key].append)
+            if topic.key in self.outputs:
+                other_end.subscribe(counterpart(topic), self.outputs[topic.key].append)
 
     def example(self, topic: Endpoint) -> Any:
-        """Make an ordinary message of one of its topics, valid now."""
+        """Return a valid message of a topic."""
         raise NotImplementedError
 
-    def take(self, topic: Endpoint, payload: bytes) -> None:
-        """Deliver a message, and check the invariants of the node.
-
-        Raises:
-            Broken: if one does not hold.
-        """
+    def deliver(self, topic: Endpoint, payload: bytes) -> None:
+        """Deliver a message; raise `InvariantViolation` if an invariant of the node is violated."""
         raise NotImplementedError
 
     def finish(self) -> None:
-        """Deliver delayed messages; raises as `take`."""
+        """Deliver delayed messages; raises as `deliver`."""
 
     def transport(self) -> MemoryTransport:
-        """Make a transport on the node's bus."""
+        """Return a transport on the node's bus."""
         return MemoryTransport(self.bus)
 
     def publish(self, topic: Endpoint, payload: bytes) -> None:
-        """Write bytes to an incoming topic as a temporary participant: a permanent one would be a second publisher."""
+        """Publish a payload as a temporary participant, because a permanent one would be a second publisher."""
         user = self.transport()
         user.advertise(counterpart(topic))(payload)
         user.close()
 
     def send(self, key: str, content: Any) -> None:
-        """Write a message to the incoming topic of a key."""
+        """Publish a message on the topic of a key."""
         self.publish(self.by_key[key], encode(content))
 
-    def forget(self) -> None:
-        """Forget all messages heard."""
-        for messages in self.heard.values():
+    def clear_outputs(self) -> None:
+        """Delete all received messages."""
+        for messages in self.outputs.values():
             messages.clear()
 
     def refused(self) -> dict[str, str]:
-        """Return the reasons for refusals in the newest diagnostics, by topic."""
-        if not self.heard["diagnostics"]:
+        """Return the reasons of refusals in the newest diagnostics, by topic."""
+        if not self.outputs["diagnostics"]:
             return {}
-        (status,) = decode(self.heard["diagnostics"][-1], self.types["diagnostics"]).status
-        said = {entry.key: str(entry.value) for entry in status.values}
-        return {key.removeprefix("refused/"): reason for key, reason in said.items() if key.startswith("refused/")}
+        (status,) = decode(self.outputs["diagnostics"][-1], self.types["diagnostics"]).status
+        entries = {entry.key: str(entry.value) for entry in status.values}
+        return {key.removeprefix("refused/"): reason for key, reason in entries.items() if key.startswith("refused/")}
 
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """The robot of the fuzzer."""
+    """Robot of the fuzzer."""
 
     settings: Settings
     model: RobotModel
@@ -116,7 +109,7 @@ class Robot:
 
 @cache
 def fuzzed_robot(name: str) -> Robot:
-    """Return a shipped floating-base robot with a task of every kind and a grip, all disabled, and without ramp."""
+    """Return a supplied robot with a task of every type and a grip, all disabled, and without ramps."""
     settings = load_settings(find_configuration(name))
     content = settings.model_dump(exclude_unset=True)
     base = make_model(settings).base_link
@@ -129,58 +122,49 @@ def fuzzed_robot(name: str) -> Robot:
         "contact_wrench": {"contact": contact},
     }
     needs |= {kind: {"frame": base} for kind in ("frame_pose", "frame_position", "frame_orientation")}
-    there = {task["type"] for task in content["tasks"].values()}
-    for kind in sorted(TASK_TYPES.keys() - there):
+    present = {task["type"] for task in content["tasks"].values()}
+    for kind in sorted(TASK_TYPES.keys() - present):
         content["tasks"][f"any_{kind}"] = {"type": kind, "enabled": False, **needs.get(kind, {})}
     content["contacts"]["grip"] = {
         "type": "fixed", "frame": frame, "max_force": 100.0, "max_moment": 10.0, "enabled": False
     }  # fmt: skip
-    content["control"] = {**content.get("control", {}), "markers_rate": 0.0}  # they only cost time
+    content["control"] = {**content.get("control", {}), "markers_rate": 0.0}  # markers only cost time
     content["safety"] = {**content.get("safety", {}), "activation_ramp": 0.0}
     settings = parse_settings(content, f"the fuzzer's {name}")
     return Robot(settings, make_model(settings))
 
 
 def with_all_diagnostics(settings: Settings) -> Settings:
-    """Return settings of a node that publishes diagnostics, and with them its refusals, in every cycle."""
+    """Return settings with diagnostics in every cycle."""
     control = settings.control.model_copy(update={"diagnostics_rate": 1000.0})
     return settings.model_copy(update={"control": control})
 
 
 def check_torques(tau: Array, before: Array, limits: Array, step: Array, what: str) -> None:
-    """Check that torques are finite, within their limits, and changed by no more than a step.
-
-    Raises:
-        Broken: if they are not.
-    """
+    """Check that torques are finite, within limits, and changed by at most `step`; raise `InvariantViolation`."""
     if not np.isfinite(tau).all():
-        raise Broken(f"{what} sent torques that are not finite: {tau.tolist()}")
+        raise InvariantViolation(f"{what} sent non-finite torques: {tau.tolist()}")
     if not (np.abs(tau) <= limits + _ROUNDING).all():
-        raise Broken(f"{what} sent torques over their limits by {float((np.abs(tau) - limits).max()):g} N·m")
+        raise InvariantViolation(f"{what} exceeded a torque limit by {float((np.abs(tau) - limits).max()):g} N·m")
     if not (np.abs(tau - before) <= step + _ROUNDING).all():
-        raise Broken(f"{what} changed a torque by {float((np.abs(tau - before) - step).max()):g} N·m more than allowed")
+        raise InvariantViolation(
+            f"{what} exceeded the torque step by {float((np.abs(tau - before) - step).max()):g} N·m"
+        )
 
 
 @contextlib.contextmanager
-def within(seconds: float, what: str) -> Iterator[None]:
-    """Limit the processor time of this thread for a piece of work, s.
-
-    Raises:
-        Slow: if it takes longer.
-    """
+def time_limit(seconds: float, what: str) -> Iterator[None]:
+    """Limit the processor time of this thread in the context, s; raise `TimeLimitExceeded`."""
     began = time.thread_time()
     yield
     spent = time.thread_time() - began
     if not (spent <= seconds):
-        raise Slow(f"{what} took {1e3 * spent:.0f} ms of processor time; at most {1e3 * seconds:.0f} ms are allowed")
+        raise TimeLimitExceeded(f"{what} took {1e3 * spent:.0f} ms of processor time; limit {1e3 * seconds:.0f} ms")
 
 
 @contextlib.contextmanager
-def watched() -> Iterator[list[str]]:
-    """Collect the logged errors, without warnings of overflows and without garbage collections.
-
-    The control loop collects next to no garbage, as it freezes its objects at its start.
-    """
+def collected_errors() -> Iterator[list[str]]:
+    """Collect logged errors, without overflow warnings and garbage collections."""
     collecting = gc.isenabled()
     gc.disable()
     try:

@@ -1,33 +1,33 @@
-"""Tables of hostile numbers, lengths, texts, YAML values and XML attributes."""
+"""Hostile numbers, lengths, texts, YAML values and XML attributes."""
 
 import math
 
-#: For a float field.
+#: Float fields.
 FLOATS = (
     math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, 5e-324, -5e-324, 1e-310, 1e-9, 1e-3, 0.5, 1e3, -1e3,
     1e6, -1e6, 1e9, 1e17, 2.0**53 + 1, 1e200, -1e200, 1.7976931348623157e308, -1.7976931348623157e308,
 )  # fmt: skip
 
-#: For an integer field, each wrapped into the field's range: ends of types, a second in nanoseconds.
+#: Integer fields, wrapped into the field's range.
 INTEGERS = (
     0, 1, -1, 2, 127, 128, 255, 999_999_999, 1_000_000_000, 4_000_000_000, 2**31 - 1, 2**31, 2**32 - 1,
     -(2**31), 2**63 - 1, -(2**63),
 )  # fmt: skip
 
-#: For a length in serialized bytes, an array or a list of names.
+#: Lengths in serialized bytes, arrays and lists of names.
 LENGTHS = (0, 1, 2, 3, 7, 100, 5000, 5001, 2**16, 2**31 - 1, 2**32 - 1)
 
-#: For a string field: names, frames and words.
+#: String fields: names, frames and words.
 STRINGS = (
     "", " ", "\x00", "a\x00b", "\n", "world", "odom", "map", "base", "nan", "None", "..", "/", "~", "%s%n", "{}",
     "left\nfoot", "é", "関節", "\u202egnitset", "\U0001f916", "e\u0301", "\ufeff", "'", '"', "\\", "a" * 41, "a" * 4097,
     "activate", " estop ", "estopp", "ESTOP",
 )  # fmt: skip
 
-#: Words of the topics that take one, right ones among them.
+#: Words on topics of words, including valid ones.
 WORDS = ("activate", "deactivate", "damp", "reset", "estop", "inactive", "active", "damping", "fault", "stopped")
 
-#: For a value in a YAML text.
+#: Values in a YAML text.
 SCALARS = (
     "", "~", ".nan", ".inf", "-.inf", "nan", "inf", "1e400", "-1e400", "1e200", "-1", "0", "1e-320", "0x" + "f" * 3700,
     "0x1F", "0o777", "9" * 400, "9" * 4000, "-" + "9" * 31, "1_000", "190:20:30", "1.5.2", "1,5", "true", "yes", "abc",
@@ -37,7 +37,7 @@ SCALARS = (
     "| x", "> x", "@", "`", "%", "'", '"', "[" * 2000, "{a: " * 500, "é", "\x07", "\u2028", "x" * 5000,
 )  # fmt: skip
 
-#: Whole YAML texts: bombs, nesting, duplicates, several documents.
+#: Complete YAML texts: bombs, nesting, duplicates, several documents.
 TEXTS = (
     "", "\x00", "---", "...", "--- 1\n--- 2", "%YAML 9.9\n---\na", "\t", "a: b: c", "[" * 4000, "{" * 4000, "- " * 2000,
     "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nd: [*c, *c]",
@@ -60,7 +60,7 @@ ATTRIBUTES = (
     "fixed", "floating", "planar", "continuous", "revolute", "prismatic", "spherical", "&lt;", "../..", "%s", "٣",
 )  # fmt: skip
 
-#: Updates that are valid for a robot with these tasks, to be mutated.
+#: Valid updates for a robot with these tasks, to be mutated.
 UPDATES = (
     "{tasks: {com: {weight: 5.0, enabled: true, setpoint: [0.0, 0.0, 0.3]}}}",
     "{tasks: {com: {stiffness: 90.0, damping: [19.0, 19.0, 19.0], setpoint_duration: 2.0}, posture: {weight: 0.01}}}",

@@ -1,4 +1,3 @@
-"""Measurements of the controller as it runs: `wbc bench`."""
+"""Measurements of the running controller: `wbc bench`."""
 
-#: DDS domain of the measurements where none is asked for: not ROS 2's default of 0, where a real robot may be.
-DOMAIN = 92
+DOMAIN = 92  # DDS domain of the measurements, unlike ROS 2's default of 0

@@ -1,4 +1,4 @@
-"""The commands of `wbc bench`, and the tables that they print."""
+"""Commands of `wbc bench`, and their tables."""
 
 import json
 from pathlib import Path
@@ -12,33 +12,31 @@ from wbc_controller.validation.latency import DOMAIN
 
 @click.group()
 def bench() -> None:
-    """Measure the controller as it runs, on this computer."""
+    """Measure the running controller on this computer."""
     exit_by_signals()
 
 
 @bench.command()
 @click.argument("robot", default="g1")
-@click.option("--rate", type=float, help="States and cycles per second; as configured where it is not given.")
-@click.option("--seconds", default=60.0, show_default=True, help="Duration, of the controller and of the echo each.")
+@click.option("--rate", type=float, help="States and cycles per second; by default as configured.")
+@click.option("--seconds", default=60.0, show_default=True, help="Duration for the controller and for the echo, s.")
 @click.option("--transport", default="dds", show_default=True, help="dds (`wbc run`), or rclpy (the ROS 2 nodes).")
-@click.option(
-    "--mock", is_flag=True, help="Let the mock robot stand on the torques, in place of a robot that sends states."
-)
+@click.option("--mock", is_flag=True, help="Use the mock robot with its physics instead of a source of states.")
 @click.option("--domain", default=DOMAIN, show_default=True, help="DDS domain of the processes.")
 @click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("bench"), show_default=True,
-              help="Folder for the figures and the logs.")  # fmt: skip
+              help="Folder of the results and logs.")  # fmt: skip
 def latency(
     robot: str, rate: float | None, seconds: float, transport: str, mock: bool, domain: int, folder: Path
 ) -> None:
-    """Measure the time from joint state to torques between two processes, beside a bare echo.
+    """Measure the time from joint state to torques between two processes, and compare it with a bare echo.
 
-    Late is a state without torques within its period. Leave the computer alone meanwhile.
+    A state without torques within its period is late. Do not use the computer during the measurement.
     """
     try:
         from wbc_controller.validation.latency.latency import measure_latency
     except ModuleNotFoundError as error:
         raise ConfigurationError(
-            f"the bench needs the mock robot ({error}); install it with: pip install 'wbc_controller[mock]'"
+            f"wbc bench latency requires the mock robot ({error}); install it with: pip install 'wbc_controller[mock]'"
         ) from error
     from wbc_controller.validation.latency.latency_report import figures, lines
 
@@ -51,13 +49,13 @@ def latency(
         mock=mock,
         domain=domain,
         progress=lambda done, ours, bare: click.echo(
-            f"{done:.0f} of {seconds:g} s: {1e6 * ours.quantiles[0]:.0f} us in the median, echo "
+            f"{done:.0f} of {seconds:g} s: {1e6 * ours.quantiles[0]:.0f} us median, echo "
             f"{1e6 * bare.quantiles[0]:.0f}; {ours.late} of {ours.seconds.size} late",
             err=True,
         ),
     )
     (folder / "latency.json").write_text(json.dumps(figures(found), indent=2) + "\n", encoding="utf-8")
-    driver = "the mock robot" if mock else "a robot that sends states"
-    click.echo(f"{robot} over {transport}, {seconds:g} s with {driver}, and as long with an echo")
+    driver = "the mock robot" if mock else "a source of states"
+    click.echo(f"{robot} over {transport}, {seconds:g} s with {driver}, {seconds:g} s with an echo")
     for line in lines(found):
         click.echo(line)

@@ -1,4 +1,4 @@
-"""The results of `wbc bench latency`: for a file, and as text."""
+"""Results of `wbc bench latency` for a file and as text."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ def figures(found: Latency) -> dict[str, Any]:
         "controller_memory_kb": list(found.memory),
         "states_delayed_us": _microseconds(ours.delay_quantiles),
         "scheduling": found.scheduling,
-        "said": list(found.said),
+        "inactive_states": list(found.inactive_states),
     }
 
 
@@ -35,15 +35,15 @@ def lines(found: Latency) -> list[str]:
     table += [f"{name:12}" + "".join(f"{1e6 * value:9.0f}" for value in row) for name, row in rows.items()]
     first, last = (kilobytes / 1024.0 for kilobytes in found.memory)
     delays = [f"{name} {1e6 * value:.0f} us" for name, value in zip(_NAMES, ours.delay_quantiles, strict=True)]
-    said = ", ".join(dict.fromkeys(found.said))
+    inactive_states = ", ".join(dict.fromkeys(found.inactive_states))
     return [
         *table,
-        f"late: {_late(ours)} at {1.0 / ours.period:g} Hz, the echo {_late(bare)}",
+        f"late: {_late(ours)} at {1.0 / ours.period:g} Hz, echo {_late(bare)}",
         f"controller: {100.0 * found.active:.1f} % of one processor active, {100.0 * found.inactive:.1f} % inactive; "
-        f"{first:.1f} MB at the beginning, {last:.1f} MB at the end; {found.scheduling}",
-        f"machine: the time between two states exceeded the period by {', '.join(delays)}; the controller's threads "
+        f"{first:.1f} MB at the start, {last:.1f} MB at the end; {found.scheduling}",
+        f"machine: delay of states beyond the period {', '.join(delays)}; the controller's threads "
         f"waited for a processor for {100.0 * found.waiting:.2f} % of the time",
-        *([f"the controller was not always active: {said}"] if said else []),
+        *([f"inactive states of the controller: {inactive_states}"] if inactive_states else []),
     ]
 
 

@@ -1,4 +1,4 @@
-"""The time from each state to its torques: measured at a transport, and summarized."""
+"""Measurement of the time from each state to its torques at a transport, and statistics."""
 
 import functools
 import time
@@ -12,43 +12,41 @@ from wbc_controller.middleware.topics import Endpoint
 from wbc_controller.middleware.transports.transport import Publish, Stream, Transport
 from wbc_controller.records import Array
 
-#: The quantiles that are shown: median, p99, p99.9.
-QUANTILES = (0.5, 0.99, 0.999)
-#: Time after which no more torques are awaited for the last state, s.
-_LAST = 0.1
+QUANTILES = (0.5, 0.99, 0.999)  # reported quantiles: median, p99, p99.9
+_LAST_TIMEOUT = 0.1  # for the last state, s
 
 
 @dataclass(frozen=True, slots=True)
 class RoundTrips:
-    """The round trips of consecutive states."""
+    """Round trips of consecutive states."""
 
-    seconds: Array  # from sending each state until its torques came, (n,) in s; inf where none came
-    delays: Array  # by how much the time between two states exceeded the period, (n - 1,) in s; 0 where it did not
-    period: float  # of the states, s
+    seconds: Array  # time from each state to its torques, (n,) in s; inf without torques
+    delays: Array  # time between two states beyond the period, (n - 1,) in s, at least 0
+    period: float  # s
 
     @property
     def quantiles(self) -> tuple[float, ...]:
-        """The `QUANTILES` of the round trips of those states that got torques, s; nan where none did."""
+        """The `QUANTILES` of finite round trips, s; NaN without any."""
         return _quantiles(self.seconds[np.isfinite(self.seconds)])
 
     @property
     def delay_quantiles(self) -> tuple[float, ...]:
-        """The `QUANTILES` of the delays, s; nan where there are none."""
+        """The `QUANTILES` of the delays, s; NaN without any."""
         return _quantiles(self.delays)
 
     @property
     def unanswered(self) -> int:
-        """Number of states that got no torques."""
+        """Number of states without torques."""
         return int(np.sum(~np.isfinite(self.seconds)))
 
     @property
     def late(self) -> int:
-        """Number of states that got no torques within a period: the deadlines missed."""
+        """Number of states without torques within a period: missed deadlines."""
         return int(np.sum(~(self.seconds <= self.period)))
 
 
 def joined(parts: Sequence[RoundTrips]) -> RoundTrips:
-    """The round trips of several blocks as one, with the period of the first."""
+    """Return the round trips of several blocks, with the period of the first."""
     return RoundTrips(
         np.concatenate([part.seconds for part in parts]),
         np.concatenate([part.delays for part in parts]),
@@ -59,39 +57,38 @@ def joined(parts: Sequence[RoundTrips]) -> RoundTrips:
 def round_trips(
     states: Sequence[tuple[float, int]], efforts: Sequence[float], commands: Iterable[tuple[float, int]], period: float
 ) -> RoundTrips:
-    """Find the torques that belong to each state.
+    """Assign torques to states.
 
-    Torques carry no stamp. The joint commands, which follow them, carry that of their state: to a command belong the
-    newest torques that came after the command before it, and after the state was sent. Where these were lost, or are
-    read after the command, the command itself counts, as it holds the same torques.
+    Torques have no stamp. The joint commands that follow them have the stamp of their state. A command belongs to the
+    newest torques after the previous command and its state; otherwise its own arrival counts.
 
     Args:
-        states: when each state was sent, in s, and its stamp, ns.
-        efforts: when torques came, in s, ascending.
-        commands: when joint commands came, in s, ascending, and their stamps, ns.
-        period: of the states, s.
+        states: send time, s, and stamp, ns.
+        efforts: arrival times of torques, s, ascending.
+        commands: arrival time, s, ascending, and stamp, ns.
+        period: period of the states, s.
     """
-    came: dict[int, float] = {}
+    arrivals: dict[int, float] = {}
     times, before = np.array(efforts), -np.inf
-    asked = {stamp: when for when, stamp in states}
+    send_times = {stamp: when for when, stamp in states}
     for when, stamp in commands:
         newest = int(np.searchsorted(times, when, side="right")) - 1
-        at = times[newest] if newest >= 0 and times[newest] > max(before, asked.get(stamp, -np.inf)) else when
-        came.setdefault(stamp, float(at))  # a command may repeat the stamp of a state that has become old
+        at = times[newest] if newest >= 0 and times[newest] > max(before, send_times.get(stamp, -np.inf)) else when
+        arrivals.setdefault(stamp, float(at))  # a command may repeat the stamp of a stale state
         before = when
     sent = np.array([when for when, _ in states])
-    answered = np.array([came.get(stamp, np.inf) for _, stamp in states])
+    answered = np.array([arrivals.get(stamp, np.inf) for _, stamp in states])
     return RoundTrips(answered - sent, np.maximum(np.diff(sent) - period, 0.0), period)
 
 
 class Meter:
-    """A transport that notes when states go out, and when torques and joint commands come in."""
+    """A transport that records the times of states, torques and joint commands."""
 
     def __init__(self, transport: Transport) -> None:
-        """Put a meter on a transport."""
+        """Wrap a transport."""
         self.discovery_time = transport.discovery_time
         self._transport = transport
-        self._forget()
+        self._clear()
 
     def advertise(self, endpoint: Endpoint) -> Publish:
         """Open a topic for writing."""
@@ -119,16 +116,16 @@ class Meter:
         self._transport.subscribe(endpoint, timed if endpoint.key in ("effort", "joint_commands") else callback)
 
     def stream(self, endpoint: Endpoint, depth: int) -> Stream:
-        """Open a topic for reading, whose messages wait until they are taken: they are not timed."""
+        """Open a topic for polling, without recording."""
         return self._transport.stream(endpoint, depth)
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Node name of each publisher on a topic, other than this transport's own, sorted."""
+        """Return the names of the nodes that publish on a topic, without this one, sorted."""
         return self._transport.publishers(endpoint)
 
-    def has_reader(self, endpoint: Endpoint) -> bool:
-        """Whether somebody reads a topic that was opened for writing."""
-        return self._transport.has_reader(endpoint)
+    def is_read(self, endpoint: Endpoint) -> bool:
+        """Return True if an advertised topic has a subscriber."""
+        return self._transport.is_read(endpoint)
 
     def close(self) -> None:
         """Close all topics."""
@@ -136,22 +133,18 @@ class Meter:
 
     @property
     def answered(self) -> bool:
-        """Whether torques have come."""
+        """True if torques have arrived."""
         return bool(self._efforts)
 
     def measure(self, seconds: float, period: float) -> Callable[[], RoundTrips]:
-        """Let `seconds` pass in which another thread sends states of a period, s, and note the answers.
-
-        Returns:
-            Finds the round trips: for when that thread has ended, as it takes the interpreter for hundreds of periods.
-        """
-        self._forget()
+        """Record for `seconds` with states from another thread; the result assigns torques after that thread's end."""
+        self._clear()
         time.sleep(seconds)
         states = self._states.copy()
-        time.sleep(_LAST)
+        time.sleep(_LAST_TIMEOUT)
         return functools.partial(round_trips, states, self._efforts.copy(), self._commands.copy(), period)
 
-    def _forget(self) -> None:
+    def _clear(self) -> None:
         self._states: list[tuple[float, int]] = []
         self._efforts: list[float] = []
         self._commands: list[tuple[float, int]] = []

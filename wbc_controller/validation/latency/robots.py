@@ -1,4 +1,4 @@
-"""Replacements of the robot at the other end of the topics: a robot that only sends states, and an echo."""
+"""Test doubles of the robot: a source of states, and an echo."""
 
 import contextlib
 import gc
@@ -24,24 +24,22 @@ from wbc_controller.settings import RealtimeSettings, Settings
 from wbc_controller.simulation.measurement import measure
 from wbc_controller.simulation.plant import Plant
 
-#: The transports on which can be measured.
 TRANSPORTS = ("dds", "rclpy")
-#: The streams of the base.
 _BASE = ("odom", "imu")
-#: Amplitude of the joints' sway, rad, and its angular frequency, rad/s: so that no two states are equal.
+#: Amplitude, rad, and angular frequency, rad/s, of the joints' sway, so that states differ.
 _SWAY, _PACE = 5.0e-4, 2.0 * math.pi
 
 
 @contextlib.contextmanager
-def opened(kind: str, node: str, domain: int) -> Iterator[Transport]:
-    """A transport on a domain of this computer.
+def open_transport(kind: str, node: str, domain: int) -> Iterator[Transport]:
+    """Open a transport on a domain of this computer.
 
     Raises:
-        ConfigurationError: if there is no such transport, or rclpy is not importable, or two ROS 2 would be mixed.
+        ConfigurationError: if the transport is unknown, rclpy cannot be imported, or two ROS 2 would be mixed.
         TransportError: if the transport cannot be started.
     """
     if kind not in TRANSPORTS:
-        raise ConfigurationError(f"transport {kind!r}: there is none of this name; {valid_choices(kind, TRANSPORTS)}")
+        raise ConfigurationError(f"unknown transport {kind!r}; {valid_choices(kind, TRANSPORTS)}")
     if kind == "dds":
         from wbc_controller.middleware.transports.dds import DdsTransport
 
@@ -49,24 +47,24 @@ def opened(kind: str, node: str, domain: int) -> Iterator[Transport]:
         with contextlib.closing(transport):
             yield transport
         return
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # rclpy takes it from there alone
-    refuse_mixed_installations()
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # rclpy reads only this variable
+    refuse_mixture()
     try:
         from wbc_controller.nodes.ros2.process import node_without_services
     except ImportError as error:
         raise ConfigurationError(
-            f"transport rclpy: this Python finds no ROS 2 ({error}); source it first, with the Python it was made for, "
-            "or install its wheels (docs/ros2.md), or measure with --transport dds"
+            f"transport rclpy: ROS 2 not found ({error}); source it, with its Python version, or install its wheels "
+            "(docs/ros2.md), or use --transport dds"
         ) from error
     with node_without_services(node, domain) as alone:
         yield alone
 
 
 class StandingRobot:
-    """Sends the states of a robot that stands and sways a little, whatever torques come."""
+    """Sends the states of a standing and slightly swaying robot, independently of the torques."""
 
     def __init__(self, model: RobotModel, settings: Settings, transport: Transport, topics: Sequence[Endpoint]) -> None:
-        """Open the topics of its states."""
+        """Open the topics of the states."""
         standing = measure(model, Plant(model, settings), 0, imu_frame(settings, model))
         self._period = 1.0 / settings.control.rate
         self._position = standing.position
@@ -79,12 +77,9 @@ class StandingRobot:
         self._base = {stream: Template(standing.message(stream)) for stream in _BASE if stream in self._publish}
 
     def run(self, stop: threading.Event) -> None:
-        """Send states at the rate of the configuration until the event is set.
-
-        States that are late by more than a period are left out, as a robot leaves them out.
-        """
+        """Send states at the configured rate until the event is set; states late by more than a period are skipped."""
         gc.collect()
-        gc.freeze()  # as in the control loop
+        gc.freeze()
         began, count = time.monotonic(), 0
         while not stop.is_set():
             time.sleep(max(0.0, began + count * self._period - time.monotonic()))
@@ -102,14 +97,14 @@ class StandingRobot:
 
 
 def echo(kind: str, domain: int, topics: Sequence[Endpoint], size: int, stop: Any, realtime: RealtimeSettings) -> None:
-    """Answer each joint state at once with torques of zero, and with its own bytes in place of joint commands.
+    """Answer each joint state immediately with zero torques, and with its own bytes as joint commands.
 
-    Runs in a process of its own.
+    Runs in its own process.
     """
     apply_realtime(realtime)
     payload = encode(torques(np.zeros(size)))
     by_key = {topic.key: topic for topic in topics}
-    with opened(kind, "bench_echo", domain) as transport:
+    with open_transport(kind, "bench_echo", domain) as transport:
         answer = [transport.advertise(by_key[key]) for key in ("effort", "joint_commands")]
 
         def receive(state: bytes) -> None:

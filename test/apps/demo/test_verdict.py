@@ -1,4 +1,4 @@
-"""The verdict: each target is met by a good run, and missed by a run that is bad in just that."""
+"""Verdict of the demo: a good run meets each target; a bad run misses the one that it violates."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from wbc_controller.apps.demo.director import Window
-from wbc_controller.apps.demo.measure import judge, passed
 from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove
+from wbc_controller.apps.demo.verdict import judge, passed
 from wbc_controller.recording.report.run_data import Result, RunData
 
 WEIGHT, START = 100.0, 50.0
@@ -48,7 +48,7 @@ def good_run():
 
 
 def distances():
-    """The distance of the hand from its target."""
+    """Return the distance of the hand from its target."""
     distance = np.linspace(0.5, 0.0, len(TIME))
     distance[np.flatnonzero(ROWS["reach hand"])[-1]] = 0.008
     return {"hand": distance}
@@ -72,7 +72,7 @@ def spoiled(array, rows, value, column=None):
 STAND_QP, STAND_SIMULATOR, SWAY, REACH, SHOVE, TORQUE = verdict(good_run())
 
 
-def test_a_good_run_meets_every_target():
+def test_good_run_meets_all_targets():
     results = judge(good_run(), SCENARIO, WINDOWS, distances(), WEIGHT)
     assert len(results) == 6
     assert passed(results)
@@ -84,7 +84,7 @@ def test_a_good_run_meets_every_target():
     assert said[TORQUE].measured == "100.0 %"
 
 
-def test_what_acts_beside_the_model_carries_weight_in_the_program_and_not_in_the_simulator():
+def test_observed_disturbance_counts_only_in_the_program():
     run = replace(good_run(), disturbance=np.full(len(TIME), -0.015 * WEIGHT))
     assert missed(run) == {STAND_QP}
     lighter = {name: wrench + [0, 0, 0.0075 * WEIGHT, 0, 0, 0] for name, wrench in run.contact_wrenches.items()}
@@ -94,7 +94,7 @@ def test_what_acts_beside_the_model_carries_weight_in_the_program_and_not_in_the
 
 @pytest.mark.parametrize("value", [49.2, 50.8 + 0.3, np.nan, np.inf])
 @pytest.mark.parametrize(("field", "name"), [("contact_wrenches", STAND_QP), ("true_wrenches", STAND_SIMULATOR)])
-def test_one_sample_of_force_that_does_not_carry_the_weight(field, name, value):
+def test_wrong_force_in_one_sample(field, name, value):
     run = good_run()
     wrenches = {
         "left": run.contact_wrenches["left"],
@@ -104,7 +104,7 @@ def test_one_sample_of_force_that_does_not_carry_the_weight(field, name, value):
     assert missed(replace(run, **{field: wrenches})) == (set() if off <= 0.01 else {name})
 
 
-def test_a_move_is_judged_by_its_rms():
+def test_moves_are_judged_by_their_rms_error():
     run = good_run()
     com = run.com.copy()
     com[ROWS["sway"], 1] = 0.0051
@@ -115,14 +115,14 @@ def test_a_move_is_judged_by_its_rms():
 
 
 @pytest.mark.parametrize("value", [0.0101, np.nan])
-def test_a_reach_is_judged_by_its_end(value):
+def test_reaches_are_judged_by_their_end(value):
     reaches = distances()
     reaches["hand"][np.flatnonzero(ROWS["reach hand"])[-1]] = value
     assert missed(good_run(), reaches=reaches) == {REACH}
 
 
 @pytest.mark.parametrize(("after", "value", "good"), [(0.5, 0.5, True), (1.5, 0.021, False), (1.5, np.nan, False)])
-def test_a_shove_is_judged_after_the_time_of_recovery(after, value, good):
+def test_pushes_are_judged_after_the_recovery(after, value, good):
     run = good_run()
     com = run.com.copy()
     com[np.searchsorted(TIME, 5.0 + after), 1] = value
@@ -130,29 +130,29 @@ def test_a_shove_is_judged_after_the_time_of_recovery(after, value, good):
 
 
 @pytest.mark.parametrize("value", [5.01, -5.01, np.nan, np.inf, -np.inf])
-def test_one_torque_over_its_limit_or_not_finite(value):
+def test_excessive_or_non_finite_torque(value):
     run = good_run()
     assert missed(replace(run, tau=spoiled(run.tau, ROWS["sway"], value, 0))) == {TORQUE}
 
 
-def test_no_torque_at_all_is_no_good_run():
+def test_run_without_torques_fails():
     run = good_run()
     result = verdict(replace(run, tau=np.full_like(run.tau, np.nan)))[TORQUE]
-    assert (result.passed, result.measured) == (False, "none was sent")
+    assert (result.passed, result.measured) == (False, "no command")
 
 
 @pytest.mark.parametrize(
     ("window", "names"),
     [("stand", {STAND_QP, STAND_SIMULATOR}), ("sway", {SWAY}), ("reach hand", {REACH}), ("shove left", {SHOVE})],
 )
-def test_what_was_not_reached_is_missed(window, names):
+def test_missing_windows_fail(window, names):
     windows = {name: value for name, value in WINDOWS.items() if name != window}
     said = verdict(good_run(), windows)
     assert missed(good_run(), windows) == names
     assert all("not reached" in said[name].measured for name in names)
 
 
-def test_a_verdict_without_results_is_none():
+def test_empty_verdict_fails():
     assert not passed(())
     assert not passed((Result("a", "b", "c", True), Result("a", "b", "c", False)))
     assert passed((Result("a", "b", "c", True),))

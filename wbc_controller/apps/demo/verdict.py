@@ -1,4 +1,4 @@
-"""The verdict of a demo: its run, made from the recording, compared with the targets of the scenario."""
+"""Verdict of a demo: comparison of the recorded run with the targets of the scenario."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wbc_controller.records import Array
 
 
 def reference_of(run: RunData, director: Director) -> Array:
-    """Return the reference of the centre of mass that the director sent, (n, 3) in m; NaN before the first."""
+    """Return the commanded centre-of-mass reference, (n, 3) in m; NaN before the first."""
     reference = np.full_like(run.com, np.nan)
     for start, trajectory in director.references:
         for i in np.flatnonzero(run.start + run.time >= start):
@@ -25,7 +25,7 @@ def reference_of(run: RunData, director: Director) -> Array:
 
 
 def distances_to_targets(run: RunData, director: Director, model: RobotModel) -> dict[str, Array]:
-    """Return the distance of each hand from the target of its reach, (n,) in m, by name of the task."""
+    """Return the distance of each hand from its target, (n,) in m, by name of the task."""
     data = model.pinocchio.createData()
     distances = {}
     for task, target in director.targets.items():
@@ -41,17 +41,10 @@ def distances_to_targets(run: RunData, director: Director, model: RobotModel) ->
 def judge(
     run: RunData, scenario: Scenario, windows: Mapping[str, Window], distances: Mapping[str, Array], weight: float
 ) -> tuple[Result, ...]:
-    """Compare a run with its targets.
-
-    Args:
-        windows: time windows of the measurements, on the clock of the states.
-        distances: of the hands from the targets of their reaches, as `distances_to_targets` returns them.
-        weight: weight of the robot, N.
-    """
+    """Compare a run with the targets of the scenario; `windows` by phase, `distances` of the hands, `weight` in N."""
     error = np.linalg.norm(run.com - run.com_reference, axis=1)
 
     def within(name: str, values: Array, after: float = 0.0) -> Array:
-        """Return the values in a window; none if the run did not reach it."""
         window = windows.get(name)
         if window is None:
             return values[:0]
@@ -59,7 +52,7 @@ def judge(
         return values[(time >= window.start + after) & (time <= window.end)]
 
     results = []
-    # With inexact motors the disturbance observer attributes some of the weight to a force on the base.
+    # With inexact motors the disturbance observer assigns some of the weight to a force on the base.
     for label, wrenches, disturbance in (
         ("QP", run.contact_wrenches, run.disturbance),
         ("MuJoCo", run.true_wrenches, np.zeros(len(run.time))),
@@ -97,27 +90,25 @@ def judge(
 
 
 def _distance(name: str, values: Array, limit: float) -> Result:
-    """Compare the largest of some distances in m with a limit; NaN, or no values at all, miss the target."""
+    """Compare the largest distance in m with a limit; NaN or no values miss the target."""
     measured = f"{1e3 * np.max(values):.2f} mm" if len(values) else "not reached"
     return Result(name, f"below {1e3 * limit:g} mm", measured, len(values) > 0 and bool(np.max(values) < limit))
 
 
 def _share(name: str, values: Array, limit: float) -> Result:
-    """Compare the largest of some deviations from the weight, as shares of it, with a limit."""
-    measured = f"{100.0 * np.max(values):.3f} % off" if len(values) else "not reached"
+    measured = f"{100.0 * np.max(values):.3f} % deviation" if len(values) else "not reached"
     good = len(values) > 0 and bool(np.max(values) <= limit)
     return Result(name, f"weight ± {100.0 * limit:g} %", measured, good)
 
 
 def _audited(warnings: Array) -> Result:
-    """Check that the audit does not warn while the robot is undisturbed."""
     measured = f"{int(np.count_nonzero(warnings))} of {len(warnings)} samples" if len(warnings) else "not reached"
     good = len(warnings) > 0 and not np.any(warnings != 0)
     return Result("model audit: false warnings", "none", measured, good)
 
 
 def _torques(share: Array) -> Result:
-    measured = f"{100.0 * np.max(share):.1f} %" if len(share) else "none was sent"
+    measured = f"{100.0 * np.max(share):.1f} %" if len(share) else "no command"
     good = len(share) > 0 and bool(np.max(share) <= 1.0)
     return Result("largest torque / limit", "at most 100 %", measured, good)
 
