@@ -102,7 +102,7 @@ def measure(robot: str, minutes: float, count: int, scheduling: str, folder: Pat
 
 def loop_times(recording: Path, windows: dict[str, list[tuple[int, int]]]) -> list[tuple[str, np.ndarray]]:
     """Return the cycle times within the windows, s."""
-    cycles = [(each.time, each.number_of("seconds/total")) for each in Recording(recording).cycles()]
+    cycles = [(each.time, each.scalar("seconds/total")) for each in Recording(recording).cycles()]
     times, seconds = (np.array(column) for column in zip(*cycles, strict=True))
     found = []
     for kind, spans in windows.items():

@@ -86,7 +86,7 @@ ARM = {
 @pytest.fixture
 def arm(tmp_path):
     """Return the path of the robot's configuration."""
-    urdf = urdf_of(
+    urdf = decode_urdf(
         link("base"), link("column"), joint("turn", "base", "column", "0 0 1"),
         link("upper"), joint("lift", "column", "upper"), link("lower"), joint("bend", "upper", "lower"),
         link("hand", 0.3), joint("roll", "lower", "hand", "1 0 0"),

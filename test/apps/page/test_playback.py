@@ -35,7 +35,7 @@ def playback(recorded):
 
 
 def test_snapshots_agree_with_the_recording(recorded, playback):
-    cycles = [cycle for cycle in recorded.cycles() if cycle.number_of("has_state")]
+    cycles = [cycle for cycle in recorded.cycles() if cycle.scalar("has_state")]
     for cycle in (cycles[0], cycles[len(cycles) // 2], cycles[-1]):
         playback.seek(1e-9 * (cycle.time - recorded.start))
         snapshot = playback.snapshot()

@@ -124,7 +124,7 @@ class Playback:
             if number % every == 0:
                 self._times.append(at)
                 self._cycles.append(cycle)
-            mode = MODES[int(cycle.number_of("mode"))].value
+            mode = MODES[int(cycle.scalar("mode"))].value
             active_contacts = frozenset(
                 name for name in self._robot.contacts if np.isfinite(cycle.values[f"force/{name}"]).all()
             ) if mode == "active" else (before[1] if before is not None else frozenset())  # fmt: skip

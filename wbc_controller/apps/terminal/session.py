@@ -197,7 +197,7 @@ class Session:
             self.open(request.node, request.key, request.subject),
             request.make(self.wait_for_message),
         )
-        if not publication.finds_reader(self._patience):
+        if not publication.wait_for_reader(self._patience):
             raise NoAnswer(self._absent_node(request.node))
         publication(encode(content))
 

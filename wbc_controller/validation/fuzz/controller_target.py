@@ -43,14 +43,14 @@ class _InputGate:
     def read(self) -> LatchedInputs:
         return self._inputs.latch()
 
-    def latch(self, holding: Collection[str], *, held: bool) -> LatchedInputs:
+    def latch(self, holding: Collection[str], *, controlled: bool) -> LatchedInputs:
         """Return the newest state and the passed requests, as `Inputs.latch`."""
-        passed, self.passed = [*self.passed, self._inputs.latch(holding, held=held)], []
+        passed, self.passed = [*self.passed, self._inputs.latch(holding, controlled=controlled)], []
         requests = [latched.requests for latched in passed]
         return dataclasses.replace(
             passed[-1],
             refused_states=tuple(sentence for latched in passed for sentence in latched.refused_states),
-            requests=TakenRequests(
+            requests=UserRequests(
                 commands=tuple(word for request in requests for word in request.commands),
                 changes=tuple(change for request in requests for change in request.changes),
                 refused=tuple(sentence for request in requests for sentence in request.refused),

@@ -41,7 +41,7 @@ class EstimatorTarget(Target):
         self._standing = measure(self._model, Plant(self._model, settings), 0, self._node.estimator.imu_frame)
         for _ in range(round(2.0 * _SETTLING / self._period)):
             self._advance("the start")
-        for _ in range(round(AGREED / _POSE_PERIOD) + 2):
+        for _ in range(round(AGREEMENT_TIME / _POSE_PERIOD) + 2):
             self.clock.time += _POSE_PERIOD - self._period
             self.send("pose", self._sensed("pose"))
             self._advance("the start of poses")

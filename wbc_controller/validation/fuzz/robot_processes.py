@@ -137,7 +137,7 @@ class RobotProcesses(Processes):
         condition: Callable[[], Any],
         what: str,
         repeat: Callable[[], Any] = lambda: None,
-        patience: float = PATIENCE,
+        patience: float = TIMEOUT,
     ) -> None:
         """Wait for a condition, as `nodes.processes.until`, with the nodes' states in the error."""
         states = lambda: f"; controller: {self.state_of('controller')!r}, guard: {self.state_of('guard')!r}"  # noqa: E731

@@ -126,10 +126,10 @@ class _Bench:
         # controller, if possible.
         realtime = settings.control.realtime
         others = sorted(processors() - set(realtime.affinity)) if realtime.affinity else []
-        apply(RealtimeSettings(affinity=others))
+        apply_realtime(RealtimeSettings(affinity=others))
         self._start("controller")
         self._start("guard")
-        apply(RealtimeSettings(scheduling=realtime.scheduling, priority=realtime.priority, affinity=others))
+        apply_realtime(RealtimeSettings(scheduling=realtime.scheduling, priority=realtime.priority, affinity=others))
         self._echo_realtime = RealtimeSettings(affinity=realtime.affinity)  # its scheduling class is inherited
 
     def _start(self, name: str) -> None:
@@ -177,7 +177,7 @@ class _Bench:
                 active += (processor_time(controller.pid) - used) / spent
                 waiting += (waiting_time(controller.pid) - waited) / spent
                 inactive_states += self._states[known:]
-                last, scheduling = memory(controller.pid), in_force(controller.pid)
+                last, scheduling = memory(controller.pid), describe_scheduling(controller.pid)
                 if not self._mock:
                     self._end_active()
             ours.append(found())

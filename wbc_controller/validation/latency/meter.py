@@ -123,9 +123,9 @@ class Meter:
         """Return the names of the nodes that publish on a topic, without this one, sorted."""
         return self._transport.publishers(endpoint)
 
-    def is_read(self, endpoint: Endpoint) -> bool:
+    def has_reader(self, endpoint: Endpoint) -> bool:
         """Return True if an advertised topic has a subscriber."""
-        return self._transport.is_read(endpoint)
+        return self._transport.has_reader(endpoint)
 
     def close(self) -> None:
         """Close all topics."""

@@ -48,7 +48,7 @@ def open_transport(kind: str, node: str, domain: int) -> Iterator[Transport]:
             yield transport
         return
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"  # rclpy reads only this variable
-    refuse_mixture()
+    refuse_mixed_installations()
     try:
         from wbc_controller.nodes.ros2.process import node_without_services
     except ImportError as error:
