@@ -36,8 +36,8 @@ _LEVEL = 0.01  # largest height of a contact corner on the floor, m
 def derived_scenario(settings: Settings, model: RobotModel) -> Scenario:
     """Return a scenario for a legged robot, or for arms on a fixed base.
 
-    Legs: sway and squat within `com_distance`, a reach with the first hand of a disabled task, and pushes by a share of m
-    ω d, the impulse that moves the capture point to the support's edge. ω² = g/h, with the height h of the centre of
+    Legs: sway and squat within `com_distance`, a reach with the first hand of a disabled task, and pushes by a share of
+    m ω d, the impulse that moves the capture point to the support's edge. ω² = g/h, with the height h of the centre of
     mass and its distance d from the edge. Arms: a reach with each such hand in its easiest direction, and pushes.
     Infeasible motions are omitted.
 

@@ -235,8 +235,8 @@ def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
     return [
         Finding(
             "redundant contacts",
-            f"{np.count_nonzero(values < LEAST_MOBILITY)} of {len(J)} constrained directions, at {', '.join(names)}: no joint "
-            "moves the contacts along them; motions that require it are limited (sway) or cause slip",
+            f"{np.count_nonzero(values < LEAST_MOBILITY)} of {len(J)} constrained directions, at {', '.join(names)}: "
+            "no joint moves the contacts along them; motions that require it are limited (sway) or cause slip",
         )
     ]
 
