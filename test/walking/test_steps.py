@@ -31,6 +31,7 @@ def test_a_command_is_limited_in_speed_and_acceleration():
     assert wanted == Velocity(0.5 - 0.2j, -0.5)
     assert Velocity().towards(wanted, GAIT, 0.1) == Velocity(pytest.approx(0.03 - 0.03j), pytest.approx(-0.06))
     assert Velocity().towards(wanted, GAIT, 10.0) == wanted
+    assert Velocity(-2.0).clipped(GAIT) == Velocity(-0.25)  # backward half of the speed forward
 
 
 @pytest.mark.parametrize("side", [1, -1])

@@ -29,7 +29,7 @@ def heading(q):
 
 @pytest.mark.parametrize(("robot", "command"), COMMANDS)
 def test_a_robot_walks_as_commanded_and_stops(robot, command):
-    simulation = wbc.Simulation(wbc.load(robot).replace({"walking.max_speed": abs(command[0]) or None}))
+    simulation = wbc.Simulation(wbc.load(robot).replace({"walking.max_speed": 2.0 * abs(command[0]) or None}))
     controller = simulation.controller
     controller.walk(*command)
     results = simulation.run(3.5)

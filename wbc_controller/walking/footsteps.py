@@ -7,6 +7,8 @@ from wbc_controller.records import Array
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import periodic_offset
 
+#: Largest speed backward, as a share of that forward.
+BACKWARD = 0.5
 #: Margin of the nominal width over the smallest one, m.
 _MARGIN = 0.01
 
@@ -27,9 +29,8 @@ class Velocity:
     def clipped(self, gait: Gait) -> "Velocity":
         """Return the command within the largest speeds of a gait."""
         forward, sideways, turning = gait.speed
-        return Velocity(
-            complex(_clip(self.linear.real, forward), _clip(self.linear.imag, sideways)), _clip(self.turning, turning)
-        )
+        ahead = max(-BACKWARD * forward, min(forward, self.linear.real))
+        return Velocity(complex(ahead, _clip(self.linear.imag, sideways)), _clip(self.turning, turning))
 
     def towards(self, wanted: "Velocity", gait: Gait, time: float) -> "Velocity":
         """Return the command after a time in s on the way to another one, at the largest acceleration of a gait."""

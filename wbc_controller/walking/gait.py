@@ -28,7 +28,7 @@ class Gait:
         least_width: smallest distance between the feet, m.
         length: longest step forward or backward, m.
         greatest_width: largest distance between the feet, m.
-        speed: largest velocity command forward, sideways and turning, m/s and rad/s.
+        speed: largest velocity command forward, sideways and turning, m/s and rad/s; backward half of that forward.
         acceleration: largest rate of the velocity command, forward, sideways and turning, m/s² and rad/s².
     """
 

@@ -12,6 +12,7 @@ from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.standing import sensor_settings
+from wbc_controller.walking.footsteps import BACKWARD
 
 #: Velocities forward, to the left and turning, m/s and rad/s, by name; `random` changes every `_CHANGE` seconds.
 COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
@@ -64,7 +65,7 @@ def walk(robot: str, command: str, sensors: SensorQuality, seed: int, seconds: f
             if command != RANDOM:
                 velocity = scale * np.array(COMMANDS[robot][command])
             elif math.floor(since / _CHANGE) != math.floor((sent - begun) / _CHANGE):
-                velocity = scale * fastest * rng.uniform(-1.0, 1.0, 3)
+                velocity = scale * fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0)
             sent = trial.time
             trial.user.send("cmd_vel", _twist(velocity))
         solution = trial.report.solution
