@@ -18,5 +18,6 @@ setup(
         (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{PACKAGE}/layouts", sorted(glob("layouts/*"))),
     ],
+    include_package_data=False,  # otherwise the wheel would contain the files of MANIFEST.in in folders of the package
     zip_safe=False,
 )
