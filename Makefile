@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo browser play test lint bench boundscheck kernel-coverage docs lock clean
+.PHONY: help demo browser play test lint bench boundscheck kernel-coverage docs dist install-test lock clean
 
 help:  ## say what there is to make
 	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 17
@@ -46,22 +46,31 @@ kernel-coverage: $(VENV)/dev.installed  ## test the kernels as Python functions,
 docs: $(VENV)/dev.installed  ## write the generated pages of docs/
 	$(BIN)/python docs/reference_pages.py docs
 
+dist: $(VENV)/dev.installed  ## build sdist and wheel in dist/, and check their metadata and files
+	rm -rf dist build
+	$(BIN)/check-manifest --no-build-isolation
+	$(BIN)/python -m build --no-isolation
+	$(BIN)/twine check --strict dist/*
+
+install-test: dist  ## install the wheel in an empty environment without and with each extra, measure and try it: downloads 500 MB
+	$(PYTHON) benchmarks/installation.py dist/*.whl
+
 lock:  ## resolve requirements/*.txt anew; needs uv
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
-	    --upgrade --quiet setup.py --extra demo --output-file requirements/demo.txt
+	    --upgrade --quiet pyproject.toml --extra demo --output-file requirements/demo.txt
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
-	    --upgrade --quiet setup.py requirements/dev.in --constraints requirements/demo.txt --extra demo --extra test --extra ros2 \
+	    --upgrade --quiet pyproject.toml requirements/dev.in --constraints requirements/demo.txt --extra demo --extra test --extra ros2 \
 	    --output-file requirements/dev.txt
 
 clean:  ## remove the virtual environment and everything that was built
-	rm -rf $(VENV) .venv-tsid .venv-placo build *.egg-info report faults bench .pytest_cache .coverage .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-tsid .venv-placo build dist *.egg-info report faults bench .pytest_cache .coverage .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("wbc_controller needs Python 3.10 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 …")'
 	$(PYTHON) -m venv $(VENV)
 
 # The locked requirements first, by hash; then this package itself, in place.
-$(VENV)/%.installed: requirements/%.txt setup.py | $(BIN)/python
+$(VENV)/%.installed: requirements/%.txt pyproject.toml setup.py | $(BIN)/python
 	@echo "Installing the locked requirements into $(VENV): about 395 MB to download the first time."
 	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes --requirement $<
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation --editable .

@@ -18,7 +18,7 @@ class Room(NamedTuple):
 
 
 #: Files at the top of the package that every room may import.
-BASICS = ("errors", "records", "arguments", "compilation")
+BASICS = ("errors", "extras", "records", "arguments", "compilation")
 #: Other files at the top of the package: entry points, and the public names.
 ENTRY_POINTS = ("cli", "node", "__main__", "__init__")
 
@@ -26,6 +26,7 @@ _QP = "inverse_dynamics/"
 #: A room is a folder of the package, and each folder and file of `inverse_dynamics`. Imports go upwards in the table.
 ROOMS = {
     "errors": Room(),
+    "extras": Room("errors"),
     "records": Room("", "numpy"),
     "arguments": Room("errors records", "numpy"),
     "compilation": Room("", "numpy numba typing_extensions"),

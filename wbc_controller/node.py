@@ -11,6 +11,7 @@ import sys
 from typing import NoReturn
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.extras import optional_libraries
 from wbc_controller.nodes.ros2.installation import refuse_mixture
 
 
@@ -39,16 +40,18 @@ def _run(module: str, function: str, instead: str) -> NoReturn:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         refuse_mixture()
+        try:
+            from wbc_controller.nodes.ros2 import process
+
+            serve = getattr(importlib.import_module(f"wbc_controller.nodes.ros2.{module}"), function)
+        except ImportError as error:
+            sys.exit(_without_ros2(instead, error))
+        with optional_libraries():
+            status = process.run(serve)
     except ConfigurationError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    try:
-        from wbc_controller.nodes.ros2 import process
-
-        serve = getattr(importlib.import_module(f"wbc_controller.nodes.ros2.{module}"), function)
-    except ImportError as error:
-        sys.exit(_without_ros2(instead, error))
-    sys.exit(process.run(serve))
+    sys.exit(status)
 
 
 def _without_ros2(instead: str, error: ImportError) -> int:

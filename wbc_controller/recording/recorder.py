@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+import wbc_controller
 from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.live_settings import LivePart
@@ -69,7 +70,7 @@ NOT_RECORDED = "nothing is recorded: recorder.seconds is 0"
 OWN = "recording"
 #: Packages on which the last bit of a torque depends.
 _SOFTWARE = (
-    "wbc_controller", "numba", "llvmlite", "numpy", "scipy", "pin", "daqp", "osqp", "proxsuite", "qpsolvers", "coal",
+    "numba", "llvmlite", "numpy", "scipy", "pin", "daqp", "osqp", "proxsuite", "qpsolvers", "coal",
 )  # fmt: skip
 _ARRAY, _STRING = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
 
@@ -84,7 +85,11 @@ def folder_of(settings: Settings) -> Path:
 
 def software() -> dict[str, str]:
     """Return the versions of everything on which torques depend."""
-    versions = {"python": platform.python_version(), "machine": platform.machine()}
+    versions = {
+        "wbc_controller": wbc_controller.__version__,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+    }
     for name in _SOFTWARE:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             versions[name] = importlib.metadata.version(name)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_LIST, SPHERE_LIST, Shape
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.extras import optional_libraries
 from wbc_controller.records import Array
 
 #: Mid-tones that are legible on white and on black.
@@ -300,11 +300,7 @@ def plotly_script() -> str:
 
 
 def _plotly() -> tuple[Any, Any]:
-    try:
+    with optional_libraries():
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(
-            f"plots need plotly ({error}); install it with: pip install 'wbc_controller[plots]'"
-        ) from error
     return go, make_subplots

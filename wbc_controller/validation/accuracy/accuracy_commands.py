@@ -40,12 +40,8 @@ def _common(function: F) -> F:
 
 def _each(function: Callable[..., T], calls: Iterable[Sequence[Any]], jobs: int) -> list[T]:
     """Call a function with each of the arguments, in parallel."""
-    try:
-        import joblib
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(
-            f"this needs joblib ({error}); install it with: pip install 'wbc_controller[campaign]'"
-        ) from error
+    import joblib
+
     found: list[T] = joblib.Parallel(n_jobs=jobs)(joblib.delayed(function)(*call) for call in calls)
     return found
 

@@ -1,7 +1,6 @@
 """The report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
 
 import csv
-import importlib.util
 import io
 import json
 import shlex
@@ -17,6 +16,7 @@ from scipy import stats
 
 from wbc_controller.controller.visualization.page_report import PageReport, ResultTable, write_page
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.extras import require_libraries
 from wbc_controller.validation.campaign.campaign_plots import campaign_plots
 from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS, Outcome
 from wbc_controller.validation.campaign.results import Key, key_of
@@ -149,8 +149,8 @@ def command_that_repeats(outcome: Outcome) -> str:
     return f"wbc faults {shlex.quote(outcome.robot)} --kinds {outcome.kind} --seed {outcome.seed} --out repeated"
 
 
-def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> None:
-    """Write the table as Markdown and CSV, and, if plotly is installed, a page with plots.
+def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> str:
+    """Write the table as Markdown and CSV and, if plotly is installed, a page with plots; return what was written.
 
     Raises:
         ConfigurationError: if a file cannot be written.
@@ -161,8 +161,12 @@ def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[s
         (folder / "faults.csv").write_text(_csv(rows), encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"{folder}: the report cannot be written: {error.strerror or error}") from error
-    if importlib.util.find_spec("plotly") is not None:
-        _write_page(rows, outcomes, folder / "faults.html")
+    try:
+        require_libraries("plotly")
+    except ConfigurationError as error:
+        return f"faults.md, faults.csv; no faults.html: {error}"
+    _write_page(rows, outcomes, folder / "faults.html")
+    return "faults.md, faults.csv, faults.html"
 
 
 def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequence[str]) -> str:

@@ -4,14 +4,12 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.nodes.signals import exit_by_signals
 from wbc_controller.validation.fuzz import DOMAIN
 
@@ -72,8 +70,7 @@ _of_files = _options(
 @_common
 def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None, seed: int, folder: Path) -> None:
     """Send hostile messages on every input of every node, in memory, and see what they change."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import hostile_messages as run
+    from wbc_controller.validation.fuzz import hostile_messages as run
 
     if replay is not None:
         key, robot, sent = run.load(replay)
@@ -108,8 +105,7 @@ def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None
 
 
 def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Path) -> None:
-    with _needing_extras():
-        from wbc_controller.validation.fuzz.files import fuzz_files
+    from wbc_controller.validation.fuzz.files import fuzz_files
 
     say = _Progress()
     outcome = fuzz_files(
@@ -154,8 +150,7 @@ def recordings(**options: Any) -> None:
 @_seed
 def classes(count: int, seed: int) -> None:
     """Run controllers with a user's class that has a hostile member: it is refused, or the robot is damped."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz.hostile_classes import fuzz_classes
+    from wbc_controller.validation.fuzz.hostile_classes import fuzz_classes
 
     say = _Progress()
     failures, results = fuzz_classes(count, seed, lambda results, number: say(f"class {number}: {dict(results)}"))
@@ -172,8 +167,7 @@ def classes(count: int, seed: int) -> None:
 @_live
 def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, folder: Path) -> None:
     """Flood each kind of input, and see that an emergency stop passes, and that the loop goes on."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import floods as run
+    from wbc_controller.validation.fuzz import floods as run
 
     done = run.flood_trials(
         robot,
@@ -203,8 +197,7 @@ def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, f
 @_live
 def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None:
     """Kill, hang up and stop the controller and the mock robot at random moments."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import kills as run
+    from wbc_controller.validation.fuzz import kills as run
 
     done = run.kill_trials(
         robot, folder, trials, domain=domain, seed=seed, progress=lambda trial: click.echo(str(trial), err=True)
@@ -226,8 +219,7 @@ def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None
 @_live
 def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> None:
     """Run controller, mock robot and guard for long, and watch their memory and faults."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import soak as run
+    from wbc_controller.validation.fuzz import soak as run
 
     say = _Progress()
     result = run.soak(
@@ -258,8 +250,7 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
 @click.option("--seed", default=0, show_default=True, help="Of all choices.")
 def clocks(robots: str, count: int, first: int, seed: int) -> None:
     """Change clocks, stamps and delivery, pause the controller, and see that no robot falls without a fault."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import clocks as run
+    from wbc_controller.validation.fuzz import clocks as run
 
     say = _Progress()
     done = run.fuzz_clocks(robots.split(","), count, seed, first=first, progress=lambda trial: say(trial.line()))
@@ -275,8 +266,7 @@ def clocks(robots: str, count: int, first: int, seed: int) -> None:
 @click.option("--seed", default=0, show_default=True, help="Of all choices.")
 def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
     """Ask for what no robot can do, and see that its joints keep their limits, whatever is relaxed."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import setpoints as run
+    from wbc_controller.validation.fuzz import setpoints as run
 
     say = _Progress()
     done = run.fuzz_setpoints(
@@ -323,19 +313,3 @@ class _Progress:
         if time.monotonic() >= self._due:
             self._due = time.monotonic() + _EVERY
             click.echo(line, err=True)
-
-
-@contextmanager
-def _needing_extras() -> Iterator[None]:
-    """Name the extra of a missing library.
-
-    Raises:
-        ConfigurationError: if MuJoCo or Hypothesis is not installed.
-    """
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        extra = "fuzz" if error.name == "hypothesis" else "mock"
-        raise ConfigurationError(
-            f"this fuzzer needs another library ({error}); install it with: pip install 'wbc_controller[{extra}]'"
-        ) from error

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import click
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.nodes.signals import exit_by_signals
 from wbc_controller.validation.latency import DOMAIN
 
@@ -34,12 +33,7 @@ def latency(
 
     Late is a state without torques within its period. Leave the computer alone meanwhile.
     """
-    try:
-        from wbc_controller.validation.latency.latency import measure_latency
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(
-            f"the bench needs the mock robot ({error}); install it with: pip install 'wbc_controller[mock]'"
-        ) from error
+    from wbc_controller.validation.latency.latency import measure_latency
     from wbc_controller.validation.latency.latency_report import figures, lines
 
     found = measure_latency(
