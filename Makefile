@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo browser play test lint bench boundscheck kernel-coverage docs dist install-test lock clean
+.PHONY: help demo browser play test lint bench test-kilted boundscheck kernel-coverage docs dist install-test lock clean
 
 help:  ## say what there is to make
 	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 17
@@ -19,6 +19,10 @@ play: $(VENV)/demo.installed  ## play with a robot in the browser: push it, drag
 test: $(VENV)/dev.installed  ## run all tests: in parallel, then those that wait for wall time, two at a time
 	$(BIN)/python -m pytest -n logical --dist worksteal --durations 12 -m "not live and not browser"
 	$(BIN)/python -m pytest -n 2 --dist worksteal --durations 12 -m live
+
+test-kilted:  ## test nodes and transports with the wheels of ROS 2 Kilted, in .venv-kilted
+	$(MAKE) VENV=.venv-kilted .venv-kilted/kilted.installed
+	.venv-kilted/bin/python -m pytest -n 2 --dist worksteal -m "not browser" test/nodes/ros2 test/middleware/transports
 
 browser: $(VENV)/dev.installed  ## press, drag and pull on the live page in headless Chromium, which has to be installed
 	$(BIN)/python -m pytest -m browser
@@ -61,9 +65,12 @@ lock:  ## resolve requirements/*.txt anew; needs uv
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
 	    --upgrade --quiet pyproject.toml requirements/dev.in --constraints requirements/demo.txt --extra demo --extra test --extra ros2 \
 	    --output-file requirements/dev.txt
+	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
+	    --upgrade --quiet pyproject.toml requirements/kilted.in --constraints requirements/demo.txt --extra demo --extra test \
+	    --extra ros2-kilted --output-file requirements/kilted.txt
 
 clean:  ## remove the virtual environment and everything that was built
-	rm -rf $(VENV) .venv-tsid .venv-placo build dist *.egg-info report faults bench .pytest_cache .coverage .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-kilted .venv-tsid .venv-placo build dist *.egg-info report faults bench .pytest_cache .coverage .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("wbc_controller needs Python 3.10 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 …")'
