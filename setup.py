@@ -15,6 +15,7 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/config", sorted(glob("config/*.yaml"))),
         (f"share/{PACKAGE}/config/ros2_control", sorted(glob("config/ros2_control/*.yaml"))),
+        (f"share/{PACKAGE}/config/diagnostics", ["config/diagnostics/analyzers.yaml"]),
         (f"share/{PACKAGE}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{PACKAGE}/layouts", sorted(glob("layouts/*"))),
     ],

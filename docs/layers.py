@@ -18,7 +18,7 @@ class Room(NamedTuple):
 
 
 #: Files at the top of the package that every room may import.
-BASICS = ("errors", "extras", "records", "arguments", "compilation")
+BASICS = ("errors", "extras", "records", "arguments", "compilation", "pinocchio_libraries")
 #: Other files at the top of the package: entry points, and the public names.
 ENTRY_POINTS = ("cli", "node", "__main__", "__init__")
 
@@ -30,6 +30,7 @@ ROOMS = {
     "records": Room("", "numpy"),
     "arguments": Room("errors records", "numpy"),
     "compilation": Room("", "numpy numba typing_extensions"),
+    "pinocchio_libraries": Room(),
     "settings": Room("", "pydantic yaml"),
     "mechanics": Room("", "numpy scipy pinocchio"),
     _QP + "arrays": Room("", "numpy scipy"),

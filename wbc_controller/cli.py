@@ -11,6 +11,7 @@ import click
 import wbc_controller
 from wbc_controller.errors import WbcError
 from wbc_controller.extras import optional_libraries
+from wbc_controller.pinocchio_libraries import two_installations
 
 #: The module of each command, below this package. It holds the command under its name, with underscores.
 COMMANDS = {
@@ -57,6 +58,12 @@ class _Commands(click.Group):
                 return super().invoke(ctx)
         except WbcError as error:
             click.echo(f"error: {error}", err=True)
+            sys.exit(2)
+        except ImportError as error:
+            warning = two_installations()
+            if not warning:
+                raise
+            click.echo(f"error: {error}\n{warning}", err=True)
             sys.exit(2)
 
 

@@ -13,6 +13,7 @@ from typing import NoReturn
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.extras import optional_libraries
 from wbc_controller.nodes.ros2.installation import refuse_mixture
+from wbc_controller.pinocchio_libraries import two_installations
 
 
 def main() -> None:
@@ -57,6 +58,10 @@ def _run(module: str, function: str, instead: str) -> NoReturn:
 def _without_ros2(instead: str, error: ImportError) -> int:
     """Print what to do without ROS 2, and return the exit status."""
     version = ".".join(map(str, sys.version_info[:2]))
+    warning = two_installations()
+    if warning:
+        print(f"error: {error}\n{warning}", file=sys.stderr)
+        return 2
     print(
         f"error: this Python ({version}) finds no ROS 2: {error}\n"
         "Source it first (. /opt/ros/jazzy/setup.bash), with the Python it was made for, or on x86-64 Linux install\n"

@@ -6,6 +6,7 @@ from wbc_controller.controller.build.robot_description import joint_limits, read
 from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveJoint
+from wbc_controller.pinocchio_libraries import warn_of_two_installations
 from wbc_controller.settings import Settings
 
 
@@ -15,6 +16,7 @@ def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
     Raises:
         ConfigurationError: if the URDF and the settings do not fit together.
     """
+    warn_of_two_installations()
     robot = settings.robot
     return build_model(
         read_urdf(robot.urdf) if urdf is None else urdf,
