@@ -27,10 +27,17 @@ test-kilted:  ## test nodes and transports with the wheels of ROS 2 Kilted, in .
 browser: $(VENV)/dev.installed  ## press, drag and pull on the live page in headless Chromium, which has to be installed
 	$(BIN)/python -m pytest -m browser
 
-lint: $(VENV)/dev.installed  ## ruff and mypy
+SCHEMA := $(BIN)/check-jsonschema --builtin-schema
+
+lint: $(VENV)/dev.installed  ## ruff and mypy; the workflows, issue forms and CITATION.cff by their schemas and by zizmor
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(SCHEMA) vendor.github-workflows .github/workflows/*.yml
+	$(SCHEMA) vendor.github-issue-forms .github/ISSUE_TEMPLATE/bug.yml .github/ISSUE_TEMPLATE/feature.yml
+	$(SCHEMA) vendor.github-issue-config .github/ISSUE_TEMPLATE/config.yml
+	$(SCHEMA) vendor.citation-file-format CITATION.cff
+	$(BIN)/zizmor --offline --pedantic --quiet .github/workflows
 
 bench: $(VENV)/dev.installed  ## time the solvers, and whole cycles beside tsid's and placo's: make bench AGAINST=commit
 	$(BIN)/python benchmarks/solvers.py
