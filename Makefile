@@ -63,7 +63,7 @@ dist: $(VENV)/dev.installed  ## build sdist and wheel in dist/, and check their 
 	$(BIN)/python -m build --no-isolation
 	$(BIN)/twine check --strict dist/*
 
-install-test: dist  ## install the wheel in an empty environment without and with each extra, measure and try it: downloads 500 MB
+install-test: dist  ## install the wheel in an empty environment without and with each extra, and try it: downloads 500 MB
 	$(PYTHON) benchmarks/installation.py dist/*.whl
 
 lock:  ## resolve requirements/*.txt anew; needs uv

@@ -8,6 +8,7 @@ PACKAGE = "wbc_controller"
 
 setup(
     license="Apache-2.0",
+    python_requires=">=3.10",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={PACKAGE: ["py.typed", "controller/visualization/page/*"]},
     data_files=[
