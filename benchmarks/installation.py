@@ -47,6 +47,7 @@ TRIALS = {
     "fuzz": ("fuzz,mock,robots", ["wbc fuzz configurations go2 --count 20"]),
     "view": ("view", ["wbc view robot.yaml --port 0"]),
     "ros2": ("ros2", ["wbc_controller --ros-args --params-file robot.yaml"]),
+    "ros2-kilted": ("ros2-kilted", ["wbc_controller --ros-args --params-file robot.yaml"]),
     "test": ("test", [f"python -m pytest -q -p no:cacheprovider {TEST}"]),
     "demo": ("demo", ["wbc demo g1 --lockstep", "wbc report report/g1.mcap"]),
 }

@@ -23,7 +23,7 @@ def name(requirement):
 
 
 def test_the_documented_installation_contains_all_libraries_of_package_and_tests():
-    """Besides those of requirements/ros.txt, which test_package_xml.py compares with the dependencies of the package."""
+    """Besides those of requirements/ros.txt, which test_package_xml.py compares with the dependencies."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     needed = [*extras["robots"], extras["mock"][0], *extras["test"]]
     page = (ROOT / "docs/ros2.md").read_text(encoding="utf-8").split("## Install on an installation of ROS")[1]
