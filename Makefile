@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo browser play test lint bench test-kilted boundscheck kernel-coverage docs dist install-test lock clean
+.PHONY: help demo browser play test lint bench test-kilted boundscheck kernel-coverage docs site dist install-test lock clean
 
 help:  ## say what there is to make
 	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 17
@@ -66,6 +66,10 @@ dist: $(VENV)/dev.installed  ## build sdist and wheel in dist/, and check their 
 install-test: dist  ## install the wheel in an empty environment without and with each extra, and try it: downloads 500 MB
 	$(PYTHON) benchmarks/installation.py dist/*.whl
 
+# Without --quiet, which also hides the warnings from the strict build.
+site: docs  ## build the documentation site from docs/ into site/; broken links and pages outside the navigation are errors
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 lock:  ## resolve requirements/*.txt anew; needs uv
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
 	    --upgrade --quiet pyproject.toml --extra demo --output-file requirements/demo.txt
@@ -77,7 +81,7 @@ lock:  ## resolve requirements/*.txt anew; needs uv
 	    --extra ros2-kilted --output-file requirements/kilted.txt
 
 clean:  ## remove the virtual environment and everything that was built
-	rm -rf $(VENV) .venv-kilted .venv-tsid .venv-placo build dist *.egg-info report faults bench .pytest_cache .coverage .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-kilted .venv-tsid .venv-placo build dist *.egg-info report faults bench site .pytest_cache .coverage .mypy_cache .ruff_cache .hypothesis
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 10) or sys.exit("wbc_controller needs Python 3.10 or newer; $(PYTHON) is " + sys.version.split()[0] + ". Name another one: make PYTHON=python3.12 …")'

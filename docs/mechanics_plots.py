@@ -1,6 +1,6 @@
 """Draws the plots of mechanics.md into docs/images.
 
-Matplotlib is needed for this alone. In an environment of this package::
+Only this script needs Matplotlib. In an environment of this package::
 
     pip install matplotlib
     python docs/mechanics_plots.py
@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "test" / "support")]
+sys.path[:0] = [str(ROOT), str(ROOT / "test" / "support"), str(ROOT / "test" / "mechanics")]
 
 mpl.use("svg")
 # The same file from the same numbers: no dates, no random names; letters as text keep it small.
@@ -73,10 +73,10 @@ def action() -> None:
     for epsilon in (-0.2, -0.1, 0.1, 0.2):
         left.plot(times, path[:, 0] + epsilon * bend, "0.7", lw=1)
     left.plot(times, path[:, 0], "C0")
-    left.set(xlabel="t (s)", ylabel="angle (rad)", title="motion, and bent paths")
+    left.set(xlabel="t (s)", ylabel="angle (rad)", title="motion and varied paths")
     epsilons = np.linspace(-0.2, 0.2, 21)
     right.plot(epsilons, [value(path[:, 0] + e * bend) for e in epsilons], "C0.-")
-    right.set(xlabel="ε", ylabel="action (J s)", title="no slope at the motion")
+    right.set(xlabel="ε", ylabel="action (J s)", title="stationary at the motion")
     save(figure, "action")
 
 
@@ -125,7 +125,7 @@ def rolling() -> None:
     left.plot(qs[::10, 0], qs[::10, 1])
     left.set(xlabel="x (m)", ylabel="y (m)", title=f"path of a wheel of {WHEEL_RADIUS} m", aspect="equal")
     right.semilogy(5e-3 * np.arange(len(qs))[some], np.maximum(slip, 1e-18))
-    right.set(xlabel="t (s)", ylabel="m/s", title="velocity of the point that touches")
+    right.set(xlabel="t (s)", ylabel="m/s", title="velocity of the contact point")
     save(figure, "rolling")
 
 
@@ -164,7 +164,7 @@ def tipping_box() -> None:
         for moment in moments
     ]
     figure, (left, right) = plt.subplots(1, 2)
-    left.plot(moments, [a.push[[0, 2]].sum() for a in answers], label="side that lifts")
+    left.plot(moments, [a.push[[0, 2]].sum() for a in answers], label="lifting side")
     left.plot(moments, [a.push[[1, 3]].sum() for a in answers], label="other side")
     left.set(xlabel="moment (N m)", ylabel="N", title="forces of the floor")
     left.legend()

@@ -1,6 +1,6 @@
-"""Takes the picture of the live page in the README: python docs/page_picture.py docs/images/page.png.
+"""Takes the picture of the live page: python docs/page_picture.py docs/images/page.png.
 
-It plays with G1 on a mock robot, in Chromium without a screen, and needs the packages of requirements/dev.txt.
+`wbc play` runs with G1 on a mock robot; headless Chromium draws the page. Needs the packages of requirements/dev.txt.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import Browser, Playwright, sync_playwright
 
 from wbc_controller.apps.page.play import free_domain
 from wbc_controller.apps.terminal.request_parser import parse_request
@@ -25,21 +25,21 @@ from wbc_controller.settings.config import load
 
 #: Size of the page, px.
 SIZE = {"width": 1440, "height": 820}
-#: What the robot does: it bends its knees and reaches forward and up.
-SENTENCES = (
+#: Requests to the robot: bend the knees, reach forward and up.
+REQUESTS = (
     "com 6cm down",
     "update {tasks: {right_hand: {enabled: true}, left_hand: {enabled: true}}}",
     "right_hand 12cm forward 18cm up",
     "left_hand 16cm forward 6cm up",
 )
-#: Time for it, for a browser that draws without a GPU, s.
+#: Time for the motion, in a browser without a GPU, s.
 PATIENCE = 20.0
-#: With slow motion below, for a computer that is busy with drawing.
+#: With slow motion, this lets the states arrive in time while the browser occupies the processors.
 CHANGES = {"safety.state_timeout": 1.0}
 
 
 def take(path: Path) -> None:
-    """Take the picture."""
+    """Take the picture of the page during a reach."""
     config, domain = load("g1").replace(CHANGES), free_domain()
     os.environ |= {"ROS_DOMAIN_ID": str(domain)}
     with tempfile.TemporaryDirectory() as folder:
@@ -58,28 +58,38 @@ def take(path: Path) -> None:
         finally:
             playing.send_signal(signal.SIGINT)
             playing.wait()
+    save(picture, path)
+
+
+def save(picture: bytes, path: Path) -> None:
+    """Write a screenshot with a palette of 256 colours."""
     image = Image.open(io.BytesIO(picture)).convert("RGB")
     image.quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=3).save(path, optimize=True)
     print(f"{path}: {path.stat().st_size // 1000} kB")
 
 
+def launch(started: Playwright) -> Browser:
+    """Start Chromium, which draws without a GPU."""
+    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
+    flags = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
+    return started.chromium.launch(executable_path=chromium, args=flags)
+
+
 def _act(session: Session, settings: object) -> None:
-    for sentence in SENTENCES:
-        session.ask(parse_request(sentence.split(" ", 1) if "{" in sentence else sentence.split(), settings))
+    for request in REQUESTS:
+        session.ask(parse_request(request.split(" ", 1) if "{" in request else request.split(), settings))
 
 
 def _picture(address: str, act: object) -> bytes:
-    chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
     with sync_playwright() as started:
-        flags = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
-        browser = started.chromium.launch(executable_path=chromium, args=flags)
+        browser = launch(started)
         page = browser.new_page(viewport=SIZE)
         page.set_default_timeout(120_000)
         page.goto(address)
         page.get_by_text("active", exact=True).wait_for()
         page.get_by_role("button", name="Hold").wait_for()
         for close in page.locator(".mantine-Notification-closeButton").all():
-            close.click()  # that the browser draws without a GPU is true of this one alone
+            close.click()  # the warning about the missing GPU
         page.get_by_text("Show", exact=True).click()
         page.get_by_label("Shadows").check()
         act()  # type: ignore[operator]

@@ -21,8 +21,9 @@ playwright = pytest.importorskip("playwright.sync_api", reason="a browser is dri
 
 from domains import own_domain
 
+from wbc_controller.apps.page.camera import camera
 from wbc_controller.apps.page.drawing import GROUPS
-from wbc_controller.apps.page.page import camera
+from wbc_controller.apps.page.meshes import build_meshes
 from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.apps.terminal.session import Session
 from wbc_controller.controller.build.robot import make_model
@@ -105,7 +106,7 @@ class Pixels:
 
     def __init__(self, page):
         robot = Robot(CONFIG.settings)
-        self.position, self.look_at, self.fov = camera(robot)
+        self.position, self.look_at, self.fov = camera(robot, build_meshes(robot.model))
         self.box = page.locator("canvas").first.bounding_box()
 
     def __call__(self, point):

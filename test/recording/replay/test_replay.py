@@ -212,6 +212,7 @@ def test_the_report_of_a_recording_leaves_out_what_it_cannot_know(recorded, tmp_
 
     controller = ControlCycle(recorded.config, preflight=False)
     fewer, made = run_of(recorded, controller, largest=100), run_of(recorded, controller)
+    assert set(made.supports) == set(made.contact_wrenches)  # the forces are drawn at the contacts
     assert (fewer.stride, made.stride) == (every, 1)
     assert every > 1
     assert len(fewer.time) == pytest.approx(len(made.time) / every, abs=1)

@@ -14,6 +14,7 @@ import viser
 import viser.uplot
 
 from wbc_controller.apps.page import panels
+from wbc_controller.apps.page.camera import camera
 from wbc_controller.apps.page.controls import Controls
 from wbc_controller.apps.page.drawing import GROUPS, Drawing
 from wbc_controller.apps.page.handles import Handles
@@ -23,7 +24,6 @@ from wbc_controller.apps.page.playback import TimeLine
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
 from wbc_controller.controller.visualization.scene import friction_used
-from wbc_controller.records import Array
 
 _log = logging.getLogger(__name__)
 
@@ -79,7 +79,7 @@ class Page:
             show_logo=False, show_share_button=False, control_width="medium", brand_color=(34, 139, 230)
         )
         gui.set_panel_label(robot.model.name)
-        self._set_up_scene(server, robot)
+        self._set_up_scene(server, robot, meshes)
         self.drawing = Drawing(server, robot, meshes)
         self.drawing.fine(False)
         panel = gui.add_panel()
@@ -94,14 +94,14 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(_RIGHT)
 
-    def _set_up_scene(self, server: viser.ViserServer, robot: Robot) -> None:
+    def _set_up_scene(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
         scene = server.scene
         scene.set_up_direction("+z")
         scene.add_grid(
             "/floor", infinite_grid=True, fade_distance=12.0, cell_size=0.25, section_size=1.0, shadow_opacity=0.2,
             cell_color=(222, 226, 230), section_color=(190, 196, 203),
         )  # fmt: skip
-        position, look_at, fov = camera(robot)
+        position, look_at, fov = camera(robot, meshes)
         server.initial_camera.position = position
         server.initial_camera.look_at = look_at
         server.initial_camera.fov = fov
@@ -234,12 +234,3 @@ class Page:
             shares, cycles = self._plots
             shares.data = (time - time[-1], torque, friction)
             cycles.data = (time - time[-1], cycle)
-
-
-def camera(robot: Robot) -> tuple[Array, Array, float]:
-    """Return the first position of the camera and its target, (3,) each in m, and its vertical angle of view, rad."""
-    dynamics = robot.dynamics
-    frames = range(1, len(robot.model.pinocchio.frames))
-    lowest = min(float(dynamics.placement(frame).translation[2]) for frame in frames)
-    height = max(0.5, 1.45 * float(dynamics.com[2] - lowest))
-    return height * np.array([1.7, -1.5, 1.15]), height * np.array([0.0, 0.0, 0.5]), 0.75

@@ -21,7 +21,7 @@ from wbc_controller.middleware.topics import MOCK_NODE, MOCK_TOPICS, Endpoint, e
 from wbc_controller.recording.cycle_arrays import cycle_arrays
 from wbc_controller.recording.cycle_layout import cycle_slots, reference_slots
 from wbc_controller.recording.recording_file import Recording
-from wbc_controller.recording.report.run_data import Phase, RunData
+from wbc_controller.recording.report.run_data import Phase, RunData, supports_of
 from wbc_controller.records import Array, Reference
 from wbc_controller.settings import ComTask, FixedContact, PointContact, RollingContact, Settings
 
@@ -105,6 +105,7 @@ def run_of(recording: Recording, controller: ControlCycle, *, largest: int = LAR
             name: _latest(np.array(times), np.array(wrenches), stamps)[:, : sizes[name]]
             for name, (times, wrenches) in other.wrenches.items()
         },
+        supports=supports_of(settings.contacts),
         friction={
             name: each.friction for name, each in settings.contacts.items() if not isinstance(each, FixedContact)
         },

@@ -1,0 +1,64 @@
+"""The first view of the page contains the whole robot, in windows of common sizes."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
+
+from wbc_controller.apps.new.draft import new_configuration
+from wbc_controller.apps.page.camera import camera
+from wbc_controller.apps.page.meshes import build_meshes
+from wbc_controller.apps.page.snapshot import Robot
+from wbc_controller.settings.config import load
+
+#: Robots of the package `example-robot-data` without a shipped configuration, by the names of this test.
+DRAFTED = {
+    "panda": "package://example-robot-data/robots/panda_description/urdf/panda.urdf",
+    "ur5": "package://example-robot-data/robots/ur_description/urdf/ur5_robot.urdf",
+}
+#: Width of both panels with their borders, px.
+PANELS = 330 + 290 + 8
+
+
+@cache
+def robot_and_meshes(name):
+    robot = Robot(new_configuration(DRAFTED[name]).settings if name in DRAFTED else load(name).settings)
+    return robot, build_meshes(robot.model)
+
+
+def corners(robot, meshes):
+    """Corners of the bounding box as the page draws the robot: with its lowest point on the floor, (8, 3)."""
+    model, points = robot.model.pinocchio, []
+    data = model.createData()
+    pin.forwardKinematics(model, data, robot.dynamics.q)
+    for mesh in meshes:
+        points.append(mesh.vertices @ data.oMi[mesh.joint].rotation.T + data.oMi[mesh.joint].translation)
+    low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
+    if robot.model.floating_base:
+        low[2], high[2] = 0.0, high[2] - low[2]
+    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+
+
+def projected(points, position, look_at, angle):
+    """Coordinates in the picture, in half heights of the picture from its centre to the right and up, (n, 2)."""
+    forward = (look_at - position) / np.linalg.norm(look_at - position)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rays = points - position
+    depth = rays @ forward
+    assert depth.min() > 0.1
+    return np.stack([rays @ right / depth, rays @ np.cross(right, forward) / depth], axis=1) / np.tan(angle / 2.0)
+
+
+@pytest.mark.parametrize("size", [(1440, 820), (1920, 1080), (1280, 720), (1100, 700), (1024, 768)])
+@pytest.mark.parametrize("name", ["g1", "talos", "go2", *DRAFTED])
+def test_the_whole_robot_is_in_view(name, size):
+    robot, meshes = robot_and_meshes(name)
+    width, height = size
+    across, up = np.abs(projected(corners(robot, meshes), *camera(robot, meshes))).max(axis=0)
+    assert across <= (width - PANELS) / height
+    assert up <= 1.0
+    assert max(up, across / 0.5) > 0.85  # and the robot is not far away
