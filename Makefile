@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo browser play test lint bench test-kilted boundscheck kernel-coverage docs site dist install-test lock clean
+.PHONY: help demo browser play test lint bench test-kilted boundscheck kernel-coverage docs site dist install-test lock check-lock clean
 
 help:  ## say what there is to make
 	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*## /\t/' | expand -t 17
@@ -79,6 +79,16 @@ lock:  ## resolve requirements/*.txt anew; needs uv
 	uv pip compile --universal --python-version 3.10 --generate-hashes --no-emit-index-url --no-header --no-annotate --no-strip-extras \
 	    --upgrade --quiet pyproject.toml requirements/kilted.in --constraints requirements/demo.txt --extra demo --extra test \
 	    --extra ros2-kilted --output-file requirements/kilted.txt
+
+# Machines and Pythons on which the locked packages can be installed.
+MACHINES := x86_64 aarch64
+PYTHONS := 3.10 3.11 3.12 3.13 3.14
+
+check-lock:  ## look for a wheel of each package of requirements/demo.txt for each machine and Python; needs uv
+	for machine in $(MACHINES); do for python in $(PYTHONS); do echo "$$machine, Python $$python"; \
+	    uv pip compile --quiet --no-deps --only-binary :all: --python-platform $$machine-manylinux_2_28 \
+	        --python-version $$python requirements/demo.txt >/dev/null || exit 1; \
+	done; done
 
 clean:  ## remove the virtual environment and everything that was built
 	rm -rf $(VENV) .venv-kilted .venv-tsid .venv-placo build dist *.egg-info report faults bench site .pytest_cache .coverage .mypy_cache .ruff_cache .hypothesis

@@ -22,6 +22,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import textwrap
 import time
 import zipfile
 from pathlib import Path
@@ -35,11 +36,13 @@ JOINT = """<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><
   <limit lower="-2.5" upper="2.5" effort="60" velocity="15"/></joint>"""
 #: Processes that must start, print a text, and end by Ctrl-C; the other commands must end with status 0.
 SERVING = {
+    "wbc run robot.yaml": "activate",
     "wbc view robot.yaml --port 0": "page: http://localhost",
     "wbc_controller --ros-args --params-file robot.yaml": "the node is active",
 }
 #: The extras that are installed for a trial, and its commands. `python` is that of the environment.
 TRIALS = {
+    "dds": ("dds", ["wbc run robot.yaml"]),
     "robots": ("robots", ["wbc check g1"]),
     "mock": ("mock", ["python simulate.py"]),
     "plots": ("plots", ["python plot.py"]),
@@ -48,7 +51,7 @@ TRIALS = {
     "view": ("view", ["wbc view robot.yaml --port 0"]),
     "ros2": ("ros2", ["wbc_controller --ros-args --params-file robot.yaml"]),
     "ros2-kilted": ("ros2-kilted", ["wbc_controller --ros-args --params-file robot.yaml"]),
-    "test": ("test", [f"python -m pytest -q -p no:cacheprovider {TEST}"]),
+    "test": ("test,mock", [f"python -m pytest -q -p no:cacheprovider {TEST}"]),
     "demo": ("demo", ["wbc demo g1 --lockstep", "wbc report report/g1.mcap"]),
 }
 FILES = {
@@ -136,7 +139,7 @@ class Environment:
         """Run a command and print its time; another exit status counts as a failure."""
         before, started = processor_time(), time.monotonic()
         found = self.start(command).wait()
-        short = command.replace(str(self.wheel), self.wheel.name)
+        short = textwrap.shorten(command.replace(str(self.wheel), self.wheel.name), 100, placeholder=" …")
         print(f"| `{short}` | {time.monotonic() - started:.1f} s | {processor_time() - before:.1f} s |", flush=True)
         if found != status:
             self.fail(f"{short}: status {found} in place of {status}: {self.output()[-4000:]}")

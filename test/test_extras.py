@@ -13,23 +13,41 @@ from wbc_controller.cli import main
 from wbc_controller.extras import EXTRAS
 
 FUZZERS = ("clocks", "configurations", "floods", "kills", "messages", "recordings", "setpoints", "soak", "urdf")
-#: The extras that each command needs, beside those of its robot's files. `run.mcap` is an empty file.
+#: The extras that each command needs. `run.mcap` is an empty file.
 NEEDED = {
     **{f"accuracy {name}": "mock campaign" for name in ("standing", "flaws", "mishaps", "walking")},
-    "bench latency": "mock robots",
+    "bench latency": "dds mock robots",
+    **{f"{name} robot.yaml": "dds" for name in ("estimate", "guard", "run", "status")},
+    "echo robot.yaml state": "dds",
+    "mock robot.yaml": "mock dds",
+    "send robot.yaml activate": "dds",
     "demo g1 --lockstep": "mock plots robots",
     "faults g1": "mock campaign",
     **{f"fuzz {name}": "mock" for name in FUZZERS},
     **{f"fuzz {name} --count 1": "fuzz" for name in ("classes", "configurations", "messages", "recordings", "urdf")},
-    "mock g1": "mock robots",
-    "play g1": "mock view",
+    "mock g1": "dds mock robots",
+    "play g1": "dds mock view",
     "replay run.mcap --config g1 --plot page.html": "plots",
     "report run.mcap": "plots",
-    "view g1": "view robots",
-    **{f"{name} g1": "robots" for name in ("check", "estimate", "guard", "run", "security-policy")},
+    "view g1": "dds view robots",
+    **{f"{name} g1": "dds robots" for name in ("estimate", "guard", "run")},
+    **{f"{name} g1": "robots" for name in ("check", "security-policy")},
 }
 #: Commands that need no extra.
-PLAIN = {"echo", "fuzz problems", "identify", "new", "send", "status", "topics"}
+PLAIN = {"fuzz problems", "identify", "new", "topics"}
+ARM = """<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>
+    <inertia ixx="0.03" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="40" velocity="6"/></joint>
+</robot>"""
+CONFIGURATION = """
+wbc_controller:
+  ros__parameters:
+    robot: {urdf: robot.urdf, base: fixed, joints: [shoulder], posture: [0.0]}
+    tasks: {posture: {type: posture}}
+"""
 #: Runs the commands with the libraries of some extras missing, and prints status and output of each.
 RUN = """
 import importlib.metadata, json, sys
@@ -56,6 +74,8 @@ def results_without(extras, commands, folder: Path) -> dict[str, tuple[int, str]
     packages = ["example-robot-data"] if "robots" in extras else []
     words = [sys.executable, "-c", RUN, json.dumps([list(commands), libraries, packages])]
     (folder / "run.mcap").touch()
+    (folder / "robot.urdf").write_text(ARM, encoding="utf-8")
+    (folder / "robot.yaml").write_text(CONFIGURATION, encoding="utf-8")
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
@@ -75,7 +95,7 @@ def test_every_command_is_listed():
     assert listed == names_of(main)
 
 
-@pytest.mark.parametrize("missing", [("mock", "plots", "view"), ("campaign", "fuzz", "robots")])
+@pytest.mark.parametrize("missing", [("mock", "plots", "view"), ("campaign", "dds", "fuzz", "robots")])
 def test_commands_without_an_extra_report_the_line_that_installs_it(missing, tmp_path):
     commands = [command for command, extras in NEEDED.items() if not set(missing).isdisjoint(extras.split())]
     for command, (status, output) in results_without(missing, commands, tmp_path).items():
@@ -85,16 +105,9 @@ def test_commands_without_an_extra_report_the_line_that_installs_it(missing, tmp
         assert set(line.group(1).split(",")) <= {*missing} & {*NEEDED[command].split()}
         if command.startswith(("demo", "play")) and "mock" in missing:
             assert "," in line.group(1)  # all missing ones, in one line
-    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["run.mcap"]
+    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {"run.mcap", "robot.urdf", "robot.yaml"}
 
 
-ARM = """<robot name="arm">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0 0 0.2"/><mass value="2"/>
-    <inertia ixx="0.03" ixy="0" ixz="0" iyy="0.03" iyz="0" izz="0.01"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-2" upper="2" effort="40" velocity="6"/></joint>
-</robot>"""
 ALONE = """
 import sys
 sys.modules.update(dict.fromkeys(sys.argv[1:]))

@@ -10,6 +10,7 @@ from wbc_controller.errors import ConfigurationError
 
 #: The extra of each optional library, by the library's import name.
 EXTRAS = {
+    "cyclonedds": "dds",
     "mujoco": "mock",
     "plotly": "plots",
     "joblib": "campaign",

@@ -87,7 +87,7 @@ REQUIREMENTS = {
 
 def dependencies(section):
     block = re.search(rf"^{section} = \[\n(.*?)^\]", PYPROJECT, re.MULTILINE | re.DOTALL).group(1)
-    found = re.findall(r'^ *"([\w-]+)([^";]*)', block, re.MULTILINE)
+    found = re.findall(r'^ *"([\w-]+)([^"]*)"', block, re.MULTILINE)
     assert len(found) > 5
     return dict(found)
 
