@@ -18,7 +18,7 @@ class Room(NamedTuple):
 
 
 #: Files at the top of the package that all rooms may import.
-BASICS = ("errors", "records", "arguments", "compilation")
+BASICS = ("errors", "extras", "records", "arguments", "compilation", "pinocchio_libraries")
 #: Other files at the top of the package: entry points and public names.
 ENTRY_POINTS = ("cli", "node", "__main__", "__init__")
 
@@ -26,9 +26,11 @@ _QP = "inverse_dynamics/"
 #: A room is a folder of the package, or a folder or file of `inverse_dynamics`. Imports go upwards in the table.
 ROOMS = {
     "errors": Room(),
+    "extras": Room("errors"),
     "records": Room("", "numpy"),
     "arguments": Room("errors records", "numpy"),
     "compilation": Room("", "numpy numba typing_extensions"),
+    "pinocchio_libraries": Room(),
     "settings": Room("", "pydantic yaml"),
     "mechanics": Room("", "numpy scipy pinocchio"),
     _QP + "arrays": Room("", "numpy scipy"),

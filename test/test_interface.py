@@ -1,4 +1,4 @@
-"""Every command, option, key of the configuration and topic of commit d8d35bb still exists."""
+"""Every command, option, key of the configuration, topic and Python name of the last release still exists."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from interface import interface
 
-BEFORE = json.loads((Path(__file__).parent / "support" / "interface_of_d8d35bb.json").read_text(encoding="utf-8"))
+BEFORE = json.loads((Path(__file__).parent / "support/interface_of_0.1.0.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize("part", BEFORE)

@@ -16,6 +16,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from wbc_controller.extras import optional_libraries
+
 if TYPE_CHECKING:
     from wbc_controller.controller.check.finding import Finding
     from wbc_controller.controller.check.preflight import check
@@ -32,6 +34,9 @@ if TYPE_CHECKING:
     from wbc_controller.simulation.bridges.joints import state_from_joints
     from wbc_controller.simulation.bridges.mujoco import MujocoInterface
     from wbc_controller.simulation.simulation import Simulation
+
+#: Version of the package, its wheel and its recordings; package.xml and CITATION.cff repeat it.
+__version__ = "0.1.0"
 
 #: Module of each public name. It is imported on first use: the command line starts faster, and MuJoCo is optional.
 _PUBLIC = {
@@ -102,7 +107,8 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
+    with optional_libraries():
+        value = getattr(importlib.import_module(f"{__name__}.{_PUBLIC[name]}"), name)
     globals()[name] = value
     return value
 

@@ -8,7 +8,10 @@ from typing import Any
 
 import click
 
+import wbc_controller
 from wbc_controller.errors import WbcError
+from wbc_controller.extras import optional_libraries
+from wbc_controller.pinocchio_libraries import two_installations
 
 #: Module of each command. The attribute has the name of the command, with underscores.
 COMMANDS = {
@@ -51,14 +54,21 @@ class _Commands(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         try:
-            return super().invoke(ctx)
+            with optional_libraries():
+                return super().invoke(ctx)
         except WbcError as error:
             click.echo(f"error: {error}", err=True)
+            sys.exit(2)
+        except ImportError as error:
+            warning = two_installations()
+            if not warning:
+                raise
+            click.echo(f"error: {error}\n{warning}", err=True)
             sys.exit(2)
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="wbc_controller", prog_name="wbc")
+@click.version_option(wbc_controller.__version__, prog_name="wbc")
 def main() -> None:
     """Whole-body control by one quadratic program per cycle.
 

@@ -11,7 +11,9 @@ import sys
 from typing import NoReturn
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.extras import optional_libraries
 from wbc_controller.nodes.ros2.installation import refuse_mixed_installations
+from wbc_controller.pinocchio_libraries import two_installations
 
 
 def main() -> None:
@@ -39,21 +41,27 @@ def _run(module: str, function: str, instead: str) -> NoReturn:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         refuse_mixed_installations()
+        try:
+            from wbc_controller.nodes.ros2 import process
+
+            serve = getattr(importlib.import_module(f"wbc_controller.nodes.ros2.{module}"), function)
+        except ImportError as error:
+            sys.exit(_report_missing_ros2(instead, error))
+        with optional_libraries():
+            status = process.run(serve)
     except ConfigurationError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    try:
-        from wbc_controller.nodes.ros2 import process
-
-        serve = getattr(importlib.import_module(f"wbc_controller.nodes.ros2.{module}"), function)
-    except ImportError as error:
-        sys.exit(_report_missing_ros2(instead, error))
-    sys.exit(process.run(serve))
+    sys.exit(status)
 
 
 def _report_missing_ros2(instead: str, error: ImportError) -> int:
     """Print a remedy for missing ROS 2, and return the exit status."""
     version = ".".join(map(str, sys.version_info[:2]))
+    warning = two_installations()
+    if warning:
+        print(f"error: {error}\n{warning}", file=sys.stderr)
+        return 2
     print(
         f"error: ROS 2 not found by this Python ({version}): {error}\n"
         "Source ROS 2 (. /opt/ros/jazzy/setup.bash) and use its Python, or on x86-64 Linux install the wheels into a\n"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rosbags.rosbag2.storage_mcap import McapReader
 
+import wbc_controller
 from wbc_controller.controller.cycle import ControlCycle
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import decode, encode, message
@@ -41,6 +42,10 @@ def finished(record, tmp_path):
     run = record(tmp_path / "a.mcap")
     run.stand(60)
     return run.finish(tmp_path / "a.mcap")
+
+
+def test_a_recording_contains_the_version(finished):
+    assert finished.about["software"]["wbc_controller"] == wbc_controller.__version__
 
 
 def modified(path: Path, topic: str, change: Callable[[dict[str, Any]], None]) -> Path:

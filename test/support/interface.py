@@ -1,29 +1,36 @@
-"""The interface that users rely on: commands with their options, keys of the configuration, and topics.
+"""The interface that users rely on: commands with their options, keys of the configuration, topics, Python names.
 
-``python test/support/interface.py`` prints it as JSON. `interface_of_d8d35bb.json` was written so by that commit, whose
-tables of topics are in ``wbc_controller/wire/topics.py``.
+``python test/support/interface.py`` prints it as JSON. `interface_of_0.1.0.json` is the interface of that release: see
+docs/stability.md for the next one.
 """
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Iterator
+from enum import Enum
 from importlib import import_module
 from typing import Any
 
 import click
 
+import wbc_controller
 from wbc_controller.cli import main
+from wbc_controller.middleware import topics
 from wbc_controller.settings import Settings
 
+#: Modules with public names, besides `wbc_controller`.
+MODULES = tuple(f"inverse_dynamics.{name}" for name in ("tasks", "contacts", "limits", "solvers"))
 
-def interface(topics_module: str = "wbc_controller.middleware.topics") -> dict[str, list[str]]:
+
+def interface() -> dict[str, list[str]]:
     """Collect all names, sorted."""
-    topics = import_module(topics_module)
     return {
         "commands": sorted(_commands(main, "wbc")),
         "configuration": sorted(set(_keys(Settings.model_json_schema()))),
-        "topics": sorted(_topics(topics)),
+        "topics": sorted(_topics()),
+        "python": sorted(set(_python())),
     }
 
 
@@ -59,13 +66,34 @@ def _keys(schema: dict[str, Any], node: dict[str, Any] | None = None, path: str 
         yield from _keys(schema, below, path)
 
 
-def _topics(topics: Any) -> Iterator[str]:
+def _topics() -> Iterator[str]:
     for table in ("CONTROLLER", "ESTIMATOR", "GUARD", "MOCK"):
         for topic in getattr(topics, f"{table}_TOPICS"):
             qos = f"reliable={topic.qos.reliable} latched={topic.qos.latched} depth={topic.qos.depth}"
             yield f"{table.lower()} {topic.direction.value} {topic.name} {topic.type} {qos}"
     for task, types in topics.TASK_TYPES.items():
         yield from (f"{task} {use} {name}" for use, name in types.items())
+
+
+def _python() -> Iterator[str]:
+    """Exported names; of the classes and functions of `wbc_controller` also members and parameters."""
+    for module in MODULES:
+        yield from (f"{module}.{name}" for name in import_module(f"wbc_controller.{module}").__all__)
+    for name in wbc_controller.__all__:
+        value = getattr(wbc_controller, name)
+        yield name
+        yield from _parameters(name, value)
+        for member in getattr(value, "__members__", dir(value)) if inspect.isclass(value) else ():
+            if not member.startswith("_") and not hasattr(Exception, member):
+                yield f"{name}.{member}"
+                yield from _parameters(f"{name}.{member}", getattr(value, member))
+
+
+def _parameters(name: str, value: Any) -> Iterator[str]:
+    function = value.__init__ if inspect.isclass(value) and not issubclass(value, Enum) else value
+    if inspect.isfunction(function) or inspect.ismethod(function):
+        public = (parameter for parameter in inspect.signature(function).parameters if not parameter.startswith("_"))
+        yield from (f"{name}({parameter})" for parameter in public if parameter != "self")
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+import wbc_controller
 from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.controller.controller import Controller
 from wbc_controller.controller.live_settings import LivePart
@@ -59,7 +60,7 @@ NOT_RECORDED = "nothing is recorded: recorder.seconds is 0"
 OWN = "recording"  # namespace of the recorder's topics
 #: Packages that affect the last bits of torques.
 _SOFTWARE = (
-    "wbc_controller", "numba", "llvmlite", "numpy", "scipy", "pin", "daqp", "osqp", "proxsuite", "qpsolvers", "coal",
+    "numba", "llvmlite", "numpy", "scipy", "pin", "daqp", "osqp", "proxsuite", "qpsolvers", "coal",
 )  # fmt: skip
 _ARRAY, _STRING = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
 
@@ -74,7 +75,11 @@ def recording_folder(settings: Settings) -> Path:
 
 def software_versions() -> dict[str, str]:
     """Return all versions that affect torques."""
-    versions = {"python": platform.python_version(), "machine": platform.machine()}
+    versions = {
+        "wbc_controller": wbc_controller.__version__,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+    }
     for name in _SOFTWARE:
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             versions[name] = importlib.metadata.version(name)

@@ -2,30 +2,11 @@
 
 from __future__ import annotations
 
-import builtins
-
 import numpy as np
 import pinocchio as pin
 import pytest
-from click.testing import CliRunner
 
-from wbc_controller.cli import main
 from wbc_controller.settings.files import find_configuration, load_settings
-
-
-@pytest.mark.parametrize("command", ["view", "play"])
-def test_missing_viser_is_refused_with_the_installation(monkeypatch, command):
-    real = builtins.__import__
-
-    def missing(name, *rest):
-        if name == "viser":
-            raise ModuleNotFoundError("No module named 'viser'")
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
-    result = CliRunner().invoke(main, [command, "g1"])
-    assert result.exit_code == 2
-    assert result.stderr.endswith("install it with: pip install 'wbc_controller[view]'\n")
 
 
 @pytest.fixture(scope="module")

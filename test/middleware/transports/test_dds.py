@@ -139,7 +139,14 @@ def test_the_user_s_configuration_comes_last_and_peers_are_escaped():
     xml = configuration(DomainSettings(0, DiscoveryRange.LOCALHOST, ('a"&b',)), "file:///mine.xml")
     assert xml.endswith(",file:///mine.xml")
     assert "'a\"&amp;b'" in xml
-    assert configuration(DomainSettings(0, DiscoveryRange.SYSTEM_DEFAULT), "") == ""
+    assert "<Discovery>" not in configuration(DomainSettings(0, DiscoveryRange.SYSTEM_DEFAULT), "")
+
+
+@pytest.mark.parametrize("discovery_range", DiscoveryRange)
+def test_types_announced_by_fast_dds_are_ignored(discovery_range):
+    """Cyclone refuses the arrays and sequences that rmw_fastrtps announces from Kilted on; Jazzy announces none."""
+    ignored = "<IgnoreTypeInformation>1.15</IgnoreTypeInformation>"
+    assert ignored in configuration(DomainSettings(0, discovery_range))
 
 
 @pytest.mark.parametrize("discovery_range", [DiscoveryRange.LOCALHOST, DiscoveryRange.SUBNET, DiscoveryRange.OFF])

@@ -6,6 +6,7 @@ import importlib.util
 import itertools
 import logging
 import time
+from types import SimpleNamespace
 
 import pytest
 from participants import DOMAIN, DdsParticipants, Ros2Participants
@@ -18,6 +19,7 @@ try:
     import rclpy
     from rclpy.callback_groups import ReentrantCallbackGroup
     from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import NodeNameNonExistentError
     from rclpy.parameter import Parameter
     from rclpy.waitable import NumberOfEntities, Waitable
 except ImportError as error:
@@ -43,6 +45,12 @@ class Counter(Waitable):
     def __init__(self):
         super().__init__(ReentrantCallbackGroup())
         self.waits = 0
+
+    def __enter__(self):
+        pass
+
+    def __exit__(self, *error):
+        pass
 
     def get_num_entities(self):
         return NumberOfEntities()
@@ -206,6 +214,36 @@ def test_a_publisher_of_another_type_is_named_once(warned):
 
 def test_compatible_publishers_are_not_warned_of(warned):
     assert warned(endpoint("/odom", topics.STATE_IN), endpoint("/odom", topics.REQUEST), expected=0) == []
+
+
+class GraphOfKilted:
+    """Answers of a Kilted node's graph in which `bare` endpoints are of participants other than Fast DDS."""
+
+    def __init__(self, bare, nodes):
+        self._bare, self._nodes = bare, nodes
+
+    def get_publishers_info_by_topic(self, topic):
+        unknown = "_CREATED_BY_BARE_DDS_APP_"
+        return [
+            SimpleNamespace(node_name="own", node_namespace="/"),
+            *self._bare * [SimpleNamespace(node_name=unknown, node_namespace=unknown)],
+        ]
+
+    def get_node_names_and_namespaces(self):
+        return [("own", "/"), ("ended", "/"), *self._nodes]
+
+    def get_publisher_names_and_types_by_node(self, name, namespace):
+        if name == "ended":
+            raise NodeNameNonExistentError
+        return self._nodes.get((name, namespace), [("/effort", [STRING])])
+
+
+@pytest.mark.parametrize(
+    ("bare", "named"), [(0, ["/own"]), (1, ["/own", "/r1/dds"]), (2, [ros2_graph.UNNAMED, "/own", "/r1/dds"])]
+)
+def test_publishers_that_kilted_does_not_name_are_named_by_the_topics_of_the_nodes(bare, named):
+    nodes = {("dds", "/r1"): [("/effort", [STRING])], ("other", "/"): [("/state", [STRING])]}
+    assert ros2_graph.publisher_names(GraphOfKilted(bare, nodes), "/effort") == named
 
 
 def test_tf_is_omitted_without_its_package(monkeypatch, caplog):

@@ -1,4 +1,4 @@
-"""package.xml: well formed, in step with setup.py and LICENSE, and complete."""
+"""package.xml: well formed, consistent with pyproject.toml, setup.py and LICENSE, and complete."""
 
 import ast
 import re
@@ -7,9 +7,11 @@ from xml.etree import ElementTree
 
 import pytest
 
+import wbc_controller
 from wbc_controller.middleware.topics import CONTROLLER_TOPICS, ESTIMATOR_TOPICS, GUARD_TOPICS, MOCK_TOPICS, TASK_TYPES
 
 ROOT = Path(__file__).resolve().parents[3]
+PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 PACKAGE = ElementTree.parse(ROOT / "package.xml").getroot()  # noqa: S314  # our own file
 #: Python modules of ROS 2, by the start of the module's name.
 OF_ROS = ("rclpy", "launch", "launch_ros", "ament_index_python", "rcl_interfaces")
@@ -31,10 +33,10 @@ def test_the_form_is_that_of_format_3():
     assert PACKAGE.find("export/build_type").text == "ament_python"
 
 
-def test_package_xml_agrees_with_setup_py_and_the_licence():
+def test_package_xml_agrees_with_version_setup_py_and_licence():
     setup = (ROOT / "setup.py").read_text(encoding="utf-8")
-    (version,), (licence,) = texts("version"), texts("license")
-    assert f'version="{version}"' in setup
+    (licence,) = texts("license")
+    assert texts("version") == [wbc_controller.__version__]
     assert f'license="{licence}"' in setup
     assert licence == "Apache-2.0"
     assert (ROOT / "LICENSE").read_text(encoding="utf-8").split()[:4] == ["Apache", "License", "Version", "2.0,"]
@@ -70,10 +72,36 @@ def test_every_package_of_ros_that_is_imported_or_launched_is_a_dependency():
     assert used <= set(texts("exec_depend"))
 
 
-KEYS = [name for tag in ("exec_depend", "test_depend") for name in texts(tag) if name.startswith("python3-")]
+#: Keys of rosdep that differ from ``python3-`` and the name of the Python package.
+KEYS = {"pyyaml": "python3-yaml", "pin": "pinocchio", "proxsuite": "proxsuite"}
+#: Packages without a key that installs a package of Ubuntu or ROS 2 (rosdep/python.yaml of rosdistro, 2026-08-22).
+WITHOUT_KEY = {"cyclonedds", "daqp", "mcap", "osqp", "qpsolvers", "rosbags", "zstandard"}
+#: Packages whose version in Ubuntu 24.04 is too old: numba 0.57, pydantic 1.10.
+TOO_OLD = {"numba", "pydantic"}
+REQUIREMENTS = {
+    re.match(r"[\w-]+", line).group(): line
+    for line in (ROOT / "requirements/ros.txt").read_text(encoding="utf-8").splitlines()
+    if not line.startswith("#")
+}
 
 
-@pytest.mark.parametrize("key", KEYS)
-def test_keys_of_rosdep_are_of_python_packages_that_setup_py_asks_for(key):
-    names = {"python3-yaml": "pyyaml"}
-    assert f'"{names.get(key, key.removeprefix("python3-"))}>=' in (ROOT / "setup.py").read_text(encoding="utf-8")
+def dependencies(section):
+    block = re.search(rf"^{section} = \[\n(.*?)^\]", PYPROJECT, re.MULTILINE | re.DOTALL).group(1)
+    found = re.findall(r'^ *"([\w-]+)([^"]*)"', block, re.MULTILINE)
+    assert len(found) > 5
+    return dict(found)
+
+
+def test_rosdep_or_requirements_ros_txt_installs_each_dependency():
+    needed = dependencies("dependencies")
+    assert {name for name in needed if KEYS.get(name, f"python3-{name}") not in texts("exec_depend")} == WITHOUT_KEY
+    assert set(REQUIREMENTS) == WITHOUT_KEY | TOO_OLD | {"numpy"}
+    for name in WITHOUT_KEY | TOO_OLD:
+        assert REQUIREMENTS[name] == name + needed[name]
+    assert REQUIREMENTS["numpy"].split(",")[0] == "numpy" + needed["numpy"].split(",")[0]
+
+
+@pytest.mark.parametrize(("tag", "section"), [("exec_depend", "dependencies"), ("test_depend", "test")])
+def test_keys_of_rosdep_are_of_dependencies_in_pyproject_toml(tag, section):
+    keys = {KEYS.get(name, f"python3-{name}") for name in dependencies(section)}
+    assert {key for key in texts(tag) if key.startswith("python3-") or key in KEYS.values()} <= keys

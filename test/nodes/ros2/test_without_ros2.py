@@ -21,6 +21,15 @@ def test_the_executables_say_how_to_do_without(main):
     assert "Traceback" not in ended.stderr
 
 
+def test_the_mock_robot_without_mujoco_reports_its_extra():
+    pytest.importorskip("rclpy", reason="needs rclpy: pip install 'wbc_controller[ros2]', or a sourced ROS 2")
+    code = "import sys; sys.modules['mujoco'] = None; from wbc_controller.node import mock_main; mock_main()"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert ended.returncode == 2
+    assert ended.stderr.splitlines()[-1].endswith("install with: pip install 'wbc_controller[mock]'")
+    assert "Traceback" not in ended.stderr
+
+
 #: Sends the signal during the import of a node's modules.
 INTERRUPTED = """
 import os, signal, sys

@@ -1,14 +1,10 @@
 """Strategies: all kinds of hostile values occur, messages stay well-formed, draws are reproducible."""
 
-import sys
-
 import pytest
 import yaml
-from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wbc_controller.cli import main
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode, encode
 from wbc_controller.validation.fuzz.examples import valid_message
@@ -88,17 +84,3 @@ def test_encodings():
     made = values(encoded("é" * 20), 300)
     assert made.count(("é" * 20).encode()) > 230
     assert len(set(made)) > 3
-
-
-@pytest.mark.parametrize(("library", "extra"), [("hypothesis", "fuzz"), ("mujoco", "mock")])
-def test_missing_library_is_reported_with_its_extra(monkeypatch, library, extra):
-    for module in (
-        "simulation.plant",
-        *(f"validation.fuzz.{name}" for name in ("strategies", "hostile_files", "files")),
-    ):
-        monkeypatch.delitem(sys.modules, f"wbc_controller.{module}", raising=False)
-    monkeypatch.setitem(sys.modules, library, None)
-    result = CliRunner().invoke(main, ["fuzz", "urdf", "--count", "1"])
-    assert result.exit_code == 2
-    assert f"import of {library} halted" in result.output
-    assert f"pip install 'wbc_controller[{extra}]'" in result.output

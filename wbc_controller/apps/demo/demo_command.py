@@ -9,6 +9,7 @@ from typing import get_args
 import click
 
 from wbc_controller.apps.terminal.shell_completion import complete_config
+from wbc_controller.extras import require_libraries
 from wbc_controller.settings.service import SensorQuality
 
 
@@ -22,6 +23,7 @@ from wbc_controller.settings.service import SensorQuality
               help="Estimate the base from sensors of this quality instead of odometry.")  # fmt: skip
 def demo(robot: str, folder: Path, lockstep: bool, real_time_factor: float, sensors: str | None) -> None:
     """Run the demo of a robot on the mock robot, commanded by topics; ROBOT is a CONFIG as in other commands."""
+    require_libraries("mujoco", "plotly")
     from wbc_controller.apps.demo.run import run_demo
 
     done = run_demo(robot, folder, lockstep=lockstep, real_time_factor=real_time_factor, sensors=sensors)

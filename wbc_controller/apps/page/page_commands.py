@@ -10,9 +10,11 @@ import click
 
 from wbc_controller.apps.terminal.command_options import load_named, namespace_option, remap_option
 from wbc_controller.apps.terminal.shell_completion import complete_config
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.extras import require_libraries
 from wbc_controller.nodes.signals import set_by_signals
 
+#: Libraries of the page.
+_LIBRARIES = ("viser", "msgspec", "websockets", "trimesh", "fast_simplification")
 _PORT = click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535),
                      help="Port of the page; the next free port if it is in use.")  # fmt: skip
 _HOST = click.option("--host", default="127.0.0.1", show_default=True,
@@ -30,7 +32,7 @@ _HOST = click.option("--host", default="127.0.0.1", show_default=True,
 @remap_option
 def view(config: str, commands: bool, host: str, port: int, namespace: str, remappings: Mapping[str, str]) -> None:
     """Show a running robot, over its topics, or a recording, FILE.mcap, in the browser: docs/page.md."""
-    _require_viser()
+    require_libraries(*_LIBRARIES)
     from wbc_controller.apps.page.page_service import serve, serve_recording
 
     stop = threading.Event()
@@ -55,20 +57,9 @@ def play(robot: str, host: str, port: int, domain: int | None, factor: float) ->
 
     ROBOT is a CONFIG as in other commands. Ctrl-C ends all processes.
     """
-    _require_viser()
+    require_libraries("mujoco", *_LIBRARIES)
     from wbc_controller.apps.page.play import play as run
 
     stop = threading.Event()
     with set_by_signals(stop):
         run(robot, stop, host=host, port=port, domain=domain, factor=factor)
-
-
-def _require_viser() -> None:
-    try:
-        import fast_simplification  # noqa: F401 - import test only
-        import trimesh  # noqa: F401
-        import viser  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(
-            f"the page requires viser ({error}); install it with: pip install 'wbc_controller[view]'"
-        ) from error

@@ -19,7 +19,6 @@ from wbc_controller.apps.terminal.command_options import (
     remap_option,
     with_options,
 )
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.topics import ESTIMATOR_NODE, MOCK_NODE
 from wbc_controller.nodes.signals import set_by_signals
 from wbc_controller.settings import NODE_NAME
@@ -54,12 +53,7 @@ def run(**options: Any) -> None:
 @_node_options
 def mock(**options: Any) -> None:
     """Run the mock robot: rigid-body physics behind the robot's topics."""
-    try:
-        from wbc_controller.simulation.mock_service import run_mock
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(
-            f"the mock robot requires MuJoCo ({error}); install it with: pip install 'wbc_controller[mock]'"
-        ) from error
+    from wbc_controller.simulation.mock_service import run_mock
 
     _serve(run_mock, MOCK_NODE, **options)
 

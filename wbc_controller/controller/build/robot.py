@@ -6,11 +6,13 @@ from wbc_controller.controller.build.robot_description import joint_limits, read
 from wbc_controller.inverse_dynamics.robot.from_urdf import build_model
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.robot.passive import PassiveJoint
+from wbc_controller.pinocchio_libraries import warn_of_two_installations
 from wbc_controller.settings import Settings
 
 
 def make_model(settings: Settings, urdf: str | None = None) -> RobotModel:
     """Build the robot's model from a URDF text, by default from ``robot.urdf``."""
+    warn_of_two_installations()
     robot = settings.robot
     return build_model(
         read_urdf(robot.urdf) if urdf is None else urdf,

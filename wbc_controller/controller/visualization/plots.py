@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.controller.visualization.scene import ARROW, COLORS, LINE_LIST, SPHERE_LIST, Shape
-from wbc_controller.errors import ConfigurationError
+from wbc_controller.extras import optional_libraries
 from wbc_controller.records import Array
 
 #: Colours legible on white and on black.
@@ -284,11 +284,7 @@ def plotly_script() -> str:
 
 
 def _plotly() -> tuple[Any, Any]:
-    try:
+    with optional_libraries():
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(
-            f"plots require plotly ({error}); install it: pip install 'wbc_controller[plots]'"
-        ) from error
     return go, make_subplots

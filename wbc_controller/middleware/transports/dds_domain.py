@@ -47,6 +47,10 @@ _INTERNAL = (
     '<Internal><HeartbeatInterval>10 ms</HeartbeatInterval><SocketReceiveBufferSize min="0 B" max="16 MiB"/>'
     "<MultipleReceiveThreads>true</MultipleReceiveThreads><GenerateKeyhash>true</GenerateKeyhash></Internal>"
 )
+#: Fast DDS, vendor 1.15, announces the type of each topic from version 3 on (ROS 2 Kilted), and rmw_fastrtps describes
+#: the elements of arrays and sequences with flags that XTypes 1.3 forbids. Cyclone refuses these types, and with them
+#: the topics. Without announced types Cyclone compares their names, as with ROS 2's other middleware.
+_COMPATIBILITY = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
 
 
 class DiscoveryRange(str, enum.Enum):
@@ -105,8 +109,8 @@ def configuration(settings: DomainSettings, uri: str = "", *, network_card: bool
 
     `uri` is ``CYCLONEDDS_URI``, appended for precedence; `network_card` is False on a computer with only the loopback.
     """
-    parts = [_xml(settings, own_interfaces=_names_interfaces(uri), network_card=network_card), uri]
-    return ",".join(part for part in parts if part)
+    xml = _xml(settings, own_interfaces=_names_interfaces(uri), network_card=network_card)
+    return f"{xml},{uri}" if uri else xml
 
 
 def _names_interfaces(uri: str) -> bool:
@@ -135,7 +139,7 @@ def _refuse_security(environment: Mapping[str, str]) -> None:
 def _xml(settings: DomainSettings, *, own_interfaces: bool = False, network_card: bool = True) -> str:
     reach, peers = settings.discovery_range, settings.static_peers
     if reach is DiscoveryRange.SYSTEM_DEFAULT:
-        return ""
+        return f'<CycloneDDS><Domain Id="any">{_COMPATIBILITY}</Domain></CycloneDDS>'
     if reach is DiscoveryRange.OFF:
         # Participants with different tags ignore each other.
         general = _MULTICAST_OFF
@@ -153,7 +157,7 @@ def _xml(settings: DomainSettings, *, own_interfaces: bool = False, network_card
         )
     return (
         f'<CycloneDDS><Domain Id="any"><General>{general}</General>'
-        f"<Discovery>{discovery}</Discovery>{_INTERNAL}</Domain></CycloneDDS>"
+        f"<Discovery>{discovery}</Discovery>{_INTERNAL}{_COMPATIBILITY}</Domain></CycloneDDS>"
     )
 
 

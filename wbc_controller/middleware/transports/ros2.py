@@ -20,7 +20,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from wbc_controller.errors import TransportError
 from wbc_controller.middleware.topics import Endpoint, Qos
-from wbc_controller.middleware.transports.ros2_graph import CompatibilityWatch, node_name
+from wbc_controller.middleware.transports.ros2_graph import CompatibilityWatch, publisher_names
 from wbc_controller.middleware.transports.ros2_reader import RawStream, Reader, ReaderGroup
 from wbc_controller.middleware.transports.transport import Publish, TopicTypes, translated_errors
 
@@ -121,8 +121,8 @@ class Ros2Transport:
         with self._lock:
             self._require_open(f"query {endpoint.name}")
             with _translated(f"cannot query {endpoint.name}"):
-                found = self._node.get_publishers_info_by_topic(endpoint.name)
-        names, own = sorted(map(node_name, found)), self._node.get_fully_qualified_name()
+                names = publisher_names(self._node, endpoint.name)
+        own = self._node.get_fully_qualified_name()
         for _ in range(min(len(self._publishers.get(endpoint.name, ())), names.count(own))):
             names.remove(own)
         return tuple(names)

@@ -10,6 +10,7 @@ import logging
 import threading
 from typing import Any
 
+from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from wbc_controller.middleware.transports.transport import UNNAMED
@@ -18,15 +19,39 @@ _log = logging.getLogger(__name__)
 
 PERIOD = 2.0  # for one check of all topics (0.1 ms each), s
 _WARNING_CHECK = 2  # number of the check, because node names arrive after publishers
-_NODE_NAME_UNKNOWN = "_NODE_NAME_UNKNOWN_"  # rclpy's name of an unknown node
+#: Names that ROS 2 gives the node of an endpoint with an unknown participant.
+_UNKNOWN_NAMES = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
 _ERROR = "ERROR: "  # of incompatible policies in rclpy's reasons
 
 
 def node_name(info: Any) -> str:
-    """Return the fully qualified node name of an endpoint, or `UNNAMED`."""
-    if info.node_name == _NODE_NAME_UNKNOWN:
-        return UNNAMED
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+    """Return the fully qualified name of the node of an endpoint, or `UNNAMED`."""
+    return UNNAMED if info.node_name in _UNKNOWN_NAMES else _full_name(info.node_name, info.node_namespace)
+
+
+def publisher_names(node: Any, topic: str) -> list[str]:
+    """Return the name of the node of each publisher on a topic, sorted; `UNNAMED` if it is not known.
+
+    Fast DDS 3 (Kilted) requires each endpoint to announce its participant, which CycloneDDS omits (RTPS 2.3, 9.6.2.2),
+    so that rmw_fastrtps does not know the nodes of CycloneDDS' endpoints. It knows the topics of each of these nodes.
+    """
+    names = [node_name(info) for info in node.get_publishers_info_by_topic(topic)]
+    for name, namespace in node.get_node_names_and_namespaces() if UNNAMED in names else ():
+        full_name = _full_name(name, namespace)
+        if UNNAMED in names and full_name not in names and topic in _topics_published_by(node, name, namespace):
+            names[names.index(UNNAMED)] = full_name
+    return sorted(names)
+
+
+def _full_name(name: str, namespace: str) -> str:
+    return f"{namespace.rstrip('/')}/{name}"
+
+
+def _topics_published_by(node: Any, name: str, namespace: str) -> list[str]:
+    try:
+        return [topic for topic, _ in node.get_publisher_names_and_types_by_node(name, namespace)]
+    except NodeNameNonExistentError:  # the node has ended in the meantime
+        return []
 
 
 class CompatibilityWatch:

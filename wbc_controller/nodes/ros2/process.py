@@ -39,6 +39,12 @@ class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
         super().__init__(ReentrantCallbackGroup())
         self._resume = time.monotonic()
 
+    def __enter__(self) -> None:
+        """Do nothing: there are no entities to keep. From rclpy 9 (Kilted) the base class raises."""
+
+    def __exit__(self, *error: object) -> None:
+        """Do nothing."""
+
     def get_num_entities(self) -> NumberOfEntities:
         """Return no entities to wait for."""
         return NumberOfEntities()

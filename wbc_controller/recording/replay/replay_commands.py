@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.extras import require_libraries
 
 if TYPE_CHECKING:
     from wbc_controller.recording.recording_file import Recording
@@ -35,6 +36,8 @@ def replay(file: Path, number: int | None, other: str | None, plot: Path | None,
 
     if plot is not None and other is None:
         raise ConfigurationError("--plot draws a comparison and requires --config")
+    if plot is not None:
+        require_libraries("plotly")
     recorded = Recording(file)
     if other is not None:
         _compare(recorded, other, plot)
@@ -55,6 +58,7 @@ def report(file: Path, out: Path | None) -> None:
     from wbc_controller.recording.recording_file import Recording
     from wbc_controller.recording.report.run_report import report_recording
 
+    require_libraries("plotly")
     path = file.with_suffix(".html") if out is None else out
     notes = report_recording(Recording(file), path)
     if notes:

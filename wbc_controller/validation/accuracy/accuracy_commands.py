@@ -38,12 +38,8 @@ def _common(function: F) -> F:
 
 
 def _run_parallel(function: Callable[..., T], calls: Iterable[Sequence[Any]], jobs: int) -> list[T]:
-    try:
-        import joblib
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(
-            f"wbc accuracy requires joblib ({error}); install it with: pip install 'wbc_controller[campaign]'"
-        ) from error
+    import joblib
+
     found: list[T] = joblib.Parallel(n_jobs=jobs)(joblib.delayed(function)(*call) for call in calls)
     return found
 

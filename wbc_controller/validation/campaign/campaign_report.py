@@ -1,7 +1,6 @@
 """Report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
 
 import csv
-import importlib.util
 import io
 import json
 import shlex
@@ -17,6 +16,7 @@ from scipy import stats
 
 from wbc_controller.controller.visualization.page_report import PageReport, ResultTable, write_page
 from wbc_controller.errors import ConfigurationError
+from wbc_controller.extras import require_libraries
 from wbc_controller.validation.campaign.campaign_plots import campaign_plots
 from wbc_controller.validation.campaign.outcome import ALL_VIOLATIONS, Outcome
 from wbc_controller.validation.campaign.results import TrialKey, key_of
@@ -149,16 +149,24 @@ def repeat_command(outcome: Outcome) -> str:
     return f"wbc faults {shlex.quote(outcome.robot)} --kinds {outcome.kind} --seed {outcome.seed} --out repeated"
 
 
-def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> None:
-    """Write Markdown, CSV and, with plotly, a page with plots; raise `ConfigurationError` if this fails."""
+def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> str:
+    """Write Markdown, CSV and, with plotly, a page with plots; return the names of the files.
+
+    Raises:
+        ConfigurationError: if a file cannot be written.
+    """
     rows = rows_of(outcomes)
     try:
         (folder / "faults.md").write_text(_markdown(rows, outcomes, repeated), encoding="utf-8")
         (folder / "faults.csv").write_text(_csv(rows), encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"{folder}: writing of the report failed: {error.strerror or error}") from error
-    if importlib.util.find_spec("plotly") is not None:
-        _write_page(rows, outcomes, folder / "faults.html")
+    try:
+        require_libraries("plotly")
+    except ConfigurationError as error:
+        return f"faults.md, faults.csv; no faults.html: {error}"
+    _write_page(rows, outcomes, folder / "faults.html")
+    return "faults.md, faults.csv, faults.html"
 
 
 def _markdown(rows: Sequence[Row], outcomes: Sequence[Outcome], repeated: Sequence[str]) -> str:

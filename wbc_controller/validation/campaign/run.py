@@ -88,8 +88,7 @@ def run_campaign(
     repeated = repetitions(outcomes, results.repeated)
     for sentence in repeated:
         console.print(sentence, markup=False)
-    write_report(outcomes, folder, repeated)
-    console.print(f"report: {folder}/faults.md, faults.csv, faults.html")
+    console.print(f"report: {folder}/{write_report(outcomes, folder, repeated)}", markup=False)
     bad = worst_trial(outcomes)
     if bad is not None:
         names = "; ".join(f"{name}: {sentence}" for name, sentence in bad.violations.items())
@@ -112,12 +111,8 @@ def _in_new_process(key: TrialKey, trial: Callable[..., Outcome]) -> Outcome:
 
 @contextlib.contextmanager
 def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[..., Outcome]) -> Iterator[Any]:
-    try:
-        import joblib
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(
-            f"fault campaigns require joblib ({error}); install it with: pip install 'wbc_controller[campaign]'"
-        ) from error
+    import joblib
+
     if backend not in BACKENDS:
         raise ConfigurationError(f"unknown backend {backend!r}; {valid_choices(backend, BACKENDS)}")
     if backend == "loky" and address is not None:

@@ -4,14 +4,12 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.nodes.signals import exit_by_signals
 from wbc_controller.validation.fuzz import DOMAIN
 
@@ -67,8 +65,7 @@ _of_files = _options(
 @_common
 def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None, seed: int, folder: Path) -> None:
     """Send hostile messages to every input of every node, in memory, and check the invariants."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import hostile_messages as run
+    from wbc_controller.validation.fuzz import hostile_messages as run
 
     if replay is not None:
         key, robot, sent = run.load(replay)
@@ -103,8 +100,7 @@ def messages(robot: str, count: int, nodes: str, first: int, replay: Path | None
 
 
 def _files(kind: str, robots: str, count: int, first: int, seed: int, folder: Path) -> None:
-    with _needing_extras():
-        from wbc_controller.validation.fuzz.files import fuzz_files
+    from wbc_controller.validation.fuzz.files import fuzz_files
 
     report = _Progress()
     outcome = fuzz_files(
@@ -149,8 +145,7 @@ def recordings(**options: Any) -> None:
 @_seed
 def classes(count: int, seed: int) -> None:
     """Run controllers with a user class with a hostile member: it is refused, or the robot is damped."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz.hostile_classes import fuzz_classes
+    from wbc_controller.validation.fuzz.hostile_classes import fuzz_classes
 
     report = _Progress()
     failures, results = fuzz_classes(count, seed, lambda results, number: report(f"class {number}: {dict(results)}"))
@@ -167,8 +162,7 @@ def classes(count: int, seed: int) -> None:
 @_live
 def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, folder: Path) -> None:
     """Flood each kind of input, and check that an emergency stop passes and the loop continues."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import floods as run
+    from wbc_controller.validation.fuzz import floods as run
 
     done = run.flood_trials(
         robot,
@@ -198,8 +192,7 @@ def floods(robot: str, trials: int, kinds: str | None, domain: int, seed: int, f
 @_live
 def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None:
     """Kill, hang up and stop the controller and the mock robot at random times."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import kills as run
+    from wbc_controller.validation.fuzz import kills as run
 
     done = run.kill_trials(
         robot, folder, trials, domain=domain, seed=seed, progress=lambda trial: click.echo(str(trial), err=True)
@@ -221,8 +214,7 @@ def kills(robot: str, trials: int, domain: int, seed: int, folder: Path) -> None
 @_live
 def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> None:
     """Run controller, mock robot and guard for a long time, and monitor memory and faults."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import soak as run
+    from wbc_controller.validation.fuzz import soak as run
 
     report = _Progress()
     result = run.soak(
@@ -253,8 +245,7 @@ def soak(robot: str, minutes: float, domain: int, seed: int, folder: Path) -> No
 @click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
 def clocks(robots: str, count: int, first: int, seed: int) -> None:
     """Change clocks, stamps and delivery, pause the controller, and check that no robot falls without a fault."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import clocks as run
+    from wbc_controller.validation.fuzz import clocks as run
 
     report = _Progress()
     done = run.fuzz_clocks(robots.split(","), count, seed, first=first, progress=lambda trial: report(trial.line()))
@@ -270,8 +261,7 @@ def clocks(robots: str, count: int, first: int, seed: int) -> None:
 @click.option("--seed", default=0, show_default=True, help="Seed of all random choices.")
 def setpoints(robots: str, minutes: float, first: int, seed: int) -> None:
     """Send infeasible setpoints, and check that joints keep their limits under any relaxation."""
-    with _needing_extras():
-        from wbc_controller.validation.fuzz import setpoints as run
+    from wbc_controller.validation.fuzz import setpoints as run
 
     report = _Progress()
     done = run.fuzz_setpoints(
@@ -316,15 +306,3 @@ class _Progress:
         if time.monotonic() >= self._due:
             self._due = time.monotonic() + _EVERY
             click.echo(line, err=True)
-
-
-@contextmanager
-def _needing_extras() -> Iterator[None]:
-    """Report the extra of a missing library."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        extra = "fuzz" if error.name == "hypothesis" else "mock"
-        raise ConfigurationError(
-            f"missing library of this fuzzer ({error}); install it with: pip install 'wbc_controller[{extra}]'"
-        ) from error

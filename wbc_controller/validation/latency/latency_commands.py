@@ -5,7 +5,6 @@ from pathlib import Path
 
 import click
 
-from wbc_controller.errors import ConfigurationError
 from wbc_controller.nodes.signals import exit_by_signals
 from wbc_controller.validation.latency import DOMAIN
 
@@ -32,12 +31,7 @@ def latency(
 
     A state without torques within its period is late. Do not use the computer during the measurement.
     """
-    try:
-        from wbc_controller.validation.latency.latency import measure_latency
-    except ModuleNotFoundError as error:
-        raise ConfigurationError(
-            f"wbc bench latency requires the mock robot ({error}); install it with: pip install 'wbc_controller[mock]'"
-        ) from error
+    from wbc_controller.validation.latency.latency import measure_latency
     from wbc_controller.validation.latency.latency_report import figures, lines
 
     found = measure_latency(

@@ -1,0 +1,56 @@
+"""Optional libraries, and the errors that name the extra that installs each of them."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from wbc_controller.errors import ConfigurationError
+
+#: The extra of each optional library, by the library's import name.
+EXTRAS = {
+    "cyclonedds": "dds",
+    "mujoco": "mock",
+    "plotly": "plots",
+    "joblib": "campaign",
+    "hypothesis": "fuzz",
+    "viser": "view",
+    "msgspec": "view",
+    "websockets": "view",
+    "trimesh": "view",
+    "fast_simplification": "view",
+}
+
+
+def require_libraries(*names: str) -> None:
+    """Check that libraries are installed, without importing them: before work that would be lost otherwise.
+
+    Raises:
+        ConfigurationError: if some are missing, with the command that installs them.
+    """
+    missing = [name for name in names if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ConfigurationError(_installation(missing))
+
+
+@contextmanager
+def optional_libraries() -> Iterator[None]:
+    """Replace the error of a missing optional library.
+
+    Raises:
+        ConfigurationError: in place of a ModuleNotFoundError of such a library, with the command that installs it.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        name = (error.name or "").partition(".")[0]
+        if name not in EXTRAS:
+            raise
+        raise ConfigurationError(_installation([name])) from error
+
+
+def _installation(missing: list[str]) -> str:
+    extras = ",".join(dict.fromkeys(EXTRAS[name] for name in missing))
+    are = "is" if len(missing) == 1 else "are"
+    return f"{', '.join(missing)} {are} not installed; install with: pip install 'wbc_controller[{extras}]'"

@@ -1,0 +1,70 @@
+"""Detection of two Pinocchio installations in one process: the wheel's, and the one of a sourced ROS 2 or of apt."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import os
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+_log = logging.getLogger(__name__)
+
+_REMEDY = (
+    "They may be incompatible with each other or with this NumPy. Use one: start in a shell that has not sourced "
+    "ROS 2, or uninstall the wheel (pip uninstall pin) or ROS 2's package (ros-<distribution>-pinocchio); "
+    "see docs/ros2.md"
+)
+#: Libraries of the Pinocchio family, each compiled against exact versions of the others.
+_LIBRARY = re.compile(r"lib(pinocchio|coal|hpp-fcl|eigenpy)\w*\.so[.\d]*|pinocchio_pywrap\w*\..*so")
+_MAPPED = Path("/proc/self/maps")
+
+
+@functools.cache
+def warn_of_two_installations() -> None:
+    """Log `two_installations`, once in a process."""
+    warning = two_installations()
+    if warning:
+        _log.warning("%s", warning)
+
+
+def two_installations() -> str:
+    """Return a warning if this process has loaded, or may load, two installations of Pinocchio; empty if not.
+
+    A sourced ROS 2 has ``PYTHONPATH`` and ``LD_LIBRARY_PATH``. The former precedes the packages of the virtual
+    environment, the latter the libraries beside the wheel (its RUNPATH). A mixture of both has undefined behaviour.
+    """
+    loaded = _prefixes(_loaded())
+    if len(loaded) > 1:
+        return f"libraries of two Pinocchio installations are loaded: from {' and '.join(loaded)}. {_REMEDY}"
+    found = _prefixes([*_importable(), *_libraries_on_path()])
+    if len(found) > 1:
+        return f"there are two Pinocchio installations: in {' and '.join(found)}; the first is used. {_REMEDY}"
+    return ""
+
+
+def _loaded() -> Iterator[Path]:
+    if _MAPPED.exists():  # on Linux
+        for line in _MAPPED.read_text(encoding="utf-8", errors="replace").splitlines():
+            path = Path(line.split(maxsplit=5)[-1])
+            if _LIBRARY.fullmatch(path.name):
+                yield path
+
+
+def _importable() -> Iterator[Path]:
+    for folder in sys.path:
+        module = Path(folder, "pinocchio", "__init__.py")
+        if module.exists():
+            yield module
+
+
+def _libraries_on_path() -> Iterator[Path]:
+    for folder in filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)):
+        yield from sorted(Path(folder).glob("libpinocchio*.so"))
+
+
+def _prefixes(paths: Iterator[Path] | list[Path]) -> list[str]:
+    """Return the installation prefix of each library or module, ``<prefix>/lib/…``, without duplicates."""
+    return list(dict.fromkeys(str(path.resolve()).rpartition("/lib/")[0] for path in paths))
