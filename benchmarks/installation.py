@@ -36,13 +36,13 @@ JOINT = """<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><
   <limit lower="-2.5" upper="2.5" effort="60" velocity="15"/></joint>"""
 #: Processes that must start, print a text, and end by Ctrl-C; the other commands must end with status 0.
 SERVING = {
-    "wbc run robot.yaml": "activate",
+    "wbc run robot.yaml --verbose": "waiting for 'activate'",
     "wbc view robot.yaml --port 0": "page: http://localhost",
     "wbc_controller --ros-args --params-file robot.yaml": "the node is active",
 }
 #: The extras that are installed for a trial, and its commands. `python` is that of the environment.
 TRIALS = {
-    "dds": ("dds", ["wbc run robot.yaml"]),
+    "dds": ("dds", ["wbc run robot.yaml --verbose"]),
     "robots": ("robots", ["wbc check g1"]),
     "mock": ("mock", ["python simulate.py"]),
     "plots": ("plots", ["python plot.py"]),
