@@ -85,7 +85,7 @@ def test_activation_requires_a_first_pose_only(robot):
     ("changes", "said"),
     [
         ({"frame": "odom"}, "header.frame_id is 'odom'; valid for an absolute pose: world, map"),
-        ({"pose": THERE * np.nan}, "the pose holds a value that is not finite"),
+        ({"pose": THERE * np.nan}, "the pose is not finite"),
         ({"pose": [2e4, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]}, "the position is [20000.0, 0.0, 0.0] m (limit 10000 m from"),
         ({"pose": [0.0] * 7}, "the orientation"),
         ({"variance": np.inf}, "the covariance is not finite"),

@@ -95,7 +95,7 @@ def test_a_velocity_by_topic_starts_the_walk(bench, make, key):
 def test_the_watch_of_the_bring_up_does_not_compare_a_robot_that_walks(bench, make):
     controller = bench("g1").activated(600)
     compared = []
-    watch = SimpleNamespace(fault=None, look=lambda state, dynamics, solution, *_: compared.append(solution))
+    watch = SimpleNamespace(fault=None, check=lambda state, dynamics, solution, *_: compared.append(solution))
     controller.loop._bring_up = watch
     controller.cycle()
     controller.send("cmd_vel", make.velocity("cmd_vel", [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]))

@@ -30,15 +30,15 @@ from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, P
 from wbc_controller.walking.adaptation import StepTarget
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
 from wbc_controller.walking.gait import Phase
-from wbc_controller.walking.swing import Axis, SwingFoot
+from wbc_controller.walking.swing import Axis, Landing, SwingFoot
 from wbc_controller.walking.walker import Step
 
 #: Valid records of a recording.
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        Axis, ChangeSettings, EnableContact, EnableTask, Fault, Infeasibility, Knot, NominalStep, Prediction,
-        Ramp, Reference, RobotState, SetExternalWrench, SetSetpoint, SetTrajectory, SetWeight, SoftRamp,
+        Axis, ChangeSettings, EnableContact, EnableTask, Fault, Infeasibility, Knot, Landing, NominalStep,
+        Prediction, Ramp, Reference, RobotState, SetExternalWrench, SetSetpoint, SetTrajectory, SetWeight, SoftRamp,
         Stance, Step, StepTarget, SwingFoot, Tuning, TuningRamp, Velocity, Walk,
     )
 }  # fmt: skip

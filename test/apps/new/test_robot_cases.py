@@ -63,7 +63,7 @@ def test_virtual_joints_of_a_floating_base_are_refused_as_motors(drafted):
     draft.values["robot"]["posture"].append(0.0)
     for base in ("floating", "fixed"):
         draft.values["robot"]["base"] = base
-        with pytest.raises(ConfigurationError, match=r"robot.joints: pitch stand for a floating base in the URDF"):
+        with pytest.raises(ConfigurationError, match=r"robot.joints: pitch are virtual joints of a floating base"):
             make_model(draft.settings)
 
 

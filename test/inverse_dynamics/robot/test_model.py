@@ -183,12 +183,12 @@ def test_files_are_located_by_path_and_by_package(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("uri", "parts"),
     [
-        ("/nowhere/robot.urdf", ["'/nowhere/robot.urdf'", "no file"]),
+        ("/nowhere/robot.urdf", ["'/nowhere/robot.urdf'", "does not exist"]),
         (
             "package://no-such-package/robot.urdf",
             ["'no-such-package' is not installed", "AMENT_PREFIX_PATH", "pip install"],
         ),
-        ("package://example-robot-data/robots/none.urdf", ["none.urdf", "no file"]),
+        ("package://example-robot-data/robots/none.urdf", ["none.urdf", "does not exist"]),
         ("package://numpy/robot.urdf", ["'numpy' has no folder share/numpy"]),
     ],
 )

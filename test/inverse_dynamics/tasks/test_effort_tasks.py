@@ -84,7 +84,7 @@ def test_wrench_task_with_tolerance(bench):
 
 
 def test_invalid_tasks_are_refused(bench):
-    with pytest.raises(ConfigurationError, match=r"tasks.effort.contact = 'left_hand': no such contact; .*left_foot"):
+    with pytest.raises(ConfigurationError, match=r"tasks.effort.contact: unknown contact 'left_hand'; .*left_foot"):
         with_task(bench, type="contact_wrench", contact="left_hand")
     moments = [False, False, False, True, True, True]
     with pytest.raises(

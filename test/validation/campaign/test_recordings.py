@@ -35,7 +35,7 @@ def test_recordings_of_other_faults_are_rejected(left):
 
 def test_different_replays_are_detected(left, monkeypatch):
     place, outcome = left
-    monkeypatch.setattr("wbc_controller.recording.replay.cycle_replay.ReplayedCycle.same", False)
+    monkeypatch.setattr("wbc_controller.recording.replay.cycle_replay.ReplayedCycle.is_identical", False)
     assert re.search(r"replay of (\d+) of \1 cycles differs", place.error_of_fault(outcome.code, outcome.sentence))
 
 

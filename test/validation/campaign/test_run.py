@@ -102,7 +102,7 @@ def test_unused_results_are_reported(bench, tmp_path, monkeypatch):
     ("options", "said"),
     [
         ({"kinds": ("kik",)}, "unknown kind of fault 'kik'; did you mean 'kick'"),
-        ({"robots": ("go3",)}, "no configuration is named 'go3'"),
+        ({"robots": ("go3",)}, "unknown configuration 'go3'"),
         ({"backend": "threads"}, "unknown backend 'threads'; Valid: dask, loky, ray"),
         ({"address": "tcp://x:1"}, "--address 'tcp://x:1': not valid for the backend loky"),
     ],

@@ -102,7 +102,7 @@ def _old_states(controller):
 
     controller.cycle = careless
     # The loop also uses the largest age.
-    controller._parts = dataclasses.replace(controller._parts, state_timeout=10.0)
+    controller._live = dataclasses.replace(controller._live, state_timeout=10.0)
 
 
 def _fails(controller):

@@ -116,7 +116,7 @@ class TestWhatIsBrokenIsFound:
 
         monkeypatch.setitem(decoding.READERS, "weight", broken)
         failure = self.found("controller")
-        assert "logged error: reading a message on /wbc_controller/tasks/" in failure.why
+        assert "logged error: decoding a message on /wbc_controller/tasks/" in failure.why
         assert len(failure.messages) == 1
         assert failure.repeated
 
@@ -146,7 +146,7 @@ class TestWhatIsBrokenIsFound:
                 self._estop.set()
             return read
 
-        monkeypatch.setattr(Requests, "_decoded", broken)
+        monkeypatch.setattr(Requests, "_decode", broken)
         assert "was used" in self.found("controller", 100).why
 
     def test_a_refused_message_that_changes_the_mode(self, monkeypatch):
@@ -165,7 +165,7 @@ class TestWhatIsBrokenIsFound:
         assert (why or "").startswith("refused messages led from active to damping")
 
     def test_torques_that_change_too_fast(self, monkeypatch):
-        monkeypatch.setattr(Supervisor, "_pass", lambda self, now: self._rate.fill(np.inf))
+        monkeypatch.setattr(Supervisor, "_update_time", lambda self, now: self._rate.fill(np.inf))
         assert "exceeded the torque step" in self.found("controller").why
 
     def test_a_message_that_takes_long(self, monkeypatch):

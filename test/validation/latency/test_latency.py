@@ -77,7 +77,7 @@ def test_thread_of_the_robot_has_low_priority_and_reports_exceptions(monkeypatch
 def test_other_processes_avoid_the_controller_s_processors(robot_of, monkeypatch, named, others):
     done = []
     monkeypatch.setattr(latency, "processors", lambda: {0, 1, 2})
-    monkeypatch.setattr(latency, "apply", done.append)  # for this process and its children
+    monkeypatch.setattr(latency, "apply_realtime", done.append)  # for this process and its children
     monkeypatch.setattr(latency._Bench, "_start", lambda self, name: done.append(name))
     settings, asked = robot_of("go2")[0], RealtimeSettings(scheduling="fifo", priority=50, affinity=named)
     settings = settings.model_copy(update={"control": settings.control.model_copy(update={"realtime": asked})})

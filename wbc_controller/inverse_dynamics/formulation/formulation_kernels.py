@@ -12,7 +12,7 @@ class Program(Struct):
 
     rows: FrameRows  # with the link motion
     dynamics: DynamicsRows  # and torque bounds
-    motion_limit: JointMotion
+    motion_limit: JointMotion  # limits of the joint motion
 
 
 @compiled

@@ -33,7 +33,7 @@ from wbc_controller.records import Array
 class ShapePairs(Struct):
     """Pairs of shapes with a minimum distance; a lever is the largest speed of a shape per unit of a component of v."""
 
-    motion: LinkMotion
+    motion: LinkMotion  # of the links
     shape_links: Indices  # of each shape, (s,)
     mounts: Matrix  # origin of each shape on its link, and radius of the enclosing sphere, (s, 4) in m
     pairs: IndexMatrix  # (k, 2)

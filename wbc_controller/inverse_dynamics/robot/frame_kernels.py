@@ -49,7 +49,7 @@ class FrameRows(Struct):
     instructions: IndexMatrix  # see `KIND` to `ERROR`, (k, 10)
     places: Indices  # selected components, and indices of joints
     numbers: Vector  # constants, gains and references in the order of the functions below
-    motion: LinkMotion
+    motion: LinkMotion  # of the links
     out: OutMatrix  # rows [J, …, b]; columns between J and b are not written
     target: OutVector  # targets of single accelerations by index in v, (≥ nv,)
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.extras import optional_libraries
 from wbc_controller.settings.files import find_configuration
 from wbc_controller.validation.campaign.campaign_report import (
     repeat_command,
@@ -111,8 +112,8 @@ def _in_new_process(key: TrialKey, trial: Callable[..., Outcome]) -> Outcome:
 
 @contextlib.contextmanager
 def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[..., Outcome]) -> Iterator[Any]:
-    import joblib
-
+    with optional_libraries():
+        import joblib
     if backend not in BACKENDS:
         raise ConfigurationError(f"unknown backend {backend!r}; {valid_choices(backend, BACKENDS)}")
     if backend == "loky" and address is not None:
