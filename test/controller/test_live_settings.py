@@ -11,7 +11,7 @@ from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.live_settings import LiveSettings, live_part
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.middleware.codec import message
-from wbc_controller.nodes.ros2.parameters import flat
+from wbc_controller.nodes.ros2.parameters import flatten
 from wbc_controller.settings import Settings
 from wbc_controller.settings.nesting import merged, nested
 from wbc_controller.simulation.simulation import Simulation
@@ -41,7 +41,7 @@ def other(value):
 def keys(settings, live):
     numbers = {
         key: value
-        for key, value, description in flat(settings)
+        for key, value, description in flatten(settings)
         if isinstance(value, (bool, float)) and description.endswith("May be changed live.") == live
     }
     assert len(numbers) > 15

@@ -7,7 +7,7 @@ import yaml
 
 import wbc_controller as wbc
 from wbc_controller.errors import ConfigurationError
-from wbc_controller.nodes.ros2.parameters import flat, settings_from
+from wbc_controller.nodes.ros2.parameters import flatten, settings_from
 from wbc_controller.settings.files import load_settings
 from wbc_controller.settings.resources import locate
 
@@ -90,7 +90,7 @@ def test_invalid_path_is_refused(written):
 
 def test_parameters_of_a_node_start_at_the_folder_of_their_file(written):
     path = written(MODEL)
-    values = {name: value for name, value, _ in flat(wbc.load("go2").settings)} | {"robot.urdf": MODEL}
+    values = {name: value for name, value, _ in flatten(wbc.load("go2").settings)} | {"robot.urdf": MODEL}
     found, _ = settings_from(values, "/wbc", ["--params-file", str(path)])
     assert found.robot.urdf == str(path.parent / MODEL)
     named, _ = settings_from({"config": str(path)}, "/wbc", [])
