@@ -223,7 +223,8 @@ def try_extra(environment: Environment, name: str) -> None:
             environment.serve(command, SERVING[command])
         else:
             environment.run(command)
-    environment.run(f"pip uninstall -y {' '.join(added)}")
+    if added:
+        environment.run(f"pip uninstall -y {' '.join(added)}")
     print(f"\nSize of {len(added)} packages: {sum(added.values()):.0f} MB.")
 
 
