@@ -51,6 +51,23 @@ def test_a_robot_walks_as_commanded_and_stops(robot, command):
     assert set(results[-1].forces) == {"left_foot", "right_foot"}
 
 
+def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
+    """In the last 0.05 s, noise of the ground's height would need large accelerations."""
+    simulation = wbc.Simulation("g1")
+    walker = simulation.controller.walker
+    simulation.controller.walk(0.3)
+    frozen = {}
+    for _ in range(1500):
+        simulation.run(0.002)
+        step = walker._step
+        if walker.phase is Phase.SINGLE and step.target.time - (simulation.time - walker._since) < 0.045:
+            frozen.setdefault(walker.steps, []).append(step.landing)
+    assert len(frozen) >= 2
+    for landings in frozen.values():
+        assert len(landings) >= 4
+        assert all(landing is landings[0] for landing in landings)
+
+
 def test_a_walk_continues_exactly_from_a_saved_state():
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
