@@ -205,6 +205,30 @@ def test_waiting_for_another_process_is_logged(tmp_path, monkeypatch, caplog):
 
 
 @compiled_only
+def test_a_short_wait_for_another_process_is_not_logged(tmp_path, monkeypatch, caplog):
+    """Processes that start together hold the lock while they load the compiled functions."""
+    monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(compilation, "_SLOW", 300.0)
+    compilation._log_wait.cache_clear()
+    blocked = threading.Event()
+    flock = compilation.fcntl.flock
+
+    def observed(file, operation):
+        if operation == compilation.fcntl.LOCK_EX:
+            blocked.set()
+        flock(file, operation)
+
+    with (tmp_path / "total.lock").open("w") as lock:
+        flock(lock, compilation.fcntl.LOCK_EX)
+        monkeypatch.setattr(compilation.fcntl, "flock", observed)
+        waiting = threading.Thread(target=load, args=(tmp_path,), kwargs={"name": "briefly"})
+        waiting.start()
+        assert blocked.wait(60.0)
+    waiting.join()
+    assert "waiting for another process" not in caplog.text
+
+
+@compiled_only
 def test_without_a_lock_functions_are_compiled_all_the_same(tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
     (tmp_path / "total.lock").mkdir()  # cannot be opened, as in a read-only folder

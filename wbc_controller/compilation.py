@@ -25,6 +25,7 @@ import contextlib
 import inspect
 import logging
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -221,8 +222,12 @@ def _compilation_lock(folder: Path | None, name: str) -> Iterator[None]:
                 try:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
-                    _log_wait()
+                    # A process that loads a compiled function holds the lock for milliseconds only.
+                    note = threading.Timer(_SLOW, _log_wait)
+                    note.daemon = True
+                    note.start()
                     fcntl.flock(file, fcntl.LOCK_EX)
+                    note.cancel()
             except OSError as error:  # a read-only folder, or a network file system without locks
                 _log.debug("%s is compiled without a lock: %s", name, error)
         yield  # closing the file releases the lock
