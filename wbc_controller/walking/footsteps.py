@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from wbc_controller.records import Array
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import periodic_offset
+from wbc_controller.walking.swing import Axis
 
 #: Largest speed backward, as a share of that forward.
 BACKWARD = 0.5
@@ -89,5 +90,6 @@ def nominal_step(velocity: Velocity, stance: Stance, gait: Gait) -> NominalStep:
     before, after = cmath.rect(1.0, stance.heading), cmath.rect(1.0, stance.heading + turn)
     middle = cmath.rect(1.0, stance.heading + 0.5 * turn)
     place = stance.place + 0.5 * width * before + progress * middle + 0.5 * width * after
-    offset = periodic_offset(progress, width, stance.omega, gait.single, gait.double) * after
+    push = gait.reaction / stance.omega * Axis(0.0).growing(1.0, gait.single, stance.omega)
+    offset = periodic_offset(progress, width, stance.omega, gait.single, gait.double, push) * after
     return NominalStep(place, stance.heading + turn, offset)

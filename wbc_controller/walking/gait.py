@@ -28,6 +28,7 @@ class Gait:
         least_width: smallest distance between the feet, m.
         length: longest step forward or backward, m.
         greatest_width: largest distance between the feet, m.
+        reaction: μ, acceleration of the centre of mass by a swing foot that accelerates, c̈ = ω² (c - p) + μ ẍ.
         speed: largest velocity command forward, sideways and turning, m/s and rad/s; backward half of that forward.
         acceleration: largest rate of the velocity command, forward, sideways and turning, m/s² and rad/s².
     """
@@ -41,6 +42,7 @@ class Gait:
     least_width: float
     length: float
     greatest_width: float
+    reaction: float
     speed: tuple[float, float, float]
     acceleration: tuple[float, float, float] = (0.3, 0.3, 0.6)
 

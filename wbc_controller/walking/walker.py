@@ -16,8 +16,8 @@ from wbc_controller.walking.adaptation import StepTarget, adapted
 from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum import later, natural_frequency, transferred
-from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+from wbc_controller.walking.pendulum import before, natural_frequency, transferred
+from wbc_controller.walking.swing import Landing, SwingFoot
 from wbc_controller.walking.touchdown import lands
 
 #: Feedback gain on the DCM, 1/s.
@@ -209,6 +209,8 @@ class Walker:
         if self.phase is Phase.STAND:
             return decision
         rate = omega * (cycle.dcm - pressure)
+        if self.phase is Phase.SINGLE and self._step is not None:
+            rate += self.gait.reaction / omega * self._step.swing.acceleration
         self._references[self._tasks.dcm] = _reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance], dt)
         self._turn(soles, dt)
@@ -241,7 +243,8 @@ class Walker:
         if self.phase is Phase.SHIFT:
             stance = Stance(foot.place, foot.heading, -self._stance, cycle.omega)
             nominal = nominal_step(Velocity(), stance, self.gait)
-            goal = later(nominal.place + nominal.offset, stance.place, cycle.omega, -self.gait.single)
+            swing = SwingFoot.at_rest(soles[-self._stance].centre, 0.0)
+            goal = self._wanted(nominal, stance, swing, self.gait.single)
         else:
             goal = 0.5 * (soles[1].place + soles[-1].place)
         share, rate = _smooth(elapsed / duration)
@@ -274,10 +277,14 @@ class Walker:
             nominal=nominal,
             target=StepTarget(nominal.place, nominal.offset, self.gait.single),
             landing=Landing(nominal.place, sole.height_at(nominal.place), nominal.heading),
-            swing=SwingFoot(*(Axis(each) for each in (*foot.centre.tolist(), foot.heading))),
+            swing=SwingFoot.at_rest(foot.centre, foot.heading),
         )
-        first = later(nominal.place + nominal.offset, stance.place, stance.omega, -self.gait.single)
-        self._blend = self._dcm_wanted - first
+        self._blend = self._dcm_wanted - self._wanted(nominal, stance, self._step.swing, self.gait.single)
+
+    def _wanted(self, nominal: NominalStep, stance: Stance, swing: SwingFoot, left: float) -> complex:
+        """Return the DCM from which the nominal step ends with its offset after the time that is left, s."""
+        push = self.gait.reaction / stance.omega * swing.growing(nominal.place, left, stance.omega)
+        return before(nominal.place + nominal.offset, stance.place, stance.omega, left, push)
 
     def _single(self, step: Step, cycle: _Cycle, decision: Decision) -> complex:
         """Adapt the step, and move the swing foot; return the centre of pressure."""
@@ -285,7 +292,7 @@ class Walker:
         stance, sole, foot = step.stance, cycle.soles[self._stance], self._feet[-self._stance]
         if step.target.time - elapsed > _FREEZE:
             nominal = nominal_step(self.velocity, stance, gait)
-            target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing.place, elapsed, dt)
+            target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)
             landing = Landing(target.place, sole.height_at(target.place), heading)
@@ -293,8 +300,7 @@ class Walker:
         nominal, target = step.nominal, step.target
         share, _ = _smooth(elapsed / _BLEND)
         left = max(target.time - elapsed, 0.0)
-        self._dcm_wanted = later(nominal.place + nominal.offset, stance.place, stance.omega, -left)
-        self._dcm_wanted += self._blend * (1.0 - share)
+        self._dcm_wanted = self._wanted(nominal, stance, step.swing, left) + self._blend * (1.0 - share)
         if dt > 0.0:
             step = replace(step, swing=step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt))
         self._step = step

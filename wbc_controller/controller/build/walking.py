@@ -8,7 +8,7 @@ import numpy as np
 
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import (
     CapturePointTask,
@@ -23,6 +23,7 @@ from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings, SurfaceContact, WalkingSettings
 from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.reaction import swing_reaction
 from wbc_controller.walking.walker import GAIN, Walker, WalkingTasks
 
 #: Names of the walker's tasks.
@@ -47,7 +48,7 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     tasks: dict[str, tuple[float, Task]] = {
         DCM: (500.0, CapturePointTask(DCM, model.gravity, gain=GAIN)),
         HEIGHT: (50.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
-        POSTURE: (0.05, PostureTask(POSTURE, model, [], stiffness=50.0)),
+        POSTURE: (0.05, PostureTask(POSTURE, model, _without_legs(model, left, right), stiffness=50.0)),
         LEFT: (20.0, FramePoseTask(LEFT, model, settings.contacts[left.contact].frame, stiffness=400.0)),
         RIGHT: (20.0, FramePoseTask(RIGHT, model, settings.contacts[right.contact].frame, stiffness=400.0)),
     }
@@ -135,12 +136,21 @@ def _gait(walking: WalkingSettings, left: Foot, right: Foot, qp: WholeBodyQP) ->
         least_width=least,
         length=_or(walking.max_step_length, 0.65 * z),
         greatest_width=_or(walking.max_step_width, 0.8 * z),
+        reaction=swing_reaction(dynamics, left, right, z),
         speed=(
             _or(walking.max_speed, 0.12 * math.sqrt(gravity * z)),
             _or(walking.max_side_speed, 0.08 * math.sqrt(gravity * z)),
             walking.max_turn_rate,
         ),
     )
+
+
+def _without_legs(model: RobotModel, left: Foot, right: Foot) -> list[str]:
+    """Return the names of the driven joints that do not move one foot alone."""
+    moves, frames = support_matrix(model.pinocchio), model.pinocchio.frames
+    one = moves[frames[left.frame].parentJoint] != moves[frames[right.frame].parentJoint]
+    columns = model.joint_columns(model.driven_joints, "robot.joints")
+    return [name for name, column in zip(model.driven_joints, columns, strict=True) if not one[model.v_index[column]]]
 
 
 def _or(value: float | None, default: float) -> float:
