@@ -17,6 +17,7 @@ from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum import before, natural_frequency, transferred
+from wbc_controller.walking.support import Support
 from wbc_controller.walking.swing import Landing, SwingFoot
 from wbc_controller.walking.touchdown import lands
 
@@ -24,8 +25,6 @@ from wbc_controller.walking.touchdown import lands
 GAIN = 5.0
 #: Shares of the half length and half width of the sole that the centre of pressure may use.
 _SOLE_SHARE = (0.8, 0.7)
-#: Half length and half width of the area for the centre of pressure on two feet, around the planned one, m.
-_TWO_FEET = (0.06, 0.05)
 #: Time in which the reference of the DCM blends from one phase to the next, s.
 _BLEND = 0.2
 #: Time before touchdown from which on the target of the step stays, s.
@@ -256,7 +255,7 @@ class Walker:
             self._enter(Phase.STOP, cycle)
         elif elapsed >= duration:
             self._lift_off(cycle, decision) if self.phase is Phase.SHIFT else self._stand(decision)
-        return self._corrected(pressure, cycle, _TWO_FEET, foot.heading)
+        return self._corrected(pressure, cycle, soles[1].place, soles[-1].place)
 
     def _stand(self, decision: Decision) -> None:
         """End walking: the tasks stay at their last references until they are off."""
@@ -311,8 +310,7 @@ class Walker:
         )
         if touches:
             self._land(step, cycle, decision)
-        length, width = self._feet[self._stance].half if not touches else foot.half
-        return self._corrected(stance.place, cycle, (_SOLE_SHARE[0] * length, _SOLE_SHARE[1] * width), stance.heading)
+        return self._corrected(stance.place, cycle, stance.place, stance.place)
 
     def _land(self, step: Step, cycle: _Cycle, decision: Decision) -> None:
         """Begin a double support: the swing foot bears weight where it is."""
@@ -320,7 +318,7 @@ class Walker:
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(sole)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
-        self._touchdown = cycle.dcm, step.stance.place, sole.place
+        self._touchdown = sole.place + step.nominal.offset, step.stance.place, sole.place
         self._stance = -self._stance
 
     def _double(self, cycle: _Cycle, decision: Decision) -> complex:
@@ -335,18 +333,16 @@ class Walker:
             self._enter(Phase.STOP, cycle)
         elif elapsed >= duration:
             self._lift_off(cycle, decision)
-        return self._corrected(pressure, cycle, _TWO_FEET, heading)
+        return self._corrected(pressure, cycle, old, new)
 
-    def _corrected(self, pressure: complex, cycle: _Cycle, half: tuple[float, float], heading: float) -> complex:
-        """Return the centre of pressure that moves the DCM to its reference, within an area around the planned one.
+    def _corrected(self, pressure: complex, cycle: _Cycle, first: complex, second: complex) -> complex:
+        """Return the centre of pressure that moves the DCM to its reference, between the feet at two places.
 
         ξ̇ = ω (ξ - p) = ξ̇* - k (ξ - ξ*) needs p = p* + (1 + k / ω) (ξ - ξ*).
         """
-        axes = cmath.rect(1.0, heading)
-        change = (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted) / axes
-        x = max(-half[0], min(half[0], change.real))
-        y = max(-half[1], min(half[1], change.imag))
-        return pressure + complex(x, y) * axes
+        foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
+        support = Support(first, second, heading, (_SOLE_SHARE[0] * foot.half[0], _SOLE_SHARE[1] * foot.half[1]))
+        return support.nearest(pressure + (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted))
 
     def _hold_height(self, stance: Sole, dt: float) -> None:
         """Follow the height of the ground under the stance foot."""
