@@ -18,9 +18,9 @@ class WalkingSettings(Section):
     left: str | None = Field(None, description="Contact of the left foot; default: the surface contact to the left.")
     right: str | None = Field(None, description="Contact of the right foot; default: the surface contact to the right.")
     single_support: _Time | None = Field(
-        None, description="Nominal duration of the single support, s; default 1.9·√(z/g)."
+        None, description="Nominal duration of the single support, s; default 1.5·√(z/g)."
     )
-    double_support: _Time = Field(0.1, description="Duration of the double support, s.")
+    double_support: _Time = Field(0.05, description="Duration of the double support, s.")
     clearance: _Length | None = Field(None, description="Height of the swing foot above the ground, m; default 0.07·z.")
     lowering: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
         None,
@@ -41,7 +41,7 @@ class WalkingSettings(Section):
         0.5, description="Time without a message on `cmd_vel` after which the robot stops, s."
     )
     max_speed: Positive | None = Field(
-        None, description="Largest speed forward, m/s; default 0.12·√(g·z). Backward half of it."
+        None, description="Largest speed forward, m/s; default 0.2·√(g·z). Backward half of it."
     )
     max_side_speed: Positive | None = Field(None, description="Largest speed sideways, m/s; default 0.08·√(g·z).")
     max_turn_rate: Positive = Field(0.5, description="Largest turning rate, rad/s.")

@@ -241,7 +241,7 @@ class Walker:
         foot = soles[self._stance]
         if self.phase is Phase.SHIFT:
             stance = Stance(foot.place, foot.heading, -self._stance, cycle.omega)
-            nominal = nominal_step(Velocity(), stance, self.gait)
+            nominal = nominal_step(Velocity(), stance, self.gait, self.gait.single)
             swing = SwingFoot.at_rest(soles[-self._stance].centre, 0.0)
             goal = self._wanted(nominal, stance, swing, self.gait.single)
         else:
@@ -270,7 +270,7 @@ class Walker:
         self.phase, self._since = Phase.SINGLE, cycle.time
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
-        nominal = nominal_step(self.velocity, stance, self.gait)
+        nominal = nominal_step(self.velocity, stance, self.gait, self.gait.single)
         self._step = Step(
             stance=stance,
             nominal=nominal,
@@ -290,7 +290,7 @@ class Walker:
         gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
         stance, sole, foot = step.stance, cycle.soles[self._stance], self._feet[-self._stance]
         if step.target.time - elapsed > _FREEZE:
-            nominal = nominal_step(self.velocity, stance, gait)
+            nominal = nominal_step(self.velocity, stance, gait, step.target.time)
             target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)

@@ -127,7 +127,7 @@ def _gait(walking: WalkingSettings, left: Foot, right: Foot, qp: WholeBodyQP) ->
     sole = left.half[1] + right.half[1]
     least = _or(walking.least_width, max(0.6 * apart, sole + 0.03))
     return Gait(
-        single=_or(walking.single_support, 1.9 * math.sqrt(z / gravity)),
+        single=_or(walking.single_support, 1.5 * math.sqrt(z / gravity)),
         double=walking.double_support,
         shift=0.8,
         lowering=_or(walking.lowering, 0.03 * z),
@@ -138,7 +138,7 @@ def _gait(walking: WalkingSettings, left: Foot, right: Foot, qp: WholeBodyQP) ->
         greatest_width=_or(walking.max_step_width, 0.8 * z),
         reaction=swing_reaction(dynamics, left, right, z),
         speed=(
-            _or(walking.max_speed, 0.12 * math.sqrt(gravity * z)),
+            _or(walking.max_speed, 0.2 * math.sqrt(gravity * z)),
             _or(walking.max_side_speed, 0.08 * math.sqrt(gravity * z)),
             walking.max_turn_rate,
         ),
