@@ -41,7 +41,7 @@ class WalkingSettings(Section):
         0.5, description="Time without a message on `cmd_vel` after which the robot stops, s."
     )
     max_speed: Positive | None = Field(
-        None, description="Largest speed forward, m/s; default 0.2·√(g·z). Backward half of it."
+        None, description="Largest speed forward, m/s; default 0.12·√(g·z). Backward half of it."
     )
     max_side_speed: Positive | None = Field(None, description="Largest speed sideways, m/s; default 0.08·√(g·z).")
     max_turn_rate: Positive = Field(0.5, description="Largest turning rate, rad/s.")

@@ -68,7 +68,9 @@ def adapted(
     latest = max(LONGEST * gait.single, earliest)
     change = TIME_RATE * dt
     tried = [
-        _placed(max(earliest, min(latest, before.time + step)), before.place, nominal, stance, gait, dcm, swing, elapsed)
+        _placed(
+            max(earliest, min(latest, before.time + step)), before.place, nominal, stance, gait, dcm, swing, elapsed
+        )
         for step in (0.0, -change, change)
     ]
     return min(tried, key=lambda each: each[0])[1]

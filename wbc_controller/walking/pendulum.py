@@ -20,7 +20,7 @@ def later(dcm: complex, pressure: complex, omega: float, time: float) -> complex
     return pressure + (dcm - pressure) * math.exp(omega * time)
 
 
-def before(dcm: complex, pressure: complex, omega: float, time: float, push: complex = 0j) -> complex:
+def before(dcm: complex, pressure: complex, omega: float, time: float, push: complex) -> complex:
     """Return the DCM a time in s before: the ξ from which `later` and a push lead to the given one.
 
     Args:
@@ -51,7 +51,7 @@ def transferred(dcm: complex, start: complex, end: complex, duration: float, ome
 
 
 def periodic_offset(
-    progress: complex, width: complex, omega: float, single: float, double: float, push: float = 0.0
+    progress: complex, width: complex, omega: float, single: float, double: float, push: float
 ) -> complex:
     """Return the DCM at touchdown, relative to the new foot, of the gait that repeats a step: b.
 

@@ -32,7 +32,7 @@ _FREEZE = 0.05
 #: Rates at which height and heading follow their goals, 1/s, and the largest rate of the height, m/s.
 _HEIGHT_RATE, _HEADING_RATE, _FASTEST_HEIGHT = 3.0, 6.0, 0.2
 #: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
-_BESIDE, _SLOW = 0.02, 0.02
+_BESIDE, _SLOW = 0.04, 0.02
 
 
 @dataclass(frozen=True, slots=True)

@@ -138,7 +138,7 @@ def _gait(walking: WalkingSettings, left: Foot, right: Foot, qp: WholeBodyQP) ->
         greatest_width=_or(walking.max_step_width, 0.8 * z),
         reaction=swing_reaction(dynamics, left, right, z),
         speed=(
-            _or(walking.max_speed, 0.2 * math.sqrt(gravity * z)),
+            _or(walking.max_speed, 0.12 * math.sqrt(gravity * z)),
             _or(walking.max_side_speed, 0.08 * math.sqrt(gravity * z)),
             walking.max_turn_rate,
         ),
