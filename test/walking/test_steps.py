@@ -157,8 +157,8 @@ def test_the_push_of_a_swing_is_the_integral_of_its_acceleration():
 
 def test_a_swing_is_continuous_when_its_target_changes():
     feet, _ = swung(0.5, 250, 0.05)
-    for before, after in itertools.pairwise(feet):
-        for a, b in ((before.x, after.x), (before.y, after.y), (before.z, after.z)):
+    for old, new in itertools.pairwise(feet):
+        for a, b in ((old.x, new.x), (old.y, new.y), (old.z, new.z)):
             assert b.position - a.position == pytest.approx(0.5 * DT * (a.velocity + b.velocity), abs=1e-5)
 
 
