@@ -4,11 +4,14 @@ import itertools
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.walking.adaptation import FOOT_SPEED, LONGEST, SHORTEST, TIME_RATE, StepTarget, adapted
+from wbc_controller.walking.feet import Foot, Sole, about_z
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import later
@@ -139,6 +142,33 @@ def test_a_swing_is_continuous_when_its_target_changes():
     for before, after in itertools.pairwise(feet):
         for a, b in ((before.x, after.x), (before.y, after.y), (before.z, after.z)):
             assert b.position - a.position == pytest.approx(0.5 * DT * (a.velocity + b.velocity), abs=1e-5)
+
+
+def test_the_reference_of_the_frame_moves_with_the_sole():
+    """Velocity and acceleration are the derivatives of the pose, on inclined ground and with a frame off the sole."""
+    placement = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.04, -0.01, -0.03]))
+    foot = Foot("foot", "task", 0, placement, (0.1, 0.05))
+    ground = Sole(np.zeros(3), pin.rpy.rpyToMatrix(0.05, -0.1, 0.4))
+
+    def reference(time):
+        x, y, z, heading = (
+            Axis(a + b * time + c * time**2, b + 2.0 * c * time, 2.0 * c)
+            for a, b, c in ((0.3, 1.0, 2.0), (0.1, -0.5, 1.0), (0.2, 0.4, -3.0), (0.7, 1.5, -2.0))
+        )
+        return foot.in_swing(SwingFoot(x, y, z, heading), ground)
+
+    now = reference(0.0)
+    sole = pin.SE3(about_z(0.7 - ground.heading) @ ground.rotation, np.array([0.3, 0.1, 0.2]))
+    frame = sole * placement.inverse()
+    assert now.position[:3] == pytest.approx(frame.translation)
+    assert rotation_of(now.position[3:]) == pytest.approx(frame.rotation)
+    for number in (1, 2):  # velocity and acceleration
+        rate = 1e6 if number == 2 else 500.0
+        before, after = reference(-1e-3).position[:3], reference(1e-3).position[:3]
+        change = after - before if number == 1 else after - 2.0 * now.position[:3] + before
+        assert (now.velocity, now.acceleration)[number - 1][:3] == pytest.approx(rate * change, abs=1e-3)
+    assert now.velocity[3:].tolist() == [0.0, 0.0, 1.5]
+    assert now.acceleration[3:].tolist() == [0.0, 0.0, -4.0]
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -51,6 +51,18 @@ def test_a_robot_walks_as_commanded_and_stops(robot, command):
     assert set(results[-1].forces) == {"left_foot", "right_foot"}
 
 
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_the_programs_of_the_gait_are_prepared_before_the_first_step(robot):
+    simulation = wbc.Simulation(robot)
+    qp = simulation.controller.qp
+    structures, solvers = set(qp.formulation._structures), set(qp._solvers)
+    simulation.controller.walk(0.1)
+    simulation.run(2.5)
+    assert simulation.controller.walker.steps >= 2
+    assert set(qp.formulation._structures) == structures
+    assert set(qp._solvers) == solvers
+
+
 def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
     """In the last 0.05 s, noise of the ground's height would need large accelerations."""
     simulation = wbc.Simulation("g1")

@@ -30,11 +30,12 @@ from wbc_controller.inverse_dynamics.references.changes import Change, Walk
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
-from wbc_controller.records import ChangeSettings, Fault, Mode, Reference, References, RobotState, Solution
+from wbc_controller.records import ChangeSettings, Fault, Mode, Reference, References, RobotState, Solution, frozen
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.walker import Walker
 
 _log = logging.getLogger(__name__)
 
@@ -94,6 +95,8 @@ class ControlCycle:
         self.board = ReferenceBoard(self._live.board)
         self.supervisor = Supervisor(model, self._live.supervisor)
         self.walker = make_walker(settings, self.qp)
+        if self.walker is not None:
+            self._prepare_walking(self.walker)
         self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
         self.holding = self._enabled_contacts()
         self._timer = timer
@@ -108,6 +111,21 @@ class ControlCycle:
         self.cycle_records: list[CycleRecord] | None = None
         self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # inputs of `holding`
         self._changed_outside = False  # state changed between two cycles
+
+    def _prepare_walking(self, walker: Walker) -> None:
+        """Prepare the quadratic programs of the gait, in the nominal posture: a first step must not be late."""
+        model, board = self.qp.model, ReferenceBoard(self._live.board)
+        state = RobotState(0, frozen(model.configuration(model.posture)), frozen(np.zeros(model.nv)))
+        board.reset(self.qp.dynamics, 0.0)
+        standing = board.sample(0.0)
+        own = {name: board.plans[name].weight for name in walker.own_tasks}
+        begins = {**standing.weights, **own}
+        walks = {**begins, **dict.fromkeys(walker.suspended, 0.0)}
+        both = dict.fromkeys(standing.contacts, 0.0) | dict.fromkeys(walker.contact_sets[0], 1.0)
+        self.qp.prepare(state, replace(standing, weights=begins, contacts=both))
+        for names in walker.contact_sets:
+            contacts = {name: float(name in names) for name in standing.contacts}
+            self.qp.prepare(state, replace(standing, weights=walks, contacts=contacts))
 
     @property
     def model(self) -> RobotModel:

@@ -18,7 +18,7 @@ from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nomi
 from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum import later, natural_frequency, transferred
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
-from wbc_controller.walking.touchdown import lands
+from wbc_controller.walking.touchdown import COUNTS, lands
 
 #: Feedback gain on the DCM, 1/s.
 GAIN = 5.0
@@ -89,7 +89,7 @@ class _Cycle:
     omega: float  # ω, 1/s
     soles: Mapping[int, Sole]  # by side: 1 left, -1 right
     forces: Mapping[str, float]  # measured normal forces, by contact, N
-    landing: Array  # velocity of the foot that does not bear the weight, (3,) in m/s
+    dynamics: Dynamics  # at this state
 
 
 class Walker:
@@ -99,6 +99,7 @@ class Walker:
 
     Attributes:
         gait: parameters of the gait.
+        own_tasks: names of the tasks that are on while it walks.
         phase: phase of the gait.
         command: commanded velocity; None to stand.
         leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
@@ -116,7 +117,7 @@ class Walker:
         self.gait = gait
         self._feet = {1: left, -1: right}
         self._tasks = tasks
-        self._own_tasks = (tasks.dcm, tasks.height, tasks.posture, left.task, right.task)
+        self.own_tasks = (tasks.dcm, tasks.height, tasks.posture, left.task, right.task)
         self._gravity = gravity
         self.reset()
 
@@ -132,7 +133,8 @@ class Walker:
         self._stance = -1  # side of the foot that bears the weight
         self._clearance = 0.0  # wanted height of the centre of mass above the stance foot, m
         self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
-        self._orientations: dict[str, Array] = {}  # references of the tasks at the heading 0, (3, 3)
+        # Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
+        self._orientations: dict[str, tuple[float, ...]] = {}
         self._step: Step | None = None
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
@@ -158,6 +160,17 @@ class Walker:
     def moves(self) -> bool:
         """True while the robot walks or is about to."""
         return self.phase is not Phase.STAND or self.command is not None
+
+    @property
+    def contact_sets(self) -> tuple[tuple[str, ...], ...]:
+        """Sets of active contacts of the gait: both feet, then each of them."""
+        left, right = self._feet[1].contact, self._feet[-1].contact
+        return (left, right), (left,), (right,)
+
+    @property
+    def suspended(self) -> tuple[str, ...]:
+        """Names of the tasks that are off while it walks."""
+        return self._tasks.suspended
 
     @property
     def orientations(self) -> tuple[str, ...]:
@@ -194,7 +207,7 @@ class Walker:
             omega=omega,
             soles=soles,
             forces=forces,
-            landing=self._feet[-self._stance].velocity(dynamics),
+            dynamics=dynamics,
         )
         wanted = Velocity() if self.command is None else self.command.clipped(self.gait)
         self.velocity = self.velocity.towards(wanted, self.gait, dt)
@@ -223,12 +236,15 @@ class Walker:
         self._height, self._clearance = height, height - ground - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
         ahead = about_z(-self._heading)
-        self._orientations = {name: ahead @ rotation_of(quaternion) for name, quaternion in orientations.items()}
+        self._orientations = {
+            name: tuple(quaternion_of(ahead @ rotation_of(quaternion)).tolist())
+            for name, quaternion in orientations.items()
+        }
         self._references = {foot.task: foot.at_rest(soles[side]) for side, foot in self._feet.items()}
         self.steps, self.velocity, self._step = 0, Velocity(), None
         self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
         decision.changes += [EnableTask(name, False) for name in self._tasks.suspended]
-        decision.changes += [EnableTask(name, True) for name in self._own_tasks]
+        decision.changes += [EnableTask(name, True) for name in self.own_tasks]
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
         """Enter a phase; the reference of the DCM begins at the measured one."""
@@ -259,7 +275,7 @@ class Walker:
         """End walking: the tasks stay at their last references until they are off."""
         self.phase = Phase.STAND
         decision.changes += [SetSetpoint(name, each.position, 0.0) for name, each in self._references.items()]
-        decision.changes += [EnableTask(name, False) for name in self._own_tasks]
+        decision.changes += [EnableTask(name, False) for name in self.own_tasks]
         decision.changes += [EnableTask(name, True) for name in self._tasks.suspended]
 
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
@@ -299,9 +315,9 @@ class Walker:
             step = replace(step, swing=step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt))
         self._step = step
         self._references[foot.task] = foot.in_swing(step.swing, sole)
-        late = elapsed - target.time
-        touches = lands(
-            elapsed / target.time, late, step.swing.z.velocity, cycle.landing, cycle.forces.get(foot.contact)
+        share, late = elapsed / target.time, elapsed - target.time
+        touches = share >= COUNTS and lands(
+            share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), cycle.forces.get(foot.contact)
         )
         if touches:
             self._land(step, cycle, decision)
@@ -357,9 +373,10 @@ class Walker:
             goal = mean_angle(self._step.stance.heading, self._step.nominal.heading)
         rate = _HEADING_RATE * math.remainder(goal - self._heading, math.tau)
         self._heading += rate * dt
-        turn = about_z(self._heading)
-        for name, rotation in self._orientations.items():
-            self._references[name] = _reference(quaternion_of(turn @ rotation), [0.0, 0.0, rate])
+        c, s = math.cos(0.5 * self._heading), math.sin(0.5 * self._heading)
+        for name, (x, y, z, w) in self._orientations.items():
+            turned = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
+            self._references[name] = _reference(turned, [0.0, 0.0, rate])
 
 
 def _reference(position: object, velocity: list[float]) -> Reference:
