@@ -109,6 +109,7 @@ class ControlCycle:
         self._failure: NoSolution | None = None
         self._defect: Fault | None = None  # fault outside the cycle
         self.cycle_records: list[CycleRecord] | None = None
+        self._solution: Solution | None = None  # the last one
         self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # inputs of `holding`
         self._changed_outside = False  # state changed between two cycles
 
@@ -248,6 +249,7 @@ class ControlCycle:
 
     def memory(self) -> dict[str, Any]:
         """Return the state between cycles, by part; ``qp`` is None if the solver's warm start is not accessible."""
+        self._update_contact_forces()
         return {
             "walker": None if self.walker is None else save_state(self.walker),
             "qp": self.qp.memory(),
@@ -260,7 +262,7 @@ class ControlCycle:
         """Restore the result of `memory` of a controller with the same configuration, and its settings."""
         self.live.replace_all(settings)
         self._live = self.live.newest
-        self.board = ReferenceBoard(self._live.board)
+        self.board, self._solution = ReferenceBoard(self._live.board), None
         self.supervisor = Supervisor(self.model, self._live.supervisor)
         restore_state(self.board, memory["board"])
         restore_state(self.supervisor, memory["supervisor"])
@@ -346,10 +348,16 @@ class ControlCycle:
         self._apply_live_settings(seconds(state) if state is not None else None)
         return remaining
 
+    def _update_contact_forces(self) -> None:
+        """Pass the contact forces of the last solution to the board, for the ramps of contacts."""
+        if self._solution is not None:
+            self.board.forces = self._solution.forces
+
     def _apply_live_settings(self, time: float | None) -> None:
         """Apply the newest settings, along ramps if the controller is active."""
         newest = self.live.newest
         if newest is not self._live:
+            self._update_contact_forces()
             self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
             self.supervisor.limits = newest.supervisor
             self.model_error.observer.limits = newest.disturbance
@@ -374,11 +382,14 @@ class ControlCycle:
             if starts:
                 self.qp.dynamics.update(state.q, state.v)
                 self.board.reset(self.qp.dynamics, seconds(state))
+                self._solution = None
                 self.model_error.restart()
                 if self.walker is not None:
                     self.walker.reset()
             elif changes or (self.walker is not None and self.walker.moves):
                 self.qp.formulation.prepare(state)  # anchors and steps begin at the present state
+            if changes:
+                self._update_contact_forces()
             for each in changes:
                 try:
                     self._apply(each, seconds(state))
@@ -393,7 +404,8 @@ class ControlCycle:
                 self._streamed = {}
             if not self.model_error.is_idle:
                 references = self._add_disturbance(state, references, refused)
-            return self.qp.solve(state, references, self.supervisor.torques_before(now), False), references
+            self._solution = self.qp.solve(state, references, self.supervisor.torques_before(now), False)
+            return self._solution, references
         except NoSolution as failure:
             return failure, references
         except Exception as error:
@@ -417,6 +429,8 @@ class ControlCycle:
             return {}
         orientations = {name: board.present(name, time).position for name in walker.orientations}
         decision = walker.update(time, dynamics, orientations, {})
+        if decision.changes:
+            self._update_contact_forces()
         board.apply(decision.changes, dynamics, time)
         if walker.leaving and not walker.moves:
             walker.leaving = False
