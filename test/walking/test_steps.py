@@ -193,9 +193,9 @@ def test_a_late_foot_moves_further_down():
 
 
 @pytest.mark.parametrize(
-    ("share", "late", "wanted", "velocity", "force", "landed"),
+    ("share", "late", "wanted", "velocity", "touching", "landed"),
     [
-        (0.5, -0.2, -0.3, [0.0, 0.1, 0.0], 500.0, False),  # too early to count
+        (0.5, -0.2, -0.3, [0.0, 0.1, 0.0], True, False),  # too early to count
         (0.8, -0.1, -0.1, [0.0, 0.1, -0.1], None, False),
         (0.9, -0.05, -0.1, [0.0, 0.1, -0.02], None, True),  # the ground is higher than planned
         (0.8, -0.1, -0.3, [0.0, 0.1, -0.25], None, False),
@@ -203,9 +203,9 @@ def test_a_late_foot_moves_further_down():
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
         (0.9, -0.05, -0.1, [1.0, 0.0, -0.04], None, False),  # still swinging
         (1.2, LATEST, -0.1, [0.0, 0.1, -0.1], None, True),
-        (0.9, -0.05, -0.1, [0.0, 0.1, 0.0], 5.0, False),  # a measured force counts alone
-        (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], 50.0, True),
+        (0.9, -0.05, -0.1, [0.0, 0.1, 0.0], False, False),  # a sensor counts alone
+        (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], True, True),
     ],
 )
-def test_a_touchdown_is_told_by_force_or_motion(share, late, wanted, velocity, force, landed):
-    assert lands(share, late, wanted, np.array(velocity), force) is landed
+def test_a_touchdown_is_told_by_sensor_or_motion(share, late, wanted, velocity, touching, landed):
+    assert lands(share, late, wanted, np.array(velocity), touching) is landed

@@ -190,7 +190,7 @@ class ControlCycle:
         outcome: Solution | NoSolution | Fault | None = None
         references: References | None = None
         if problem is None and supervisor.solving:
-            outcome, references = self._compute(state, remaining, now, starts, refused)
+            outcome, references = self._compute(state, remaining, now, starts, inputs.touching, refused)
         computed = self._timer()
         was_active = supervisor.mode is Mode.ACTIVE
         command = supervisor.step(now, state, inputs.joint_velocity, problem, outcome)
@@ -369,6 +369,7 @@ class ControlCycle:
         changes: Iterable[tuple[Change, ...]],
         now: float,
         starts: bool,
+        touching: Mapping[str, bool],
         refused: list[str],
     ) -> tuple[Solution | NoSolution | Fault, References | None]:
         """Apply sets of changes, sample the references, and solve the quadratic program.
@@ -395,7 +396,7 @@ class ControlCycle:
                     self._apply(each, seconds(state))
                 except InputRefused as refusal:
                     refused.append(str(refusal))
-            steps = self._walk(now, seconds(state)) if self.walker is not None and self.walker.moves else {}
+            steps = self._walk(now, seconds(state), touching) if self.walker is not None and self.walker.moves else {}
             references = self.board.sample(seconds(state))
             if steps:
                 references = replace(references, tasks={**references.tasks, **steps})
@@ -422,13 +423,13 @@ class ControlCycle:
                 self.walker.ask(None if walk.velocity is None else Velocity.of(walk.velocity), until)
         self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
 
-    def _walk(self, now: float, time: float) -> Mapping[str, Reference]:
+    def _walk(self, now: float, time: float, touching: Mapping[str, bool]) -> Mapping[str, Reference]:
         """Update the walker at the time of the state, s; return the references of its tasks."""
         walker, board, dynamics = self.walker, self.board, self.qp.dynamics
         if walker is None:
             return {}
         orientations = {name: board.present(name, time).position for name in walker.orientations}
-        decision = walker.update(time, dynamics, orientations, {})
+        decision = walker.update(time, dynamics, orientations, touching)
         if decision.changes:
             self._update_contact_forces()
         board.apply(decision.changes, dynamics, time)

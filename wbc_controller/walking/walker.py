@@ -88,7 +88,7 @@ class _Cycle:
     dcm: complex  # ξ, x + i y in m
     omega: float  # ω, 1/s
     soles: Mapping[int, Sole]  # by side: 1 left, -1 right
-    forces: Mapping[str, float]  # measured normal forces, by contact, N
+    touching: Mapping[str, bool]  # states of the contact sensors
     dynamics: Dynamics  # at this state
 
 
@@ -109,7 +109,7 @@ class Walker:
 
     STATE_FIELDS = (
         "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance", "_clearance",
-        "_height", "_heading", "_orientations", "_step", "_blend", "_dcm_wanted", "_touchdown", "_references",
+        "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown", "_references",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: WalkingTasks, gravity: float) -> None:
@@ -136,6 +136,7 @@ class Walker:
         # Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
         self._orientations: dict[str, tuple[float, ...]] = {}
         self._step: Step | None = None
+        self._lifted = False  # True once the contact sensor has shown that the swing foot is in the air
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
@@ -178,7 +179,7 @@ class Walker:
         return self._tasks.orientations
 
     def update(
-        self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], forces: Mapping[str, float]
+        self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
     ) -> Decision:
         """Decide on contacts and references of one cycle.
 
@@ -186,7 +187,7 @@ class Walker:
             time: of the state, s.
             dynamics: at this state.
             orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
-            forces: measured normal forces of contacts, N; of a foot without one, its motion tells the touchdown.
+            touching: states of the contact sensors, by contact; of a foot without one, its motion tells the touchdown.
         """
         decision, dt = Decision(), time - self._last
         self._last = time
@@ -206,7 +207,7 @@ class Walker:
             dcm=complex(com[0], com[1]),
             omega=omega,
             soles=soles,
-            forces=forces,
+            touching=touching,
             dynamics=dynamics,
         )
         wanted = Velocity() if self.command is None else self.command.clipped(self.gait)
@@ -281,7 +282,7 @@ class Walker:
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
         """Begin a single support."""
         foot, sole = cycle.soles[-self._stance], cycle.soles[self._stance]
-        self.phase, self._since = Phase.SINGLE, cycle.time
+        self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, False
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
         nominal = nominal_step(self.velocity, stance, self.gait)
@@ -316,8 +317,10 @@ class Walker:
         self._step = step
         self._references[foot.task] = foot.in_swing(step.swing, sole)
         share, late = elapsed / target.time, elapsed - target.time
+        sensor = cycle.touching.get(foot.contact)
+        self._lifted = self._lifted or sensor is False
         touches = share >= COUNTS and lands(
-            share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), cycle.forces.get(foot.contact)
+            share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor if self._lifted else None
         )
         if touches:
             self._land(step, cycle, decision)
