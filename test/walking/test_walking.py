@@ -1,5 +1,6 @@
 """Robots walk in simulation by a velocity command, stop and stand; a saved state continues exactly."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
 from wbc_controller.inverse_dynamics.references.changes import Walk
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.json_records import from_json, to_json
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase
 
@@ -95,6 +97,50 @@ def test_a_walk_continues_exactly_from_a_saved_state():
     other.recall(saved, controller.config.settings)
     for result, (state, time) in zip(results, states, strict=True):
         assert np.array_equal(other.step(state.q, state.v, time).tau, result.tau)
+
+
+def walk_with_sensors(sensors, seconds=2.6):
+    """Return the torques of G1 and the share of the swing at each touchdown; `sensors` maps walker and time to states."""
+    simulation = wbc.Simulation("g1")
+    controller, walker = simulation.controller, simulation.controller.walker
+    cycle, torques, shares = controller.cycle, [], []
+
+    def share(now):
+        return (now - walker._since) / walker._step.target.time if walker.phase is Phase.SINGLE else 0.0
+
+    def sensed(inputs):
+        before = share(inputs.now)
+        result = cycle(replace(inputs, touching=sensors(walker, before)))
+        if before > 0.0 and walker.phase is Phase.DOUBLE:
+            shares.append(before)
+        torques.append(result.tau)
+        return result
+
+    controller.cycle = sensed
+    controller.walk(0.2)
+    simulation.run(seconds)
+    return torques, shares
+
+
+def test_a_contact_sensor_tells_the_touchdown():
+    """It must show the foot in the air before: a jammed sensor changes nothing."""
+
+    def early(walker, share):
+        return {walker._feet[-walker._stance].contact: share >= 0.9}
+
+    torques, shares = walk_with_sensors(lambda walker, share: {})
+    assert min(shares) > 0.95
+    jammed, _ = walk_with_sensors(lambda walker, share: {"left_foot": True, "right_foot": True})
+    assert all(np.array_equal(a, b) for a, b in zip(torques, jammed, strict=True))
+    _, shares = walk_with_sensors(early)
+    assert len(shares) >= 2
+    assert 0.9 <= min(shares) <= max(shares) < 0.91
+
+
+def test_force_sensors_of_the_robot_reach_the_walker():
+    trial = EstimationTrial("g1", {"estimation.base_state": "imu", "mock.sensors": "good"}, force_sensors=True)
+    trial.stand()
+    assert trial.report.inputs.touching == {"left_foot": True, "right_foot": True}
 
 
 def test_a_streamed_command_ends_after_its_timeout():

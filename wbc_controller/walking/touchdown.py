@@ -1,4 +1,4 @@
-"""Touchdown of the swing foot: by a contact sensor, or by its motion."""
+"""Touchdown of the swing foot: by a contact sensor or by its motion, whichever is first."""
 
 from wbc_controller.records import Array
 
@@ -28,7 +28,7 @@ def lands(share: float, late: float, wanted: float, velocity: Array, touching: b
         return False
     if late >= LATEST:
         return True
-    if touching is not None:
-        return touching
+    if touching:
+        return True
     stopped = wanted <= -_DESCENDING and velocity[2] > _STOPPED * wanted
     return bool(stopped and velocity.dot(velocity) < _SLOW * _SLOW)
