@@ -11,6 +11,7 @@ from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
 from wbc_controller.inverse_dynamics.references.changes import Walk
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.json_records import from_json, to_json
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase
 
@@ -87,6 +88,18 @@ def test_the_dcm_follows_its_reference_with_the_reaction_of_the_swing_foot():
     assert error_of_the_dcm(1.0) < 0.6 * error_of_the_dcm(0.0)
 
 
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_the_programs_of_the_gait_are_prepared_before_the_first_step(robot):
+    simulation = wbc.Simulation(robot)
+    qp = simulation.controller.qp
+    structures, solvers = set(qp.formulation._structures), set(qp._solvers)
+    simulation.controller.walk(0.1)
+    simulation.run(2.5)
+    assert simulation.controller.walker.steps >= 2
+    assert set(qp.formulation._structures) == structures
+    assert set(qp._solvers) == solvers
+
+
 def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
     """In the last 0.05 s, noise of the ground's height would need large accelerations."""
     simulation = wbc.Simulation("g1")
@@ -119,6 +132,50 @@ def test_a_walk_continues_exactly_from_a_saved_state():
     other.recall(saved, controller.config.settings)
     for result, (state, time) in zip(results, states, strict=True):
         assert np.array_equal(other.step(state.q, state.v, time).tau, result.tau)
+
+
+def walk_with_sensors(sensors, seconds=2.6):
+    """Return the torques of G1 and the share of the swing at each touchdown; `sensors` maps walker and time to states."""
+    simulation = wbc.Simulation("g1")
+    controller, walker = simulation.controller, simulation.controller.walker
+    cycle, torques, shares = controller.cycle, [], []
+
+    def share(now):
+        return (now - walker._since) / walker._step.target.time if walker.phase is Phase.SINGLE else 0.0
+
+    def sensed(inputs):
+        before = share(inputs.now)
+        result = cycle(replace(inputs, touching=sensors(walker, before)))
+        if before > 0.0 and walker.phase is Phase.DOUBLE:
+            shares.append(before)
+        torques.append(result.tau)
+        return result
+
+    controller.cycle = sensed
+    controller.walk(0.2)
+    simulation.run(seconds)
+    return torques, shares
+
+
+def test_a_contact_sensor_tells_the_touchdown():
+    """It must show the foot in the air before: a jammed sensor changes nothing."""
+
+    def early(walker, share):
+        return {walker._feet[-walker._stance].contact: share >= 0.9}
+
+    torques, shares = walk_with_sensors(lambda walker, share: {})
+    assert min(shares) > 0.95
+    jammed, _ = walk_with_sensors(lambda walker, share: {"left_foot": True, "right_foot": True})
+    assert all(np.array_equal(a, b) for a, b in zip(torques, jammed, strict=True))
+    _, shares = walk_with_sensors(early)
+    assert len(shares) >= 2
+    assert 0.9 <= min(shares) <= max(shares) < 0.91
+
+
+def test_force_sensors_of_the_robot_reach_the_walker():
+    trial = EstimationTrial("g1", {"estimation.base_state": "imu", "mock.sensors": "good"}, force_sensors=True)
+    trial.stand()
+    assert trial.report.inputs.touching == {"left_foot": True, "right_foot": True}
 
 
 def test_a_streamed_command_ends_after_its_timeout():

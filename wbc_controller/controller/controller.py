@@ -74,6 +74,7 @@ class Controller(ControlCycle):
         self.supervisor = Supervisor(self.model, self._live.supervisor)
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, self._time)
+        self._solution = None
         self.model_error.restart()
         if self.walker is not None:
             self.walker.reset()

@@ -112,7 +112,7 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("task_enable", "~/tasks/{task}/enable", "std_msgs/msg/Bool", _IN, REQUEST,
           "Switches a task on or off, along a ramp of its weight."),
     Topic("contact_enable", "~/contacts/{contact}/enable", "std_msgs/msg/Bool", _IN, REQUEST,
-          "Activates or deactivates a contact, along a ramp of its largest normal force."),
+          "Activates or deactivates a contact, along a ramp of its force."),
     Topic("external_wrench", "~/external_wrenches/{frame}", "geometry_msgs/msg/WrenchStamped", _IN, REQUEST,
           "Known external wrench at a frame's origin in world axes, until replaced (S4)."),
     Topic("cmd_vel", "cmd_vel", "geometry_msgs/msg/Twist", _IN, REQUEST,

@@ -112,6 +112,7 @@ class ControlLoop:
             problem=problem,
             requests=requests,
             changes=latched.requests.changes,
+            touching=latched.touching,
         )
         result = controller.cycle(cycle_inputs)
         late = None

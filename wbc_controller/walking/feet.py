@@ -1,14 +1,16 @@
 """The feet: poses of their soles, and references of the tasks on their frames."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.records import Array, Reference
+from wbc_controller.walking.feet_kernels import frame_in_swing
 from wbc_controller.walking.swing import SwingFoot
 
 
@@ -45,6 +47,7 @@ class Foot:
         frame: index of the frame.
         placement: of the sole in that frame: centre, and axes with z upwards.
         half: half length and half width of the sole, m.
+        frame_in_sole: placement of the frame in the sole, (12,).
     """
 
     contact: str
@@ -52,6 +55,11 @@ class Foot:
     frame: int
     placement: pin.SE3
     half: tuple[float, float]
+    frame_in_sole: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Invert the placement."""
+        object.__setattr__(self, "frame_in_sole", placement_numbers(self.placement.inverse()))
 
     def sole(self, dynamics: Dynamics) -> Sole:
         """Return the pose of the sole."""
@@ -71,19 +79,11 @@ class Foot:
 
     def in_swing(self, swing: SwingFoot, stance: Sole) -> Reference:
         """Return the reference of the frame for a sole in the air, parallel to the stance foot but for its heading."""
-        turn = about_z(swing.heading.position - stance.heading)
-        frame = pin.SE3(turn @ stance.rotation, np.zeros(3)) * self.placement.inverse()
-        offset = frame.translation  # from the sole to the frame, in world axes
-        across = np.array([-offset[1], offset[0], 0.0])  # e_z × offset
-        inwards = np.array([-offset[0], -offset[1], 0.0])  # e_z × (e_z × offset)
-        heading, axes = swing.heading, (swing.x, swing.y, swing.z)
-        frame.translation = offset + [axis.position for axis in axes]
-        velocity, acceleration = np.zeros(6), np.zeros(6)
-        velocity[:3] = heading.velocity * across + [axis.velocity for axis in axes]
-        acceleration[:3] = heading.acceleration * across + heading.velocity**2 * inwards
-        acceleration[:3] += [axis.acceleration for axis in axes]
-        velocity[5], acceleration[5] = heading.velocity, heading.acceleration
-        return Reference(pin.SE3ToXYZQUAT(frame), velocity, acceleration)
+        axes = (swing.x, swing.y, swing.z, swing.heading)
+        numbers = [number for axis in axes for number in (axis.position, axis.velocity, axis.acceleration)]
+        turn, out = swing.heading.position - stance.heading, np.empty(19)
+        frame_in_swing(stance.rotation, turn, np.array(numbers), self.frame_in_sole, out)
+        return Reference(out[:7], out[7:13], out[13:])
 
 
 def about_z(angle: float) -> Array:

@@ -19,7 +19,7 @@ from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum import before, natural_frequency, transferred
 from wbc_controller.walking.support import Support
 from wbc_controller.walking.swing import Landing, SwingFoot
-from wbc_controller.walking.touchdown import lands
+from wbc_controller.walking.touchdown import COUNTS, lands
 
 #: Feedback gain on the DCM, 1/s.
 GAIN = 5.0
@@ -87,8 +87,8 @@ class _Cycle:
     dcm: complex  # ξ, x + i y in m
     omega: float  # ω, 1/s
     soles: Mapping[int, Sole]  # by side: 1 left, -1 right
-    forces: Mapping[str, float]  # measured normal forces, by contact, N
-    landing: Array  # velocity of the foot that does not bear the weight, (3,) in m/s
+    touching: Mapping[str, bool]  # states of the contact sensors
+    dynamics: Dynamics  # at this state
 
 
 class Walker:
@@ -98,6 +98,7 @@ class Walker:
 
     Attributes:
         gait: parameters of the gait.
+        own_tasks: names of the tasks that are on while it walks.
         phase: phase of the gait.
         command: commanded velocity; None to stand.
         leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
@@ -107,7 +108,7 @@ class Walker:
 
     STATE_FIELDS = (
         "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance", "_clearance",
-        "_height", "_heading", "_orientations", "_step", "_blend", "_dcm_wanted", "_touchdown", "_references",
+        "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown", "_references",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: WalkingTasks, gravity: float) -> None:
@@ -115,7 +116,7 @@ class Walker:
         self.gait = gait
         self._feet = {1: left, -1: right}
         self._tasks = tasks
-        self._own_tasks = (tasks.dcm, tasks.height, tasks.posture, left.task, right.task)
+        self.own_tasks = (tasks.dcm, tasks.height, tasks.posture, left.task, right.task)
         self._gravity = gravity
         self.reset()
 
@@ -131,8 +132,10 @@ class Walker:
         self._stance = -1  # side of the foot that bears the weight
         self._clearance = 0.0  # wanted height of the centre of mass above the stance foot, m
         self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
-        self._orientations: dict[str, Array] = {}  # references of the tasks at the heading 0, (3, 3)
+        # Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
+        self._orientations: dict[str, tuple[float, ...]] = {}
         self._step: Step | None = None
+        self._lifted = False  # True once the contact sensor has shown that the swing foot is in the air
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
@@ -159,12 +162,23 @@ class Walker:
         return self.phase is not Phase.STAND or self.command is not None
 
     @property
+    def contact_sets(self) -> tuple[tuple[str, ...], ...]:
+        """Sets of active contacts of the gait: both feet, then each of them."""
+        left, right = self._feet[1].contact, self._feet[-1].contact
+        return (left, right), (left,), (right,)
+
+    @property
+    def suspended(self) -> tuple[str, ...]:
+        """Names of the tasks that are off while it walks."""
+        return self._tasks.suspended
+
+    @property
     def orientations(self) -> tuple[str, ...]:
         """Names of the tasks on orientations that turn with the heading."""
         return self._tasks.orientations
 
     def update(
-        self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], forces: Mapping[str, float]
+        self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
     ) -> Decision:
         """Decide on contacts and references of one cycle.
 
@@ -172,7 +186,7 @@ class Walker:
             time: of the state, s.
             dynamics: at this state.
             orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
-            forces: measured normal forces of contacts, N; of a foot without one, its motion tells the touchdown.
+            touching: states of the contact sensors, by contact; of a foot without one, its motion tells the touchdown.
         """
         decision, dt = Decision(), time - self._last
         self._last = time
@@ -192,8 +206,8 @@ class Walker:
             dcm=complex(com[0], com[1]),
             omega=omega,
             soles=soles,
-            forces=forces,
-            landing=self._feet[-self._stance].velocity(dynamics),
+            touching=touching,
+            dynamics=dynamics,
         )
         wanted = Velocity() if self.command is None else self.command.clipped(self.gait)
         self.velocity = self.velocity.towards(wanted, self.gait, dt)
@@ -224,12 +238,15 @@ class Walker:
         self._height, self._clearance = height, height - ground - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
         ahead = about_z(-self._heading)
-        self._orientations = {name: ahead @ rotation_of(quaternion) for name, quaternion in orientations.items()}
+        self._orientations = {
+            name: tuple(quaternion_of(ahead @ rotation_of(quaternion)).tolist())
+            for name, quaternion in orientations.items()
+        }
         self._references = {foot.task: foot.at_rest(soles[side]) for side, foot in self._feet.items()}
         self.steps, self.velocity, self._step = 0, Velocity(), None
         self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
         decision.changes += [EnableTask(name, False) for name in self._tasks.suspended]
-        decision.changes += [EnableTask(name, True) for name in self._own_tasks]
+        decision.changes += [EnableTask(name, True) for name in self.own_tasks]
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
         """Enter a phase; the reference of the DCM begins at the measured one."""
@@ -261,13 +278,13 @@ class Walker:
         """End walking: the tasks stay at their last references until they are off."""
         self.phase = Phase.STAND
         decision.changes += [SetSetpoint(name, each.position, 0.0) for name, each in self._references.items()]
-        decision.changes += [EnableTask(name, False) for name in self._own_tasks]
+        decision.changes += [EnableTask(name, False) for name in self.own_tasks]
         decision.changes += [EnableTask(name, True) for name in self._tasks.suspended]
 
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
         """Begin a single support."""
         foot, sole = cycle.soles[-self._stance], cycle.soles[self._stance]
-        self.phase, self._since = Phase.SINGLE, cycle.time
+        self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, False
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
         nominal = nominal_step(self.velocity, stance, self.gait, self.gait.single)
@@ -304,9 +321,11 @@ class Walker:
             step = replace(step, swing=step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt))
         self._step = step
         self._references[foot.task] = foot.in_swing(step.swing, sole)
-        late = elapsed - target.time
-        touches = lands(
-            elapsed / target.time, late, step.swing.z.velocity, cycle.landing, cycle.forces.get(foot.contact)
+        share, late = elapsed / target.time, elapsed - target.time
+        sensor = cycle.touching.get(foot.contact)
+        self._lifted = self._lifted or sensor is False
+        touches = share >= COUNTS and lands(
+            share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor if self._lifted else None
         )
         if touches:
             self._land(step, cycle, decision)
@@ -359,9 +378,10 @@ class Walker:
             goal = mean_angle(self._step.stance.heading, self._step.nominal.heading)
         rate = _HEADING_RATE * math.remainder(goal - self._heading, math.tau)
         self._heading += rate * dt
-        turn = about_z(self._heading)
-        for name, rotation in self._orientations.items():
-            self._references[name] = _reference(quaternion_of(turn @ rotation), [0.0, 0.0, rate])
+        c, s = math.cos(0.5 * self._heading), math.sin(0.5 * self._heading)
+        for name, (x, y, z, w) in self._orientations.items():
+            turned = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
+            self._references[name] = _reference(turned, [0.0, 0.0, rate])
 
 
 def _reference(position: object, velocity: list[float]) -> Reference:
