@@ -10,6 +10,7 @@ from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.swing import SwingFoot
+from wbc_controller.walking.terrain import Ground, parallel_to
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +30,11 @@ class Sole:
         """Angle of the x axis about the vertical, rad."""
         return math.atan2(self.rotation[1, 0], self.rotation[0, 0])
 
-    def height_at(self, place: complex) -> float:
-        """Return the height of the plane of this sole at a place, m."""
-        n, to = self.rotation[:, 2], place - self.place
-        return float(self.centre[2] - (n[0] * to.real + n[1] * to.imag) / n[2])
+    @property
+    def ground(self) -> Ground:
+        """Plane of this sole."""
+        n = self.rotation[:, 2]
+        return Ground(self.place, float(self.centre[2]), complex(-n[0] / n[2], -n[1] / n[2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +71,10 @@ class Foot:
         frame = pin.SE3(sole.rotation, sole.centre) * self.placement.inverse()
         return Reference(pin.SE3ToXYZQUAT(frame), np.zeros(6), np.zeros(6))
 
-    def in_swing(self, swing: SwingFoot, stance: Sole) -> Reference:
-        """Return the reference of the frame for a sole in the air, parallel to the stance foot but for its heading."""
-        turn = about_z(swing.heading.position - stance.heading)
-        frame = pin.SE3(turn @ stance.rotation, np.zeros(3)) * self.placement.inverse()
+    def in_swing(self, swing: SwingFoot, slope: complex) -> Reference:
+        """Return the reference of the frame for a sole in the air, parallel to a plane with a slope."""
+        rotation = parallel_to(slope, swing.heading.position)
+        frame = pin.SE3(rotation, np.zeros(3)) * self.placement.inverse()
         offset = frame.translation  # from the sole to the frame, in world axes
         across = np.array([-offset[1], offset[0], 0.0])  # e_z × offset
         inwards = np.array([-offset[0], -offset[1], 0.0])  # e_z × (e_z × offset)
