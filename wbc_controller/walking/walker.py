@@ -31,8 +31,8 @@ _TWO_FEET = (0.06, 0.05)
 _BLEND = 0.2
 #: Time before touchdown from which on the target of the step stays, s.
 _FREEZE = 0.05
-#: Shortest double support, s.
-_SHORTEST_DOUBLE = 0.02
+#: Difference between planned and real touchdown on flat ground, s, and shortest double support, s.
+_ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Time constant with which the swing foot turns to the slope of the ground, s.
 _LEVELLING = 0.05
 #: Rates at which height and heading follow their goals, 1/s, and the largest rate of the height, m/s.
@@ -121,7 +121,7 @@ class Walker:
     STATE_FIELDS = (
         "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance", "_clearance",
         "_height", "_heading", "_orientations", "_step", "_blend", "_dcm_wanted", "_touchdown", "_references",
-        "_footholds", "_double_support",
+        "_footholds", "_early", "_double_support",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: WalkingTasks, gravity: float) -> None:
@@ -151,7 +151,7 @@ class Walker:
         self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
-        self._double_support = 0.0  # duration of the present one, s
+        self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
         self._footholds: tuple[Ground, ...] = ()  # the last ones, newest first
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
@@ -334,24 +334,29 @@ class Walker:
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
         """Begin a double support: the swing foot bears weight where it is.
 
-        Its middle stays at the planned time: the centre of pressure moves as late on average, and the DCM diverges no
-        further, if the foot lands on higher or lower ground.
+        The centre of pressure begins to move later if the foot lands early on higher ground, and arrives sooner if it
+        lands late on lower ground: otherwise the DCM would differ from its plan.
         """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(sole)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
-        self._double_support = max(self.gait.double - 2.0 * late, _SHORTEST_DOUBLE)
-        self._touchdown = cycle.dcm, step.stance.place, sole.place
+        self._early = max(0.0, -late - _ON_TIME)
+        self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
+        begin = later(cycle.dcm, step.stance.place, cycle.omega, self._early)
+        self._touchdown = begin, step.stance.place, sole.place
         self._stance = -self._stance
 
     def _double(self, cycle: _Cycle, decision: Decision) -> complex:
         """Move the centre of pressure to the new foot; return it."""
         begin, old, new = self._touchdown
         duration, heading = self._double_support, cycle.soles[self._stance].heading
-        elapsed = min(cycle.time - self._since, duration)
-        self._dcm_wanted = transferred(begin, old, new, duration, cycle.omega, elapsed)
-        pressure = old + (new - old) * (elapsed / duration)
+        elapsed = min(cycle.time - self._since - self._early, duration)
+        if elapsed < 0.0:
+            self._dcm_wanted, pressure = later(begin, old, cycle.omega, elapsed), old
+        else:
+            self._dcm_wanted = transferred(begin, old, new, duration, cycle.omega, elapsed)
+            pressure = old + (new - old) * (elapsed / duration)
         beside = abs(((new - old) * cmath.rect(1.0, -heading)).real) < _BESIDE
         if self.command is None and beside and abs(self.velocity.linear) < _SLOW:
             self._enter(Phase.STOP, cycle)

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, WbcError
-from wbc_controller.middleware.codec import message
-from wbc_controller.middleware.odometry import vector
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.standing import sensor_settings
 from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
+from wbc_controller.validation.user import twist
 from wbc_controller.walking.footsteps import BACKWARD, Velocity
 from wbc_controller.walking.walker import Walker
 
@@ -84,7 +83,7 @@ class WalkTrial(EstimationTrial):
             if self.time - sent >= _EVERY:
                 sent, wanted = self.time, velocity(self.time - begin)
                 if wanted is not None:
-                    self.user.send("cmd_vel", _twist(wanted))
+                    self.user.send("cmd_vel", twist(wanted))
             self.meter.update()
             each()
 
@@ -192,9 +191,3 @@ def heading_of(q: Array) -> float:
     """Return the heading of a floating base, rad."""
     x, y, z, w = q[3:7].tolist()
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def _twist(velocity: Array) -> object:
-    """Make a geometry_msgs/Twist from a velocity forward, to the left and turning, (3,)."""
-    linear, angular = np.array([velocity[0], velocity[1], 0.0]), np.array([0.0, 0.0, velocity[2]])
-    return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
