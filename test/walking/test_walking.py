@@ -111,6 +111,7 @@ def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
         step = walker._step
         if walker.phase is Phase.SINGLE and step.target.time - (simulation.time - walker._since) < 0.045:
             frozen.setdefault(walker.steps, []).append(step.landing)
+    frozen.pop(walker.steps, None)  # not landed yet
     assert len(frozen) >= 2
     for landings in frozen.values():
         assert len(landings) >= 4

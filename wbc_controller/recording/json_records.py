@@ -31,13 +31,14 @@ from wbc_controller.walking.adaptation import StepTarget
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.walker import Step
 
 #: Valid records of a recording.
 _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
-        Axis, ChangeSettings, EnableContact, EnableTask, Fault, Infeasibility, Knot, Landing, NominalStep,
+        Axis, ChangeSettings, EnableContact, EnableTask, Fault, Ground, Infeasibility, Knot, Landing, NominalStep,
         Prediction, Ramp, Reference, RobotState, SetExternalWrench, SetSetpoint, SetTrajectory, SetWeight, SoftRamp,
         Stance, Step, StepTarget, SwingFoot, Tuning, TuningRamp, Velocity, Walk,
     )

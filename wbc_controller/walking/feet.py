@@ -12,6 +12,7 @@ from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.feet_kernels import frame_in_swing
 from wbc_controller.walking.swing import SwingFoot
+from wbc_controller.walking.terrain import Ground, parallel_to
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +32,11 @@ class Sole:
         """Angle of the x axis about the vertical, rad."""
         return math.atan2(self.rotation[1, 0], self.rotation[0, 0])
 
-    def height_at(self, place: complex) -> float:
-        """Return the height of the plane of this sole at a place, m."""
-        n, to = self.rotation[:, 2], place - self.place
-        return float(self.centre[2] - (n[0] * to.real + n[1] * to.imag) / n[2])
+    @property
+    def ground(self) -> Ground:
+        """Plane of this sole."""
+        n = self.rotation[:, 2]
+        return Ground(self.place, float(self.centre[2]), complex(-n[0] / n[2], -n[1] / n[2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +79,12 @@ class Foot:
         frame = pin.SE3(sole.rotation, sole.centre) * self.placement.inverse()
         return Reference(pin.SE3ToXYZQUAT(frame), np.zeros(6), np.zeros(6))
 
-    def in_swing(self, swing: SwingFoot, stance: Sole) -> Reference:
-        """Return the reference of the frame for a sole in the air, parallel to the stance foot but for its heading."""
+    def in_swing(self, swing: SwingFoot, slope: complex) -> Reference:
+        """Return the reference of the frame for a sole in the air, parallel to a plane with a slope."""
         axes = (swing.x, swing.y, swing.z, swing.heading)
         numbers = [number for axis in axes for number in (axis.position, axis.velocity, axis.acceleration)]
-        turn, out = swing.heading.position - stance.heading, np.empty(19)
-        frame_in_swing(stance.rotation, turn, np.array(numbers), self.frame_in_sole, out)
+        sole, out = parallel_to(slope, swing.heading.position), np.empty(19)
+        frame_in_swing(sole, np.array(numbers), self.frame_in_sole, out)
         return Reference(out[:7], out[7:13], out[13:])
 
 

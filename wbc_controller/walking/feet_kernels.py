@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from wbc_controller.compilation import OutVector, StridedMatrix, Vector, compiled
@@ -11,25 +9,23 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import place, put, 
 
 
 @compiled
-def frame_in_swing(stance: StridedMatrix, turn: float, axes: Vector, mount: Vector, out: OutVector) -> None:
+def frame_in_swing(rotation: StridedMatrix, axes: Vector, mount: Vector, out: OutVector) -> None:
     """Write the reference of a frame for a sole in the air: position, quaternion, velocity and acceleration, (19,).
 
-    The sole is turned by ψ about the vertical from the stance foot. With the offset r from its centre to the frame,
+    The sole turns with its heading ψ about the vertical. With the offset r from its centre to the frame,
     ṗ = ċ + ψ̇ e_z × r and p̈ = c̈ + ψ̈ e_z × r + ψ̇² e_z × (e_z × r).
 
     Args:
-        stance: rotation of the stance foot, (3, 3).
-        turn: ψ, rad.
+        rotation: of the sole, (3, 3).
         axes: position, velocity and acceleration of x, y, z and ψ, (12,) in m and rad.
         mount: placement of the frame in the sole, (12,).
         out: reference.
     """
     if len(axes) != 12 or len(mount) != 12 or len(out) != 19:
         raise ValueError("frame_in_swing: wrong sizes")
-    c, s, sole, frame = math.cos(turn), math.sin(turn), np.empty(12), np.empty(12)
+    sole, frame = np.empty(12), np.empty(12)
     for i in range(3):
-        x, y = stance[0, i], stance[1, i]
-        put(sole, 3 * i, (c * x - s * y, s * x + c * y, stance[2, i]))
+        put(sole, 3 * i, (rotation[0, i], rotation[1, i], rotation[2, i]))
     put(sole, 9, (axes[0], axes[3], axes[6]))
     place(sole, mount, frame)
     position, (x, y, _) = three(frame, 9), subtract(three(frame, 9), three(sole, 9))

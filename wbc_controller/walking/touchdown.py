@@ -3,7 +3,7 @@
 from wbc_controller.records import Array
 
 #: Share of the planned swing from which on a touchdown counts.
-COUNTS = 0.85
+COUNTS = 0.6
 #: Share of the reference's downward speed below which the ground has stopped the foot.
 _STOPPED = 0.5
 #: Downward speed of the reference from which on the motion is compared, m/s; at the end of the swing it is 0.1 m/s.
@@ -11,7 +11,7 @@ _DESCENDING = 0.07
 #: Largest speed of a foot that the ground has stopped, m/s.
 _SLOW = 0.2
 #: Time after the planned touchdown at which the foot counts as landed at the latest, s.
-LATEST = 0.1
+LATEST = 0.15
 
 
 def lands(share: float, late: float, wanted: float, velocity: Array, touching: bool | None) -> bool:

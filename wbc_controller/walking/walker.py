@@ -16,9 +16,10 @@ from wbc_controller.walking.adaptation import StepTarget, adapted
 from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum import before, natural_frequency, transferred
+from wbc_controller.walking.pendulum import before, later, natural_frequency, transferred
 from wbc_controller.walking.support import Support
 from wbc_controller.walking.swing import Landing, SwingFoot
+from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
 from wbc_controller.walking.touchdown import COUNTS, lands
 
 #: Feedback gain on the DCM, 1/s.
@@ -29,6 +30,10 @@ _SOLE_SHARE = (0.8, 0.7)
 _BLEND = 0.2
 #: Time before touchdown from which on the target of the step stays, s.
 _FREEZE = 0.05
+#: Difference between planned and real touchdown on flat ground, s, and shortest double support, s.
+_ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
+#: Time constant with which the swing foot turns to the slope of the ground, s.
+_LEVELLING = 0.05
 #: Rates at which height and heading follow their goals, 1/s, and the largest rate of the height, m/s.
 _HEIGHT_RATE, _HEADING_RATE, _FASTEST_HEIGHT = 3.0, 6.0, 0.2
 #: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
@@ -69,13 +74,20 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A single support: its stance, the nominal step, its adaptation, the planned touchdown, and the swing foot."""
+    """A single support: its stance, the nominal step, its adaptation, the planned touchdown, and the swing foot.
+
+    Attributes:
+        ground: plane through the last footholds.
+        slope: of the swing foot, dz/dx + i dz/dy.
+    """
 
     stance: Stance
     nominal: NominalStep
     target: StepTarget
     landing: Landing
     swing: SwingFoot
+    ground: Ground
+    slope: complex
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +120,8 @@ class Walker:
 
     STATE_FIELDS = (
         "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance", "_clearance",
-        "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown", "_references",
+        "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown",
+        "_references", "_footholds", "_early", "_double_support",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: WalkingTasks, gravity: float) -> None:
@@ -140,6 +153,8 @@ class Walker:
         self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
+        self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
+        self._footholds: tuple[Ground, ...] = ()  # the last ones, newest first
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
         """Walk at a velocity until a time in s; None to stand.
@@ -243,6 +258,7 @@ class Walker:
             for name, quaternion in orientations.items()
         }
         self._references = {foot.task: foot.at_rest(soles[side]) for side, foot in self._feet.items()}
+        self._footholds = tuple(sole.ground for sole in soles.values())
         self.steps, self.velocity, self._step = 0, Velocity(), None
         self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
         decision.changes += [EnableTask(name, False) for name in self._tasks.suspended]
@@ -288,12 +304,16 @@ class Walker:
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
         nominal = nominal_step(self.velocity, stance, self.gait, self.gait.single)
+        self._footholds = (sole.ground, *self._footholds[: FOOTHOLDS - 1])
+        ground = plane_through(self._footholds)
         self._step = Step(
             stance=stance,
             nominal=nominal,
             target=StepTarget(nominal.place, nominal.offset, self.gait.single),
-            landing=Landing(nominal.place, sole.height_at(nominal.place), nominal.heading),
+            landing=Landing(nominal.place, ground.height_at(nominal.place), nominal.heading),
             swing=SwingFoot.at_rest(foot.centre, foot.heading),
+            ground=ground,
+            slope=foot.ground.slope,
         )
         self._blend = self._dcm_wanted - self._wanted(nominal, stance, self._step.swing, self.gait.single)
 
@@ -311,16 +331,19 @@ class Walker:
             target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)
-            landing = Landing(target.place, sole.height_at(target.place), heading)
+            sunk = sole.ground.height - self._footholds[0].height  # since the lift-off, also by drift of the estimate
+            landing = Landing(target.place, step.ground.height_at(target.place) + sunk, heading)
             step = replace(step, nominal=nominal, target=target, landing=landing)
         nominal, target = step.nominal, step.target
         share, _ = _smooth(elapsed / _BLEND)
         left = max(target.time - elapsed, 0.0)
         self._dcm_wanted = self._wanted(nominal, stance, step.swing, left) + self._blend * (1.0 - share)
         if dt > 0.0:
-            step = replace(step, swing=step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt))
+            swing = step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt)
+            slope = step.slope + (step.ground.slope - step.slope) * min(1.0, dt / _LEVELLING)
+            step = replace(step, swing=swing, slope=slope)
         self._step = step
-        self._references[foot.task] = foot.in_swing(step.swing, sole)
+        self._references[foot.task] = foot.in_swing(step.swing, step.slope)
         share, late = elapsed / target.time, elapsed - target.time
         sensor = cycle.touching.get(foot.contact)
         self._lifted = self._lifted or sensor is False
@@ -328,25 +351,34 @@ class Walker:
             share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor if self._lifted else None
         )
         if touches:
-            self._land(step, cycle, decision)
+            self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
 
-    def _land(self, step: Step, cycle: _Cycle, decision: Decision) -> None:
-        """Begin a double support: the swing foot bears weight where it is."""
+    def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
+        """Begin a double support: the swing foot bears weight where it is.
+
+        The centre of pressure begins to move later if the foot lands early on higher ground, and arrives sooner if it
+        lands late on lower ground: otherwise the DCM would differ from its plan.
+        """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(sole)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
+        self._early = max(0.0, -late - _ON_TIME)
+        self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
         self._touchdown = sole.place + step.nominal.offset, step.stance.place, sole.place
         self._stance = -self._stance
 
     def _double(self, cycle: _Cycle, decision: Decision) -> complex:
         """Move the centre of pressure to the new foot; return it."""
         begin, old, new = self._touchdown
-        duration, heading = self.gait.double, cycle.soles[self._stance].heading
-        elapsed = min(cycle.time - self._since, duration)
-        self._dcm_wanted = transferred(begin, old, new, duration, cycle.omega, elapsed)
-        pressure = old + (new - old) * (elapsed / duration)
+        duration, heading = self._double_support, cycle.soles[self._stance].heading
+        elapsed = min(cycle.time - self._since - self._early, duration)
+        if elapsed < 0.0:
+            self._dcm_wanted, pressure = later(begin, old, cycle.omega, elapsed), old
+        else:
+            self._dcm_wanted = transferred(begin, old, new, duration, cycle.omega, elapsed)
+            pressure = old + (new - old) * (elapsed / duration)
         beside = abs(((new - old) * cmath.rect(1.0, -heading)).real) < _BESIDE
         if self.command is None and beside and abs(self.velocity.linear) < _SLOW:
             self._enter(Phase.STOP, cycle)
