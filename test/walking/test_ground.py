@@ -63,7 +63,7 @@ def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
     simulation = wbc.Simulation(wbc.load("g1").replace({"mock.terrain": {"ahead": block}}))
     walker = simulation.controller.walker
     simulation.controller.walk(0.3, 0.1 if block["position"][1] else 0.0)
-    results = simulation.run(6.5)
+    results = simulation.run(7.5)
     assert not any(result.relaxed for result in results)
     assert not simulation.plant.fallen
     assert min(heights(simulation)) > 0.015
