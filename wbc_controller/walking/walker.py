@@ -17,6 +17,7 @@ from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum import later, natural_frequency, transferred
+from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
 from wbc_controller.walking.touchdown import lands
 
@@ -138,6 +139,7 @@ class Walker:
         self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
+        self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
         """Walk at a velocity until a time in s; None to stand.
@@ -163,6 +165,29 @@ class Walker:
     def orientations(self) -> tuple[str, ...]:
         """Names of the tasks on orientations that turn with the heading."""
         return self._tasks.orientations
+
+    def plan(self) -> WalkingPlan | None:
+        """Return the plan of the last cycle, or None while standing."""
+        if self.phase is Phase.STAND or self._latest is None:
+            return None
+        cycle, pressure = self._latest
+        feet, step, elapsed = self._feet, self._step, cycle.time - self._since
+        swings, landings, remaining = {}, {}, math.inf
+        if self.phase is Phase.SINGLE and step is not None:
+            feet, swinging = {self._stance: feet[self._stance]}, feet[-self._stance].contact
+            landing, duration = step.landing, step.target.time
+            swings[swinging] = swing_path(step.swing, landing, self.gait.clearance, elapsed, duration)
+            landings[swinging] = np.array([landing.place.real, landing.place.imag, landing.height])
+            remaining = max(0.0, duration - elapsed)
+        return WalkingPlan(
+            phase=self.phase.value,
+            dcm=cycle.dcm,
+            wanted_dcm=self._dcm_wanted,
+            swings=swings,
+            landings=landings,
+            remaining=remaining,
+            margin=margin(pressure, [p for side, foot in feet.items() for p in foot.corners(cycle.soles[side])]),
+        )
 
     def update(
         self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], forces: Mapping[str, float]
@@ -208,6 +233,7 @@ class Walker:
             pressure = self._shift(cycle, decision)
         if self.phase is Phase.STAND:
             return decision
+        self._latest = cycle, pressure
         rate = omega * (cycle.dcm - pressure)
         self._references[self._tasks.dcm] = _reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance], dt)
