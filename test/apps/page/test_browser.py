@@ -183,11 +183,32 @@ def test_pull_on_the_torso_pushes_the_robot(page, session):
 
 def test_slider_of_the_sensor_noise(page, session):
     faults = session.follow(session.topics["mock", "fault", ""])
-    page.get_by_role("slider").nth(1).focus()
+    page.get_by_role("slider").nth(4).focus()  # after those of walking and of the floor's friction
     page.keyboard.press("ArrowRight")
     assert "kind: joint_noise, sigma: 0.0005" in first(faults)[-1].data
     page.keyboard.press("ArrowLeft")
     assert first(faults)[-1].data == "clear"
+
+
+def test_robot_walks_while_the_button_is_held(page, session):
+    velocities = session.follow(session.topics["controller", "cmd_vel", ""])
+    session.listen("controller", "diagnostics", depth=1000)
+
+    def phase():
+        for status in session.statuses():
+            phases.extend(value.value for value in status.values if value.key == "walking/phase")
+        return phases[-1] if phases else ""
+
+    phases: list[str] = []
+    box = page.get_by_role("button", name="Walk", exact=True).bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0)
+    page.mouse.down()
+    session.until(lambda: phase() == "single support", "the robot does not walk", 60.0)
+    assert {twist.linear.x for twist in first(velocities)} == {0.2}
+    page.wait_for_timeout(3000)
+    page.mouse.up()
+    session.until(lambda: phase() == "stand", "the robot does not stop", 60.0)
+    assert {"shift", "double support", "stop"} <= set(phases)
 
 
 def test_switches_and_camera_pass_the_allow_list(page, playing):
