@@ -109,6 +109,7 @@ class Outputs:
             for name, contact in contacts.items()
         }
         self._published_mode: Mode | None = None
+        self._published_footsteps: int | None = None
         self._published_fault: Fault | None = None
         self._summary = StatusSummary(node, model.name, scheduling, model, recorder)
         self._diagnostics_period = diagnostics_period
@@ -166,6 +167,12 @@ class Outputs:
             self._diagnostics_requested, self._diagnostics_begun = False, now
             self._begin("diagnostics", self._summary.compose(wall, self._shortfalls))
         self._subscriptions.update(now)
+
+    def publish_footsteps(self, walker: Walker | None) -> None:
+        """Send a changed number of planned footsteps."""
+        if walker is not None and walker.footsteps_left != self._published_footsteps:
+            self._published_footsteps = walker.footsteps_left
+            self._send("walk_footsteps_left", message("std_msgs/msg/Int32", data=self._published_footsteps))
 
     def publish_tasks(
         self,

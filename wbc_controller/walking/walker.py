@@ -14,8 +14,10 @@ from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rot
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.adaptation import StepTarget, adapted
 from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
+from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
+from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.pendulum import later, natural_frequency, transferred
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
@@ -71,13 +73,17 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A single support: its stance, the nominal step, its adaptation, the planned touchdown, and the swing foot."""
+    """A single support: its stance, the nominal step, its adaptation, the touchdown, and the swing foot.
+
+    `planned` is True for one of the planned footsteps.
+    """
 
     stance: Stance
     nominal: NominalStep
     target: StepTarget
     landing: Landing
     swing: SwingFoot
+    planned: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,14 +108,17 @@ class Walker:
         gait: parameters of the gait.
         phase: phase of the gait.
         command: commanded velocity; None to stand.
+        goal: pose to walk to, or None; it commands the velocity.
+        footsteps: planned footsteps that are not begun; meanwhile the command is to step in place.
         leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
         velocity: velocity on the way to it.
         steps: number of steps since the start.
     """
 
     STATE_FIELDS = (
-        "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance", "_clearance",
-        "_height", "_heading", "_orientations", "_step", "_blend", "_dcm_wanted", "_touchdown", "_references",
+        "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
+        "_clearance", "_height", "_heading", "_orientations", "_step", "_blend", "_dcm_wanted", "_touchdown",
+        "_references",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: WalkingTasks, gravity: float) -> None:
@@ -125,6 +134,8 @@ class Walker:
         """Stand, without a command."""
         self.phase = Phase.STAND
         self.command: Velocity | None = None
+        self.goal: Goal | None = None
+        self.footsteps: tuple[Footstep, ...] = ()
         self.leaving = False
         self._until = math.inf  # time at which the command ends, s
         self.velocity = Velocity()
@@ -149,7 +160,38 @@ class Walker:
         """
         if self.leaving and command is not None:
             raise InputRefused("the command to walk is refused: the robot stops walking before it is deactivated")
-        self.command, self._until = command, until
+        self.command, self._until, self.goal, self.footsteps = command, until, None, ()
+        if self._step is not None:
+            self._step = replace(self._step, planned=False)
+
+    def go(self, goal: Goal) -> None:
+        """Walk to a pose, and stop there; raises `InputRefused` as `ask`."""
+        self.ask(Velocity())
+        self.goal = goal
+
+    def follow(self, poses: Array, dynamics: Dynamics) -> None:
+        """Step on poses of the soles (x, y in m, heading in rad, (n, 3)), then bring the feet side by side, and stop.
+
+        The feet alternate. A standing robot begins with the foot that is nearer to its pose.
+
+        Raises:
+            InputRefused: as `ask`, or if a step is out of reach.
+        """
+        soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
+        feet, first = {side: (sole.place, sole.heading) for side, sole in soles.items()}, None
+        if self.phase is Phase.SINGLE and self._step is not None:  # the foot in the air lands as planned before
+            landing, first = self._step.landing, self._stance
+            feet[-first] = landing.place, landing.heading
+        elif self.phase is not Phase.STAND:
+            first = -self._stance
+        steps = planned(poses, feet, first, self.gait)
+        self.ask(Velocity())
+        self.footsteps = steps
+
+    @property
+    def footsteps_left(self) -> int:
+        """Number of planned footsteps without a touchdown."""
+        return len(self.footsteps) + (self.phase is Phase.SINGLE and self._step is not None and self._step.planned)
 
     def leave(self) -> None:
         """Stop walking, for the controller to be deactivated when the robot stands."""
@@ -205,6 +247,8 @@ class Walker:
         if time > self._until:
             self.command = None
         soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
+        if self.goal is not None:
+            self.command = self._velocity_to(self.goal, soles)
         if self.phase is Phase.STAND:
             if self.command is None:
                 return decision
@@ -253,8 +297,30 @@ class Walker:
         self._references = {foot.task: foot.at_rest(soles[side]) for side, foot in self._feet.items()}
         self.steps, self.velocity, self._step = 0, Velocity(), None
         self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
+        if self.footsteps:
+            self._stance = -self.footsteps[0].side
         decision.changes += [EnableTask(name, False) for name in self._tasks.suspended]
         decision.changes += [EnableTask(name, True) for name in self._own_tasks]
+
+    def _velocity_to(self, goal: Goal, soles: Mapping[int, Sole]) -> Velocity | None:
+        """Return the velocity towards a goal from the middle between the feet; at the goal, drop it and return None.
+
+        While the robot walks, the middle is beside the stance foot, half of the nominal width away.
+        """
+        stance = soles[self._stance]
+        middle, heading = 0.5 * (soles[1].place + soles[-1].place), stance.heading
+        if self.phase is not Phase.STAND:
+            middle = stance.place - 0.5j * self._stance * self.gait.width * cmath.rect(1.0, heading)
+        velocity = velocity_to(goal, middle, heading, self.gait)
+        if velocity is None:
+            self.goal = None
+        return velocity
+
+    def _nominal(self, velocity: Velocity, stance: Stance) -> NominalStep:
+        """Return the next step: to the next planned footstep, or at a velocity."""
+        if self.footsteps:
+            return step_towards(self.footsteps, stance, self.gait)
+        return nominal_step(velocity, stance, self.gait)
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
         """Enter a phase; the reference of the DCM begins at the measured one."""
@@ -266,7 +332,7 @@ class Walker:
         foot = soles[self._stance]
         if self.phase is Phase.SHIFT:
             stance = Stance(foot.place, foot.heading, -self._stance, cycle.omega)
-            nominal = nominal_step(Velocity(), stance, self.gait)
+            nominal = self._nominal(Velocity(), stance)
             goal = later(nominal.place + nominal.offset, stance.place, cycle.omega, -self.gait.single)
         else:
             goal = 0.5 * (soles[1].place + soles[-1].place)
@@ -294,13 +360,15 @@ class Walker:
         self.phase, self._since = Phase.SINGLE, cycle.time
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
-        nominal = nominal_step(self.velocity, stance, self.gait)
+        nominal = self._nominal(self.velocity, stance)
+        planned, self.footsteps = bool(self.footsteps), self.footsteps[1:]
         self._step = Step(
             stance=stance,
             nominal=nominal,
             target=StepTarget(nominal.place, nominal.offset, self.gait.single),
             landing=Landing(nominal.place, sole.height_at(nominal.place), nominal.heading),
             swing=SwingFoot(*(Axis(each) for each in (*foot.centre.tolist(), foot.heading))),
+            planned=planned,
         )
         first = later(nominal.place + nominal.offset, stance.place, stance.omega, -self.gait.single)
         self._blend = self._dcm_wanted - first
@@ -310,7 +378,7 @@ class Walker:
         gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
         stance, sole, foot = step.stance, cycle.soles[self._stance], self._feet[-self._stance]
         if step.target.time - elapsed > _FREEZE:
-            nominal = nominal_step(self.velocity, stance, gait)
+            nominal = step.nominal if step.planned else nominal_step(self.velocity, stance, gait)
             target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing.place, elapsed, dt)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)
@@ -342,6 +410,8 @@ class Walker:
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
         self._touchdown = cycle.dcm, step.stance.place, sole.place
         self._stance = -self._stance
+        if step.planned and not self.footsteps:
+            self.command = None
 
     def _double(self, cycle: _Cycle, decision: Decision) -> complex:
         """Move the centre of pressure to the new foot; return it."""

@@ -17,6 +17,9 @@ def walk_values(walker: Walker | None) -> dict[str, str]:
         "walking/steps": str(walker.steps),
         "walking/command": "none" if walker.command is None else _text(walker.command),
     }
+    if walker.goal is not None:
+        goal = walker.goal
+        values["walking/goal"] = f"{goal.place.real:.3f} {goal.place.imag:.3f} m, {goal.heading:.3f} rad"
     plan = walker.plan()
     if plan is None:
         return values
