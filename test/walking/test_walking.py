@@ -174,6 +174,20 @@ def test_a_walking_robot_stops_before_it_is_deactivated():
     assert not simulation.plant.fallen
 
 
+@pytest.mark.parametrize(("word", "mode"), [("damp", wbc.Mode.DAMPING), ("estop", wbc.Mode.FAULT)])
+def test_damp_and_estop_do_not_wait_for_the_gait(word, mode):
+    controller = wbc.Controller("g1")
+    q, v = controller.stance(), np.zeros(controller.model.nv)
+    controller.reset(q, v)
+    controller.walk(0.3)
+    controller.step(q, v, 0.002)
+    assert controller.walker.moves
+    controller.request(word)
+    assert controller.step(q, v, 0.004).mode is mode
+    controller.reset(q, v, 0.006)
+    assert not controller.walker.moves
+
+
 def test_a_command_to_walk_is_refused_while_the_robot_stops_for_a_deactivation():
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
