@@ -205,7 +205,7 @@ def test_robot_walks_while_the_button_is_held(page, session):
     page.mouse.down()
     session.until(lambda: phase() == "single support", "the robot does not walk", 60.0)
     assert {twist.linear.x for twist in first(velocities)} == {0.2}
-    page.wait_for_timeout(3000)
+    page.wait_for_timeout(1000)
     page.mouse.up()
     session.until(lambda: phase() == "stand", "the robot does not stop", 60.0)
     assert {"shift", "double support", "stop"} <= set(phases)
@@ -213,7 +213,7 @@ def test_robot_walks_while_the_button_is_held(page, session):
 
 def test_switches_and_camera_pass_the_allow_list(page, playing):
     page.get_by_text("Show", exact=True).click()
-    for label in [*GROUPS.values(), "Translucent robot", "Shadows", "Rotation rings"]:
+    for label in [*GROUPS.values(), "Follow the robot", "Translucent robot", "Shadows", "Rotation rings"]:
         switch = page.get_by_label(label, exact=True)
         was = switch.is_checked()
         switch.click()
