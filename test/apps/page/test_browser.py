@@ -190,27 +190,6 @@ def test_slider_of_the_sensor_noise(page, session):
     assert first(faults)[-1].data == "clear"
 
 
-def test_robot_walks_while_the_button_is_held(page, session):
-    velocities = session.follow(session.topics["controller", "cmd_vel", ""])
-    session.listen("controller", "diagnostics", depth=1000)
-
-    def phase():
-        for status in session.statuses():
-            phases.extend(value.value for value in status.values if value.key == "walking/phase")
-        return phases[-1] if phases else ""
-
-    phases: list[str] = []
-    box = page.get_by_role("button", name="Walk", exact=True).bounding_box()
-    page.mouse.move(box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0)
-    page.mouse.down()
-    session.until(lambda: phase() == "single support", "the robot does not walk", 60.0)
-    assert {twist.linear.x for twist in first(velocities)} == {0.2}
-    page.wait_for_timeout(1000)
-    page.mouse.up()
-    session.until(lambda: phase() == "stand", "the robot does not stop", 60.0)
-    assert {"shift", "double support", "stop"} <= set(phases)
-
-
 def test_switches_and_camera_pass_the_allow_list(page, playing):
     page.get_by_text("Show", exact=True).click()
     for label in [*GROUPS.values(), "Follow the robot", "Translucent robot", "Shadows", "Rotation rings"]:
@@ -246,14 +225,20 @@ def test_address_cannot_load_from_another_server(page, playing, query):
         opened.close()
 
 
-def test_effect_of_each_button(page, session):
-    holds = session.follow(session.topics["mock", "hold", ""])
+@pytest.fixture
+def press(page, session):
+    """Yield a function that presses a button, and waits for a mode of the controller."""
 
-    def press(name, mode="", patience=30.0):
+    def pressed(name, mode="", patience=30.0):
         page.get_by_role("button", name=name, exact=True).click()
         if mode:
             session.until(lambda: session.mode().startswith(mode), f"{name}: not {mode} but {session.mode()}", patience)
 
+    return pressed
+
+
+def test_effect_of_each_button(page, session, press):
+    holds = session.follow(session.topics["mock", "hold", ""])
     press("Record")
     page.get_by_text("the last seconds are written to '").wait_for()  # as the controller names the file
     press("Hold")
@@ -269,6 +254,33 @@ def test_effect_of_each_button(page, session):
     press("Reset", "inactive")
     press("Activate", "active")
     press("Damp", "damping")
+
+
+def test_robot_walks_while_the_button_is_held(page, session, press):
+    if session.mode() != "active":
+        press("Hold")
+        press("Reset", "inactive")
+        press("Activate", "active")
+        press("Release")
+        page.wait_for_timeout(8000)  # until it stands on its feet
+    velocities = session.follow(session.topics["controller", "cmd_vel", ""])
+    session.listen("controller", "diagnostics", depth=1000)
+
+    def phase():
+        for status in session.statuses():
+            phases.extend(value.value for value in status.values if value.key == "walking/phase")
+        return phases[-1] if phases else ""
+
+    phases: list[str] = []
+    box = page.get_by_role("button", name="Walk", exact=True).bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0)
+    page.mouse.down()
+    session.until(lambda: phase() == "single support", "the robot does not walk", 60.0)
+    assert {twist.linear.x for twist in first(velocities)} == {0.2}
+    page.wait_for_timeout(1000)
+    page.mouse.up()
+    session.until(lambda: phase() == "stand", "the robot does not stop", 60.0)
+    assert {"shift", "double support", "stop"} <= set(phases)
 
 
 def test_no_message_of_the_page_is_dropped(page, playing):
