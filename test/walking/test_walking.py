@@ -9,11 +9,13 @@ import pytest
 import wbc_controller as wbc
 from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
 from wbc_controller.inverse_dynamics.references.changes import Walk
+from wbc_controller.middleware.topics import WALKING_KEYS
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase
+from wbc_controller.walking.goal import Goal
 
 #: Command forward, sideways and turning, m/s and rad/s.
 COMMANDS = [
@@ -118,10 +120,18 @@ def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
         assert all(landing is landings[0] for landing in landings)
 
 
-def test_a_walk_continues_exactly_from_a_saved_state():
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda controller: controller.walk(0.3, 0.0, 0.2),
+        lambda controller: controller.walk_to(1.0, 0.2, 0.3),
+        lambda controller: controller.walk_footsteps([[0.1, 0.1, 0.0], [0.2, -0.1, 0.0], [0.3, 0.1, 0.0]]),
+    ],
+)
+def test_a_walk_continues_exactly_from_a_saved_state(ask):
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
-    controller.walk(0.3, 0.0, 0.2)
+    ask(controller)
     simulation.run(1.7)
     assert controller.walker.phase is Phase.SINGLE
     saved = from_json(to_json(controller.memory()))
@@ -192,6 +202,28 @@ def test_a_streamed_command_ends_after_its_timeout():
     assert controller.mode is wbc.Mode.ACTIVE
 
 
+def test_a_goal_and_footsteps_by_topic(bench, make):
+    controller = bench("g1").activated(600)
+    walker = controller.loop.controller.walker
+    controller.send("walk_goal", make.pose([1.0, 0.5, 0.0], [0.0, 0.0, np.sin(0.2), np.cos(0.2)]))
+    report = controller.cycle(2)
+    assert not report.refused
+    assert walker.goal == Goal(1.0 + 0.5j, pytest.approx(0.4))
+    controller.send("walk_footsteps", make.pose_array([[0.1, 0.12, 0.0], [0.2, -0.12, 0.1]]))
+    report = controller.cycle(2)
+    assert not report.refused
+    assert (walker.goal, walker.footsteps_left) == (None, 2)
+    assert [left.data for left in controller.received("walk_footsteps_left")] == [0, 2]
+    controller.send("walk_footsteps", make.pose_array([[9.0, 0.12, 0.0]]))
+    report = controller.cycle(2)
+    assert any("step 1 of 1" in sentence for each in controller.reports[-2:] for sentence in each.refused)
+    assert walker.footsteps_left == 2
+    controller.send("cmd_vel", make.velocity("cmd_vel", [0.0] * 6))
+    controller.cycle(2)
+    assert [left.data for left in controller.received("walk_footsteps_left")] == [0, 2, 0]
+    assert walker.command is None
+
+
 @pytest.mark.parametrize("key", ["cmd_vel", "cmd_vel_stamped"])
 def test_a_velocity_by_topic_starts_the_walk(bench, make, key):
     controller = bench("g1").activated(600)
@@ -216,9 +248,9 @@ def test_the_watch_of_the_bring_up_does_not_compare_a_robot_that_walks(bench, ma
 
 
 def test_only_robots_that_walk_have_the_topic_of_the_velocity(robot_of):
-    for robot, keys in (("g1", {"cmd_vel", "cmd_vel_stamped"}), ("go2", set())):
+    for robot, keys in (("g1", set(WALKING_KEYS)), ("go2", set())):
         names = {endpoint.key for endpoint in controller_endpoints(*robot_of(robot))}
-        assert names & {"cmd_vel", "cmd_vel_stamped"} == keys
+        assert names & set(WALKING_KEYS) == keys
 
 
 def test_a_walking_robot_stops_before_it_is_deactivated():
@@ -234,6 +266,20 @@ def test_a_walking_robot_stops_before_it_is_deactivated():
     assert phases[-1][0] is Phase.STOP
     assert controller.walker.phase is Phase.STAND
     assert not simulation.plant.fallen
+
+
+@pytest.mark.parametrize(("word", "mode"), [("damp", wbc.Mode.DAMPING), ("estop", wbc.Mode.FAULT)])
+def test_damp_and_estop_do_not_wait_for_the_gait(word, mode):
+    controller = wbc.Controller("g1")
+    q, v = controller.stance(), np.zeros(controller.model.nv)
+    controller.reset(q, v)
+    controller.walk(0.3)
+    controller.step(q, v, 0.002)
+    assert controller.walker.moves
+    controller.request(word)
+    assert controller.step(q, v, 0.004).mode is mode
+    controller.reset(q, v, 0.006)
+    assert not controller.walker.moves
 
 
 def test_a_command_to_walk_is_refused_while_the_robot_stops_for_a_deactivation():

@@ -26,7 +26,7 @@ from wbc_controller.errors import ConfigurationError, InputRefused, MethodError,
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.limits import RowLimit
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
-from wbc_controller.inverse_dynamics.references.changes import Change, Walk
+from wbc_controller.inverse_dynamics.references.changes import Change, WalkFootsteps, WalkingChange, WalkTo
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
@@ -35,6 +35,7 @@ from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.goal import Goal
 from wbc_controller.walking.walker import Walker
 
 _log = logging.getLogger(__name__)
@@ -414,14 +415,24 @@ class ControlCycle:
 
     def _apply(self, changes: Sequence[Change], time: float) -> None:
         """Apply a set of changes of references, all or none, or raise `InputRefused`."""
-        walks = [change for change in changes if isinstance(change, Walk)]
-        if walks and self.walker is None:
+        for change in changes:  # first: the board refuses no change of a set with a walking command
+            if isinstance(change, WalkingChange):
+                self._apply_walk(change, time)
+        others = [change for change in changes if not isinstance(change, WalkingChange)]
+        self.board.apply(others, self.qp.dynamics, time)
+
+    def _apply_walk(self, change: WalkingChange, time: float) -> None:
+        """Pass a command to the walker, or raise `InputRefused`."""
+        if self.walker is None:
             raise InputRefused("this robot cannot walk: its configuration has no section 'walking'")
-        for walk in walks:  # first: the board refuses no change of a set with a walking command
-            if self.walker is not None:
-                until = time + self._command_timeout if walk.streamed else np.inf
-                self.walker.ask(None if walk.velocity is None else Velocity.of(walk.velocity), until)
-        self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
+        if isinstance(change, WalkTo):
+            x, y, heading = change.pose.tolist()
+            self.walker.go(Goal(complex(x, y), heading))
+        elif isinstance(change, WalkFootsteps):
+            self.walker.follow(change.poses, self.qp.dynamics)
+        else:
+            until = time + self._command_timeout if change.streamed else np.inf
+            self.walker.ask(None if change.velocity is None else Velocity.of(change.velocity), until)
 
     def _walk(self, now: float, time: float, touching: Mapping[str, bool]) -> Mapping[str, Reference]:
         """Update the walker at the time of the state, s; return the references of its tasks."""

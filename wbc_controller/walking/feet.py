@@ -68,6 +68,12 @@ class Foot:
         pose = dynamics.placement(self.frame) * self.placement
         return Sole(pose.translation, pose.rotation)
 
+    def corners(self, sole: Sole) -> list[complex]:
+        """Return the corners of the rectangle `half` on the ground, x + i y in m."""
+        axes = sole.rotation[0] + 1j * sole.rotation[1]
+        length, width = self.half[0] * axes[0], self.half[1] * axes[1]
+        return [sole.place + a * length + b * width for a in (1.0, -1.0) for b in (1.0, -1.0)]
+
     def velocity(self, dynamics: Dynamics) -> Array:
         """Return the velocity of the centre of the sole in world axes, (3,) in m/s."""
         twist = dynamics.velocity(self.frame, pin.LOCAL_WORLD_ALIGNED)

@@ -14,9 +14,12 @@ from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rot
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.adaptation import StepTarget, adapted
 from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
+from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
+from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.pendulum import before, later, natural_frequency, transferred
+from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.support import Support
 from wbc_controller.walking.swing import Landing, SwingFoot
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
@@ -74,11 +77,12 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A single support: its stance, the nominal step, its adaptation, the planned touchdown, and the swing foot.
+    """A single support: its stance, the nominal step, its adaptation, the touchdown, and the swing foot.
 
     Attributes:
         ground: plane through the last footholds.
         slope: of the swing foot, dz/dx + i dz/dy.
+        planned: True for one of the planned footsteps.
     """
 
     stance: Stance
@@ -88,6 +92,7 @@ class Step:
     swing: SwingFoot
     ground: Ground
     slope: complex
+    planned: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,14 +118,16 @@ class Walker:
         own_tasks: names of the tasks that are on while it walks.
         phase: phase of the gait.
         command: commanded velocity; None to stand.
+        goal: pose to walk to, or None; it commands the velocity.
+        footsteps: planned footsteps that are not begun; meanwhile the command is to step in place.
         leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
         velocity: velocity on the way to it.
         steps: number of steps since the start.
     """
 
     STATE_FIELDS = (
-        "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance", "_clearance",
-        "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown",
+        "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
+        "_clearance", "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown",
         "_references", "_footholds", "_early", "_double_support",
     )  # fmt: skip
 
@@ -137,6 +144,8 @@ class Walker:
         """Stand, without a command."""
         self.phase = Phase.STAND
         self.command: Velocity | None = None
+        self.goal: Goal | None = None
+        self.footsteps: tuple[Footstep, ...] = ()
         self.leaving = False
         self._until = math.inf  # time at which the command ends, s
         self.velocity = Velocity()
@@ -155,6 +164,7 @@ class Walker:
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
         self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
         self._footholds: tuple[Ground, ...] = ()  # the last ones, newest first
+        self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
         """Walk at a velocity until a time in s; None to stand.
@@ -164,7 +174,38 @@ class Walker:
         """
         if self.leaving and command is not None:
             raise InputRefused("the command to walk is refused: the robot stops walking before it is deactivated")
-        self.command, self._until = command, until
+        self.command, self._until, self.goal, self.footsteps = command, until, None, ()
+        if self._step is not None:
+            self._step = replace(self._step, planned=False)
+
+    def go(self, goal: Goal) -> None:
+        """Walk to a pose, and stop there; raises `InputRefused` as `ask`."""
+        self.ask(Velocity())
+        self.goal = goal
+
+    def follow(self, poses: Array, dynamics: Dynamics) -> None:
+        """Step on poses of the soles (x, y in m, heading in rad, (n, 3)), then bring the feet side by side, and stop.
+
+        The feet alternate. A standing robot begins with the foot that is nearer to its pose.
+
+        Raises:
+            InputRefused: as `ask`, or if a step is out of reach.
+        """
+        soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
+        feet, first = {side: (sole.place, sole.heading) for side, sole in soles.items()}, None
+        if self.phase is Phase.SINGLE and self._step is not None:  # the foot in the air lands as planned before
+            landing, first = self._step.landing, self._stance
+            feet[-first] = landing.place, landing.heading
+        elif self.phase is not Phase.STAND:
+            first = -self._stance
+        steps = planned(poses, feet, first, self.gait)
+        self.ask(Velocity())
+        self.footsteps = steps
+
+    @property
+    def footsteps_left(self) -> int:
+        """Number of planned footsteps without a touchdown."""
+        return len(self.footsteps) + (self.phase is Phase.SINGLE and self._step is not None and self._step.planned)
 
     def leave(self) -> None:
         """Stop walking, for the controller to be deactivated when the robot stands."""
@@ -192,6 +233,29 @@ class Walker:
         """Names of the tasks on orientations that turn with the heading."""
         return self._tasks.orientations
 
+    def plan(self) -> WalkingPlan | None:
+        """Return the plan of the last cycle, or None while standing."""
+        if self.phase is Phase.STAND or self._latest is None:
+            return None
+        cycle, pressure = self._latest
+        feet, step, elapsed = self._feet, self._step, cycle.time - self._since
+        swings, landings, remaining = {}, {}, math.inf
+        if self.phase is Phase.SINGLE and step is not None:
+            feet, swinging = {self._stance: feet[self._stance]}, feet[-self._stance].contact
+            landing, duration = step.landing, step.target.time
+            swings[swinging] = swing_path(step.swing, landing, self.gait.clearance, elapsed, duration)
+            landings[swinging] = np.array([landing.place.real, landing.place.imag, landing.height])
+            remaining = max(0.0, duration - elapsed)
+        return WalkingPlan(
+            phase=self.phase.value,
+            dcm=cycle.dcm,
+            wanted_dcm=self._dcm_wanted,
+            swings=swings,
+            landings=landings,
+            remaining=remaining,
+            margin=margin(pressure, [p for side, foot in feet.items() for p in foot.corners(cycle.soles[side])]),
+        )
+
     def update(
         self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
     ) -> Decision:
@@ -208,6 +272,8 @@ class Walker:
         if time > self._until:
             self.command = None
         soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
+        if self.goal is not None:
+            self.command = self._velocity_to(self.goal, soles)
         if self.phase is Phase.STAND:
             if self.command is None:
                 return decision
@@ -236,6 +302,7 @@ class Walker:
             pressure = self._shift(cycle, decision)
         if self.phase is Phase.STAND:
             return decision
+        self._latest = cycle, pressure
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
             rate += self.gait.reaction / omega * self._step.swing.acceleration
@@ -261,8 +328,30 @@ class Walker:
         self._footholds = tuple(sole.ground for sole in soles.values())
         self.steps, self.velocity, self._step = 0, Velocity(), None
         self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
+        if self.footsteps:
+            self._stance = -self.footsteps[0].side
         decision.changes += [EnableTask(name, False) for name in self._tasks.suspended]
         decision.changes += [EnableTask(name, True) for name in self.own_tasks]
+
+    def _velocity_to(self, goal: Goal, soles: Mapping[int, Sole]) -> Velocity | None:
+        """Return the velocity towards a goal from the middle between the feet; at the goal, drop it and return None.
+
+        While the robot walks, the middle is beside the stance foot, half of the nominal width away.
+        """
+        stance = soles[self._stance]
+        middle, heading = 0.5 * (soles[1].place + soles[-1].place), stance.heading
+        if self.phase is not Phase.STAND:
+            middle = stance.place - 0.5j * self._stance * self.gait.width * cmath.rect(1.0, heading)
+        velocity = velocity_to(goal, middle, heading, self.gait)
+        if velocity is None:
+            self.goal = None
+        return velocity
+
+    def _nominal(self, velocity: Velocity, stance: Stance) -> NominalStep:
+        """Return the next step: to the next planned footstep, or at a velocity."""
+        if self.footsteps:
+            return step_towards(self.footsteps, stance, self.gait)
+        return nominal_step(velocity, stance, self.gait, self.gait.single)
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
         """Enter a phase; the reference of the DCM begins at the measured one."""
@@ -274,7 +363,7 @@ class Walker:
         foot = soles[self._stance]
         if self.phase is Phase.SHIFT:
             stance = Stance(foot.place, foot.heading, -self._stance, cycle.omega)
-            nominal = nominal_step(Velocity(), stance, self.gait, self.gait.single)
+            nominal = self._nominal(Velocity(), stance)
             swing = SwingFoot.at_rest(soles[-self._stance].centre, 0.0)
             goal = self._wanted(nominal, stance, swing, self.gait.single)
         else:
@@ -303,7 +392,8 @@ class Walker:
         self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, False
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
-        nominal = nominal_step(self.velocity, stance, self.gait, self.gait.single)
+        nominal = self._nominal(self.velocity, stance)
+        planned, self.footsteps = bool(self.footsteps), self.footsteps[1:]
         self._footholds = (sole.ground, *self._footholds[: FOOTHOLDS - 1])
         ground = plane_through(self._footholds)
         self._step = Step(
@@ -314,6 +404,7 @@ class Walker:
             swing=SwingFoot.at_rest(foot.centre, foot.heading),
             ground=ground,
             slope=foot.ground.slope,
+            planned=planned,
         )
         self._blend = self._dcm_wanted - self._wanted(nominal, stance, self._step.swing, self.gait.single)
 
@@ -327,7 +418,7 @@ class Walker:
         gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
         stance, sole, foot = step.stance, cycle.soles[self._stance], self._feet[-self._stance]
         if step.target.time - elapsed > _FREEZE:
-            nominal = nominal_step(self.velocity, stance, gait, step.target.time)
+            nominal = step.nominal if step.planned else nominal_step(self.velocity, stance, gait, step.target.time)
             target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)
@@ -368,6 +459,8 @@ class Walker:
         self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
         self._touchdown = sole.place + step.nominal.offset, step.stance.place, sole.place
         self._stance = -self._stance
+        if step.planned and not self.footsteps:
+            self.command = None
 
     def _double(self, cycle: _Cycle, decision: Decision) -> complex:
         """Move the centre of pressure to the new foot; return it."""
