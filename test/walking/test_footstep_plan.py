@@ -15,7 +15,7 @@ from wbc_controller.walking.pendulum import periodic_offset, previous_offset
 
 GAIT = Gait(
     single=0.5, double=0.1, shift=0.8, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14, length=0.45,
-    greatest_width=0.55, speed=(0.5, 0.2, 0.5),
+    greatest_width=0.55, reaction=0.08, speed=(0.5, 0.2, 0.5),
 )  # fmt: skip
 FEET = {1: (0.1j, 0.0), -1: (-0.1j, 0.0)}
 OMEGA = 3.8
@@ -23,9 +23,9 @@ OMEGA = 3.8
 
 def test_the_previous_offset_of_a_periodic_gait_is_the_periodic_one():
     for side in (1.0, -1.0):
-        b = periodic_offset(0.3, 0.2j * side, OMEGA, 0.5, 0.1)
-        after = periodic_offset(0.3, -0.2j * side, OMEGA, 0.5, 0.1)
-        assert previous_offset(after, 0.3 + 0.2j * side, 0.3 - 0.2j * side, OMEGA, 0.5, 0.1) == pytest.approx(b)
+        b = periodic_offset(0.3, 0.2j * side, OMEGA, 0.5, 0.1, 0.07)
+        after = periodic_offset(0.3, -0.2j * side, OMEGA, 0.5, 0.1, 0.07)
+        assert previous_offset(after, 0.3 + 0.2j * side, 0.3 - 0.2j * side, OMEGA, 0.5, 0.1, 0.07) == pytest.approx(b)
 
 
 @pytest.mark.parametrize(("y", "sides"), [(0.1, [1, -1, 1]), (-0.1, [-1, 1, -1])])
@@ -61,7 +61,7 @@ def test_reach_is_measured_in_the_axes_of_the_other_foot():
 
 def test_equal_steps_have_nearly_the_offset_of_a_velocity():
     stance, velocity = Stance(-0.1j, 0.0, 1, OMEGA), Velocity(0.3)
-    wanted = nominal_step(velocity, stance, GAIT)
+    wanted = nominal_step(velocity, stance, GAIT, GAIT.single)
     progress = 0.3 * GAIT.step_time
     poses = np.array([[progress * i, 0.1 if i % 2 else -0.1, 0.0] for i in range(1, 9)])
     step = step_towards(planned(poses, FEET, 1, GAIT), stance, GAIT)
@@ -100,7 +100,7 @@ def test_a_velocity_replaces_the_plan_in_the_air():
     simulation = wbc.Simulation("g1")
     controller, walker = simulation.controller, simulation.controller.walker
     controller.walk_footsteps([[0.2, 0.1, 0.0], [0.4, -0.1, 0.0], [0.6, 0.1, 0.0]])
-    simulation.run(1.2)
+    simulation.run(1.1)
     assert (walker.phase, walker.footsteps_left) == (Phase.SINGLE, 3)
     with pytest.raises(InputRefused, match=r"step 1 of 1 \(right foot\)"):
         walker.follow(np.array([[0.2, 0.1, 0.0]]), controller.dynamics)  # the left foot is in the air

@@ -14,7 +14,7 @@ from wbc_controller.walking.goal import NEAR, NEAR_ANGLE, Goal, velocity_to
 
 GAIT = Gait(
     single=0.5, double=0.1, shift=0.8, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14, length=0.45,
-    greatest_width=0.55, speed=(0.5, 0.2, 0.5),
+    greatest_width=0.55, reaction=0.08, speed=(0.5, 0.2, 0.5),
 )  # fmt: skip
 
 
@@ -28,7 +28,7 @@ def walked(goal, steps=100):
         history.append((middle, stance.heading, velocity))
         if wanted is None and abs(velocity.linear) < 0.02 and abs(velocity.turning) < 0.02:
             break
-        step = nominal_step(velocity, stance, GAIT)
+        step = nominal_step(velocity, stance, GAIT, GAIT.single)
         stance = Stance(step.place, step.heading, -stance.side, stance.omega)
     return history
 
