@@ -21,11 +21,15 @@ class WalkingSettings(Section):
         None, description="Nominal duration of the single support, s; default 1.9·√(z/g)."
     )
     double_support: _Time = Field(0.1, description="Duration of the double support, s.")
-    clearance: _Length | None = Field(None, description="Height of the swing foot above the ground, m; default 0.07·z.")
+    clearance: _Length | None = Field(
+        None,
+        description="Height of the swing foot above the ground, m; default 0.07·z, at most 0.6 of the height to which "
+        "the flat foot can be raised.",
+    )
     lowering: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
         None,
         description="Distance by which the centre of mass is lowered while walking, m: long steps need bent knees; "
-        "default 0.03·z.",
+        "default 0.03·z, at most 0.2 of the height to which the flat foot can be raised.",
     )
     width: _Length | None = Field(
         None, description="Distance between the feet, m; default 0.85 of that in the nominal posture."
@@ -41,7 +45,13 @@ class WalkingSettings(Section):
         0.5, description="Time without a message on `cmd_vel` after which the robot stops, s."
     )
     max_speed: Positive | None = Field(
-        None, description="Largest speed forward, m/s; default 0.12·√(g·z). Backward half of it."
+        None,
+        description="Largest speed forward, m/s; default 0.12·√(g·z), less if the legs cannot swing as "
+        "fast. Backward half of it.",
     )
-    max_side_speed: Positive | None = Field(None, description="Largest speed sideways, m/s; default 0.08·√(g·z).")
-    max_turn_rate: Positive = Field(0.5, description="Largest turning rate, rad/s.")
+    max_side_speed: Positive | None = Field(
+        None, description="Largest speed sideways, m/s; default 0.08·√(g·z), less if the legs cannot swing as fast."
+    )
+    max_turn_rate: Positive | None = Field(
+        None, description="Largest turning rate, rad/s; default 0.5, less if the legs cannot swing as fast."
+    )

@@ -26,6 +26,10 @@ class Velocity:
         forward, sideways, turning = values.tolist()
         return cls(complex(forward, sideways), turning)
 
+    def times(self, factor: float) -> "Velocity":
+        """Return a multiple of the command."""
+        return Velocity(factor * self.linear, factor * self.turning)
+
     def clipped(self, gait: Gait) -> "Velocity":
         """Return the command within the largest speeds of a gait."""
         forward, sideways, turning = gait.speed

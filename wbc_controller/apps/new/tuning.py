@@ -12,6 +12,10 @@ from wbc_controller.apps.new.feet import Limb
 from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.controller.build.footprint import simplify_polygon
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.walking import find_feet, make_gait
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
@@ -28,6 +32,7 @@ _MAX_SPEED = 8.0  # largest fully used joint speed, rad/s
 #: Smallest number of joints of an arm with a hand task: on a legged robot, where heads have fewer, and on a fixed base.
 _ARM_JOINTS, _FIXED_ARM_JOINTS = 4, 3
 _POSE_JOINTS = 6
+_DIRECTIONS = 6  # of the motion of a walking robot's sole
 _ROUNDING_ANGLE = 0.005  # rounding of a mesh, rad
 
 
@@ -139,6 +144,25 @@ def put_limits(model: RobotModel, draft: Draft) -> None:
         share = float(np.clip(round(_MAX_SPEED / fastest, 2), 0.15, 1.0))
         draft.put("limits.velocity_scale", share, f"{fastest:g} rad/s in the URDF may be a motor speed: limbs at such "
                   "speeds cannot stop before their limits.", "guess")  # fmt: skip
+
+
+def put_walking(urdf: str, draft: Draft) -> None:
+    """Write the section of walking for a biped with two soles, each moved in all directions by a leg that bears it."""
+    if [contact["type"] for contact in draft.values["contacts"].values()] != ["surface", "surface"]:
+        return
+    try:
+        settings = draft.settings
+        model = make_model(settings, urdf)
+        limits = make_gait(settings, *find_feet(settings, model), make_qp(settings, model))
+    except ConfigurationError:  # the check of the draft reports it
+        return
+    if any(leg.directions < _DIRECTIONS for leg in limits.legs):
+        return
+    load = max(limits.single_support().values(), key=lambda load: load.share)
+    if load.share > 1.0:
+        draft.note("walking", f"Not written: one leg cannot bear the robot ({load.text}).", "guess")
+    else:
+        draft.put("walking", {}, "All values follow from the robot; `wbc check` prints the feasible speeds.", "guess")
 
 
 def put_damping(model: RobotModel, height: float, draft: Draft) -> None:

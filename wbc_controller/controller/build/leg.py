@@ -1,0 +1,180 @@
+"""Kinematics of one leg: postures with a flat sole at a place relative to the base, and joint velocities of a swing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+from wbc_controller.walking.feet import Foot, about_z
+from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+
+#: Newton iterations, largest remaining error, m and rad, and weight of the joint motion.
+_ITERATIONS, _REACHED, _LEAST_MOTION = 8, 1.0e-3, 1.0e-4
+#: Largest singular value of the Jacobian of an immobile direction, m or 1.
+_IMMOBILE = 1.0e-2
+#: Steps and halvings in the search for the largest lift.
+_STEPS, _HALVINGS = 6, 4
+#: Samples of a swing.
+_SAMPLES = 16
+#: Evaluations in the search for the largest speed.
+_TRIED_SPEEDS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedLimit:
+    """Largest speed, m/s or rad/s, and the limiting quantity; "" if the search found none."""
+
+    speed: float
+    quantity: str
+
+
+class Leg:
+    """One leg, with the base upright at the origin.
+
+    Offsets of the sole, (4,), count from the nominal posture: forward, left and up in m, and turned to the left in rad.
+
+    Attributes:
+        side: 1 for the left leg, -1 for the right one.
+        foot: its foot.
+        joints: indices in `model.joints` of the joints that move this foot alone.
+    """
+
+    def __init__(self, model: RobotModel, side: int, foot: Foot, other: Foot, margin: float) -> None:
+        """Prepare the leg of a foot; `margin` is the distance from the position limits in rad."""
+        own = _chain(model, foot.frame) - _chain(model, other.frame)
+        self.joints = [i for i, name in enumerate(model.joints) if model.pinocchio.getJointId(name) in own]
+        self.side, self.foot = side, foot
+        self._model, self._data = model, model.pinocchio.createData()
+        self._lower = np.minimum(model.position_lower + margin, model.posture)
+        self._upper = np.maximum(model.position_upper - margin, model.posture)
+        self._start = pin.SE3(self._kinematics(np.array(model.posture))[0])
+
+    @property
+    def directions(self) -> int:
+        """Number of directions in which the joints move the sole in the nominal posture; 6 for any pose."""
+        return int(np.linalg.matrix_rank(self._kinematics(np.array(self._model.posture))[1], tol=_IMMOBILE))
+
+    def posture(self, offset: Array, start: Array) -> tuple[Array, str]:
+        """Return the posture, (nj,) in rad, with the sole at an offset, and the limit that it exceeds, or "".
+
+        Newton's method from the posture `start`, (nj,).
+        """
+        posture, none = np.array(start), np.zeros(len(self.joints))
+        goal = pin.SE3(about_z(offset[3]) @ self._start.rotation, self._start.translation + offset[:3])
+        for _ in range(_ITERATIONS):
+            sole, J = self._kinematics(posture)
+            error = np.concatenate([goal.translation - sole.translation, pin.log3(goal.rotation @ sole.rotation.T)])
+            if np.abs(error).max() <= _REACHED:
+                break
+            rows = np.vstack([J, _LEAST_MOTION * np.eye(len(none))])
+            posture[self.joints] += np.linalg.lstsq(rows, np.concatenate([error, none]), rcond=None)[0]
+        else:
+            return posture, "length of the leg"
+        beyond = np.flatnonzero((posture < self._lower) | (posture > self._upper))
+        return posture, f"position of {self._model.joints[beyond[0]]}" if beyond.size else ""
+
+    def lift(self, most: float) -> float:
+        """Return the height, at most `most` in m, to which the flat sole can be raised under the hip."""
+        up, posture = np.array([0.0, 0.0, 1.0, 0.0]), np.array(self._model.posture)
+        reached, step = 0.0, most / _STEPS
+        for _ in range(_STEPS + _HALVINGS):
+            raised, reason = self.posture((reached + step) * up, posture)
+            if reason:
+                step *= 0.5
+            else:
+                reached, posture = reached + step, raised
+            if reached >= most:
+                break
+        return reached
+
+    def swing_share(self, velocity: Velocity, gait: Gait, speeds: Array) -> tuple[float, str]:
+        """Return the largest share of joint speeds, (nj,) in rad/s, in a swing, and its joint.
+
+        The share is infinite if the leg cannot reach a part of the swing; then the reason replaces the joint.
+        """
+        worst, cause, posture = 0.0, "", np.array(self._model.posture)
+        for offset, rate in swing(velocity, gait, self.side, abs(self._start.translation[1])):
+            posture, reason = self.posture(offset, posture)
+            if reason:
+                return math.inf, reason
+            twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])
+            # q̇ = J⁺ of the velocity of the sole relative to the base
+            rates = np.linalg.lstsq(self._kinematics(posture)[1], twist, rcond=None)[0]
+            share = np.abs(rates) / speeds[self.joints]
+            if share.max() > worst:
+                worst = float(share.max())
+                cause = f"velocity of {self._model.joints[self.joints[int(np.argmax(share))]]}"
+        return worst, cause
+
+    def _kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
+        """Return the placement of the sole, and the Jacobian of its centre by the own joints, (6, k)."""
+        model, q, frame = self._model, self._model.configuration(posture), self.foot.frame
+        pin.computeJointJacobians(model.pinocchio, self._data, q)
+        pin.updateFramePlacements(model.pinocchio, self._data)
+        sole = self._data.oMf[frame] * self.foot.placement
+        J = np.array(pin.getFrameJacobian(model.pinocchio, self._data, frame, pin.LOCAL_WORLD_ALIGNED))
+        J[:3] -= pin.skew(sole.translation - self._data.oMf[frame].translation) @ J[3:]
+        if model.followers is not None:
+            for row in J:
+                model.followers.carry(row)
+        return sole, J[:, model.v_index[self.joints]]
+
+
+def swing(velocity: Velocity, gait: Gait, side: int, apart: float) -> Iterator[tuple[Array, Array]]:
+    """Yield offsets, (4,), of a swing foot relative to the base from its nominal place, and their rates, (4,).
+
+    The base moves at the velocity v and is above the stance foot in the middle of the single support T_s. With the step
+    s = v (T_s + T_d), the foot moves from -s to s.
+
+    Args:
+        velocity: of the base.
+        gait: the gait.
+        side: 1 for the left foot, -1 for the right one.
+        apart: distance of the foot from the middle in the nominal posture, m.
+    """
+    duration, step = gait.single, velocity.linear * gait.step_time
+    turn = velocity.turning * gait.step_time
+    # Like `nominal_step`, with half of the width on each side of the base.
+    width = max(gait.width, gait.least_width + abs(step.imag))
+    beside = side * (0.5 * width - apart)
+    begin, end = complex(-step.real, beside - step.imag), complex(step.real, beside + step.imag)
+    foot = SwingFoot(Axis(begin.real), Axis(begin.imag), Axis(gait.lowering), Axis(-turn))
+    landing, dt = Landing(end, gait.lowering, turn), duration / _SAMPLES
+    v = np.array([velocity.linear.real, velocity.linear.imag, 0.0, velocity.turning])
+    for sample in range(_SAMPLES + 1):
+        axes = (foot.x, foot.y, foot.z, foot.heading)
+        position, rate = (np.array([getattr(axis, key) for axis in axes]) for key in ("position", "velocity"))
+        yield position - (sample * dt - 0.5 * duration) * v, rate - v
+        foot = foot.moved(landing, gait.clearance, sample * dt, duration, dt)
+
+
+def largest_speed(share: Callable[[float], tuple[float, str]], most: float) -> SpeedLimit:
+    """Return the largest speed, at most `most`, at which a share is at most 1; it rises with the speed.
+
+    Args:
+        share: function from a speed to a share and its cause.
+        most: m/s or rad/s.
+    """
+    low, high, quantity = 0.0, most, ""
+    for number in range(_TRIED_SPEEDS):
+        speed = most if number == 0 else 0.5 * (low + high)
+        found, cause = share(speed)
+        if found <= 1.0:
+            low = speed
+        else:
+            high, quantity = speed, cause
+        if low == most:
+            break
+    return SpeedLimit(low, quantity)
+
+
+def _chain(model: RobotModel, frame: int) -> set[int]:
+    return set(model.pinocchio.supports[model.pinocchio.frames[frame].parentJoint])
