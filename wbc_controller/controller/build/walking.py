@@ -6,30 +6,26 @@ import math
 
 import numpy as np
 
+from wbc_controller.controller.build.quadruped_walking import (
+    is_quadruped,
+    make_quadruped_tasks,
+    make_quadruped_walker,
+)
+from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks import (
-    CapturePointTask,
-    ComTask,
-    FrameOrientationTask,
-    FramePoseTask,
-    FramePositionTask,
-    PostureTask,
-    Task,
-)
+from wbc_controller.inverse_dynamics.tasks import CapturePointTask, ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings, SurfaceContact, WalkingSettings
 from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.quadruped import QuadrupedWalker
 from wbc_controller.walking.walker import GAIN, Walker, WalkingTasks
 
 #: Names of the walker's tasks.
-DCM, HEIGHT, POSTURE = "walking_dcm", "walking_height", "walking_posture"
-LEFT, RIGHT = "walking_left_foot", "walking_right_foot"
-#: Tasks with references in the world, which a walking robot leaves behind.
-_IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)
+DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"
 
 
 def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
@@ -40,10 +36,9 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     """
     if settings.walking is None:
         return []
+    if is_quadruped(settings, settings.walking):
+        return make_quadruped_tasks(settings, model)
     left, right = _feet(settings, settings.walking, model)
-    taken = sorted({DCM, HEIGHT, POSTURE, LEFT, RIGHT} & settings.tasks.keys())
-    if taken:
-        raise ConfigurationError(f"tasks.{taken[0]}: the walker has a task of this name; choose another name")
     tasks: dict[str, tuple[float, Task]] = {
         DCM: (500.0, CapturePointTask(DCM, model.gravity, gain=GAIN)),
         HEIGHT: (50.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
@@ -51,12 +46,10 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
         LEFT: (20.0, FramePoseTask(LEFT, model, settings.contacts[left.contact].frame, stiffness=400.0)),
         RIGHT: (20.0, FramePoseTask(RIGHT, model, settings.contacts[right.contact].frame, stiffness=400.0)),
     }
-    for weight, task in tasks.values():
-        task.weight, task.enabled = weight, False
-    return [task for _, task in tasks.values()]
+    return make_disabled(tasks, settings)
 
 
-def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
+def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | QuadrupedWalker | None:
     """Build the walker; None without the section `walking`.
 
     Args:
@@ -64,14 +57,16 @@ def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
     """
     if settings.walking is None:
         return None
+    if is_quadruped(settings, settings.walking):
+        return make_quadruped_walker(settings, settings.walking, qp)
     left, right = _feet(settings, settings.walking, qp.model)
-    configured = {name: qp.tasks[name] for name, task in settings.tasks.items() if task.enabled}
+    orientations, suspended = enabled_tasks(settings, qp)
     tasks = WalkingTasks(
         dcm=DCM,
         height=HEIGHT,
         posture=POSTURE,
-        orientations=tuple(name for name, task in configured.items() if isinstance(task, FrameOrientationTask)),
-        suspended=tuple(name for name, task in configured.items() if isinstance(task, _IN_THE_WORLD)),
+        orientations=orientations,
+        suspended=suspended,
     )
     return Walker(_gait(settings.walking, left, right, qp), left, right, tasks, qp.model.gravity)
 
@@ -92,7 +87,7 @@ def _feet(settings: Settings, walking: WalkingSettings, model: RobotModel) -> tu
         if names != (None, None) or len(surfaces) != 2:
             raise ConfigurationError(
                 f"walking.left = {names[0]!r}, walking.right = {names[1]!r}: walking takes two surface contacts, the "
-                f"left and the right foot; valid: {valid}"
+                f"left and the right foot, or four point contacts; surface contacts: {valid}"
             )
         dynamics = Dynamics(model)
         feet = [_foot(name, LEFT, contact, model) for name, contact in surfaces.items()]
@@ -124,24 +119,20 @@ def _gait(walking: WalkingSettings, left: Foot, right: Foot, qp: WholeBodyQP) ->
     z = float(dynamics.com[2]) - 0.5 * float(soles[0][2] + soles[1][2])
     apart = float(np.linalg.norm((soles[0] - soles[1])[:2]))
     sole = left.half[1] + right.half[1]
-    least = _or(walking.least_width, max(0.6 * apart, sole + 0.03))
+    least = value_or(walking.least_width, max(0.6 * apart, sole + 0.03))
     return Gait(
-        single=_or(walking.single_support, 1.9 * math.sqrt(z / gravity)),
-        double=walking.double_support,
+        single=value_or(walking.single_support, 1.9 * math.sqrt(z / gravity)),
+        double=value_or(walking.double_support, 0.1),
         shift=0.8,
-        lowering=_or(walking.lowering, 0.03 * z),
-        clearance=_or(walking.clearance, 0.07 * z),
-        width=_or(walking.width, 0.85 * apart),
+        lowering=value_or(walking.lowering, 0.03 * z),
+        clearance=value_or(walking.clearance, 0.07 * z),
+        width=value_or(walking.width, 0.85 * apart),
         least_width=least,
-        length=_or(walking.max_step_length, 0.65 * z),
-        greatest_width=_or(walking.max_step_width, 0.8 * z),
+        length=value_or(walking.max_step_length, 0.65 * z),
+        greatest_width=value_or(walking.max_step_width, 0.8 * z),
         speed=(
-            _or(walking.max_speed, 0.12 * math.sqrt(gravity * z)),
-            _or(walking.max_side_speed, 0.08 * math.sqrt(gravity * z)),
-            walking.max_turn_rate,
+            value_or(walking.max_speed, 0.12 * math.sqrt(gravity * z)),
+            value_or(walking.max_side_speed, 0.08 * math.sqrt(gravity * z)),
+            value_or(walking.max_turn_rate, 0.5),
         ),
     )
-
-
-def _or(value: float | None, default: float) -> float:
-    return default if value is None else value
