@@ -61,7 +61,15 @@ class SwingFoot:
         """Place above the ground, x + i y in m."""
         return complex(self.x.position, self.y.position)
 
-    def moved(self, landing: "Landing", clearance: float, elapsed: float, duration: float, dt: float) -> "SwingFoot":
+    def moved(
+        self,
+        landing: "Landing",
+        clearance: float,
+        elapsed: float,
+        duration: float,
+        dt: float,
+        descent: float = _DESCENT,
+    ) -> "SwingFoot":
         """Return the reference after one cycle; a foot that is late moves further down.
 
         Args:
@@ -70,9 +78,10 @@ class SwingFoot:
             elapsed: time since it has lifted off, s.
             duration: of its swing, s.
             dt: time of a cycle, s.
+            descent: time before the apex from which on the foot is planned to the ground, s.
         """
         left, top = duration - elapsed, APEX * duration
-        if top - elapsed > _DESCENT:
+        if top - elapsed > descent:
             z = self.z.moved(landing.height + clearance, 0.0, top - elapsed, dt)
         elif left > _SHORTEST:
             z = self.z.moved(landing.height, -TOUCHDOWN_SPEED, left, dt)
@@ -93,7 +102,7 @@ class Landing:
     Attributes:
         place: x + i y in m in the world.
         height: of the ground there, m.
-        heading: of the foot, rad; less than half a turn away from the present one.
+        heading: of the foot, rad; less than half a turn away from the present one; 0 for a point foot.
     """
 
     place: complex

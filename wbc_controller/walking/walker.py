@@ -5,8 +5,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, EnableContact, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -17,6 +15,7 @@ from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.pendulum import later, natural_frequency, transferred
+from wbc_controller.walking.references import height_rate, reference, smooth_step
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
 from wbc_controller.walking.touchdown import lands
 
@@ -30,8 +29,8 @@ _TWO_FEET = (0.06, 0.05)
 _BLEND = 0.2
 #: Time before touchdown from which on the target of the step stays, s.
 _FREEZE = 0.05
-#: Rates at which height and heading follow their goals, 1/s, and the largest rate of the height, m/s.
-_HEIGHT_RATE, _HEADING_RATE, _FASTEST_HEIGHT = 3.0, 6.0, 0.2
+#: Rate at which the heading follows its goal, 1/s.
+_HEADING_RATE = 6.0
 #: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
 _BESIDE, _SLOW = 0.02, 0.02
 
@@ -209,7 +208,7 @@ class Walker:
         if self.phase is Phase.STAND:
             return decision
         rate = omega * (cycle.dcm - pressure)
-        self._references[self._tasks.dcm] = _reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
+        self._references[self._tasks.dcm] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance], dt)
         self._turn(soles, dt)
         decision.references = dict(self._references)
@@ -244,7 +243,7 @@ class Walker:
             goal = later(nominal.place + nominal.offset, stance.place, cycle.omega, -self.gait.single)
         else:
             goal = 0.5 * (soles[1].place + soles[-1].place)
-        share, rate = _smooth(elapsed / duration)
+        share, rate = smooth_step(elapsed / duration)
         self._dcm_wanted = self._blend + (goal - self._blend) * share
         pressure = self._dcm_wanted - (goal - self._blend) * rate / (duration * cycle.omega)
         if self.phase is Phase.STOP and self.command is not None:
@@ -291,7 +290,7 @@ class Walker:
             landing = Landing(target.place, sole.height_at(target.place), heading)
             step = replace(step, nominal=nominal, target=target, landing=landing)
         nominal, target = step.nominal, step.target
-        share, _ = _smooth(elapsed / _BLEND)
+        share, _ = smooth_step(elapsed / _BLEND)
         left = max(target.time - elapsed, 0.0)
         self._dcm_wanted = later(nominal.place + nominal.offset, stance.place, stance.omega, -left)
         self._dcm_wanted += self._blend * (1.0 - share)
@@ -344,10 +343,9 @@ class Walker:
 
     def _hold_height(self, stance: Sole, dt: float) -> None:
         """Follow the height of the ground under the stance foot."""
-        short = float(stance.centre[2]) + self._clearance - self._height
-        rate = max(-_FASTEST_HEIGHT, min(_FASTEST_HEIGHT, _HEIGHT_RATE * short))
+        rate = height_rate(float(stance.centre[2]) + self._clearance - self._height)
         self._height += rate * dt
-        self._references[self._tasks.height] = _reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
+        self._references[self._tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
 
     def _turn(self, soles: Mapping[int, Sole], dt: float) -> None:
         """Turn the tasks on orientations with the heading of the feet."""
@@ -359,16 +357,4 @@ class Walker:
         self._heading += rate * dt
         turn = about_z(self._heading)
         for name, rotation in self._orientations.items():
-            self._references[name] = _reference(quaternion_of(turn @ rotation), [0.0, 0.0, rate])
-
-
-def _reference(position: object, velocity: list[float]) -> Reference:
-    """Return a reference without acceleration."""
-    rates = np.array(velocity)
-    return Reference(np.array(position, dtype=np.float64), rates, np.zeros(len(rates)))
-
-
-def _smooth(share: float) -> tuple[float, float]:
-    """Return the quintic from 0 to 1 at a share of its duration, and its derivative."""
-    s = max(0.0, min(1.0, share))
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) ** 2
+            self._references[name] = reference(quaternion_of(turn @ rotation), [0.0, 0.0, rate])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wbc_controller.controller.build.leg import Leg, SpeedLimit, largest_speed
+from wbc_controller.controller.build.leg import FeasibleSpeed, Leg, largest_speed
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -46,7 +46,7 @@ class GaitLimits:
         #: Columns of the base in v.
         self._base = np.setdiff1d(np.arange(model.nv), model.v_index)[:6]
 
-    def feasible(self, way: Velocity, most: float) -> SpeedLimit:
+    def feasible(self, way: Velocity, most: float) -> FeasibleSpeed:
         """Return the feasible speed in a direction, at most `most`, in m/s or rad/s."""
 
         def worst(speed: float) -> tuple[float, str]:

@@ -18,8 +18,6 @@ from wbc_controller.walking.swing import Axis, Landing, SwingFoot
 
 #: Newton iterations, largest remaining error, m and rad, and weight of the joint motion.
 _ITERATIONS, _REACHED, _LEAST_MOTION = 8, 1.0e-3, 1.0e-4
-#: Largest singular value of the Jacobian of an immobile direction, m or 1.
-_IMMOBILE = 1.0e-2
 #: Steps and halvings in the search for the largest lift.
 _STEPS, _HALVINGS = 6, 4
 #: Samples of a swing.
@@ -29,7 +27,7 @@ _TRIED_SPEEDS = 8
 
 
 @dataclass(frozen=True, slots=True)
-class SpeedLimit:
+class FeasibleSpeed:
     """Largest speed, m/s or rad/s, and the limiting quantity; "" if the search found none."""
 
     speed: float
@@ -56,11 +54,6 @@ class Leg:
         self._lower = np.minimum(model.position_lower + margin, model.posture)
         self._upper = np.maximum(model.position_upper - margin, model.posture)
         self._start = pin.SE3(self._kinematics(np.array(model.posture))[0])
-
-    @property
-    def directions(self) -> int:
-        """Number of directions in which the joints move the sole in the nominal posture; 6 for any pose."""
-        return int(np.linalg.matrix_rank(self._kinematics(np.array(self._model.posture))[1], tol=_IMMOBILE))
 
     def posture(self, offset: Array, start: Array) -> tuple[Array, str]:
         """Return the posture, (nj,) in rad, with the sole at an offset, and the limit that it exceeds, or "".
@@ -156,7 +149,7 @@ def swing(velocity: Velocity, gait: Gait, side: int, apart: float) -> Iterator[t
         foot = foot.moved(landing, gait.clearance, sample * dt, duration, dt)
 
 
-def largest_speed(share: Callable[[float], tuple[float, str]], most: float) -> SpeedLimit:
+def largest_speed(share: Callable[[float], tuple[float, str]], most: float) -> FeasibleSpeed:
     """Return the largest speed, at most `most`, at which a share is at most 1; it rises with the speed.
 
     Args:
@@ -173,7 +166,7 @@ def largest_speed(share: Callable[[float], tuple[float, str]], most: float) -> S
             high, quantity = speed, cause
         if low == most:
             break
-    return SpeedLimit(low, quantity)
+    return FeasibleSpeed(low, quantity)
 
 
 def _chain(model: RobotModel, frame: int) -> set[int]:

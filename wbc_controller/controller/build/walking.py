@@ -10,30 +10,26 @@ import pinocchio as pin
 
 from wbc_controller.controller.build.gait_limits import WAYS, GaitLimits
 from wbc_controller.controller.build.leg import Leg
+from wbc_controller.controller.build.quadruped_walking import (
+    is_quadruped,
+    make_quadruped_tasks,
+    make_quadruped_walker,
+)
+from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks import (
-    CapturePointTask,
-    ComTask,
-    FrameOrientationTask,
-    FramePoseTask,
-    FramePositionTask,
-    PostureTask,
-    Task,
-)
+from wbc_controller.inverse_dynamics.tasks import CapturePointTask, ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings, SurfaceContact, WalkingSettings
 from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.quadruped import QuadrupedWalker
 from wbc_controller.walking.walker import GAIN, Walker, WalkingTasks
 
 #: Names of the walker's tasks.
-DCM, HEIGHT, POSTURE = "walking_dcm", "walking_height", "walking_posture"
-LEFT, RIGHT = "walking_left_foot", "walking_right_foot"
-#: Tasks with references in the world, which a walking robot leaves behind.
-_IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)
+DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"
 
 #: Highest lift of a sole that is searched, as a share of the height of the centre of mass.
 _HIGHEST_LIFT = 0.15
@@ -47,10 +43,9 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     """
     if settings.walking is None:
         return []
+    if is_quadruped(settings, settings.walking):
+        return make_quadruped_tasks(settings, model)
     left, right = find_feet(settings, model)
-    taken = sorted({DCM, HEIGHT, POSTURE, LEFT, RIGHT} & settings.tasks.keys())
-    if taken:
-        raise ConfigurationError(f"tasks.{taken[0]}: the walker has a task of this name; choose another name")
     tasks: dict[str, tuple[float, Task]] = {
         DCM: (500.0, CapturePointTask(DCM, model.gravity, gain=GAIN)),
         HEIGHT: (50.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
@@ -58,12 +53,10 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
         LEFT: (20.0, FramePoseTask(LEFT, model, settings.contacts[left.contact].frame, stiffness=400.0)),
         RIGHT: (20.0, FramePoseTask(RIGHT, model, settings.contacts[right.contact].frame, stiffness=400.0)),
     }
-    for weight, task in tasks.values():
-        task.weight, task.enabled = weight, False
-    return [task for _, task in tasks.values()]
+    return make_disabled(tasks, settings)
 
 
-def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
+def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | QuadrupedWalker | None:
     """Build the walker; None without the section `walking`.
 
     Args:
@@ -71,14 +64,16 @@ def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
     """
     if settings.walking is None:
         return None
+    if is_quadruped(settings, settings.walking):
+        return make_quadruped_walker(settings, settings.walking, qp)
     left, right = find_feet(settings, qp.model)
-    configured = {name: qp.tasks[name] for name, task in settings.tasks.items() if task.enabled}
+    orientations, suspended = enabled_tasks(settings, qp)
     tasks = WalkingTasks(
         dcm=DCM,
         height=HEIGHT,
         posture=POSTURE,
-        orientations=tuple(name for name, task in configured.items() if isinstance(task, FrameOrientationTask)),
-        suspended=tuple(name for name, task in configured.items() if isinstance(task, _IN_THE_WORLD)),
+        orientations=orientations,
+        suspended=suspended,
     )
     return Walker(make_gait(settings, left, right, qp).gait, left, right, tasks, qp.model.gravity)
 
@@ -100,7 +95,7 @@ def find_feet(settings: Settings, model: RobotModel) -> tuple[Foot, Foot]:
         if names != (None, None) or len(surfaces) != 2:
             raise ConfigurationError(
                 f"walking.left = {names[0]!r}, walking.right = {names[1]!r}: walking takes two surface contacts, the "
-                f"left and the right foot; valid: {valid}"
+                f"left and the right foot, or four point contacts; surface contacts: {valid}"
             )
         feet = [_foot(name, LEFT, contact, dynamics) for name, contact in surfaces.items()]
         right, left = sorted(feet, key=lambda foot: float(foot.sole(dynamics).centre[1]))
@@ -149,19 +144,19 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> G
     lift = min(leg.lift(_HIGHEST_LIFT * z) for leg in legs)
     pace = math.sqrt(gravity * z)
     gait = Gait(
-        single=_or(walking.single_support, 1.9 * math.sqrt(z / gravity)),
-        double=walking.double_support,
+        single=value_or(walking.single_support, 1.9 * math.sqrt(z / gravity)),
+        double=value_or(walking.double_support, 0.1),
         shift=0.8,
-        lowering=_or(walking.lowering, min(0.03 * z, 0.2 * lift)),
-        clearance=_or(walking.clearance, min(0.07 * z, 0.6 * lift)),
-        width=_or(walking.width, 0.85 * apart),
-        least_width=_or(walking.least_width, max(0.6 * apart, sole + 0.03)),
-        length=_or(walking.max_step_length, 0.65 * z),
-        greatest_width=_or(walking.max_step_width, 0.8 * z),
+        lowering=value_or(walking.lowering, min(0.03 * z, 0.2 * lift)),
+        clearance=value_or(walking.clearance, min(0.07 * z, 0.6 * lift)),
+        width=value_or(walking.width, 0.85 * apart),
+        least_width=value_or(walking.least_width, max(0.6 * apart, sole + 0.03)),
+        length=value_or(walking.max_step_length, 0.65 * z),
+        greatest_width=value_or(walking.max_step_width, 0.8 * z),
         speed=(
-            _or(walking.max_speed, 0.12 * pace),
-            _or(walking.max_side_speed, 0.08 * pace),
-            _or(walking.max_turn_rate, 0.5),
+            value_or(walking.max_speed, 0.12 * pace),
+            value_or(walking.max_side_speed, 0.08 * pace),
+            value_or(walking.max_turn_rate, 0.5),
         ),
     )
     found = GaitLimits(model, qp.contacts, legs, gait, limits.velocity_scale * model.velocity_limits)
@@ -172,7 +167,3 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> G
     )
     found.gait = replace(gait, speed=(forward, sideways, turning))
     return found
-
-
-def _or(value: float | None, default: float) -> float:
-    return default if value is None else value

@@ -10,6 +10,7 @@ from wbc_controller.controller.build.collision_elements import read_collision_el
 from wbc_controller.controller.build.footprint import outline
 from wbc_controller.controller.build.gait_limits import WAYS
 from wbc_controller.controller.build.leg import Leg
+from wbc_controller.controller.build.quadruped_walking import is_quadruped
 from wbc_controller.controller.build.walking import find_feet, make_gait
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError
@@ -30,7 +31,7 @@ def check_walking(settings: Settings, qp: WholeBodyQP) -> list[Finding]:
 
     `qp` is in the nominal posture with the base upright, and remains in another posture.
     """
-    if settings.walking is None:
+    if settings.walking is None or is_quadruped(settings, settings.walking):
         return []
     found = make_gait(settings, *find_feet(settings, qp.model), qp)
     speeds, beyond = [], []

@@ -20,6 +20,7 @@ COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
         "forward": (0.5, 0.0, 0.0), "backward": (-0.25, 0.0, 0.0), "sideways": (0.0, 0.2, 0.0), "turn": (0.0, 0.0, 0.5)
     },
     "talos": {"forward": (0.3, 0.0, 0.0)},
+    "go2": {"forward": (0.8, 0.0, 0.0), "sideways": (0.0, 0.4, 0.0), "turn": (0.0, 0.0, 1.5)},
 }  # fmt: skip
 RANDOM = "random"
 #: Time between two random velocities, between two messages, and until the speed is reached, s.
