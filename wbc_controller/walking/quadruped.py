@@ -27,11 +27,11 @@ from wbc_controller.walking.walker import Decision
 #: Time before touchdown from which on the target of the step stays, s.
 _FREEZE = 0.03
 #: Largest distance of the reference of the centre of mass from the measured one, m.
-_LAG = 0.03
+_LAG = 0.06
 #: Deceleration of a stop, as a multiple of the largest acceleration.
 _BRAKING = 2.0
 #: Largest distance of a foot from its nominal place for a stop, m, and largest commanded speed, m/s and rad/s.
-_NOMINAL, _SLOW = 0.04, 0.02
+_NOMINAL, _SLOW = 0.06, 0.02
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,7 @@ def make_quadruped_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     }
     for foot in feet:
         frame = settings.contacts[foot.contact].frame
-        tasks[foot.task] = 20.0, FramePositionTask(foot.task, model, frame, stiffness=400.0)
+        tasks[foot.task] = 5.0, FramePositionTask(foot.task, model, frame, stiffness=400.0)
     return make_disabled(tasks, settings)
 
 
