@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import wbc_controller as wbc
-from wbc_controller.controller.build.leg import swing
+from wbc_controller.controller.build.leg import swing_of
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.walking import find_feet, make_gait
@@ -30,24 +30,24 @@ def g1():
 @pytest.mark.parametrize("offset", [(0.1, 0.0, 0.05, 0.0), (-0.1, 0.05, 0.02, 0.3)])
 def test_a_leg_reaches_an_offset_with_a_flat_sole(g1, offset):
     limits, model = g1
-    for leg in limits.legs:
-        posture, reason = leg.posture(np.array(offset), model.posture)
+    for each in limits.legs:
+        posture, reason = each.leg.posture(np.array(offset), model.posture)
         assert reason == ""
         dynamics = Dynamics(model)
         before = pin.SE3(
-            *(np.array(part) for part in (leg.foot.sole(dynamics).rotation, leg.foot.sole(dynamics).centre))
+            *(np.array(part) for part in (each.foot.sole(dynamics).rotation, each.foot.sole(dynamics).centre))
         )
         dynamics.update(model.configuration(posture), np.zeros(model.nv))
-        after = leg.foot.sole(dynamics)
+        after = each.foot.sole(dynamics)
         assert after.centre - before.translation == pytest.approx(offset[:3], abs=2.0e-3)
         assert pin.log3(after.rotation @ before.rotation.T) == pytest.approx([0.0, 0.0, offset[3]], abs=2.0e-3)
-        others = np.delete(posture - model.posture, leg.joints)
+        others = np.delete(posture - model.posture, each.leg.joints)
         assert not others.any()
 
 
 def test_out_of_reach(g1):
     limits, model = g1
-    leg = limits.legs[0]
+    leg = limits.legs[0].leg
     assert leg.posture(np.array([0.0, 0.0, -0.3, 0.0]), model.posture)[1] == "length of the leg"
     assert leg.posture(np.array([0.0, 0.0, 0.3, 0.0]), model.posture)[1].startswith("position of left_")
     assert 0.1 < leg.lift(0.3) < 0.3
@@ -57,7 +57,7 @@ def test_out_of_reach(g1):
 def test_a_swing_is_the_nominal_step_relative_to_the_base(g1, velocity):
     """The rates are derivatives of the offsets; the length of the swing is two steps less the way of the base."""
     gait = g1[0].gait
-    path = list(swing(velocity, gait, 1, 0.5 * gait.width))
+    path = list(swing_of(velocity, 2.0 * gait.step_time, gait.single, gait.clearance, gait.lowering))
     offsets, rates = (np.array(part) for part in zip(*path, strict=True))
     way = 2.0 * gait.step_time - gait.single
     moved = [velocity.linear.real * way, velocity.linear.imag * way, 0.0, velocity.turning * way]
@@ -81,7 +81,8 @@ def test_the_joint_speeds_of_a_swing_are_those_of_a_walk(g1):
     simulation.controller.walk(0.4)
     simulation.run(4.0, note)
     share = fastest / (0.25 * model.velocity_limits)
-    computed, cause = limits.legs[0].swing_share(Velocity(0.4), limits.gait, 0.25 * model.velocity_limits)
+    left = limits.legs[0]
+    computed, cause = left.leg.swing_share(limits.swing(Velocity(0.4), left), 0.25 * model.velocity_limits)
     assert cause == "velocity of left_knee_joint"
     assert model.joints[int(np.argmax(share))].endswith("knee_joint")
     assert share.max() == pytest.approx(computed, rel=0.15)
@@ -122,7 +123,7 @@ def test_the_gait_of_romeo_keeps_its_ankles_in_range():
 
     draft = new_configuration(ROMEO + "urdf/romeo_small.urdf", srdf=ROMEO + "srdf/romeo_small.srdf")
     limits, _ = limits_of(draft.settings)
-    gait, lift = limits.gait, limits.legs[0].lift(0.1)
+    gait, lift = limits.gait, limits.legs[0].leg.lift(0.1)
     assert lift == pytest.approx(0.037, abs=0.003)
     assert gait.lowering + gait.clearance == pytest.approx(0.8 * lift, rel=0.02)
     simulation = wbc.Simulation(draft.settings)

@@ -1,9 +1,9 @@
-"""Kinematics of one leg: postures with a flat sole at a place relative to the base, and joint velocities of a swing."""
+"""Kinematics of one leg: postures with its foot at a place relative to the base, and joint velocities of a swing."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,8 @@ import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
-from wbc_controller.walking.feet import Foot, about_z
+from wbc_controller.walking.feet import about_z
 from wbc_controller.walking.footsteps import Velocity
-from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
 
 #: Newton iterations, largest remaining error, m and rad, and weight of the joint motion.
@@ -37,26 +36,36 @@ class FeasibleSpeed:
 class Leg:
     """One leg, with the base upright at the origin.
 
-    Offsets of the sole, (4,), count from the nominal posture: forward, left and up in m, and turned to the left in rad.
+    Offsets of the foot, (4,), count from the nominal posture: forward, left and up in m, and turned to the left in rad.
 
     Attributes:
-        side: 1 for the left leg, -1 for the right one.
-        foot: its foot.
         joints: indices in `model.joints` of the joints that move this foot alone.
+        place: of the foot in the nominal posture, (3,) in m.
     """
 
-    def __init__(self, model: RobotModel, side: int, foot: Foot, other: Foot, margin: float) -> None:
-        """Prepare the leg of a foot; `margin` is the distance from the position limits in rad."""
-        own = _chain(model, foot.frame) - _chain(model, other.frame)
+    def __init__(
+        self, model: RobotModel, frame: int, others: Sequence[int], margin: float, sole: pin.SE3 | None = None
+    ) -> None:
+        """Prepare the leg that moves a frame.
+
+        Args:
+            frame: index of the frame of the foot.
+            others: frames of the other feet.
+            margin: distance from the position limits, rad.
+            sole: placement of the flat sole in the frame; None for a point foot, which may have any orientation.
+        """
+        own = _chain(model, frame).difference(*(_chain(model, other) for other in others))
         self.joints = [i for i, name in enumerate(model.joints) if model.pinocchio.getJointId(name) in own]
-        self.side, self.foot = side, foot
+        self._frame, self._sole = frame, pin.SE3.Identity() if sole is None else sole
+        self._rows = 3 if sole is None else 6  # controlled directions
         self._model, self._data = model, model.pinocchio.createData()
         self._lower = np.minimum(model.position_lower + margin, model.posture)
         self._upper = np.maximum(model.position_upper - margin, model.posture)
         self._start = pin.SE3(self._kinematics(np.array(model.posture))[0])
+        self.place: Array = self._start.translation
 
     def posture(self, offset: Array, start: Array) -> tuple[Array, str]:
-        """Return the posture, (nj,) in rad, with the sole at an offset, and the limit that it exceeds, or "".
+        """Return the posture, (nj,) in rad, with the foot at an offset, and the limit that it exceeds, or "".
 
         Newton's method from the posture `start`, (nj,).
         """
@@ -65,6 +74,7 @@ class Leg:
         for _ in range(_ITERATIONS):
             sole, J = self._kinematics(posture)
             error = np.concatenate([goal.translation - sole.translation, pin.log3(goal.rotation @ sole.rotation.T)])
+            error = error[: self._rows]
             if np.abs(error).max() <= _REACHED:
                 break
             rows = np.vstack([J, _LEAST_MOTION * np.eye(len(none))])
@@ -88,18 +98,18 @@ class Leg:
                 break
         return reached
 
-    def swing_share(self, velocity: Velocity, gait: Gait, speeds: Array) -> tuple[float, str]:
-        """Return the largest share of joint speeds, (nj,) in rad/s, in a swing, and its joint.
+    def swing_share(self, swing: Iterable[tuple[Array, Array]], speeds: Array) -> tuple[float, str]:
+        """Return the largest share of joint speeds, (nj,) in rad/s, in a swing of `swing_of`, and its joint.
 
         The share is infinite if the leg cannot reach a part of the swing; then the reason replaces the joint.
         """
         worst, cause, posture = 0.0, "", np.array(self._model.posture)
-        for offset, rate in swing(velocity, gait, self.side, abs(self._start.translation[1])):
+        for offset, rate in swing:
             posture, reason = self.posture(offset, posture)
             if reason:
                 return math.inf, reason
-            twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])
-            # q̇ = J⁺ of the velocity of the sole relative to the base
+            twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])[: self._rows]
+            # q̇ = J⁺ of the velocity of the foot relative to the base
             rates = np.linalg.lstsq(self._kinematics(posture)[1], twist, rcond=None)[0]
             share = np.abs(rates) / speeds[self.joints]
             if share.max() > worst:
@@ -108,45 +118,44 @@ class Leg:
         return worst, cause
 
     def _kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
-        """Return the placement of the sole, and the Jacobian of its centre by the own joints, (6, k)."""
-        model, q, frame = self._model, self._model.configuration(posture), self.foot.frame
+        """Return the placement of the foot, and its Jacobian by the own joints, (6, k), or (3, k) of a point."""
+        model, q, frame = self._model, self._model.configuration(posture), self._frame
         pin.computeJointJacobians(model.pinocchio, self._data, q)
         pin.updateFramePlacements(model.pinocchio, self._data)
-        sole = self._data.oMf[frame] * self.foot.placement
+        sole = self._data.oMf[frame] * self._sole
         J = np.array(pin.getFrameJacobian(model.pinocchio, self._data, frame, pin.LOCAL_WORLD_ALIGNED))
         J[:3] -= pin.skew(sole.translation - self._data.oMf[frame].translation) @ J[3:]
         if model.followers is not None:
             for row in J:
                 model.followers.carry(row)
-        return sole, J[:, model.v_index[self.joints]]
+        return sole, J[: self._rows, model.v_index[self.joints]]
 
 
-def swing(velocity: Velocity, gait: Gait, side: int, apart: float) -> Iterator[tuple[Array, Array]]:
+def swing_of(
+    velocity: Velocity, cycle: float, duration: float, clearance: float, lowering: float = 0.0, beside: float = 0.0
+) -> Iterator[tuple[Array, Array]]:
     """Yield offsets, (4,), of a swing foot relative to the base from its nominal place, and their rates, (4,).
 
-    The base moves at the velocity v and is above the stance foot in the middle of the single support T_s. With the step
-    s = v (T_s + T_d), the foot moves from -s to s.
+    The base moves at the velocity v, and in the middle of the swing the foot passes its nominal place. In each cycle,
+    the foot moves by v T_c, from -v T_c / 2 to v T_c / 2.
 
     Args:
-        velocity: of the base.
-        gait: the gait.
-        side: 1 for the left foot, -1 for the right one.
-        apart: distance of the foot from the middle in the nominal posture, m.
+        velocity: v.
+        cycle: T_c, time between two touchdowns of the foot, s.
+        duration: of the swing, s.
+        clearance: height of the foot above the ground, m.
+        lowering: of the base, m.
+        beside: distance to the left of the nominal place, m.
     """
-    duration, step = gait.single, velocity.linear * gait.step_time
-    turn = velocity.turning * gait.step_time
-    # Like `nominal_step`, with half of the width on each side of the base.
-    width = max(gait.width, gait.least_width + abs(step.imag))
-    beside = side * (0.5 * width - apart)
-    begin, end = complex(-step.real, beside - step.imag), complex(step.real, beside + step.imag)
-    foot = SwingFoot(Axis(begin.real), Axis(begin.imag), Axis(gait.lowering), Axis(-turn))
-    landing, dt = Landing(end, gait.lowering, turn), duration / _SAMPLES
+    way, turn = 0.5 * cycle * velocity.linear, 0.5 * cycle * velocity.turning
+    foot = SwingFoot(Axis(-way.real), Axis(beside - way.imag), Axis(lowering), Axis(-turn))
+    landing, dt = Landing(way + 1j * beside, lowering, turn), duration / _SAMPLES
     v = np.array([velocity.linear.real, velocity.linear.imag, 0.0, velocity.turning])
     for sample in range(_SAMPLES + 1):
         axes = (foot.x, foot.y, foot.z, foot.heading)
         position, rate = (np.array([getattr(axis, key) for axis in axes]) for key in ("position", "velocity"))
         yield position - (sample * dt - 0.5 * duration) * v, rate - v
-        foot = foot.moved(landing, gait.clearance, sample * dt, duration, dt)
+        foot = foot.moved(landing, clearance, sample * dt, duration, dt)
 
 
 def largest_speed(share: Callable[[float], tuple[float, str]], most: float) -> FeasibleSpeed:

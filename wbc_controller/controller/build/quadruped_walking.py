@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+from wbc_controller.controller.build.gait_limits import QuadrupedLimits, feasible_defaults
+from wbc_controller.controller.build.leg import Leg
 from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -60,7 +63,9 @@ def make_quadruped_walker(settings: Settings, walking: WalkingSettings, qp: Whol
     feet = _feet(settings, qp.model)
     orientations, suspended = enabled_tasks(settings, qp)
     tasks = QuadrupedTasks(com=COM, height=HEIGHT, posture=POSTURE, orientations=orientations, suspended=suspended)
-    return QuadrupedWalker(_gait(walking, feet, qp), feet, tasks, qp.model.gravity, qp.model.mass)
+    return QuadrupedWalker(
+        make_quadruped_gait(settings, walking, qp).gait, feet, tasks, qp.model.gravity, qp.model.mass
+    )
 
 
 def _feet(settings: Settings, model: RobotModel) -> list[PointFoot]:
@@ -80,9 +85,12 @@ def _feet(settings: Settings, model: RobotModel) -> list[PointFoot]:
     return [PointFoot(name, f"walking_{name}", frames[name], places[name] - middle) for name in names]
 
 
-def _gait(walking: WalkingSettings, feet: list[PointFoot], qp: WholeBodyQP) -> QuadrupedGait:
-    """Collect the parameters of the gait, with the defaults of the robot in its nominal posture."""
-    dynamics, gravity = qp.dynamics, qp.model.gravity
+def make_quadruped_gait(settings: Settings, walking: WalkingSettings, qp: WholeBodyQP) -> QuadrupedLimits:
+    """Make the gait with its limits; its defaults follow from the robot in its nominal posture.
+
+    The clearance and the speeds are smaller if the legs cannot swing as fast.
+    """
+    dynamics, gravity, feet = qp.dynamics, qp.model.gravity, _feet(settings, qp.model)
     points = [dynamics.placement(foot.frame).translation for foot in feet]
     com = dynamics.com
     z = float(com[2]) - Ground.below(points).height_at(complex(com[0], com[1]))
@@ -100,7 +108,7 @@ def _gait(walking: WalkingSettings, feet: list[PointFoot], qp: WholeBodyQP) -> Q
         groups = (front_left, rear_right), (front_right, rear_left)
         sways, pause = (0.0, 0.0), (double, double)
         swing, fastest, turning = 1.25, (0.5, 0.25), 1.5
-    return QuadrupedGait(
+    gait = QuadrupedGait(
         groups=groups,
         sway=sways,
         swing=value_or(walking.single_support, swing * math.sqrt(z / gravity)),
@@ -116,3 +124,13 @@ def _gait(walking: WalkingSettings, feet: list[PointFoot], qp: WholeBodyQP) -> Q
         ),
         acceleration=(1.0, 1.0, 3.0),
     )
+    limits, model = settings.limits, qp.model
+    margin = limits.position_margin if limits.position else 0.0
+    frames = [foot.frame for foot in feet]
+    legs = {foot: Leg(model, foot.frame, [each for each in frames if each != foot.frame], margin) for foot in feet}
+    found = QuadrupedLimits(legs, gait, limits.velocity_scale * model.velocity_limits)
+    if walking.clearance is None:
+        found.gait = replace(gait, clearance=found.raised(gait.clearance))
+    configured = walking.max_speed, walking.max_side_speed, walking.max_turn_rate
+    found.gait = replace(found.gait, speed=feasible_defaults(found, configured))
+    return found

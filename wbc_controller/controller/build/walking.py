@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.controller.build.gait_limits import WAYS, GaitLimits
+from wbc_controller.controller.build.gait_limits import BipedLeg, BipedLimits, feasible_defaults
 from wbc_controller.controller.build.leg import Leg
 from wbc_controller.controller.build.quadruped_walking import (
     is_quadruped,
@@ -127,7 +127,7 @@ def _foot(name: str, task: str, contact: SurfaceContact, dynamics: Dynamics) -> 
     )
 
 
-def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> GaitLimits:
+def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> BipedLimits:
     """Make the gait with its limits; its defaults follow from the robot in its nominal posture.
 
     The lowering and the clearance are smaller if the flat feet cannot be raised as far, and the speeds if they are not
@@ -140,8 +140,11 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> G
     apart = float(np.linalg.norm((soles[0] - soles[1])[:2]))
     sole = left.half[1] + right.half[1]
     margin = limits.position_margin if limits.position else 0.0
-    legs = Leg(model, 1, left, right, margin), Leg(model, -1, right, left, margin)
-    lift = min(leg.lift(_HIGHEST_LIFT * z) for leg in legs)
+    legs = [
+        BipedLeg(side, foot, Leg(model, foot.frame, [other.frame], margin, foot.placement))
+        for side, foot, other in ((1, left, right), (-1, right, left))
+    ]
+    lift = min(each.leg.lift(_HIGHEST_LIFT * z) for each in legs)
     pace = math.sqrt(gravity * z)
     gait = Gait(
         single=value_or(walking.single_support, 1.9 * math.sqrt(z / gravity)),
@@ -159,11 +162,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> G
             value_or(walking.max_turn_rate, 0.5),
         ),
     )
-    found = GaitLimits(model, qp.contacts, legs, gait, limits.velocity_scale * model.velocity_limits)
+    found = BipedLimits(model, qp.contacts, legs, gait, limits.velocity_scale * model.velocity_limits)
     configured = walking.max_speed, walking.max_side_speed, walking.max_turn_rate
-    forward, sideways, turning = (
-        found.safe_speed(way, speed) if value is None else speed
-        for way, speed, value in zip(WAYS, gait.speed, configured, strict=True)
-    )
-    found.gait = replace(gait, speed=(forward, sideways, turning))
+    found.gait = replace(gait, speed=feasible_defaults(found, configured))
     return found

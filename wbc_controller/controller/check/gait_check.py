@@ -1,4 +1,4 @@
-"""Feasible walking speeds of a biped with their limiting quantities, load of one leg, and distance of the feet."""
+"""Feasible walking speeds with their limiting quantities; for bipeds the load of one leg, and distance of the feet."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import numpy as np
 
 from wbc_controller.controller.build.collision_elements import read_collision_elements
 from wbc_controller.controller.build.footprint import outline
-from wbc_controller.controller.build.gait_limits import WAYS
-from wbc_controller.controller.build.leg import Leg
-from wbc_controller.controller.build.quadruped_walking import is_quadruped
+from wbc_controller.controller.build.gait_limits import WAYS, BipedLeg, BipedLimits, QuadrupedLimits
+from wbc_controller.controller.build.quadruped_walking import is_quadruped, make_quadruped_gait
 from wbc_controller.controller.build.walking import find_feet, make_gait
 from wbc_controller.controller.check.finding import Finding
 from wbc_controller.errors import ConfigurationError
@@ -27,21 +26,17 @@ _NAMED = (
 
 
 def check_walking(settings: Settings, qp: WholeBodyQP) -> list[Finding]:
-    """Return the feasible speeds of a biped, the load of one leg, and the smallest distance of the feet.
+    """Return the feasible speeds, and for a biped the load of one leg and the smallest distance of the feet.
 
-    `qp` is in the nominal posture with the base upright, and remains in another posture.
+    `qp` is in the nominal posture with the base upright.
     """
-    if settings.walking is None or is_quadruped(settings, settings.walking):
+    walking = settings.walking
+    if walking is None:
         return []
+    if is_quadruped(settings, walking):
+        return [_feasible(make_quadruped_gait(settings, walking, qp))]
     found = make_gait(settings, *find_feet(settings, qp.model), qp)
-    speeds, beyond = [], []
-    for (name, unit, most, key), way, configured in zip(_NAMED, WAYS, found.gait.speed, strict=True):
-        limit = found.feasible(way, most)
-        cause = f" ({limit.quantity})" if limit.quantity else ""
-        speeds.append(f"{limit.speed:.2f} {unit} {name}{cause}")
-        if configured > limit.speed:
-            beyond.append(f"walking.{key} = {configured:.2f} {unit} is larger")
-    findings = [Finding("walking", "; ".join(["feasible: " + ", ".join(speeds), *beyond]))]
+    findings = [_feasible(found)]
     loads = found.single_support()
     for name, load in loads.items():
         if load.share > 1.0:
@@ -60,7 +55,18 @@ def check_walking(settings: Settings, qp: WholeBodyQP) -> list[Finding]:
     return findings
 
 
-def touching_width(settings: Settings, qp: WholeBodyQP, legs: Sequence[Leg]) -> float | None:
+def _feasible(found: BipedLimits | QuadrupedLimits) -> Finding:
+    speeds, beyond = [], []
+    for (name, unit, most, key), way, configured in zip(_NAMED, WAYS, found.gait.speed, strict=True):
+        limit = found.feasible(way, most)
+        cause = f" ({limit.quantity})" if limit.quantity else ""
+        speeds.append(f"{limit.speed:.2f} {unit} {name}{cause}")
+        if configured > limit.speed:
+            beyond.append(f"walking.{key} = {configured:.2f} {unit} is larger")
+    return Finding("walking", "; ".join(["feasible: " + ", ".join(speeds), *beyond]))
+
+
+def touching_width(settings: Settings, qp: WholeBodyQP, legs: Sequence[BipedLeg]) -> float | None:
     """Return the distance of the soles' centres at which the shapes of the feet touch, m; None without shapes."""
     model, path, extent = qp.model, settings.robot.urdf, 0.0
     try:
