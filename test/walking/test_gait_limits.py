@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 
 import wbc_controller as wbc
+from wbc_controller.apps.new.draft import new_configuration
 from wbc_controller.controller.build.leg import swing_of
 from wbc_controller.controller.build.program import make_qp
 from wbc_controller.controller.build.robot import make_model
@@ -119,8 +120,6 @@ def test_turning_loads_the_friction(g1):
 
 def test_the_gait_of_romeo_keeps_its_ankles_in_range():
     """Its ankles permit a lift of 37 mm; with the lowering and clearance of other robots it falls."""
-    from wbc_controller.apps.new.draft import new_configuration
-
     draft = new_configuration(ROMEO + "urdf/romeo_small.urdf", srdf=ROMEO + "srdf/romeo_small.srdf")
     limits, _ = limits_of(draft.settings)
     gait, lift = limits.gait, limits.legs[0].leg.lift(0.1)
@@ -145,3 +144,17 @@ def test_soles_with_other_axes(quarters, swapped):
     for foot in find_feet(settings, model):
         assert foot.half == pytest.approx((0.085, 0.025))
         assert foot.sole(Dynamics(model)).heading == pytest.approx(0.0, abs=1.0e-12)
+
+
+@pytest.mark.parametrize("robot", ["go1_description/urdf/go1.urdf", "laikago_description/urdf/laikago.urdf"])
+def test_quadrupeds_keep_to_the_speeds_of_their_joints(robot):
+    """With the clearance and speed of Go2, whose joints may move faster, they fall."""
+    settings = new_configuration("package://example-robot-data/robots/" + robot).settings
+    simulation = wbc.Simulation(settings)
+    gait = simulation.controller.walker.gait
+    assert 0.2 < gait.speed[0] < 0.6
+    simulation.controller.walk(gait.speed[0])
+    simulation.run(2.0)
+    start = simulation.plant.state()[0][0]
+    simulation.run(2.0)
+    assert (simulation.plant.state()[0][0] - start) / 2.0 == pytest.approx(gait.speed[0], abs=0.03)

@@ -231,11 +231,13 @@ def test_link_names_become_topic_names():
 @pytest.mark.parametrize(("urdf", "walks"), [
     ("romeo_description/urdf/romeo_small.urdf", True),
     ("alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf", True),
-    ("bolt_description/robots/bolt.urdf", False),  # point feet
+    ("hyq_description/robots/hyq_no_sensors.urdf", True),
+    ("solo_description/robots/solo.urdf", False),  # legs that move in planes
+    ("bolt_description/robots/bolt.urdf", False),  # two point feet
     ("centauro_description/urdf/centauro.urdf", False),  # wheels
     ("panda_description/urdf/panda.urdf", False),
 ])  # fmt: skip
-def test_bipeds_with_soles_walk(urdf, walks):
+def test_bipeds_with_soles_and_quadrupeds_walk(urdf, walks):
     draft = new_configuration(ROBOTS + urdf)
     assert draft.values.get("walking") == ({} if walks else None)
     assert ("\n    walking: {}\n" in draft.to_yaml(TITLE)) is walks

@@ -163,6 +163,7 @@ class Director:
             self._walk(walk)
         if scenario.walks:
             self._stop(scenario.stop)
+            return  # the hoist would pull the robot back to its start
         self._begin("end")
         self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=True))
         self._run(0.5)

@@ -133,7 +133,7 @@ def _direct(
 def _progress(console: Console, stage: _DemoSetup) -> Iterator[Callable[[str], None]]:
     scenario = stage.scenario
     phases = 4 + len(scenario.moves) + len(scenario.reaches) + len(scenario.shoves)
-    phases += len(scenario.walks) + bool(scenario.walks)
+    phases += len(scenario.walks)
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description:16}"),
