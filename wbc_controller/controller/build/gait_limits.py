@@ -16,7 +16,6 @@ from wbc_controller.records import Array
 from wbc_controller.walking.feet import Foot
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, QuadrupedGait
-from wbc_controller.walking.pendulum import natural_frequency
 from wbc_controller.walking.quadruped import PointFoot
 
 #: Largest acceleration of a quintic between two points at rest, in distances per squared duration.
@@ -83,41 +82,40 @@ class BipedLimits:
         return {name: max(loads, key=lambda load: load.share) for name, loads in found.items()}
 
     def support_loads(self, leg: BipedLeg, velocity: Velocity) -> list[SupportLoad]:
-        """Return the loads of a stance leg at the ends and in the middle of a single support.
+        """Return the loads of a stance leg at the begin, in the middle and at the end of a single support.
 
-        The robot moves like the linear inverted pendulum, with a = ω² (c - p) of the centre of mass c and the middle p
-        of the sole. All links have this acceleration, v̇ = (a, 0), and the rows of the base give the contact wrench f:
+        The base has the acceleration a, ψ̈ about the vertical, and the swing leg q̈ = J⁺ a_s. The foot's acceleration is
+        a_s = ±10/√3 · 2 s / T_s² for the step s, and the robot turns by ψ̇ T per step T, in a cosine: ψ̈ = 2π ψ̇ / T.
+        The rows of the base give the contact wrench f, and a follows from its centre of pressure in the middle of the
+        sole, as of the linear inverted pendulum:
 
-            (Jᵀ f)_base = (M v̇ + h)_base + (0, m_z),    τ = T (M v̇ + h - Jᵀ f).
-
-        m_z is the largest moment about the vertical. The leg of mass m_l swings beside the robot at the distance w of
-        the feet, with half of the foot's acceleration; the robot turns by ψ̇ T per step T, in a cosine:
-
-            m_z = w m_l / 2 · 10/√3 · 2 |s_x| / T_s² + I_z 2π ψ̇ / T.
+            (Jᵀ f)_base = (M v̇ + h)_base,    f_τx = f_τy = 0,    τ = T (M v̇ + h - Jᵀ f).
         """
         gait, model, dynamics, base = self.gait, self._model, self._dynamics, self._base
         contact, moved = self._contacts[leg.foot.contact], 0.5 * velocity.linear.real * gait.single
-        swing_mass = sum(
-            model.pinocchio.inertias[model.pinocchio.getJointId(model.joints[i])].mass for i in leg.leg.joints
-        )
-        swings = _QUINTIC * 2.0 * abs(velocity.linear.real) * gait.step_time / gait.single**2
+        swing = next(each.leg for each in self.legs if each is not leg)
+        forward = np.zeros(6)
+        forward[0] = _QUINTIC * 2.0 * velocity.linear.real * gait.step_time / gait.single**2
         found = []
-        for x in (-moved, 0.0, moved):
+        for x, sign in ((moved, 1.0), (0.0, 0.0), (-moved, -1.0)):
             posture, reason = self._lowered(leg, x)
             if reason:
                 continue  # the swing of this leg has the same reach
             dynamics.update(model.configuration(posture), np.zeros(model.nv))
-            arm = dynamics.com - leg.foot.sole(dynamics).centre
             rates = np.zeros(model.nv)
-            rates[base[:2]] = natural_frequency(float(arm[2]), model.gravity) ** 2 * arm[:2]
-            inertia = dynamics.centroidal_matrix[5, base[5]]
-            turn = inertia * 2.0 * math.pi * abs(velocity.turning) / gait.step_time
-            moment = 0.5 * gait.width * swing_mass * swings + turn
-            force, J = dynamics.M @ rates + dynamics.h, contact.jacobian(dynamics)
-            wanted = force[base]
-            wanted[5] += leg.side * moment  # the other leg swings forward
-            f = np.linalg.solve(J[:, base].T, wanted)
-            found += [self._torque_load(force - J.T @ f), self._friction_load(contact.name, contact.cone, f)]
+            rates[model.v_index[swing.joints]] = swing.rates(posture, sign * forward)
+            # In the direction of the swing's moment: a right leg that swings forward turns the robot to the left.
+            rates[base[5]] = leg.side * (sign or 1.0) * 2.0 * math.pi * abs(velocity.turning) / gait.step_time
+            J, M = contact.jacobian(dynamics), dynamics.M
+            by_base = np.linalg.solve(
+                J[:, base].T, np.column_stack([M[base] @ rates + dynamics.h[base], M[base][:, base]])
+            )
+            rates[base[:2]] = np.linalg.solve(by_base[3:5, 1:3], -by_base[3:5, 0])
+            f = by_base[:, 0] + by_base[:, 1:3] @ rates[base[:2]]
+            found += [
+                self._torque_load(M @ rates + dynamics.h - J.T @ f),
+                self._friction_load(contact.name, contact.cone, f),
+            ]
         return found
 
     def _lowered(self, leg: BipedLeg, x: float) -> tuple[Array, str]:

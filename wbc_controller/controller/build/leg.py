@@ -98,6 +98,10 @@ class Leg:
                 break
         return reached
 
+    def rates(self, posture: Array, twist: Array) -> Array:
+        """Return the joint velocities, q̇ = J⁺ of a twist of the foot relative to the base, (6,); or accelerations."""
+        return np.asarray(np.linalg.lstsq(self._kinematics(posture)[1], twist[: self._rows], rcond=None)[0])
+
     def swing_share(self, swing: Iterable[tuple[Array, Array]], speeds: Array) -> tuple[float, str]:
         """Return the largest share of joint speeds, (nj,) in rad/s, in a swing of `swing_of`, and its joint.
 
@@ -108,10 +112,8 @@ class Leg:
             posture, reason = self.posture(offset, posture)
             if reason:
                 return math.inf, reason
-            twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])[: self._rows]
-            # q̇ = J⁺ of the velocity of the foot relative to the base
-            rates = np.linalg.lstsq(self._kinematics(posture)[1], twist, rcond=None)[0]
-            share = np.abs(rates) / speeds[self.joints]
+            twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])
+            share = np.abs(self.rates(posture, twist)) / speeds[self.joints]
             if share.max() > worst:
                 worst = float(share.max())
                 cause = f"velocity of {self._model.joints[self.joints[int(np.argmax(share))]]}"
