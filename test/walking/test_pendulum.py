@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wbc_controller.walking.pendulum import later, natural_frequency, periodic_offset, transferred
+from wbc_controller.walking.pendulum import before, later, natural_frequency, periodic_offset, transferred
 
 OMEGA = 3.7
 POINTS = st.complex_numbers(max_magnitude=1.0, allow_nan=False)
@@ -34,7 +34,8 @@ def test_natural_frequency():
 def test_constant_centre_of_pressure():
     dcm, pressure = 0.1 + 0.05j, 0.02 - 0.03j
     assert later(dcm, pressure, OMEGA, 0.4) == pytest.approx(integrated(dcm, lambda t: pressure, 0.4), abs=1e-9)
-    assert later(later(dcm, pressure, OMEGA, 0.4), pressure, OMEGA, -0.4) == pytest.approx(dcm, abs=1e-12)
+    ended = later(dcm, pressure, OMEGA, 0.4) + 0.01j
+    assert before(ended, pressure, OMEGA, 0.4, 0.01j) == pytest.approx(dcm, abs=1e-12)
 
 
 def test_moving_centre_of_pressure():
@@ -44,16 +45,17 @@ def test_moving_centre_of_pressure():
 
 
 @given(
-    POINTS, st.floats(-0.4, 0.4), st.floats(0.2, 1.0), st.just(0.0) | st.floats(0.01, 0.3), st.sampled_from([1.0, -1.0])
-)
-def test_a_periodic_gait_repeats_its_offset(progress, width, single, double, side):
+    POINTS, st.floats(-0.4, 0.4), st.floats(0.2, 1.0), st.just(0.0) | st.floats(0.01, 0.3), st.sampled_from([1.0, -1.0]),
+    st.floats(0.0, 0.5),
+)  # fmt: skip
+def test_a_periodic_gait_repeats_its_offset(progress, width, single, double, side, push):
     step, following = progress + side * width * 1j, progress - side * width * 1j
-    offset = periodic_offset(progress, side * width * 1j, OMEGA, single, double)
+    offset = periodic_offset(progress, side * width * 1j, OMEGA, single, double, push)
     dcm = step + offset  # the stance foot is the origin
     if double > 0.0:
         dcm = transferred(dcm, 0j, step, double, OMEGA, double)
-    dcm = later(dcm, step, OMEGA, single)
-    expected = periodic_offset(progress, -side * width * 1j, OMEGA, single, double)
+    dcm = later(dcm, step, OMEGA, single) + push * (step + following)
+    expected = periodic_offset(progress, -side * width * 1j, OMEGA, single, double, push)
     scale = math.exp(OMEGA * (single + double))
     assert dcm - step - following == pytest.approx(expected, abs=1e-11 * scale)
     assert cmath.isfinite(offset)

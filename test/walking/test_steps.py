@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from wbc_controller.walking.adaptation import FOOT_SPEED, LONGEST, SHORTEST, TIME_RATE, StepTarget, adapted
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait
-from wbc_controller.walking.pendulum import later
+from wbc_controller.walking.pendulum import before, later
 from wbc_controller.walking.swing import TOUCHDOWN_SPEED, Axis, Landing, SwingFoot
 from wbc_controller.walking.touchdown import LATEST, lands
 
 GAIT = Gait(
     single=0.5, double=0.1, shift=0.8, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14, length=0.45,
-    greatest_width=0.55, speed=(0.5, 0.2, 0.5),
+    greatest_width=0.55, reaction=0.08, speed=(0.5, 0.2, 0.5),
 )  # fmt: skip
 DT = 0.002
 
@@ -36,7 +36,7 @@ def test_a_command_is_limited_in_speed_and_acceleration():
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_steps_in_place_keep_the_width(side):
-    step = nominal_step(Velocity(), stance(side), GAIT)
+    step = nominal_step(Velocity(), stance(side), GAIT, GAIT.single)
     assert step.place == pytest.approx(1.0 + 2.0j + 0.2j * side)
     assert step.heading == 0.0
     assert step.offset.imag * side < 0.0  # the DCM is between the feet
@@ -44,22 +44,22 @@ def test_steps_in_place_keep_the_width(side):
 
 def test_two_steps_move_by_the_velocity():
     velocity = Velocity(0.4 + 0.1j, 0.0)
-    left = nominal_step(velocity, stance(1), GAIT)
-    right = nominal_step(velocity, Stance(left.place, 0.0, -1, 3.8), GAIT)
+    left = nominal_step(velocity, stance(1), GAIT, GAIT.single)
+    right = nominal_step(velocity, Stance(left.place, 0.0, -1, 3.8), GAIT, GAIT.single)
     assert right.place - stance().place == pytest.approx(2.0 * GAIT.step_time * velocity.linear)
 
 
 @pytest.mark.parametrize("sideways", [0.2, -0.2])
 def test_sideways_steps_keep_the_feet_apart(sideways):
     for side in (1, -1):
-        step = nominal_step(Velocity(sideways * 1j), stance(side), GAIT)
+        step = nominal_step(Velocity(sideways * 1j), stance(side), GAIT, GAIT.single)
         assert side * (step.place - stance().place).imag >= GAIT.least_width
 
 
 def test_a_turning_robot_turns_its_feet_and_walks_on_a_circle():
     foot, side = Stance(-0.1j, 0.0, 1, 3.8), 1
     for _ in range(40):
-        step = nominal_step(Velocity(0.3, 0.5), foot, GAIT)
+        step = nominal_step(Velocity(0.3, 0.5), foot, GAIT, GAIT.single)
         side = -foot.side
         foot = Stance(step.place, step.heading, side, 3.8)
     assert foot.heading == pytest.approx(40 * 0.5 * GAIT.step_time)
@@ -69,14 +69,18 @@ def test_a_turning_robot_turns_its_feet_and_walks_on_a_circle():
 
 def walked(disturbance, *, elapsed=0.1, cycles=150):
     """Adapt a step after a change of the DCM, for as long as the swing lasts."""
-    at, nominal = stance(), nominal_step(Velocity(0.2), stance(), GAIT)
+    at, nominal = stance(), nominal_step(Velocity(0.2), stance(), GAIT, GAIT.single)
     target = StepTarget(nominal.place, nominal.offset, GAIT.single)
-    dcm = later(nominal.place + nominal.offset, at.place, at.omega, elapsed - GAIT.single) + disturbance
-    swing, targets = at.place + 0.2j, []
+    swing, targets, share = SwingFoot.at_rest(np.array([1.0, 2.2, 0.0]), 0.0), [], GAIT.reaction / at.omega
+    left = GAIT.single - elapsed
+    push = share * swing.growing(nominal.place, left, at.omega)
+    dcm = before(nominal.place + nominal.offset, at.place, at.omega, left, push) + disturbance
     for _ in range(cycles):
         target = adapted(target, nominal, at, GAIT, dcm, swing, elapsed, DT)
         targets.append(target)
-        dcm, elapsed = later(dcm, at.place, at.omega, DT), elapsed + DT
+        swing = swing.moved(Landing(target.place, 0.0, 0.0), GAIT.clearance, elapsed, target.time, DT)
+        dcm = later(dcm, at.place, at.omega, DT) + share * swing.acceleration * DT
+        elapsed += DT
     return nominal, targets
 
 
@@ -103,8 +107,7 @@ def test_steps_stay_within_reach_and_time(push):
         assert abs(target.time - time) <= TIME_RATE * DT + 1e-12
         assert SHORTEST * GAIT.single <= target.time <= LONGEST * GAIT.single
         time = target.time
-        swing = stance().place + 0.2j
-        reached = abs(target.place - swing) <= FOOT_SPEED * target.time
+        reached = abs(target.place - stance().place - 0.2j) <= FOOT_SPEED * target.time
         inside = abs(local.real) <= GAIT.length + 1e-9 and -1e-9 <= local.imag <= GAIT.greatest_width + 1e-9
         assert reached
         assert inside
@@ -132,6 +135,24 @@ def test_a_foot_lands_at_its_target_at_rest(change):
     assert math.hypot(last.x.velocity, last.y.velocity) < 1e-3
     heights = [foot.z.position for foot in feet]
     assert max(heights) == pytest.approx(landing.height + GAIT.clearance, abs=2e-3)
+
+
+def test_the_push_of_a_swing_is_the_integral_of_its_acceleration():
+    """A foot that starts at rest pushes the DCM forward: its acceleration grows longer than its deceleration."""
+    omega, feet = 3.8, [SwingFoot.at_rest(np.array([0.0, 0.1, 0.0]), 0.0)]
+    goal, cycles = 0.3 + 0.12j, 500
+    for i in range(cycles):
+        feet.append(feet[-1].moved(Landing(goal, 0.0, 0.0), GAIT.clearance, i * 0.001, 0.5, 0.001))
+    for begin in (0, 200):
+        summed = sum(
+            math.exp(omega * (0.5 - (i + 0.5) * 0.001))
+            * 0.5
+            * (feet[i].acceleration + feet[i + 1].acceleration)
+            * 0.001
+            for i in range(begin, cycles)
+        )
+        assert feet[begin].growing(goal, 0.5 - begin * 0.001, omega) == pytest.approx(summed, rel=1e-3)
+    assert feet[0].growing(goal, 0.5, omega).real > 0.0
 
 
 def test_a_swing_is_continuous_when_its_target_changes():

@@ -26,11 +26,11 @@ class WalkingSettings(Section):
     right: str | None = Field(None, description="Contact of the right foot; default: the surface contact to the right.")
     single_support: _Time | None = Field(
         None,
-        description="Nominal duration of a swing, s; default 1.9·√(z/g) for bipeds, 1.25·√(z/g) for a trot, 1.8·√(z/g) "
+        description="Nominal duration of a swing, s; default 1.5·√(z/g) for bipeds, 1.25·√(z/g) for a trot, 1.8·√(z/g) "
         "for a walk.",
     )
     double_support: _Time | None = Field(
-        None, description="Duration of the support by all feet between two swings, s; default 0.1, quadrupeds 0.03."
+        None, description="Duration of the support by all feet between two swings, s; default 0.05, quadrupeds 0.03."
     )
     clearance: _Length | None = Field(
         None,

@@ -1,7 +1,7 @@
 """Adaptation of place and time of a step to the measured state.
 
-At the end of the single support after the time T, the DCM is at ξ_T = p + (ξ - p) e^{ω (T - t)}. The new foot is placed
-at u, and b = ξ_T - u is the offset from which the next step starts. Like Khadiv et al., the walker minimizes
+At the end of the single support after the time T, the DCM is at ξ_T = p + (ξ - p) e^{ω (T - t)} + (μ/ω) ∫ e^{ω (T - s)} ẍ ds,
+with the acceleration ẍ of the swing foot (`Gait.reaction`). The new foot is placed at u, and b = ξ_T - u is the offset from which the next step starts. Like Khadiv et al., the walker minimizes
 
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 
@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from wbc_controller.walking.footsteps import NominalStep, Stance
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import later
+from wbc_controller.walking.swing import SwingFoot
 
 #: Weights of place, in 1/m², offset, in 1/m², and time.
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
@@ -48,7 +49,7 @@ class StepTarget:
 
 
 def adapted(
-    before: StepTarget, nominal: NominalStep, stance: Stance, gait: Gait, dcm: complex, swing: complex, elapsed: float,
+    before: StepTarget, nominal: NominalStep, stance: Stance, gait: Gait, dcm: complex, swing: SwingFoot, elapsed: float,
     dt: float,
 ) -> StepTarget:  # fmt: skip
     """Return the target of the step for the measured DCM.
@@ -59,7 +60,7 @@ def adapted(
         stance: the stance.
         gait: T* and limits of the step.
         dcm: ξ, measured.
-        swing: present place of the swing foot.
+        swing: present motion of the swing foot.
         elapsed: time since the single support began t, s.
         dt: time since the last cycle, s.
     """
@@ -67,25 +68,35 @@ def adapted(
     latest = max(LONGEST * gait.single, earliest)
     change = TIME_RATE * dt
     tried = [
-        _placed(max(earliest, min(latest, before.time + step)), nominal, stance, gait, dcm, swing, elapsed)
+        _placed(
+            max(earliest, min(latest, before.time + step)), before.place, nominal, stance, gait, dcm, swing, elapsed
+        )
         for step in (0.0, -change, change)
     ]
     return min(tried, key=lambda each: each[0])[1]
 
 
 def _placed(
-    time: float, nominal: NominalStep, stance: Stance, gait: Gait, dcm: complex, swing: complex, elapsed: float
+    time: float,
+    before: complex,
+    nominal: NominalStep,
+    stance: Stance,
+    gait: Gait,
+    dcm: complex,
+    swing: SwingFoot,
+    elapsed: float,
 ) -> tuple[float, StepTarget]:
     """Return the cost and the target of the best step with a given duration of the single support."""
     left = time - elapsed
-    end = later(dcm, stance.place, stance.omega, left)  # ξ_T
+    push = gait.reaction / stance.omega * swing.growing(before, left, stance.omega)
+    end = later(dcm, stance.place, stance.omega, left) + push  # ξ_T
     error = end - nominal.offset - nominal.place
     place = nominal.place + W_OFFSET / (W_PLACE + W_OFFSET) * error
     place = _within_reach(place, stance, gait)
-    far = abs(place - swing)
+    far = abs(place - swing.place)
     reachable = FOOT_SPEED * max(left, 0.0)
     if far > reachable:
-        place = swing + (place - swing) * (reachable / far)
+        place = swing.place + (place - swing.place) * (reachable / far)
     offset = end - place
     late = math.exp(stance.omega * (time - gait.single)) - 1.0
     cost = (

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 from wbc_controller.records import Array
 from wbc_controller.walking.gait import Gait, SpeedLimits
 from wbc_controller.walking.pendulum import periodic_offset
+from wbc_controller.walking.swing import Axis
 
 #: Largest speed backward, as a share of that forward.
 BACKWARD = 0.5
+#: Ratio of the largest deceleration to a stop to the largest acceleration.
+_BRAKING = 3.0
 #: Margin of the nominal width over the smallest one, m.
 _MARGIN = 0.01
 
@@ -37,8 +40,12 @@ class Velocity:
         return Velocity(complex(ahead, _clip(self.linear.imag, sideways)), _clip(self.turning, turning))
 
     def towards(self, wanted: "Velocity", limits: SpeedLimits, time: float) -> "Velocity":
-        """Return the command after a time in s on the way to another one, at the largest acceleration."""
-        forward, sideways, turning = (time * each for each in limits.acceleration)
+        """Return the command after a time in s on the way to another one, at the largest acceleration.
+
+        The robot brakes to a stop three times as fast, so that it stands after three steps.
+        """
+        faster = _BRAKING if wanted == Velocity() else 1.0
+        forward, sideways, turning = (time * faster * each for each in limits.acceleration)
         change = wanted.linear - self.linear
         return Velocity(
             self.linear + complex(_clip(change.real, forward), _clip(change.imag, sideways)),
@@ -82,16 +89,19 @@ class NominalStep:
     offset: complex
 
 
-def nominal_step(velocity: Velocity, stance: Stance, gait: Gait) -> NominalStep:
-    """Return the next step.
+def nominal_step(velocity: Velocity, stance: Stance, gait: Gait, single: float) -> NominalStep:
+    """Return the next step, with a single support of the given duration in s.
 
     The middle between the feet moves by velocity times step time in the mean heading. Sideways steps widen the stance,
     so that the inward step keeps the smallest distance between the feet.
     """
-    progress, turn = velocity.linear * gait.step_time, velocity.turning * gait.step_time
+    duration = single + gait.double
+    progress, turn = velocity.linear * duration, velocity.turning * duration
     width = max(gait.width, gait.least_width + _MARGIN + abs(progress.imag)) * stance.side * 1j
     before, after = cmath.rect(1.0, stance.heading), cmath.rect(1.0, stance.heading + turn)
     middle = cmath.rect(1.0, stance.heading + 0.5 * turn)
     place = stance.place + 0.5 * width * before + progress * middle + 0.5 * width * after
-    offset = periodic_offset(progress, width, stance.omega, gait.single, gait.double) * after
+    push = gait.reaction / stance.omega * Axis(0.0).growing(1.0, gait.single, stance.omega)
+    progress = velocity.linear * gait.step_time
+    offset = periodic_offset(progress, width, stance.omega, gait.single, gait.double, push) * after
     return NominalStep(place, stance.heading + turn, offset)

@@ -41,6 +41,7 @@ class Gait(SpeedLimits):
         least_width: smallest distance between the feet, m.
         length: longest step forward or backward, m.
         greatest_width: largest distance between the feet, m.
+        reaction: μ, acceleration of the centre of mass by a swing foot that accelerates, c̈ = ω² (c - p) + μ ẍ.
     """
 
     single: float
@@ -52,6 +53,7 @@ class Gait(SpeedLimits):
     least_width: float
     length: float
     greatest_width: float
+    reaction: float
 
     @property
     def step_time(self) -> float:

@@ -16,11 +16,21 @@ def natural_frequency(height: float, gravity: float) -> float:
 
 
 def later(dcm: complex, pressure: complex, omega: float, time: float) -> complex:
-    """Return the DCM after a time in s with a constant centre of pressure: p + (ξ - p) e^{ωt}.
-
-    A negative time gives the DCM before.
-    """
+    """Return the DCM after a time in s with a constant centre of pressure: p + (ξ - p) e^{ωt}."""
     return pressure + (dcm - pressure) * math.exp(omega * time)
+
+
+def before(dcm: complex, pressure: complex, omega: float, time: float, push: complex) -> complex:
+    """Return the DCM a time in s before: the ξ from which `later` and a push lead to the given one.
+
+    Args:
+        dcm: at the end.
+        pressure: constant centre of pressure p.
+        omega: ω, 1/s.
+        time: s.
+        push: change of the DCM at the end by the swing foot, m.
+    """
+    return later(dcm - push, pressure, omega, -time)
 
 
 def transferred(dcm: complex, start: complex, end: complex, duration: float, omega: float, time: float) -> complex:
@@ -40,13 +50,15 @@ def transferred(dcm: complex, start: complex, end: complex, duration: float, ome
     return start + speed * (time + 1.0 / omega) + (dcm - start - speed / omega) * math.exp(omega * time)
 
 
-def periodic_offset(progress: complex, width: complex, omega: float, single: float, double: float) -> complex:
+def periodic_offset(
+    progress: complex, width: complex, omega: float, single: float, double: float, push: float
+) -> complex:
     """Return the DCM at touchdown, relative to the new foot, of the gait that repeats a step: b.
 
     The step of the foot is s = progress + width; the next one is progress - width. With E = e^{ωT_d}, G = e^{ωT_s} and
-    κ = E - (E - 1) / (ωT_d), one step maps the offset to b' = (b E + κ s) G - s'. Periodic are
+    κ = E - (E - 1) / (ωT_d), one step maps the offset to b' = (b E + κ s) G + ρ (s + s') - s'. Periodic are
 
-        b = s (1 - κ G) / (E G - 1)     of the part of s that repeats,
+        b = s (1 - κ G - 2 ρ) / (E G - 1)     of the part of s that repeats,
         b = -s (1 + κ G) / (E G + 1)    of the part that alternates.
 
     Args:
@@ -55,7 +67,8 @@ def periodic_offset(progress: complex, width: complex, omega: float, single: flo
         omega: ω, 1/s.
         single: T_s, duration of the single support, s.
         double: T_d, duration of the double support, in which the centre of pressure moves linearly, s; may be 0.
+        push: ρ, change of the DCM at the end of the step by a swing foot that moves by 1 m.
     """
     E, G = math.exp(omega * double), math.exp(omega * single)
     kappa = E - (E - 1.0) / (omega * double) if double > 0.0 else 0.0
-    return progress * (1.0 - kappa * G) / (E * G - 1.0) - width * (1.0 + kappa * G) / (E * G + 1.0)
+    return progress * (1.0 - kappa * G - 2.0 * push) / (E * G - 1.0) - width * (1.0 + kappa * G) / (E * G + 1.0)

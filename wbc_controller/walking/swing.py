@@ -1,6 +1,9 @@
 """Motion of the swing foot: replanned in every cycle from its present reference."""
 
+import math
 from dataclasses import dataclass
+
+from wbc_controller.records import Array
 
 #: Share of the step at which the foot is highest.
 APEX = 0.45
@@ -32,18 +35,38 @@ class Axis:
         """
         if left <= _SHORTEST:
             return Axis(self.position)
-        T, t = left, min(dt, left)
-        x, v, a = self.position, self.velocity, self.acceleration
-        d = goal - x - v * T - 0.5 * a * T * T
-        e = (speed - v - a * T) * T
-        f = -a * T * T
-        c3 = (10.0 * d - 4.0 * e + 0.5 * f) / T**3
-        c4 = (-15.0 * d + 7.0 * e - f) / T**4
-        c5 = (6.0 * d - 3.0 * e + 0.5 * f) / T**5
+        t, x, v, a = min(dt, left), self.position, self.velocity, self.acceleration
+        c3, c4, c5 = self._quintic(goal, speed, left)
         return Axis(
             x + t * (v + t * (0.5 * a + t * (c3 + t * (c4 + t * c5)))),
             v + t * (a + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
             a + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
+        )
+
+    def growing(self, goal: float, left: float, omega: float) -> float:
+        """Return ∫ e^{ω(T - t)} ẍ(t) dt in m/s over the quintic to rest at a goal, in the time T that is left.
+
+        With I_k = ∫ e^{ω(T - t)} tᵏ dt: I_0 = (e^{ωT} - 1) / ω and I_k = (k I_{k-1} - Tᵏ) / ω.
+        """
+        if left <= _SHORTEST:
+            return 0.0
+        c3, c4, c5 = self._quintic(goal, 0.0, left)
+        i0 = (math.exp(omega * left) - 1.0) / omega
+        i1 = (i0 - left) / omega
+        i2 = (2.0 * i1 - left**2) / omega
+        i3 = (3.0 * i2 - left**3) / omega
+        return self.acceleration * i0 + 6.0 * c3 * i1 + 12.0 * c4 * i2 + 20.0 * c5 * i3
+
+    def _quintic(self, goal: float, speed: float, left: float) -> tuple[float, float, float]:
+        """Return the coefficients of t³, t⁴ and t⁵ on the way to a goal, reached at a speed without acceleration."""
+        T, x, v, a = left, self.position, self.velocity, self.acceleration
+        d = goal - x - v * T - 0.5 * a * T * T
+        e = (speed - v - a * T) * T
+        f = -a * T * T
+        return (
+            (10.0 * d - 4.0 * e + 0.5 * f) / T**3,
+            (-15.0 * d + 7.0 * e - f) / T**4,
+            (6.0 * d - 3.0 * e + 0.5 * f) / T**5,
         )
 
 
@@ -56,10 +79,25 @@ class SwingFoot:
     z: Axis
     heading: Axis
 
+    @classmethod
+    def at_rest(cls, centre: Array, heading: float) -> "SwingFoot":
+        """Return the reference of a sole at rest; centre (3,) in m, heading in rad."""
+        x, y, z = centre.tolist()
+        return cls(Axis(x), Axis(y), Axis(z), Axis(heading))
+
     @property
     def place(self) -> complex:
         """Place above the ground, x + i y in m."""
         return complex(self.x.position, self.y.position)
+
+    def growing(self, place: complex, left: float, omega: float) -> complex:
+        """Return ∫ e^{ω(T - t)} ẍ(t) dt in m/s of the horizontal motion to a place, in the time T that is left."""
+        return complex(self.x.growing(place.real, left, omega), self.y.growing(place.imag, left, omega))
+
+    @property
+    def acceleration(self) -> complex:
+        """Horizontal acceleration, x + i y in m/s²."""
+        return complex(self.x.acceleration, self.y.acceleration)
 
     def moved(
         self,

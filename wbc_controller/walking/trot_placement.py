@@ -53,4 +53,4 @@ def middle_of_pair(dcm: complex, velocity: complex, omega: float, duration: floa
         omega: ω, 1/s.
         duration: T, from this touchdown to the next, s.
     """
-    return dcm - periodic_offset(velocity * duration, 0j, omega, duration, 0.0)
+    return dcm - periodic_offset(velocity * duration, 0j, omega, duration, 0.0, 0.0)

@@ -14,17 +14,16 @@ from wbc_controller.walking.adaptation import StepTarget, adapted
 from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum import later, natural_frequency, transferred
+from wbc_controller.walking.pendulum import before, natural_frequency, transferred
 from wbc_controller.walking.references import height_rate, reference, smooth_step
-from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+from wbc_controller.walking.support import Support
+from wbc_controller.walking.swing import Landing, SwingFoot
 from wbc_controller.walking.touchdown import lands
 
 #: Feedback gain on the DCM, 1/s.
 GAIN = 5.0
 #: Shares of the half length and half width of the sole that the centre of pressure may use.
 _SOLE_SHARE = (0.8, 0.7)
-#: Half length and half width of the area for the centre of pressure on two feet, around the planned one, m.
-_TWO_FEET = (0.06, 0.05)
 #: Time in which the reference of the DCM blends from one phase to the next, s.
 _BLEND = 0.2
 #: Time before touchdown from which on the target of the step stays, s.
@@ -32,7 +31,7 @@ _FREEZE = 0.05
 #: Rate at which the heading follows its goal, 1/s.
 _HEADING_RATE = 6.0
 #: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
-_BESIDE, _SLOW = 0.02, 0.02
+_BESIDE, _SLOW = 0.04, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +207,8 @@ class Walker:
         if self.phase is Phase.STAND:
             return decision
         rate = omega * (cycle.dcm - pressure)
+        if self.phase is Phase.SINGLE and self._step is not None:
+            rate += self.gait.reaction / omega * self._step.swing.acceleration
         self._references[self._tasks.dcm] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance], dt)
         self._turn(soles, dt)
@@ -239,8 +240,9 @@ class Walker:
         foot = soles[self._stance]
         if self.phase is Phase.SHIFT:
             stance = Stance(foot.place, foot.heading, -self._stance, cycle.omega)
-            nominal = nominal_step(Velocity(), stance, self.gait)
-            goal = later(nominal.place + nominal.offset, stance.place, cycle.omega, -self.gait.single)
+            nominal = nominal_step(Velocity(), stance, self.gait, self.gait.single)
+            swing = SwingFoot.at_rest(soles[-self._stance].centre, 0.0)
+            goal = self._wanted(nominal, stance, swing, self.gait.single)
         else:
             goal = 0.5 * (soles[1].place + soles[-1].place)
         share, rate = smooth_step(elapsed / duration)
@@ -252,7 +254,7 @@ class Walker:
             self._enter(Phase.STOP, cycle)
         elif elapsed >= duration:
             self._lift_off(cycle, decision) if self.phase is Phase.SHIFT else self._stand(decision)
-        return self._corrected(pressure, cycle, _TWO_FEET, foot.heading)
+        return self._corrected(pressure, cycle, soles[1].place, soles[-1].place)
 
     def _stand(self, decision: Decision) -> None:
         """End walking: the tasks stay at their last references until they are off."""
@@ -267,24 +269,28 @@ class Walker:
         self.phase, self._since = Phase.SINGLE, cycle.time
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
-        nominal = nominal_step(self.velocity, stance, self.gait)
+        nominal = nominal_step(self.velocity, stance, self.gait, self.gait.single)
         self._step = Step(
             stance=stance,
             nominal=nominal,
             target=StepTarget(nominal.place, nominal.offset, self.gait.single),
             landing=Landing(nominal.place, sole.height_at(nominal.place), nominal.heading),
-            swing=SwingFoot(*(Axis(each) for each in (*foot.centre.tolist(), foot.heading))),
+            swing=SwingFoot.at_rest(foot.centre, foot.heading),
         )
-        first = later(nominal.place + nominal.offset, stance.place, stance.omega, -self.gait.single)
-        self._blend = self._dcm_wanted - first
+        self._blend = self._dcm_wanted - self._wanted(nominal, stance, self._step.swing, self.gait.single)
+
+    def _wanted(self, nominal: NominalStep, stance: Stance, swing: SwingFoot, left: float) -> complex:
+        """Return the DCM from which the nominal step ends with its offset after the time that is left, s."""
+        push = self.gait.reaction / stance.omega * swing.growing(nominal.place, left, stance.omega)
+        return before(nominal.place + nominal.offset, stance.place, stance.omega, left, push)
 
     def _single(self, step: Step, cycle: _Cycle, decision: Decision) -> complex:
         """Adapt the step, and move the swing foot; return the centre of pressure."""
         gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
         stance, sole, foot = step.stance, cycle.soles[self._stance], self._feet[-self._stance]
         if step.target.time - elapsed > _FREEZE:
-            nominal = nominal_step(self.velocity, stance, gait)
-            target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing.place, elapsed, dt)
+            nominal = nominal_step(self.velocity, stance, gait, step.target.time)
+            target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)
             landing = Landing(target.place, sole.height_at(target.place), heading)
@@ -292,8 +298,7 @@ class Walker:
         nominal, target = step.nominal, step.target
         share, _ = smooth_step(elapsed / _BLEND)
         left = max(target.time - elapsed, 0.0)
-        self._dcm_wanted = later(nominal.place + nominal.offset, stance.place, stance.omega, -left)
-        self._dcm_wanted += self._blend * (1.0 - share)
+        self._dcm_wanted = self._wanted(nominal, stance, step.swing, left) + self._blend * (1.0 - share)
         if dt > 0.0:
             step = replace(step, swing=step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt))
         self._step = step
@@ -304,8 +309,7 @@ class Walker:
         )
         if touches:
             self._land(step, cycle, decision)
-        length, width = self._feet[self._stance].half if not touches else foot.half
-        return self._corrected(stance.place, cycle, (_SOLE_SHARE[0] * length, _SOLE_SHARE[1] * width), stance.heading)
+        return self._corrected(stance.place, cycle, stance.place, stance.place)
 
     def _land(self, step: Step, cycle: _Cycle, decision: Decision) -> None:
         """Begin a double support: the swing foot bears weight where it is."""
@@ -313,7 +317,7 @@ class Walker:
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(sole)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
-        self._touchdown = cycle.dcm, step.stance.place, sole.place
+        self._touchdown = sole.place + step.nominal.offset, step.stance.place, sole.place
         self._stance = -self._stance
 
     def _double(self, cycle: _Cycle, decision: Decision) -> complex:
@@ -328,18 +332,16 @@ class Walker:
             self._enter(Phase.STOP, cycle)
         elif elapsed >= duration:
             self._lift_off(cycle, decision)
-        return self._corrected(pressure, cycle, _TWO_FEET, heading)
+        return self._corrected(pressure, cycle, old, new)
 
-    def _corrected(self, pressure: complex, cycle: _Cycle, half: tuple[float, float], heading: float) -> complex:
-        """Return the centre of pressure that moves the DCM to its reference, within an area around the planned one.
+    def _corrected(self, pressure: complex, cycle: _Cycle, first: complex, second: complex) -> complex:
+        """Return the centre of pressure that moves the DCM to its reference, between the feet at two places.
 
         ξ̇ = ω (ξ - p) = ξ̇* - k (ξ - ξ*) needs p = p* + (1 + k / ω) (ξ - ξ*).
         """
-        axes = cmath.rect(1.0, heading)
-        change = (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted) / axes
-        x = max(-half[0], min(half[0], change.real))
-        y = max(-half[1], min(half[1], change.imag))
-        return pressure + complex(x, y) * axes
+        foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
+        support = Support(first, second, heading, (_SOLE_SHARE[0] * foot.half[0], _SOLE_SHARE[1] * foot.half[1]))
+        return support.nearest(pressure + (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted))
 
     def _hold_height(self, stance: Sole, dt: float) -> None:
         """Follow the height of the ground under the stance foot."""

@@ -18,7 +18,7 @@ from wbc_controller.controller.build.quadruped_walking import (
 from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
-from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import CapturePointTask, ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
@@ -26,6 +26,7 @@ from wbc_controller.settings import Settings, SurfaceContact, WalkingSettings
 from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.quadruped import QuadrupedWalker
+from wbc_controller.walking.reaction import swing_reaction
 from wbc_controller.walking.walker import GAIN, Walker, WalkingTasks
 
 #: Names of the walker's tasks.
@@ -49,7 +50,7 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     tasks: dict[str, tuple[float, Task]] = {
         DCM: (500.0, CapturePointTask(DCM, model.gravity, gain=GAIN)),
         HEIGHT: (50.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
-        POSTURE: (0.05, PostureTask(POSTURE, model, [], stiffness=50.0)),
+        POSTURE: (0.05, PostureTask(POSTURE, model, _without_legs(model, left, right), stiffness=50.0)),
         LEFT: (20.0, FramePoseTask(LEFT, model, settings.contacts[left.contact].frame, stiffness=400.0)),
         RIGHT: (20.0, FramePoseTask(RIGHT, model, settings.contacts[right.contact].frame, stiffness=400.0)),
     }
@@ -147,8 +148,8 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
     lift = min(each.leg.lift(_HIGHEST_LIFT * z) for each in legs)
     pace = math.sqrt(gravity * z)
     gait = Gait(
-        single=value_or(walking.single_support, 1.9 * math.sqrt(z / gravity)),
-        double=value_or(walking.double_support, 0.1),
+        single=value_or(walking.single_support, 1.5 * math.sqrt(z / gravity)),
+        double=value_or(walking.double_support, 0.05),
         shift=0.8,
         lowering=value_or(walking.lowering, min(0.03 * z, 0.2 * lift)),
         clearance=value_or(walking.clearance, min(0.07 * z, 0.6 * lift)),
@@ -156,6 +157,7 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
         least_width=value_or(walking.least_width, max(0.6 * apart, sole + 0.03)),
         length=value_or(walking.max_step_length, 0.65 * z),
         greatest_width=value_or(walking.max_step_width, 0.8 * z),
+        reaction=swing_reaction(dynamics, left, right, z),
         speed=(
             value_or(walking.max_speed, 0.12 * pace),
             value_or(walking.max_side_speed, 0.08 * pace),
@@ -166,3 +168,11 @@ def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> B
     configured = walking.max_speed, walking.max_side_speed, walking.max_turn_rate
     found.gait = replace(gait, speed=feasible_defaults(found, configured))
     return found
+
+
+def _without_legs(model: RobotModel, left: Foot, right: Foot) -> list[str]:
+    """Return the names of the driven joints that do not move one foot alone."""
+    moves, frames = support_matrix(model.pinocchio), model.pinocchio.frames
+    one = moves[frames[left.frame].parentJoint] != moves[frames[right.frame].parentJoint]
+    columns = model.joint_columns(model.driven_joints, "robot.joints")
+    return [name for name, column in zip(model.driven_joints, columns, strict=True) if not one[model.v_index[column]]]

@@ -1,0 +1,37 @@
+"""The area for the centre of pressure: rectangles around all points of the line between two feet."""
+
+import math
+
+import pytest
+
+from wbc_controller.walking.support import Support
+
+HALF = (0.08, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("point", "nearest"),
+    [
+        (0.05 + 0.01j, 0.05 + 0.01j),  # inside
+        (0.2 - 0.1j, 0.08 - 0.02j),  # beyond a corner
+        (-0.01 + 0.05j, -0.01 + 0.02j),
+    ],
+)
+def test_one_foot(point, nearest):
+    assert Support(0j, 0j, 0.0, HALF).nearest(point) == pytest.approx(nearest)
+    turned = 1j  # a quarter turn
+    assert Support(1.0, 1.0, math.pi / 2.0, HALF).nearest(1.0 + turned * point) == pytest.approx(1.0 + turned * nearest)
+
+
+@pytest.mark.parametrize(
+    ("point", "nearest"),
+    [
+        (0.1j, 0.1j),  # between the feet
+        (0.3j, 0.22j),  # beside the left one
+        (0.2 + 0.1j, 0.08 + 0.1j),  # in front of both
+        (-0.1 - 0.1j, -0.08 - 0.02j),
+    ],
+)
+def test_two_feet(point, nearest):
+    assert Support(0j, 0.2j, 0.0, HALF).nearest(point) == pytest.approx(nearest)
+    assert Support(0.2j, 0j, 0.0, HALF).nearest(point) == pytest.approx(nearest)
