@@ -1,8 +1,9 @@
 """Draft, check and try configurations of `wbc new` for the robots of example-robot-data.
 
 Each file is used unedited, first checked, then tried in the mock robot. A legged robot stays for 5 s, sways to both
-sides, squats, and withstands a push at the base by a tenth of its weight times one second. An arm holds its posture for
-5 s, moves all joints to one side ("sway") and the other ("squat"), and withstands a push at its last link.
+sides, squats, and withstands a push at the base by a tenth of its weight times one second. With the section `walking`,
+it walks forward at its largest speed for 8 s, and stops. An arm holds its posture for 5 s, moves all joints to one side
+("sway") and the other ("squat"), and withstands a push at its last link.
 
     python benchmarks/new_robots.py                 the table of docs/benchmarks.md, as Markdown
     python benchmarks/new_robots.py g1 panda        some robots, by a part of the name
@@ -69,7 +70,7 @@ ROBOTS: dict[str, tuple[str, str]] = {
     "Z1": ("z1_description/urdf/z1.urdf", ""),
 }
 #: Trials in order: methods, and columns of the table.
-TRIED = ("stands", "sway", "squat", "push")
+TRIED = ("stands", "sway", "squat", "push", "walk")
 STAND = 5.0
 #: Motion of the centre of mass sideways and down, as a share of its height, and of an arm's joints, rad.
 SWAY, SQUAT, SWING = 0.04, 0.08, 0.1
@@ -77,6 +78,8 @@ SWAY, SQUAT, SWING = 0.04, 0.08, 0.1
 MOVE, REST = 1.0, 1.5
 #: Change of the free robot's speed by a push, m/s, and duration of the push, s.
 PUSH, PUSH_SECONDS = 0.1, 0.1
+#: Time of a walk, and until the speed is reached, s.
+WALK, REACHED = 8.0, 4.0
 #: Largest error of the centre of mass, as a share of its height, and of an arm's joints, rad.
 NEAR, NEAR_JOINT = 0.02, 0.02
 
@@ -94,6 +97,7 @@ class Row:
     sway: str = ""
     squat: str = ""
     push: str = ""
+    walk: str = ""
     to_do: str = ""
 
     def markdown(self) -> str:
@@ -101,8 +105,8 @@ class Row:
         return f"| {' | '.join(astuple(self))} |"
 
 
-HEADER = """| Robot | Base | Joints | Feet | Check | Stands 5 s | Sway | Squat | Push | To fill in |
-|---|---|---|---|---|---|---|---|---|---|"""
+HEADER = """| Robot | Base | Joints | Feet | Check | Stands 5 s | Sway | Squat | Push | Walk | To fill in |
+|---|---|---|---|---|---|---|---|---|---|---|"""
 
 
 def run(robot: str) -> Row:
@@ -199,6 +203,24 @@ class Standing:
         self.robot.run(PUSH_SECONDS + REST)
         return self._off(self.com)
 
+    def walk(self) -> str:
+        """Walk forward at the largest speed, and stop."""
+        robot = wbc.Simulation(self.robot.controller.config)
+        walker = robot.controller.walker
+        if walker is None:
+            return "–"
+        asked = walker.gait.speed[0]
+        robot.controller.walk(asked)
+        robot.run(REACHED)
+        (start, _), begun = robot.plant.state(), robot.time
+        robot.run(WALK - REACHED)
+        (end, _), ended = robot.plant.state(), robot.time
+        robot.controller.stand()
+        robot.run(REACHED)
+        if robot.plant.fallen or walker.moves:
+            return "no: it did not stop"
+        return f"{np.linalg.norm((end - start)[:2]) / (ended - begun):.2f}, {asked:.2f} m/s"
+
 
 class Holding:
     """A robot on a fixed base in the mock robot."""
@@ -244,6 +266,10 @@ class Holding:
         self.robot.plant.push(str(last), force, PUSH_SECONDS)
         self.robot.run(PUSH_SECONDS + REST)
         return self._off(self.posture)
+
+    def walk(self) -> str:
+        """Return that an arm does not walk."""
+        return "–"
 
 
 def main(chosen: list[str]) -> None:

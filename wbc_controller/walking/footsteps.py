@@ -4,7 +4,7 @@ import cmath
 from dataclasses import dataclass
 
 from wbc_controller.records import Array
-from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.gait import Gait, SpeedLimits
 from wbc_controller.walking.pendulum import periodic_offset
 from wbc_controller.walking.swing import Axis
 
@@ -29,19 +29,23 @@ class Velocity:
         forward, sideways, turning = values.tolist()
         return cls(complex(forward, sideways), turning)
 
-    def clipped(self, gait: Gait) -> "Velocity":
-        """Return the command within the largest speeds of a gait."""
-        forward, sideways, turning = gait.speed
+    def times(self, factor: float) -> "Velocity":
+        """Return a multiple of the command."""
+        return Velocity(factor * self.linear, factor * self.turning)
+
+    def clipped(self, limits: SpeedLimits) -> "Velocity":
+        """Return the command within the largest speeds."""
+        forward, sideways, turning = limits.speed
         ahead = max(-BACKWARD * forward, min(forward, self.linear.real))
         return Velocity(complex(ahead, _clip(self.linear.imag, sideways)), _clip(self.turning, turning))
 
-    def towards(self, wanted: "Velocity", gait: Gait, time: float) -> "Velocity":
-        """Return the command after a time in s on the way to another one, at the largest acceleration of a gait.
+    def towards(self, wanted: "Velocity", limits: SpeedLimits, time: float) -> "Velocity":
+        """Return the command after a time in s on the way to another one, at the largest acceleration.
 
         The robot brakes to a stop three times as fast, so that it stands after three steps.
         """
         faster = _BRAKING if wanted == Velocity() else 1.0
-        forward, sideways, turning = (time * faster * each for each in gait.acceleration)
+        forward, sideways, turning = (time * faster * each for each in limits.acceleration)
         change = wanted.linear - self.linear
         return Velocity(
             self.linear + complex(_clip(change.real, forward), _clip(change.imag, sideways)),

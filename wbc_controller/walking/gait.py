@@ -1,4 +1,4 @@
-"""Phases and parameters of a biped's gait."""
+"""Phases and parameters of gaits."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -14,9 +14,22 @@ class Phase(Enum):
     STOP = "stop"  # both feet, the weight moves to the middle
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpeedLimits:
+    """Limits of the velocity command.
+
+    Attributes:
+        speed: largest velocity command forward, sideways and turning, m/s and rad/s; backward half of that forward.
+        acceleration: largest rate of the velocity command, forward, sideways and turning, m/s² and rad/s².
+    """
+
+    speed: tuple[float, float, float]
+    acceleration: tuple[float, float, float] = (0.3, 0.3, 0.6)
+
+
 @dataclass(frozen=True, slots=True)
-class Gait:
-    """Parameters of a gait.
+class Gait(SpeedLimits):
+    """Parameters of a biped's gait.
 
     Attributes:
         single: nominal duration of the single support, s.
@@ -29,8 +42,6 @@ class Gait:
         length: longest step forward or backward, m.
         greatest_width: largest distance between the feet, m.
         reaction: μ, acceleration of the centre of mass by a swing foot that accelerates, c̈ = ω² (c - p) + μ ẍ.
-        speed: largest velocity command forward, sideways and turning, m/s and rad/s; backward half of that forward.
-        acceleration: largest rate of the velocity command, forward, sideways and turning, m/s² and rad/s².
     """
 
     single: float
@@ -43,10 +54,38 @@ class Gait:
     length: float
     greatest_width: float
     reaction: float
-    speed: tuple[float, float, float]
-    acceleration: tuple[float, float, float] = (0.3, 0.3, 0.6)
 
     @property
     def step_time(self) -> float:
         """Nominal duration of one step, s."""
         return self.single + self.double
+
+
+@dataclass(frozen=True, slots=True)
+class QuadrupedGait(SpeedLimits):
+    """Parameters of a quadruped's gait.
+
+    Attributes:
+        groups: contacts of the feet that swing together, in the order of their swings.
+        sway: place of the centre of mass to the left of the middle of the feet during the swing of each group, m.
+        swing: duration of a swing, s.
+        pause: duration of the support by all feet before the swing of each group, s.
+        shift: duration of the support by all feet before the first swing, and after the last, s.
+        lowering: distance by which the centre of mass is lowered from standing, m.
+        clearance: height of a swing foot above the ground, m.
+        length: largest distance of a foot from its nominal place below the body, m.
+    """
+
+    groups: tuple[tuple[str, ...], ...]
+    sway: tuple[float, ...]
+    swing: float
+    pause: tuple[float, ...]
+    shift: float
+    lowering: float
+    clearance: float
+    length: float
+
+    @property
+    def cycle(self) -> float:
+        """Duration of the swings of all groups and the pauses between, s."""
+        return len(self.groups) * self.swing + sum(self.pause)

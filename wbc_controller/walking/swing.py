@@ -101,7 +101,15 @@ class SwingFoot:
         """Horizontal acceleration, x + i y in m/s²."""
         return complex(self.x.acceleration, self.y.acceleration)
 
-    def moved(self, landing: "Landing", clearance: float, elapsed: float, duration: float, dt: float) -> "SwingFoot":
+    def moved(
+        self,
+        landing: "Landing",
+        clearance: float,
+        elapsed: float,
+        duration: float,
+        dt: float,
+        descent: float = _DESCENT,
+    ) -> "SwingFoot":
         """Return the reference after one cycle; a foot that is late moves further down, faster and faster.
 
         Args:
@@ -110,9 +118,10 @@ class SwingFoot:
             elapsed: time since it has lifted off, s.
             duration: of its swing, s.
             dt: time of a cycle, s.
+            descent: time before the apex from which on the foot is planned to the ground, s.
         """
         left, top = duration - elapsed, APEX * duration
-        if top - elapsed > _DESCENT:
+        if top - elapsed > descent:
             z = self.z.moved(landing.height + clearance, 0.0, top - elapsed, dt)
         elif left > _SHORTEST:
             z = self.z.moved(landing.height, -TOUCHDOWN_SPEED, left, dt)
@@ -134,7 +143,7 @@ class Landing:
     Attributes:
         place: x + i y in m in the world.
         height: of the ground there, m.
-        heading: of the foot, rad; less than half a turn away from the present one.
+        heading: of the foot, rad; less than half a turn away from the present one; 0 for a point foot.
     """
 
     place: complex

@@ -8,7 +8,7 @@ One foot on a stone or an edge then changes the plane less than the slope of a h
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +39,23 @@ class Ground:
         """Return the height at a place, m."""
         to = place - self.place
         return self.height + self.slope.real * to.real + self.slope.imag * to.imag
+
+    @classmethod
+    def below(cls, points: Iterable[Array]) -> "Ground":
+        """Return the plane with the smallest squared vertical distances to points, at least three, not on a line.
+
+        With x, y and z relative to their means, the rise s solves Σ (x, y)ᵀ(x, y) s = Σ (x, y)ᵀ z.
+        """
+        rows = [point.tolist() for point in points]
+        n = len(rows)
+        x0, y0, z0 = (sum(row[i] for row in rows) / n for i in range(3))
+        xx = xy = yy = xz = yz = 0.0
+        for x, y, z in rows:
+            x, y, z = x - x0, y - y0, z - z0
+            xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
+        determinant = xx * yy - xy * xy
+        slope = complex(xz * yy - yz * xy, yz * xx - xz * xy) / determinant
+        return cls(complex(x0, y0), z0, slope)
 
 
 def plane_through(footholds: Sequence[Ground]) -> Ground:

@@ -20,6 +20,7 @@ from wbc_controller.walking.gait import Gait, Phase
 from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.pendulum import before, later, natural_frequency, transferred
 from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
+from wbc_controller.walking.references import height_rate, reference, smooth_step
 from wbc_controller.walking.support import Support
 from wbc_controller.walking.swing import Landing, SwingFoot
 from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
@@ -37,8 +38,8 @@ _FREEZE = 0.05
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Time constant with which the swing foot turns to the slope of the ground, s.
 _LEVELLING = 0.05
-#: Rates at which height and heading follow their goals, 1/s, and the largest rate of the height, m/s.
-_HEIGHT_RATE, _HEADING_RATE, _FASTEST_HEIGHT = 3.0, 6.0, 0.2
+#: Rate at which the heading follows its goal, 1/s.
+_HEADING_RATE = 6.0
 #: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
 _BESIDE, _SLOW = 0.04, 0.02
 
@@ -306,7 +307,7 @@ class Walker:
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
             rate += self.gait.reaction / omega * self._step.swing.acceleration
-        self._references[self._tasks.dcm] = _reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
+        self._references[self._tasks.dcm] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance], dt)
         self._turn(soles, dt)
         decision.references = dict(self._references)
@@ -368,7 +369,7 @@ class Walker:
             goal = self._wanted(nominal, stance, swing, self.gait.single)
         else:
             goal = 0.5 * (soles[1].place + soles[-1].place)
-        share, rate = _smooth(elapsed / duration)
+        share, rate = smooth_step(elapsed / duration)
         self._dcm_wanted = self._blend + (goal - self._blend) * share
         pressure = self._dcm_wanted - (goal - self._blend) * rate / (duration * cycle.omega)
         if self.phase is Phase.STOP and self.command is not None:
@@ -426,7 +427,7 @@ class Walker:
             landing = Landing(target.place, step.ground.height_at(target.place) + sunk, heading)
             step = replace(step, nominal=nominal, target=target, landing=landing)
         nominal, target = step.nominal, step.target
-        share, _ = _smooth(elapsed / _BLEND)
+        share, _ = smooth_step(elapsed / _BLEND)
         left = max(target.time - elapsed, 0.0)
         self._dcm_wanted = self._wanted(nominal, stance, step.swing, left) + self._blend * (1.0 - share)
         if dt > 0.0:
@@ -490,10 +491,9 @@ class Walker:
 
     def _hold_height(self, stance: Sole, dt: float) -> None:
         """Follow the height of the ground under the stance foot."""
-        short = float(stance.centre[2]) + self._clearance - self._height
-        rate = max(-_FASTEST_HEIGHT, min(_FASTEST_HEIGHT, _HEIGHT_RATE * short))
+        rate = height_rate(float(stance.centre[2]) + self._clearance - self._height)
         self._height += rate * dt
-        self._references[self._tasks.height] = _reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
+        self._references[self._tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
 
     def _turn(self, soles: Mapping[int, Sole], dt: float) -> None:
         """Turn the tasks on orientations with the heading of the feet."""
@@ -506,16 +506,4 @@ class Walker:
         c, s = math.cos(0.5 * self._heading), math.sin(0.5 * self._heading)
         for name, (x, y, z, w) in self._orientations.items():
             turned = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
-            self._references[name] = _reference(turned, [0.0, 0.0, rate])
-
-
-def _reference(position: object, velocity: list[float]) -> Reference:
-    """Return a reference without acceleration."""
-    rates = np.array(velocity)
-    return Reference(np.array(position, dtype=np.float64), rates, np.zeros(len(rates)))
-
-
-def _smooth(share: float) -> tuple[float, float]:
-    """Return the quintic from 0 to 1 at a share of its duration, and its derivative."""
-    s = max(0.0, min(1.0, share))
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) ** 2
+            self._references[name] = reference(turned, [0.0, 0.0, rate])

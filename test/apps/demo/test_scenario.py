@@ -1,12 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 from chains import joint, link
 from chains import robot as decode_urdf
 
+import wbc_controller as wbc
+from wbc_controller.apps.demo import run
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.run import run_demo
-from wbc_controller.apps.demo.scenario import SCENARIOS, Move, Scenario
+from wbc_controller.apps.demo.scenario import SCENARIOS, WALK_ROBOT, WALK_SCENARIO, Move, Scenario
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.settings.config import load
@@ -58,12 +62,25 @@ def test_derived_scenario_is_similar_to_the_supplied_one(robot, robot_of):
 
 def test_robots_that_cannot_stand_have_no_demo(robot_of):
     settings, model = robot_of("go2")
-    without = settings.model_copy(update={"contacts": {}})
+    without = settings.model_copy(update={"contacts": {}, "walking": None})
     with pytest.raises(ConfigurationError, match="the demo requires a standing robot"):
         derived_scenario(without, model)
     posture = settings.model_copy(update={"tasks": {"posture": settings.tasks["posture"]}})
     with pytest.raises(ConfigurationError, match="the demo requires an enabled task of type com"):
         derived_scenario(posture, model)
+
+
+def test_demo_of_walking(tmp_path, monkeypatch, capsys):
+    """A short walk meets its targets and stops; the speeds of the whole one are within those of the robot."""
+    short = replace(WALK_SCENARIO.walks[0], duration=5.0)
+    monkeypatch.setattr(run, "WALK_SCENARIO", replace(WALK_SCENARIO, stand=0.5, walks=(short,)))
+    assert run_demo("walk", tmp_path, lockstep=True)
+    said = capsys.readouterr().out
+    assert [word in said for word in ("walk forward", "stop", "g1", "all targets met")] == [True, True, False, True]
+    fastest = np.array(wbc.Controller(WALK_ROBOT).walker.gait.speed)
+    for walk in WALK_SCENARIO.walks:
+        assert (np.abs(walk.velocity) <= fastest).all()
+        assert walk.duration > walk.acceleration
 
 
 def test_short_scenario():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wbc_controller.apps.demo.director import Window
-from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove
+from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove, Walk
 from wbc_controller.apps.demo.verdict import judge, passed
 from wbc_controller.recording.report.run_data import Result, RunData
 
@@ -156,3 +156,25 @@ def test_empty_verdict_fails():
     assert not passed(())
     assert not passed((Result("a", "b", "c", True), Result("a", "b", "c", False)))
     assert passed((Result("a", "b", "c", True),))
+
+
+@pytest.mark.parametrize(("speed", "met"), [(0.3, True), (0.22, False)])
+def test_mean_velocity_of_a_walk(speed, met):
+    """The velocity counts in the heading of the robot, here to the left of the world."""
+    run = good_run()
+    q = np.zeros((len(TIME), 9))
+    q[:, 1] = speed * np.minimum(TIME, 6.0)
+    q[:, 5:7] = np.sqrt(0.5)
+    scenario = Scenario(walks=(Walk("walk", (0.3, 0.0, 0.0)),))
+    windows = {
+        "stand": WINDOWS["stand"],
+        "walk": Window(START + 3.0, START + 6.0),
+        "stop": Window(START + 7, START + 8),
+    }
+    found = {each.name: each for each in judge(replace(run, q=q), scenario, windows, {}, WEIGHT)}
+    assert found["walk"].passed is met
+    assert found["walk"].measured == f"{speed:.3f}, 0.000, 0.000"
+    assert found["stop"].passed
+    missed = {each.name: each for each in judge(run, scenario, {"stand": WINDOWS["stand"]}, {}, WEIGHT)}
+    assert missed["walk"].measured == missed["stop"].measured == "not reached"
+    assert not missed["stop"].passed

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import yaml
+from robot_cases import biped
 
 from wbc_controller.apps.new.draft import TITLE, new_configuration
 from wbc_controller.apps.new.notes import Draft, identifier
@@ -223,3 +226,36 @@ def test_note_on_a_key_within_a_line_names_the_key():
 
 def test_link_names_become_topic_names():
     assert [identifier(name) for name in ("l-foot", "1_sole", "sole")] == ["l_foot", "_1_sole", "sole"]
+
+
+@pytest.mark.parametrize(("urdf", "walks"), [
+    ("romeo_description/urdf/romeo_small.urdf", True),
+    ("alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf", True),
+    ("hyq_description/robots/hyq_no_sensors.urdf", True),
+    ("solo_description/robots/solo.urdf", False),  # legs that move in planes
+    ("bolt_description/robots/bolt.urdf", False),  # two point feet
+    ("centauro_description/urdf/centauro.urdf", False),  # wheels
+    ("panda_description/urdf/panda.urdf", False),
+])  # fmt: skip
+def test_bipeds_with_soles_and_quadrupeds_walk(urdf, walks):
+    draft = new_configuration(ROBOTS + urdf)
+    assert draft.values.get("walking") == ({} if walks else None)
+    assert ("\n    walking: {}\n" in draft.to_yaml(TITLE)) is walks
+
+
+def test_legs_of_five_joints_do_not_walk(drafted):
+    """Their soles cannot have any pose."""
+    draft = drafted(biped())
+    assert [contact["type"] for contact in draft.values["contacts"].values()] == ["surface", "surface"]
+    assert "walking" not in draft.values
+
+
+def test_weak_legs_do_not_walk(tmp_path):
+    """G1 with a sixth of its effort limits stands, but one leg cannot bear it."""
+    text = locate(G1).read_text(encoding="utf-8")
+    weak = re.sub(r'effort="([\d.]+)"', lambda found: f'effort="{0.15 * float(found[1])}"', text)
+    urdf = tmp_path / "g1.urdf"
+    urdf.write_text(weak, encoding="utf-8")
+    draft = new_configuration(str(urdf))
+    assert "walking" not in draft.values
+    assert "one leg cannot bear the robot (torque of " in said(draft, "walking", "guess")

@@ -27,6 +27,7 @@ def test_findings_of_shipped_robots(robot_of, name, joints, contacts):
         "joints", "mass", *(["inertias"] if talos else []), "effort limits", "tasks", "contacts", "solver",
         "centre of mass", "standing", "contact shapes", "posture", *(["tilt of soles"] if flat else []),
         *(["locked joints"] if talos else []), "push", "sway", "squat",
+        "walking", *(["single support"] if flat else []),
     ]  # fmt: skip
     assert found["joints"].startswith(f"{joints} actuated, base floating")
     assert found["mass"] == f"{model.mass:.2f} kg, weight {9.81 * model.mass:.1f} N"
@@ -35,6 +36,29 @@ def test_findings_of_shipped_robots(robot_of, name, joints, contacts):
     assert found["standing"].startswith("possible on " + ", ".join(settings.contacts))
     share = float(found["standing"].split(", ")[-1].split(" %")[0])
     assert 0.0 < share < 100.0
+
+
+@pytest.mark.parametrize(("robot", "slow", "fast"), [("g1", 0.45, 0.65), ("talos", 0.3, 0.4), ("go2", 0.8, 2.0)])
+def test_feasible_walking_speed(robot_of, robot, slow, fast):
+    """In simulation, G1 reaches 0.5 m/s with 0.5 and 0.6 m/s commanded; Talos walks at 0.3, and falls at 0.4 m/s."""
+    found = findings(robot_of(robot)[0])
+    speed = re.match(
+        r"feasible: (\d\.\d\d) m/s forward \((velocity of \w+_joint|friction and size of \w+)\), ", found["walking"]
+    )
+    assert slow < float(speed[1]) < fast
+    shares = [int(share) for share in re.findall(r"(\d+) %", found.get("single support", ""))]
+    assert len(shares) == (0 if robot == "go2" else 2)
+    assert max(shares, default=0) < 70
+
+
+@pytest.mark.parametrize(("changes", "subject", "text"), [
+    ({"walking": {"max_speed": 0.9}}, "walking", "walking.max_speed = 0.90 m/s is larger"),
+    ({"walking": {"least_width": 0.05}}, "warning", "least_width = 0.050 m: the shapes of the feet touch at a dist"),
+    ({"robot": {"effort_limit_scale": 0.2}}, "warning", "right_foot cannot bear the robot alone; torque of right_"),
+])  # fmt: skip
+def test_limits_of_walking_are_reported(robot_of, changed, changes, subject, text):
+    settings = changed(robot_of("g1")[0], changes)
+    assert text in findings(settings)[subject]
 
 
 SOLO_8 = "package://example-robot-data/robots/solo_description/robots/solo.urdf"

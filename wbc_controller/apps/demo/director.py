@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove
+from wbc_controller.apps.demo.scenario import Move, Reach, Scenario, Shove, Walk
 from wbc_controller.errors import WbcError
 from wbc_controller.inverse_dynamics.references.trajectories import Knot, Trajectory
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -29,6 +29,7 @@ from wbc_controller.records import Array
 _TIMEOUT = 20.0  # wall time, s
 _START_DELAY = 0.1  # before the start of a trajectory, s
 _SETTLING_TIME = 1.5  # s
+_COMMAND_PERIOD = 0.1  # between two velocity commands, s
 
 _AT_REST = np.zeros(3)
 
@@ -114,7 +115,8 @@ class Director:
         self.log = Log()
         self.phases: list[tuple[float, str]] = []  # start in simulated time, s, and name
         self.windows: dict[str, Window] = {}
-        self.references: list[tuple[float, Trajectory]] = []  # start, s, and centre-of-mass trajectory
+        #: Start, s, and trajectory of the centre of mass; None while the robot walks.
+        self.references: list[tuple[float, Trajectory | None]] = []
         self.targets: dict[str, Array] = {}  # by task, (3,) in m
         self._model = model
         self.frames = frames  # frame of each frame task, by name of the task
@@ -130,7 +132,7 @@ class Director:
             for endpoint in endpoints:
                 if endpoint.direction is Direction.OUT:
                     self.log.listen(owner, endpoint, transport, keep=endpoint.name in recorded)
-                elif endpoint.key in ("command", "setpoint", "trajectory", "update", "push", "hold"):
+                elif endpoint.key in ("command", "setpoint", "trajectory", "update", "push", "hold", "cmd_vel"):
                     key = (owner, endpoint.key, endpoint.subject)
                     self._publish[key] = transport.advertise(counterpart(endpoint))
                     self._types[key] = endpoint.type
@@ -157,6 +159,11 @@ class Director:
             self._reach(reach)
         for shove in scenario.shoves:
             self._shove(shove, scenario.recovery)
+        for walk in scenario.walks:
+            self._walk(walk)
+        if scenario.walks:
+            self._stop(scenario.stop)
+            return  # the hoist would pull the robot back to its start
         self._begin("end")
         self._send("mock", "hold", "", message("std_msgs/msg/Bool", data=True))
         self._run(0.5)
@@ -255,7 +262,8 @@ class Director:
         return start
 
     def _standing(self) -> Array:
-        return self.references[-1][1].sample(self.time).position
+        trajectory = self.references[-1][1]
+        return self.com() if trajectory is None else trajectory.sample(self.time).position
 
     def _stand(self, duration: float) -> None:
         self._begin("stand")
@@ -298,6 +306,24 @@ class Director:
         self._send("mock", "push", "", content)
         self._run(recovery + 0.5)
         self.windows[shove.name] = Window(start, self.time)
+
+    def _walk(self, walk: Walk) -> None:
+        self._begin(walk.name)
+        start, (forward, left, turning) = self.time, walk.velocity
+        self.references.append((start, None))
+        linear, angular = vector(np.array([forward, left, 0.0])), vector(np.array([0.0, 0.0, turning]))
+        while self.time < start + walk.duration:
+            self._send("controller", "cmd_vel", "", message("geometry_msgs/msg/Twist", linear=linear, angular=angular))
+            self._run(_COMMAND_PERIOD)
+        self.windows[walk.name] = Window(start + walk.acceleration, self.time)
+
+    def _stop(self, duration: float) -> None:
+        """Let the velocity command time out, until the robot stands."""
+        self._begin("stop")
+        self._run(duration)
+        start = self.time
+        self._run(1.0)
+        self.windows["stop"] = Window(start, self.time)
 
 
 def _point(time: float, position: Array) -> Any:

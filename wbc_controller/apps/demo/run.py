@@ -21,7 +21,7 @@ from rich.table import Table
 
 from wbc_controller.apps.demo.derived_scenario import derived_scenario
 from wbc_controller.apps.demo.director import DemoFailed, Director, Log
-from wbc_controller.apps.demo.scenario import SCENARIOS, Scenario
+from wbc_controller.apps.demo.scenario import SCENARIOS, WALK, WALK_ROBOT, WALK_SCENARIO, Scenario
 from wbc_controller.apps.demo.verdict import distances_to_targets, judge, passed, reference_of
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.check.preflight import check
@@ -72,7 +72,8 @@ def run_demo(
     """Run the demo of a robot, print a table, and write the recording and the report.
 
     Args:
-        robot: name of a supplied robot, or path of a configuration; other robots get a derived scenario.
+        robot: name of a supplied robot, or path of a configuration; other robots get a derived scenario. "walk" is
+            the walk of G1.
         folder: folder of the recording and the report.
         lockstep: run in one process without real time.
         real_time_factor: simulated seconds per second.
@@ -84,20 +85,21 @@ def run_demo(
     Raises:
         ConfigurationError: if the robot is unknown, refused by the pre-flight check, or has no possible scenario.
     """
-    config = load(robot)
+    config = load(WALK_ROBOT if robot == WALK else robot)
     check(config)
     if sensors is not None:
         config = config.replace({"estimation.base_state": "imu", "mock.sensors": sensors})
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{Path(robot).stem}.mcap").unlink(missing_ok=True)
     model = make_model(config.settings)
-    scenario = SCENARIOS[robot] if robot in SCENARIOS else derived_scenario(config.settings, model)
+    known = {**SCENARIOS, WALK: WALK_SCENARIO}
+    scenario = known[robot] if robot in known else derived_scenario(config.settings, model)
     stage = _DemoSetup(Path(robot).stem, config, config.settings, model, scenario, folder)
     console = Console()
     how = "in lockstep, in one process" if lockstep else "two processes, DDS on the loopback interface"
-    known = "base from odometry" if sensors is None else f"base estimated from {sensors} sensors"
-    known = known if model.floating_base else "fixed base"
-    console.print(f"[bold]{stage.name}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {known}; {how}")
+    base = "base from odometry" if sensors is None else f"base estimated from {sensors} sensors"
+    base = base if model.floating_base else "fixed base"
+    console.print(f"[bold]{stage.name}[/bold]: {stage.model.nj} joints, {stage.model.mass:.1f} kg; {base}; {how}")
     play = _in_lockstep(stage) if lockstep else _in_real_time(stage, real_time_factor)
     failure = None
     with _progress(console, stage) as report_phase, play as (transport, advance):
@@ -131,6 +133,7 @@ def _direct(
 def _progress(console: Console, stage: _DemoSetup) -> Iterator[Callable[[str], None]]:
     scenario = stage.scenario
     phases = 4 + len(scenario.moves) + len(scenario.reaches) + len(scenario.shoves)
+    phases += len(scenario.walks)
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description:16}"),

@@ -46,6 +46,17 @@ class Shove:
 
 
 @dataclass(frozen=True, slots=True)
+class Walk:
+    """Walk at a velocity by `cmd_vel`; the mean velocity counts after the acceleration."""
+
+    name: str
+    velocity: tuple[float, float, float]  # forward, to the left and turning, m/s and rad/s
+    duration: float = 6.0  # s
+    acceleration: float = 3.0  # time from the begin until the velocity is reached, s
+    target: float = 0.05  # largest error of the mean velocity, m/s and rad/s
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """Demo of one robot."""
 
@@ -53,6 +64,8 @@ class Scenario:
     moves: tuple[Move, ...] = ()
     reaches: tuple[Reach, ...] = ()
     shoves: tuple[Shove, ...] = ()
+    walks: tuple[Walk, ...] = ()  # without a pause; then the robot stops
+    stop: float = 4.0  # until the robot stands after the walks, s
     recovery: float = 2.0  # until the centre of mass must return after a push, s
     recovery_target: float = 0.02  # largest distance then, m
     force_target: float = 0.01  # of the total vertical force, as a share of the weight
@@ -94,3 +107,13 @@ SCENARIOS: dict[str, Scenario] = {
     ),
     "go2": Scenario(moves=(sway(0.03, 0.005), squat(0.06, 0.008)), shoves=shoves(8.0, 8.0)),
 }
+#: Name of the demo of walking, its robot, and its scenario.
+WALK, WALK_ROBOT = "walk", "g1"
+WALK_SCENARIO = Scenario(
+    walks=(
+        Walk("walk forward", (0.3, 0.0, 0.0)),
+        Walk("turn", (0.0, 0.0, 0.4)),
+        Walk("walk to the left", (0.0, 0.15, 0.0)),
+        Walk("walk a curve", (0.25, 0.0, -0.3)),
+    )
+)

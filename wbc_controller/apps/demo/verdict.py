@@ -11,8 +11,12 @@ import pinocchio as pin
 from wbc_controller.apps.demo.director import Director, Window
 from wbc_controller.apps.demo.scenario import Scenario
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.recording.report.base_motion import heading, mean_velocity
 from wbc_controller.recording.report.run_data import Result, RunData
 from wbc_controller.records import Array
+
+#: Largest mean velocity after a stop, m/s and rad/s.
+_STANDING = 0.005
 
 
 def reference_of(run: RunData, director: Director) -> Array:
@@ -20,7 +24,8 @@ def reference_of(run: RunData, director: Director) -> Array:
     reference = np.full_like(run.com, np.nan)
     for start, trajectory in director.references:
         for i in np.flatnonzero(run.start + run.time >= start):
-            reference[i] = trajectory.sample(run.start + float(run.time[i])).position
+            now = run.start + float(run.time[i])
+            reference[i] = np.nan if trajectory is None else trajectory.sample(now).position
     return reference
 
 
@@ -76,6 +81,7 @@ def judge(
         if len(peak):
             result = replace(result, measured=f"{result.measured} (peak {1e3 * np.max(peak):.0f})")
         results.append(replace(result, target=f"{result.target} in {scenario.recovery:g} s"))
+    results += _walked(run, scenario, windows)
     if run.audit:
         calm = [
             "stand",
@@ -87,6 +93,25 @@ def judge(
     sent = share[~np.isnan(share).all(axis=1)]  # without the samples before the first command
     results.append(_torques(sent))
     return tuple(results)
+
+
+def _walked(run: RunData, scenario: Scenario, windows: Mapping[str, Window]) -> list[Result]:
+    """Compare the mean velocities of the walks with the commands, and that after the stop with 0."""
+    wanted = {walk.name: (walk.velocity, walk.target) for walk in scenario.walks}
+    if wanted:
+        wanted["stop"] = (0.0, 0.0, 0.0), _STANDING
+    results = []
+    for name, (velocity, limit) in wanted.items():
+        text = f"{', '.join(f'{each:g}' for each in velocity)} ± {limit:g} m/s, rad/s"
+        window = windows.get(name)
+        if window is None:
+            results.append(Result(name, text, "not reached", False))
+            continue
+        way = np.column_stack([run.time + run.start, run.q[:, :2], [heading(q) for q in run.q]])
+        mean = mean_velocity(way, window.start, window.end)
+        good = bool(np.abs(mean - velocity).max() < limit)
+        results.append(Result(name, text, ", ".join(f"{each:.3f}" for each in np.round(mean, 3) + 0.0), good))
+    return results
 
 
 def _distance(name: str, values: Array, limit: float) -> Result:

@@ -59,6 +59,7 @@ def new_configuration(
         _put_arm(draft, source, body, postures)
     else:
         _put_legged(draft, model, body, found, postures)
+        tuning.put_walking(source.text, draft)
     draft.put(
         "robot.armature",
         0.0,

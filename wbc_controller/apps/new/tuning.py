@@ -12,8 +12,13 @@ from wbc_controller.apps.new.feet import Limb
 from wbc_controller.apps.new.foot_shape import Foot
 from wbc_controller.apps.new.notes import Draft
 from wbc_controller.controller.build.footprint import simplify_polygon
+from wbc_controller.controller.build.program import make_qp
+from wbc_controller.controller.build.robot import make_model
+from wbc_controller.controller.build.walking import find_feet, make_gait
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.support import are_corners
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.records import Array
 from wbc_controller.settings import LimitSettings
 
@@ -28,6 +33,7 @@ _MAX_SPEED = 8.0  # largest fully used joint speed, rad/s
 #: Smallest number of joints of an arm with a hand task: on a legged robot, where heads have fewer, and on a fixed base.
 _ARM_JOINTS, _FIXED_ARM_JOINTS = 4, 3
 _POSE_JOINTS = 6
+_IMMOBILE = 1.0e-2  # largest singular value of an immobile direction, m or 1
 _ROUNDING_ANGLE = 0.005  # rounding of a mesh, rad
 
 
@@ -139,6 +145,36 @@ def put_limits(model: RobotModel, draft: Draft) -> None:
         share = float(np.clip(round(_MAX_SPEED / fastest, 2), 0.15, 1.0))
         draft.put("limits.velocity_scale", share, f"{fastest:g} rad/s in the URDF may be a motor speed: limbs at such "
                   "speeds cannot stop before their limits.", "guess")  # fmt: skip
+
+
+def put_walking(urdf: str, draft: Draft) -> None:
+    """Write the section of walking for two soles or four points, if each leg moves its foot in all directions."""
+    kinds = [contact["type"] for contact in draft.values["contacts"].values()]
+    if kinds not in (["surface"] * 2, ["point"] * 4):
+        return
+    try:
+        settings = draft.settings
+        model = make_model(settings, urdf)
+        qp = make_qp(settings, model)
+        soles = find_feet(settings, model) if len(kinds) == 2 else None
+    except ConfigurationError:  # the check of the draft reports it
+        return
+    if not _feet_move_freely(qp):
+        return
+    if soles is not None:
+        load = max(make_gait(settings, *soles, qp).single_support().values(), key=lambda load: load.share)
+        if load.share > 1.0:
+            draft.note("walking", f"Not written: one leg cannot bear the robot ({load.text}).", "guess")
+            return
+    draft.put("walking", {}, "All values follow from the robot; `wbc check` prints the feasible speeds.", "guess")
+
+
+def _feet_move_freely(qp: WholeBodyQP) -> bool:
+    """Return whether joints that move one contact alone move it in all directions, in the nominal posture."""
+    jacobians = [contact.jacobian(qp.dynamics)[:, qp.model.v_index] for contact in qp.contacts.values()]
+    moving = sum(J.any(axis=0).astype(int) for J in jacobians)
+    ranks = [np.linalg.matrix_rank(J[:, moving == 1], tol=_IMMOBILE) for J in jacobians]
+    return all(rank == len(J) for rank, J in zip(ranks, jacobians, strict=True))
 
 
 def put_damping(model: RobotModel, height: float, draft: Draft) -> None:

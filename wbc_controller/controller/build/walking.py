@@ -3,34 +3,37 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 
+from wbc_controller.controller.build.gait_limits import BipedLeg, BipedLimits, feasible_defaults
+from wbc_controller.controller.build.leg import Leg
+from wbc_controller.controller.build.quadruped_walking import (
+    is_quadruped,
+    make_quadruped_tasks,
+    make_quadruped_walker,
+)
+from wbc_controller.controller.build.walking_tasks import HEIGHT, POSTURE, enabled_tasks, make_disabled, value_or
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.inverse_dynamics.contacts.mount import placement_of
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics, support_matrix
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
-from wbc_controller.inverse_dynamics.tasks import (
-    CapturePointTask,
-    ComTask,
-    FrameOrientationTask,
-    FramePoseTask,
-    FramePositionTask,
-    PostureTask,
-    Task,
-)
+from wbc_controller.inverse_dynamics.tasks import CapturePointTask, ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings, SurfaceContact, WalkingSettings
-from wbc_controller.walking.feet import Foot
+from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.quadruped import QuadrupedWalker
 from wbc_controller.walking.reaction import swing_reaction
 from wbc_controller.walking.walker import GAIN, Walker, WalkingTasks
 
 #: Names of the walker's tasks.
-DCM, HEIGHT, POSTURE = "walking_dcm", "walking_height", "walking_posture"
-LEFT, RIGHT = "walking_left_foot", "walking_right_foot"
-#: Tasks with references in the world, which a walking robot leaves behind.
-_IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)
+DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"
+
+#: Highest lift of a sole that is searched, as a share of the height of the centre of mass.
+_HIGHEST_LIFT = 0.15
 
 
 def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
@@ -41,10 +44,9 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     """
     if settings.walking is None:
         return []
-    left, right = _feet(settings, settings.walking, model)
-    taken = sorted({DCM, HEIGHT, POSTURE, LEFT, RIGHT} & settings.tasks.keys())
-    if taken:
-        raise ConfigurationError(f"tasks.{taken[0]}: the walker has a task of this name; choose another name")
+    if is_quadruped(settings, settings.walking):
+        return make_quadruped_tasks(settings, model)
+    left, right = find_feet(settings, model)
     tasks: dict[str, tuple[float, Task]] = {
         DCM: (500.0, CapturePointTask(DCM, model.gravity, gain=GAIN)),
         HEIGHT: (50.0, ComTask(HEIGHT, [False, False, True], stiffness=100.0, damping=20.0)),
@@ -52,12 +54,10 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
         LEFT: (20.0, FramePoseTask(LEFT, model, settings.contacts[left.contact].frame, stiffness=400.0)),
         RIGHT: (20.0, FramePoseTask(RIGHT, model, settings.contacts[right.contact].frame, stiffness=400.0)),
     }
-    for weight, task in tasks.values():
-        task.weight, task.enabled = weight, False
-    return [task for _, task in tasks.values()]
+    return make_disabled(tasks, settings)
 
 
-def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
+def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | QuadrupedWalker | None:
     """Build the walker; None without the section `walking`.
 
     Args:
@@ -65,24 +65,27 @@ def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
     """
     if settings.walking is None:
         return None
-    left, right = _feet(settings, settings.walking, qp.model)
-    configured = {name: qp.tasks[name] for name, task in settings.tasks.items() if task.enabled}
+    if is_quadruped(settings, settings.walking):
+        return make_quadruped_walker(settings, settings.walking, qp)
+    left, right = find_feet(settings, qp.model)
+    orientations, suspended = enabled_tasks(settings, qp)
     tasks = WalkingTasks(
         dcm=DCM,
         height=HEIGHT,
         posture=POSTURE,
-        orientations=tuple(name for name, task in configured.items() if isinstance(task, FrameOrientationTask)),
-        suspended=tuple(name for name, task in configured.items() if isinstance(task, _IN_THE_WORLD)),
+        orientations=orientations,
+        suspended=suspended,
     )
-    return Walker(_gait(settings.walking, left, right, qp), left, right, tasks, qp.model.gravity)
+    return Walker(make_gait(settings, left, right, qp).gait, left, right, tasks, qp.model.gravity)
 
 
-def _feet(settings: Settings, walking: WalkingSettings, model: RobotModel) -> tuple[Foot, Foot]:
+def find_feet(settings: Settings, model: RobotModel) -> tuple[Foot, Foot]:
     """Build the left and the right foot.
 
     Raises:
         ConfigurationError: if they are not two surface contacts.
     """
+    walking, dynamics = settings.walking or WalkingSettings(), Dynamics(model)
     surfaces = {name: c for name, c in settings.contacts.items() if isinstance(c, SurfaceContact)}
     valid = ", ".join(surfaces) or "none"
     names = walking.left, walking.right
@@ -93,56 +96,78 @@ def _feet(settings: Settings, walking: WalkingSettings, model: RobotModel) -> tu
         if names != (None, None) or len(surfaces) != 2:
             raise ConfigurationError(
                 f"walking.left = {names[0]!r}, walking.right = {names[1]!r}: walking takes two surface contacts, the "
-                f"left and the right foot; valid: {valid}"
+                f"left and the right foot, or four point contacts; surface contacts: {valid}"
             )
-        dynamics = Dynamics(model)
-        feet = [_foot(name, LEFT, contact, model) for name, contact in surfaces.items()]
+        feet = [_foot(name, LEFT, contact, dynamics) for name, contact in surfaces.items()]
         right, left = sorted(feet, key=lambda foot: float(foot.sole(dynamics).centre[1]))
         names = left.contact, right.contact
     left, right = (
-        _foot(str(name), task, surfaces[str(name)], model) for name, task in zip(names, (LEFT, RIGHT), strict=True)
+        _foot(str(name), task, surfaces[str(name)], dynamics) for name, task in zip(names, (LEFT, RIGHT), strict=True)
     )
     return left, right
 
 
-def _foot(name: str, task: str, contact: SurfaceContact, model: RobotModel) -> Foot:
-    """Build one foot; its half length and width are those of the largest rectangle about the contact's origin."""
-    corners = np.array(contact.corners)
+def _foot(name: str, task: str, contact: SurfaceContact, dynamics: Dynamics) -> Foot:
+    """Build one foot; its half length and width are those of the largest rectangle about the contact's origin.
+
+    The x axis of its sole is the axis of the contact, or its opposite, that points forward in the nominal posture.
+    """
+    frame = dynamics.model.frame_id(contact.frame, f"contacts.{name}.frame")
+    placement = placement_of(contact.translation, contact.rpy)
+    forward = (dynamics.placement(frame) * placement).rotation[0, :2]  # components of the x and y axes
+    quarter = round(math.atan2(-forward[1], forward[0]) / (0.5 * math.pi))
+    turn = about_z(-0.5 * math.pi * quarter)
+    corners = np.array(contact.corners) @ turn[:2, :2]
     half = np.minimum(corners.max(axis=0), -corners.min(axis=0))
     return Foot(
         contact=name,
         task=task,
-        frame=model.frame_id(contact.frame, f"contacts.{name}.frame"),
-        placement=placement_of(contact.translation, contact.rpy),
+        frame=frame,
+        placement=placement * pin.SE3(turn, np.zeros(3)),
         half=(float(half[0]), float(half[1])),
     )
 
 
-def _gait(walking: WalkingSettings, left: Foot, right: Foot, qp: WholeBodyQP) -> Gait:
-    """Collect the parameters of the gait, with the defaults of the robot in its nominal posture."""
-    dynamics, gravity = qp.dynamics, qp.model.gravity
+def make_gait(settings: Settings, left: Foot, right: Foot, qp: WholeBodyQP) -> BipedLimits:
+    """Make the gait with its limits; its defaults follow from the robot in its nominal posture.
+
+    The lowering and the clearance are smaller if the flat feet cannot be raised as far, and the speeds if they are not
+    feasible.
+    """
+    walking, limits = settings.walking or WalkingSettings(), settings.limits
+    dynamics, model, gravity = qp.dynamics, qp.model, qp.model.gravity
     soles = [foot.sole(dynamics).centre for foot in (left, right)]
     z = float(dynamics.com[2]) - 0.5 * float(soles[0][2] + soles[1][2])
     apart = float(np.linalg.norm((soles[0] - soles[1])[:2]))
     sole = left.half[1] + right.half[1]
-    least = _or(walking.least_width, max(0.6 * apart, sole + 0.03))
-    return Gait(
-        single=_or(walking.single_support, 1.5 * math.sqrt(z / gravity)),
-        double=walking.double_support,
+    margin = limits.position_margin if limits.position else 0.0
+    legs = [
+        BipedLeg(side, foot, Leg(model, foot.frame, [other.frame], margin, foot.placement))
+        for side, foot, other in ((1, left, right), (-1, right, left))
+    ]
+    lift = min(each.leg.lift(_HIGHEST_LIFT * z) for each in legs)
+    pace = math.sqrt(gravity * z)
+    gait = Gait(
+        single=value_or(walking.single_support, 1.5 * math.sqrt(z / gravity)),
+        double=value_or(walking.double_support, 0.05),
         shift=0.8,
-        lowering=_or(walking.lowering, 0.03 * z),
-        clearance=_or(walking.clearance, 0.07 * z),
-        width=_or(walking.width, 0.85 * apart),
-        least_width=least,
-        length=_or(walking.max_step_length, 0.65 * z),
-        greatest_width=_or(walking.max_step_width, 0.8 * z),
+        lowering=value_or(walking.lowering, min(0.03 * z, 0.2 * lift)),
+        clearance=value_or(walking.clearance, min(0.07 * z, 0.6 * lift)),
+        width=value_or(walking.width, 0.85 * apart),
+        least_width=value_or(walking.least_width, max(0.6 * apart, sole + 0.03)),
+        length=value_or(walking.max_step_length, 0.65 * z),
+        greatest_width=value_or(walking.max_step_width, 0.8 * z),
         reaction=swing_reaction(dynamics, left, right, z),
         speed=(
-            _or(walking.max_speed, 0.12 * math.sqrt(gravity * z)),
-            _or(walking.max_side_speed, 0.08 * math.sqrt(gravity * z)),
-            walking.max_turn_rate,
+            value_or(walking.max_speed, 0.12 * pace),
+            value_or(walking.max_side_speed, 0.08 * pace),
+            value_or(walking.max_turn_rate, 0.5),
         ),
     )
+    found = BipedLimits(model, qp.contacts, legs, gait, limits.velocity_scale * model.velocity_limits)
+    configured = walking.max_speed, walking.max_side_speed, walking.max_turn_rate
+    found.gait = replace(gait, speed=feasible_defaults(found, configured))
+    return found
 
 
 def _without_legs(model: RobotModel, left: Foot, right: Foot) -> list[str]:
@@ -151,7 +176,3 @@ def _without_legs(model: RobotModel, left: Foot, right: Foot) -> list[str]:
     one = moves[frames[left.frame].parentJoint] != moves[frames[right.frame].parentJoint]
     columns = model.joint_columns(model.driven_joints, "robot.joints")
     return [name for name, column in zip(model.driven_joints, columns, strict=True) if not one[model.v_index[column]]]
-
-
-def _or(value: float | None, default: float) -> float:
-    return default if value is None else value

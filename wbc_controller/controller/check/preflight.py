@@ -17,6 +17,7 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.robot_description import read_urdf
 from wbc_controller.controller.check.contact_shapes import compare_with_shapes, upside_down, upside_down_message
 from wbc_controller.controller.check.finding import Finding
+from wbc_controller.controller.check.gait_check import check_walking
 from wbc_controller.controller.check.model_plausibility import (
     inertias,
     limits,
@@ -117,6 +118,7 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
             findings += reserves(
                 qp, active, q, unsupported_passive_joints(qp, active), level=_is_kept_level(settings, qp), margin=margin
             )
+        findings += check_walking(settings, qp)
         return findings
     except ConfigurationError as error:
         raise ConfigurationError(config.with_source(str(error))) from error

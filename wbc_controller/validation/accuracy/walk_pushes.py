@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from wbc_controller.errors import WbcError
+from wbc_controller.recording.report.base_motion import heading
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
-from wbc_controller.validation.accuracy.walks import WalkTrial, heading_of
+from wbc_controller.validation.accuracy.walks import WalkTrial
 from wbc_controller.walking.gait import Phase
 
 #: Duration of a push, and time after it without a fall, s.
@@ -52,8 +53,8 @@ def ends(robot: str, push: Push, speed: float, sensors: SensorQuality, seed: int
             while not (walker.steps >= _STEPS and walker.phase is Phase.SINGLE):
                 trial.run(trial.controller.period)
             trial.run(push.phase * 2.0 * walker.gait.step_time)
-        heading = heading_of(trial.mock.plant.state()[0]) + push.direction
-        _push(trial, speed * np.array([math.cos(heading), math.sin(heading)]))
+        direction = heading(trial.mock.plant.state()[0]) + push.direction
+        _push(trial, speed * np.array([math.cos(direction), math.sin(direction)]))
         trial.run(PUSH + AFTER)
     except WbcError as error:
         return trial.when(error), trial.model.mass

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, WbcError
+from wbc_controller.recording.report.base_motion import heading, mean_velocity
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
@@ -24,6 +25,7 @@ COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
         "forward": (0.5, 0.0, 0.0), "backward": (-0.25, 0.0, 0.0), "sideways": (0.0, 0.2, 0.0), "turn": (0.0, 0.0, 0.5)
     },
     "talos": {"forward": (0.3, 0.0, 0.0)},
+    "go2": {"forward": (0.8, 0.0, 0.0), "sideways": (0.0, 0.4, 0.0), "turn": (0.0, 0.0, 1.5)},
 }  # fmt: skip
 RANDOM = "random"
 #: Velocity to the left with the command `diagonal`, as a share of that of `forward`.
@@ -152,7 +154,7 @@ def walk(
         solution = trial.report.solution
         relaxed += bool(solution is not None and solution.relaxed)
         q, _ = trial.mock.plant.state()
-        ways.append([trial.time - trial.begun, q[0], q[1], heading_of(q)])
+        ways.append([trial.time - trial.begun, q[0], q[1], heading(q)])
 
     try:
         trial.stand()
@@ -169,25 +171,3 @@ def walk(
     speed = np.full(3, np.nan) if ended or command == RANDOM else mean_velocity(way, _REACHED, seconds)
     distance = float(np.linalg.norm(np.diff(way[:, 1:3], axis=0), axis=1).sum())
     return Walk(seed, speed, distance, drift, relaxed, ended, trial.meter.figures())
-
-
-def mean_velocity(way: Array, begin: float, end: float) -> Array:
-    """Return the mean velocity in the heading between two times, (3,) in m/s and rad/s.
-
-    Args:
-        way: times in s, x and y in m and heading in rad, (n, 4).
-        begin: s.
-        end: s.
-    """
-    part = way[(way[:, 0] >= begin) & (way[:, 0] <= end)]
-    heading = np.unwrap(part[:, 3])
-    steps = np.diff(part[:, 1] + 1j * part[:, 2]) * np.exp(-0.5j * (heading[1:] + heading[:-1]))
-    moved = steps.sum()
-    change = np.array([moved.real, moved.imag, heading[-1] - heading[0]])
-    return change / float(part[-1, 0] - part[0, 0])
-
-
-def heading_of(q: Array) -> float:
-    """Return the heading of a floating base, rad."""
-    x, y, z, w = q[3:7].tolist()
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

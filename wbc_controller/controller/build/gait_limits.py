@@ -1,0 +1,187 @@
+"""Static limits of a gait: reach and joint velocities of a swing; for bipeds torques and friction of one leg."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.controller.build.leg import FeasibleSpeed, Leg, largest_speed, swing_of
+from wbc_controller.inverse_dynamics.contacts import Contact
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+from wbc_controller.walking.feet import Foot
+from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.gait import Gait, QuadrupedGait
+from wbc_controller.walking.quadruped import PointFoot
+
+#: Largest acceleration of a quintic between two points at rest, in distances per squared duration.
+_QUINTIC = 10.0 / math.sqrt(3.0)
+
+#: Directions: forward, sideways and turning.
+WAYS = (Velocity(1.0), Velocity(1.0j), Velocity(turning=1.0))
+#: Safe share of a feasible speed.
+_SAFE = 0.8
+#: Share of the joint speeds for the steps in place of a quadruped, and smallest share of its wanted clearance.
+_MODERATE, _LOWEST = 0.5, 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class SupportLoad:
+    """Load of a single support: share of the most loaded limit, and its text."""
+
+    share: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class BipedLeg:
+    """A leg of a biped, with its foot; side 1 is the left one, -1 the right one."""
+
+    side: int
+    foot: Foot
+    leg: Leg
+
+
+class BipedLimits:
+    """Static limits of a biped's gait in its nominal posture, lowered by `walking.lowering`."""
+
+    def __init__(
+        self, model: RobotModel, contacts: Mapping[str, Contact], legs: Sequence[BipedLeg], gait: Gait, speeds: Array
+    ) -> None:
+        """Prepare the limits; `speeds` are the largest ones of the joints, (nj,) in rad/s."""
+        self.legs, self.gait = legs, gait
+        self._model, self._contacts, self._speeds, self._dynamics = model, contacts, speeds, Dynamics(model)
+        #: Columns of the base in v.
+        self._base = np.setdiff1d(np.arange(model.nv), model.v_index)[:6]
+
+    def feasible(self, way: Velocity, most: float) -> FeasibleSpeed:
+        """Return the feasible speed in a direction, at most `most`, in m/s or rad/s."""
+
+        def worst(speed: float) -> tuple[float, str]:
+            velocity = way.times(speed)
+            shares = [each.leg.swing_share(self.swing(velocity, each), self._speeds) for each in self.legs]
+            shares += [(load.share, load.text) for each in self.legs for load in self.support_loads(each, velocity)]
+            return max(shares, key=lambda share: share[0])
+
+        return largest_speed(worst, most)
+
+    def swing(self, velocity: Velocity, leg: BipedLeg) -> Iterator[tuple[Array, Array]]:
+        """Return the swing of a leg; like in `nominal_step`, steps to the side widen the stance."""
+        gait = self.gait
+        width = max(gait.width, gait.least_width + abs(velocity.linear.imag) * gait.step_time)
+        beside = leg.side * (0.5 * width - abs(leg.leg.place[1]))
+        return swing_of(velocity, 2.0 * gait.step_time, gait.single, gait.clearance, gait.lowering, beside)
+
+    def single_support(self) -> dict[str, SupportLoad]:
+        """Return the largest load of each stance foot, by contact, while the robot steps in place."""
+        found = {leg.foot.contact: self.support_loads(leg, Velocity()) for leg in self.legs}
+        return {name: max(loads, key=lambda load: load.share) for name, loads in found.items()}
+
+    def support_loads(self, leg: BipedLeg, velocity: Velocity) -> list[SupportLoad]:
+        """Return the loads of a stance leg at the begin, in the middle and at the end of a single support.
+
+        The base has the acceleration a, ψ̈ about the vertical, and the swing leg q̈ = J⁺ a_s. The foot's acceleration is
+        a_s = ±10/√3 · 2 s / T_s² for the step s, and the robot turns by ψ̇ T per step T, in a cosine: ψ̈ = 2π ψ̇ / T.
+        The rows of the base give the contact wrench f, and a follows from its centre of pressure in the middle of the
+        sole, as of the linear inverted pendulum:
+
+            (Jᵀ f)_base = (M v̇ + h)_base,    f_τx = f_τy = 0,    τ = T (M v̇ + h - Jᵀ f).
+        """
+        gait, model, dynamics, base = self.gait, self._model, self._dynamics, self._base
+        contact, moved = self._contacts[leg.foot.contact], 0.5 * velocity.linear.real * gait.single
+        swing = next(each.leg for each in self.legs if each is not leg)
+        forward = np.zeros(6)
+        forward[0] = _QUINTIC * 2.0 * velocity.linear.real * gait.step_time / gait.single**2
+        found = []
+        for x, sign in ((moved, 1.0), (0.0, 0.0), (-moved, -1.0)):
+            posture, reason = self._lowered(leg, x)
+            if reason:
+                continue  # the swing of this leg has the same reach
+            dynamics.update(model.configuration(posture), np.zeros(model.nv))
+            rates = np.zeros(model.nv)
+            rates[model.v_index[swing.joints]] = swing.rates(posture, sign * forward)
+            # In the direction of the swing's moment: a right leg that swings forward turns the robot to the left.
+            rates[base[5]] = leg.side * (sign or 1.0) * 2.0 * math.pi * abs(velocity.turning) / gait.step_time
+            J, M = contact.jacobian(dynamics), dynamics.M
+            by_base = np.linalg.solve(
+                J[:, base].T, np.column_stack([M[base] @ rates + dynamics.h[base], M[base][:, base]])
+            )
+            rates[base[:2]] = np.linalg.solve(by_base[3:5, 1:3], -by_base[3:5, 0])
+            f = by_base[:, 0] + by_base[:, 1:3] @ rates[base[:2]]
+            found += [
+                self._torque_load(M @ rates + dynamics.h - J.T @ f),
+                self._friction_load(contact.name, contact.cone, f),
+            ]
+        return found
+
+    def _lowered(self, leg: BipedLeg, x: float) -> tuple[Array, str]:
+        """Return the posture with bent knees and the stance foot at a place x forward, in m, and why not, or ""."""
+        posture, reasons = np.array(self._model.posture), []
+        for each in self.legs:
+            offset = np.array([x if each is leg else 0.0, 0.0, self.gait.lowering, 0.0])
+            posture, reason = each.leg.posture(offset, posture)
+            reasons.append(reason)
+        return posture, next(filter(None, reasons), "")
+
+    def _torque_load(self, force: Array) -> SupportLoad:
+        model = self._model
+        tau, limits = np.abs(model.actuation.torques(force)), model.effort_limits
+        worst = int(np.argmax(tau / limits))
+        text = f"torque of {model.actuators[worst]}: {tau[worst]:.1f} of {limits[worst]:g} N·m"
+        return SupportLoad(float(tau[worst] / limits[worst]), text)
+
+    def _friction_load(self, name: str, cone: Array, f: Array) -> SupportLoad:
+        """Return the load of the rows C f ≤ 0 with an allowance -C_z f_z: sliding, turning, centre of pressure."""
+        allowed = -cone[:, 2] * f[2]
+        share = (cone @ f + allowed)[allowed > 0.0] / allowed[allowed > 0.0]
+        return SupportLoad(float(share.max()), f"friction and size of {name}")
+
+
+class QuadrupedLimits:
+    """Static limits of a quadruped's gait in its nominal posture."""
+
+    def __init__(self, legs: Mapping[PointFoot, Leg], gait: QuadrupedGait, speeds: Array) -> None:
+        """Prepare the limits; `speeds` are the largest ones of the joints, (nj,) in rad/s."""
+        self.gait = gait
+        self._legs, self._speeds = legs, speeds
+
+    def raised(self, wanted: float) -> float:
+        """Return a clearance in m for which steps in place need a moderate share of the joint speeds."""
+        gait, (leg, *_) = self.gait, self._legs.values()
+
+        def load(clearance: float) -> tuple[float, str]:
+            share, cause = leg.swing_share(swing_of(Velocity(), gait.cycle, gait.swing, clearance), self._speeds)
+            return share / _MODERATE, cause
+
+        return max(largest_speed(load, wanted).speed, _LOWEST * wanted)
+
+    def feasible(self, way: Velocity, most: float) -> FeasibleSpeed:
+        """Return the feasible speed in a direction, at most `most`, in m/s or rad/s."""
+        gait = self.gait
+
+        def worst(speed: float) -> tuple[float, str]:
+            shares = []
+            for foot, leg in self._legs.items():
+                # The robot turns about the middle of its feet: v = v_0 + ψ̇ e_z × r
+                velocity = Velocity(speed * (way.linear + 1j * way.turning * foot.nominal))
+                swing = swing_of(velocity, gait.cycle, gait.swing, gait.clearance, gait.lowering)
+                shares.append(leg.swing_share(swing, self._speeds))
+            return max(shares, key=lambda share: share[0])
+
+        return largest_speed(worst, most)
+
+
+def feasible_defaults(
+    limits: BipedLimits | QuadrupedLimits, configured: Sequence[float | None]
+) -> tuple[float, float, float]:
+    """Return the speeds of a gait; those that are not configured are at most a safe share of the feasible ones."""
+    speeds = []
+    for way, wanted, fixed in zip(WAYS, limits.gait.speed, configured, strict=True):
+        found = limits.feasible(way, wanted / _SAFE) if fixed is None else None
+        speeds.append(wanted if found is None or not found.speed > 0.0 else _SAFE * found.speed)
+    forward, sideways, turning = speeds
+    return forward, sideways, turning

@@ -1,0 +1,184 @@
+"""Kinematics of one leg: postures with its foot at a place relative to the base, and joint velocities of a swing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.inverse_dynamics.robot.model import RobotModel
+from wbc_controller.records import Array
+from wbc_controller.walking.feet import about_z
+from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+
+#: Newton iterations, largest remaining error, m and rad, and weight of the joint motion.
+_ITERATIONS, _REACHED, _LEAST_MOTION = 8, 1.0e-3, 1.0e-4
+#: Steps and halvings in the search for the largest lift.
+_STEPS, _HALVINGS = 6, 4
+#: Samples of a swing.
+_SAMPLES = 16
+#: Evaluations in the search for the largest speed.
+_TRIED_SPEEDS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class FeasibleSpeed:
+    """Largest speed, m/s or rad/s, and the limiting quantity; "" if the search found none."""
+
+    speed: float
+    quantity: str
+
+
+class Leg:
+    """One leg, with the base upright at the origin.
+
+    Offsets of the foot, (4,), count from the nominal posture: forward, left and up in m, and turned to the left in rad.
+
+    Attributes:
+        joints: indices in `model.joints` of the joints that move this foot alone.
+        place: of the foot in the nominal posture, (3,) in m.
+    """
+
+    def __init__(
+        self, model: RobotModel, frame: int, others: Sequence[int], margin: float, sole: pin.SE3 | None = None
+    ) -> None:
+        """Prepare the leg that moves a frame.
+
+        Args:
+            frame: index of the frame of the foot.
+            others: frames of the other feet.
+            margin: distance from the position limits, rad.
+            sole: placement of the flat sole in the frame; None for a point foot, which may have any orientation.
+        """
+        own = _chain(model, frame).difference(*(_chain(model, other) for other in others))
+        self.joints = [i for i, name in enumerate(model.joints) if model.pinocchio.getJointId(name) in own]
+        self._frame, self._sole = frame, pin.SE3.Identity() if sole is None else sole
+        self._rows = 3 if sole is None else 6  # controlled directions
+        self._model, self._data = model, model.pinocchio.createData()
+        self._lower = np.minimum(model.position_lower + margin, model.posture)
+        self._upper = np.maximum(model.position_upper - margin, model.posture)
+        self._start = pin.SE3(self._kinematics(np.array(model.posture))[0])
+        self.place: Array = self._start.translation
+
+    def posture(self, offset: Array, start: Array) -> tuple[Array, str]:
+        """Return the posture, (nj,) in rad, with the foot at an offset, and the limit that it exceeds, or "".
+
+        Newton's method from the posture `start`, (nj,).
+        """
+        posture, none = np.array(start), np.zeros(len(self.joints))
+        goal = pin.SE3(about_z(offset[3]) @ self._start.rotation, self._start.translation + offset[:3])
+        for _ in range(_ITERATIONS):
+            sole, J = self._kinematics(posture)
+            error = np.concatenate([goal.translation - sole.translation, pin.log3(goal.rotation @ sole.rotation.T)])
+            error = error[: self._rows]
+            if np.abs(error).max() <= _REACHED:
+                break
+            rows = np.vstack([J, _LEAST_MOTION * np.eye(len(none))])
+            posture[self.joints] += np.linalg.lstsq(rows, np.concatenate([error, none]), rcond=None)[0]
+        else:
+            return posture, "length of the leg"
+        beyond = np.flatnonzero((posture < self._lower) | (posture > self._upper))
+        return posture, f"position of {self._model.joints[beyond[0]]}" if beyond.size else ""
+
+    def lift(self, most: float) -> float:
+        """Return the height, at most `most` in m, to which the flat sole can be raised under the hip."""
+        up, posture = np.array([0.0, 0.0, 1.0, 0.0]), np.array(self._model.posture)
+        reached, step = 0.0, most / _STEPS
+        for _ in range(_STEPS + _HALVINGS):
+            raised, reason = self.posture((reached + step) * up, posture)
+            if reason:
+                step *= 0.5
+            else:
+                reached, posture = reached + step, raised
+            if reached >= most:
+                break
+        return reached
+
+    def rates(self, posture: Array, twist: Array) -> Array:
+        """Return the joint velocities, q̇ = J⁺ of a twist of the foot relative to the base, (6,); or accelerations."""
+        return np.asarray(np.linalg.lstsq(self._kinematics(posture)[1], twist[: self._rows], rcond=None)[0])
+
+    def swing_share(self, swing: Iterable[tuple[Array, Array]], speeds: Array) -> tuple[float, str]:
+        """Return the largest share of joint speeds, (nj,) in rad/s, in a swing of `swing_of`, and its joint.
+
+        The share is infinite if the leg cannot reach a part of the swing; then the reason replaces the joint.
+        """
+        worst, cause, posture = 0.0, "", np.array(self._model.posture)
+        for offset, rate in swing:
+            posture, reason = self.posture(offset, posture)
+            if reason:
+                return math.inf, reason
+            twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])
+            share = np.abs(self.rates(posture, twist)) / speeds[self.joints]
+            if share.max() > worst:
+                worst = float(share.max())
+                cause = f"velocity of {self._model.joints[self.joints[int(np.argmax(share))]]}"
+        return worst, cause
+
+    def _kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
+        """Return the placement of the foot, and its Jacobian by the own joints, (6, k), or (3, k) of a point."""
+        model, q, frame = self._model, self._model.configuration(posture), self._frame
+        pin.computeJointJacobians(model.pinocchio, self._data, q)
+        pin.updateFramePlacements(model.pinocchio, self._data)
+        sole = self._data.oMf[frame] * self._sole
+        J = np.array(pin.getFrameJacobian(model.pinocchio, self._data, frame, pin.LOCAL_WORLD_ALIGNED))
+        J[:3] -= pin.skew(sole.translation - self._data.oMf[frame].translation) @ J[3:]
+        if model.followers is not None:
+            for row in J:
+                model.followers.carry(row)
+        return sole, J[: self._rows, model.v_index[self.joints]]
+
+
+def swing_of(
+    velocity: Velocity, cycle: float, duration: float, clearance: float, lowering: float = 0.0, beside: float = 0.0
+) -> Iterator[tuple[Array, Array]]:
+    """Yield offsets, (4,), of a swing foot relative to the base from its nominal place, and their rates, (4,).
+
+    The base moves at the velocity v, and in the middle of the swing the foot passes its nominal place. In each cycle,
+    the foot moves by v T_c, from -v T_c / 2 to v T_c / 2.
+
+    Args:
+        velocity: v.
+        cycle: T_c, time between two touchdowns of the foot, s.
+        duration: of the swing, s.
+        clearance: height of the foot above the ground, m.
+        lowering: of the base, m.
+        beside: distance to the left of the nominal place, m.
+    """
+    way, turn = 0.5 * cycle * velocity.linear, 0.5 * cycle * velocity.turning
+    foot = SwingFoot(Axis(-way.real), Axis(beside - way.imag), Axis(lowering), Axis(-turn))
+    landing, dt = Landing(way + 1j * beside, lowering, turn), duration / _SAMPLES
+    v = np.array([velocity.linear.real, velocity.linear.imag, 0.0, velocity.turning])
+    for sample in range(_SAMPLES + 1):
+        axes = (foot.x, foot.y, foot.z, foot.heading)
+        position, rate = (np.array([getattr(axis, key) for axis in axes]) for key in ("position", "velocity"))
+        yield position - (sample * dt - 0.5 * duration) * v, rate - v
+        foot = foot.moved(landing, clearance, sample * dt, duration, dt)
+
+
+def largest_speed(share: Callable[[float], tuple[float, str]], most: float) -> FeasibleSpeed:
+    """Return the largest speed, at most `most`, at which a share is at most 1; it rises with the speed.
+
+    Args:
+        share: function from a speed to a share and its cause.
+        most: m/s or rad/s.
+    """
+    low, high, quantity = 0.0, most, ""
+    for number in range(_TRIED_SPEEDS):
+        speed = most if number == 0 else 0.5 * (low + high)
+        found, cause = share(speed)
+        if found <= 1.0:
+            low = speed
+        else:
+            high, quantity = speed, cause
+        if low == most:
+            break
+    return FeasibleSpeed(low, quantity)
+
+
+def _chain(model: RobotModel, frame: int) -> set[int]:
+    return set(model.pinocchio.supports[model.pinocchio.frames[frame].parentJoint])

@@ -1,0 +1,53 @@
+"""Tasks of a walker: names, the configured tasks that it suspends or turns, and defaults of settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.inverse_dynamics.tasks import (
+    CapturePointTask,
+    ComTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    Task,
+)
+from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
+from wbc_controller.settings import Settings
+
+#: Names of the tasks on height and joints.
+HEIGHT, POSTURE = "walking_height", "walking_posture"
+#: Tasks with references in the world, which a walking robot leaves behind.
+_IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)
+
+
+def make_disabled(tasks: Mapping[str, tuple[float, Task]], settings: Settings) -> list[Task]:
+    """Give tasks their weights, off until the robot walks.
+
+    Args:
+        tasks: weights and tasks by name.
+
+    Raises:
+        ConfigurationError: if a configured task has the name of one of these.
+    """
+    taken = sorted(tasks.keys() & settings.tasks.keys())
+    if taken:
+        raise ConfigurationError(f"tasks.{taken[0]}: the walker has a task of this name; choose another name")
+    for weight, task in tasks.values():
+        task.weight, task.enabled = weight, False
+    return [task for _, task in tasks.values()]
+
+
+def enabled_tasks(settings: Settings, qp: WholeBodyQP) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of the enabled tasks on orientations, and of those with references in the world."""
+    configured = {name: qp.tasks[name] for name, task in settings.tasks.items() if task.enabled}
+    return (
+        tuple(name for name, task in configured.items() if isinstance(task, FrameOrientationTask)),
+        tuple(name for name, task in configured.items() if isinstance(task, _IN_THE_WORLD)),
+    )
+
+
+def value_or(value: float | None, default: float) -> float:
+    """Return a value, or the default for None."""
+    return default if value is None else value

@@ -1,0 +1,396 @@
+"""The walker of quadrupeds: a trot or a walk on four point feet, and the references for the controller."""
+
+import cmath
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from wbc_controller.errors import InputRefused
+from wbc_controller.inverse_dynamics.references.changes import EnableContact, EnableTask, SetSetpoint
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
+from wbc_controller.records import Array, Reference
+from wbc_controller.walking.feet import about_z
+from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.gait import Phase, QuadrupedGait
+from wbc_controller.walking.pendulum import natural_frequency
+from wbc_controller.walking.references import height_rate, reference, smooth_step
+from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+from wbc_controller.walking.terrain import Ground
+from wbc_controller.walking.touchdown import lands
+from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
+from wbc_controller.walking.walker import Decision
+
+#: Time before touchdown from which on the target of the step stays, s.
+_FREEZE = 0.03
+#: Largest distance of the reference of the centre of mass from the measured one, m.
+_LAG = 0.06
+#: Deceleration of a stop, as a multiple of the largest acceleration.
+_BRAKING = 2.0
+#: Largest distance of a foot from its nominal place for a stop, m, and largest commanded speed, m/s and rad/s.
+_NOMINAL, _SLOW = 0.06, 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class QuadrupedTasks:
+    """Names of the tasks that the walker commands.
+
+    Attributes:
+        com: task on the horizontal position of the centre of mass.
+        height: task on its height.
+        posture: task on the joints.
+        orientations: tasks on orientations that turn with the heading.
+        suspended: tasks with references in the world, which are off while walking.
+    """
+
+    com: str
+    height: str
+    posture: str
+    orientations: tuple[str, ...]
+    suspended: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PointFoot:
+    """One foot; its place is that of the origin of its frame.
+
+    Attributes:
+        contact: name of its contact.
+        task: name of the task on the position of its frame.
+        frame: index of the frame.
+        nominal: place in the nominal posture relative to the middle of all feet, forward + i left in m.
+    """
+
+    contact: str
+    task: str
+    frame: int
+    nominal: complex
+
+
+@dataclass(frozen=True, slots=True)
+class _Cycle:
+    """The state of one cycle."""
+
+    time: float  # s
+    dt: float  # time since the last cycle, s
+    dynamics: Dynamics
+    com: complex  # c, x + i y in m
+    dcm: complex  # ξ
+    omega: float  # ω, 1/s
+    points: Mapping[str, Array]  # positions of the feet, by contact, (3,) in m
+    forces: Mapping[str, float]  # measured normal forces, by contact, N
+
+
+class QuadrupedWalker:
+    """Turns a velocity command into steps; same use as `Walker`.
+
+    Attributes:
+        gait: parameters of the gait.
+        phase: phase of the gait; in `Phase.SINGLE` one group of feet swings.
+        command: commanded velocity; None to stand.
+        leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
+        velocity: velocity on the way to it.
+        steps: number of swings since the start.
+    """
+
+    STATE_FIELDS = (
+        "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_group", "_clearance",
+        "_height", "_heading", "_orientations", "_body", "_body_velocity", "_sway", "_begin_at",
+        "_swings", "_landings", "_places", "_references",
+    )  # fmt: skip
+
+    def __init__(
+        self, gait: QuadrupedGait, feet: Sequence[PointFoot], tasks: QuadrupedTasks, gravity: float, mass: float
+    ) -> None:
+        """Make a walker that stands; gravity in m/s²."""
+        self.gait = gait
+        self._feet = {foot.contact: foot for foot in feet}
+        self._tasks = tasks
+        self._own_tasks = (tasks.com, tasks.height, tasks.posture, *(foot.task for foot in feet))
+        self._gravity, self._mass = gravity, mass
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand, without a command."""
+        self.phase = Phase.STAND
+        self.command: Velocity | None = None
+        self.leaving = False
+        self._until = math.inf  # time at which the command ends, s
+        self.velocity = Velocity()
+        self.steps = 0
+        self._since = self._last = 0.0  # begin of the phase, and last cycle, s
+        self._group = 0  # group that swings or swings next
+        self._clearance = 0.0  # height of the centre of mass above the ground, m
+        self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
+        self._orientations: dict[str, Array] = {}  # references of the tasks at the heading 0, (3, 3)
+        self._body = 0j  # reference of the centre of mass without its sway, x + i y in m
+        self._body_velocity = 0j  # its velocity, m/s
+        self._sway = Axis(0.0)  # reference of its sway to the left, m
+        self._begin_at = 0j  # reference of the centre of mass at the begin of the phase
+        self._swings: dict[str, SwingFoot] = {}  # feet in the air, by contact
+        self._landings: dict[str, Landing] = {}  # their planned touchdowns
+        self._places: dict[str, Array] = {}  # last positions of the feet on the ground, by contact, (3,) in m
+        self._references: dict[str, Reference] = {}  # of the last cycle, by task
+
+    def ask(self, command: Velocity | None, until: float = math.inf) -> None:
+        """Walk at a velocity until a time in s; None to stand.
+
+        Raises:
+            InputRefused: if the robot stops because the controller is deactivated.
+        """
+        if self.leaving and command is not None:
+            raise InputRefused("the command to walk is refused: the robot stops walking before it is deactivated")
+        self.command, self._until = command, until
+
+    def leave(self) -> None:
+        """Stop walking, for the controller to be deactivated when the robot stands."""
+        self.ask(None)
+        self.leaving = True
+
+    @property
+    def moves(self) -> bool:
+        """True while the robot walks or is about to."""
+        return self.phase is not Phase.STAND or self.command is not None
+
+    @property
+    def orientations(self) -> tuple[str, ...]:
+        """Names of the tasks on orientations that turn with the heading."""
+        return self._tasks.orientations
+
+    def update(
+        self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], forces: Mapping[str, float]
+    ) -> Decision:
+        """Decide on contacts and references of one cycle.
+
+        Args:
+            time: of the state, s.
+            dynamics: at this state.
+            orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
+            forces: measured normal forces of contacts, N; of a foot without one, its motion tells the touchdown.
+        """
+        decision, dt = Decision(), time - self._last
+        self._last = time
+        if time > self._until:
+            self.command = None
+        points = {name: np.array(dynamics.placement(foot.frame).translation) for name, foot in self._feet.items()}
+        if self.phase is Phase.STAND:
+            if self.command is None:
+                return decision
+            dt = 0.0
+            self._begin(dynamics, points, orientations, decision)
+        self._places |= {name: point for name, point in points.items() if name not in self._swings}
+        com, omega = dynamics.com, natural_frequency(self._clearance, self._gravity)
+        spin = (dynamics.centroidal_matrix[3:5] @ dynamics.v).tolist()
+        place, speed = complex(com[0], com[1]), complex(dynamics.com_velocity[0], dynamics.com_velocity[1])
+        speed -= 1j * complex(*spin) / (self._mass * self._clearance)
+        cycle = _Cycle(
+            time=time,
+            dt=dt,
+            dynamics=dynamics,
+            com=place,
+            dcm=place + speed / omega,
+            omega=omega,
+            points=points,
+            forces=forces,
+        )
+        if self.command is None:
+            self.velocity = self.velocity.towards(Velocity(), self.gait, _BRAKING * dt)
+        elif self.phase in (Phase.SINGLE, Phase.DOUBLE):
+            self.velocity = self.velocity.towards(self.command.clipped(self.gait), self.gait, dt)
+        if self.phase is Phase.STAND:
+            self._enter(Phase.SHIFT, cycle)
+        ground = Ground.below(self._places.values())
+        self._heading += self.velocity.turning * dt
+        if self.phase is Phase.SINGLE:
+            self._single(cycle, ground, decision)
+        elif self.phase is Phase.DOUBLE:
+            self._double(cycle, decision)
+        else:
+            self._shift(cycle, decision)
+        if self.phase is Phase.STAND:
+            return decision
+        for name in self._places.keys() - self._swings.keys():  # stance feet follow their contacts: they roll
+            foot = self._feet[name]
+            moved = dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+            self._references[foot.task] = reference(points[name], moved.tolist())
+        self._move_body(cycle, ground)
+        self._turn()
+        decision.references = dict(self._references)
+        return decision
+
+    def _begin(
+        self,
+        dynamics: Dynamics,
+        points: Mapping[str, Array],
+        orientations: Mapping[str, Array],
+        decision: Decision,
+    ) -> None:
+        """Start from standing."""
+        self._swings, self._landings, self._places = {}, {}, dict(points)
+        com = dynamics.com
+        self._body = complex(com[0], com[1])
+        self._height = float(com[2])
+        self._clearance = self._height - Ground.below(points.values()).height_at(self._body) - self.gait.lowering
+        # The heading of the feet: the angle from their nominal places to the present ones.
+        middle = self._middle()
+        moment = sum((self._place(name) - middle) * foot.nominal.conjugate() for name, foot in self._feet.items())
+        self._heading = cmath.phase(moment)
+        ahead = about_z(-self._heading)
+        self._orientations = {name: ahead @ rotation_of(quaternion) for name, quaternion in orientations.items()}
+        self._references = {}
+        self.steps, self.velocity, self._sway, self._group = 0, Velocity(), Axis(0.0), 0
+        decision.changes += [EnableTask(name, False) for name in self._tasks.suspended]
+        decision.changes += [EnableTask(name, True) for name in self._own_tasks]
+
+    def _place(self, contact: str) -> complex:
+        """Return the last place of a foot on the ground, x + i y in m."""
+        return complex(self._places[contact][0], self._places[contact][1])
+
+    def _middle(self) -> complex:
+        """Return the middle of the last places of the feet on the ground, x + i y in m."""
+        return sum(self._place(name) for name in self._feet) / len(self._feet)
+
+    def _enter(self, phase: Phase, cycle: _Cycle) -> None:
+        """Enter a phase; the reference of the centre of mass begins at the measured one."""
+        self.phase, self._since, self._begin_at = phase, cycle.time, cycle.com
+
+    def _shift(self, cycle: _Cycle, decision: Decision) -> None:
+        """Move the body over the middle of the feet."""
+        elapsed, duration = cycle.time - self._since, self.gait.shift
+        share, rate = smooth_step(elapsed / duration)
+        way = self._middle() - self._begin_at
+        self._body = self._begin_at + way * share
+        self._body_velocity = way * rate / duration
+        goal = self.gait.sway[0] if self.phase is Phase.SHIFT else 0.0
+        self._sway = self._sway.moved(goal, 0.0, duration - elapsed, cycle.dt)
+        if self.phase is Phase.STOP and self.command is not None:
+            self._enter(Phase.SHIFT, cycle)
+        elif self.phase is Phase.SHIFT and self.command is None and elapsed < 0.5 * duration:
+            self._enter(Phase.STOP, cycle)
+        elif elapsed >= duration:
+            self._lift_off(cycle, decision) if self.phase is Phase.SHIFT else self._stand(decision)
+
+    def _stand(self, decision: Decision) -> None:
+        """End walking: the tasks stay at their last references until they are off."""
+        self.phase = Phase.STAND
+        decision.changes += [SetSetpoint(name, each.position, 0.0) for name, each in self._references.items()]
+        decision.changes += [EnableTask(name, False) for name in self._own_tasks]
+        decision.changes += [EnableTask(name, True) for name in self._tasks.suspended]
+
+    def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
+        """Begin the swing of the next group."""
+        self.phase, self._since, self._landings = Phase.SINGLE, cycle.time, {}
+        for name in self.gait.groups[self._group]:
+            decision.changes.append(EnableContact(name, False, 0.0))
+            point = cycle.points[name]
+            self._swings[name] = SwingFoot(*(Axis(each) for each in (*point.tolist(), 0.0)))
+
+    def _single(self, cycle: _Cycle, ground: Ground, decision: Decision) -> None:
+        """Move the feet in the air."""
+        gait, elapsed = self.gait, cycle.time - self._since
+        left = max(gait.swing - elapsed, 0.0)
+        self._follow(cycle)
+        for name, swing in list(self._swings.items()):
+            foot = self._feet[name]
+            if left > _FREEZE:
+                place = self._target(foot, cycle, left)
+                planned = self._landings.get(name)  # the height of the first plan stays
+                height = ground.height_at(place) if planned is None else planned.height
+                self._landings[name] = Landing(place, height, 0.0)
+            landing = self._landings[name]
+            if cycle.dt > 0.0:
+                swing = swing.moved(landing, gait.clearance, elapsed - cycle.dt, gait.swing, cycle.dt, descent=0.0)
+            self._swings[name] = swing
+            axes = swing.x, swing.y, swing.z
+            self._references[foot.task] = Reference(
+                np.array([axis.position for axis in axes]),
+                np.array([axis.velocity for axis in axes]),
+                np.array([axis.acceleration for axis in axes]),
+            )
+            velocity = cycle.dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+            share, late = elapsed / gait.swing, elapsed - gait.swing
+            if lands(share, late, swing.z.velocity, velocity, cycle.forces.get(name)):
+                decision.changes.append(EnableContact(name, True, 0.0))
+                del self._swings[name]
+        if not self._swings:
+            self.steps += 1
+            self._group = (self._group + 1) % len(gait.groups)
+            self.phase, self._since = Phase.DOUBLE, cycle.time
+
+    def _target(self, foot: PointFoot, cycle: _Cycle, left: float) -> complex:
+        """Return the place of a touchdown after a time in s."""
+        gait = self.gait
+        group = gait.groups[self._group]
+        if len(group) == 2:
+            stance = gait.swing + gait.pause[(self._group + 1) % len(gait.groups)]
+            feet = [self._place(name) for name in self._feet if name not in group]
+            velocity = self._in_world(left)
+            dcm = SupportLine.through(*feet).later(cycle.dcm, velocity, cycle.omega, left)
+            middle = middle_of_pair(dcm, self._in_world(left + 0.5 * stance), cycle.omega, stance)
+            body = dcm - velocity / cycle.omega
+            origin = 0.5 * sum(self._feet[name].nominal for name in group)
+        else:
+            stance = gait.cycle - gait.swing
+            body = self._body + self._in_world(left) * left
+            middle = body + 0.5 * stance * self._in_world(left + 0.5 * stance)
+            origin = 0j
+        turn = cmath.rect(1.0, self._heading + self.velocity.turning * (left + 0.5 * stance))
+        away = middle - body
+        away *= min(1.0, gait.length / max(abs(away), 1.0e-9))
+        return body + away + (foot.nominal - origin) * turn
+
+    def _in_world(self, ahead: float) -> complex:
+        """Return the commanded velocity in the world after a time in s, m/s."""
+        return self.velocity.linear * cmath.rect(1.0, self._heading + self.velocity.turning * ahead)
+
+    def _double(self, cycle: _Cycle, decision: Decision) -> None:
+        """Stand on all feet until the next swing, or stop."""
+        elapsed, pause = cycle.time - self._since, self.gait.pause[self._group]
+        self._follow(cycle)
+        self._sway = self._sway.moved(self.gait.sway[self._group], 0.0, pause - elapsed, cycle.dt)
+        still = abs(self.velocity.linear) < _SLOW and abs(self.velocity.turning) < _SLOW
+        if self.command is None and still and self._is_nominal():
+            self._enter(Phase.STOP, cycle)
+        elif elapsed >= pause:
+            self._lift_off(cycle, decision)
+
+    def _is_nominal(self) -> bool:
+        """Return whether all feet are near their nominal places."""
+        middle, turn = self._middle(), cmath.rect(1.0, self._heading)
+        return all(
+            abs(self._place(name) - middle - turn * foot.nominal) < _NOMINAL for name, foot in self._feet.items()
+        )
+
+    def _follow(self, cycle: _Cycle) -> None:
+        """Move the reference of the body with the commanded velocity, near the measured one."""
+        self._body_velocity = self._in_world(0.0)
+        self._body += self._body_velocity * cycle.dt
+        lag = self._body + self._sway_in_world(self._sway.position) - cycle.com
+        if abs(lag) > _LAG:
+            self._body -= lag * (1.0 - _LAG / abs(lag))
+
+    def _sway_in_world(self, sway: float) -> complex:
+        return sway * cmath.rect(1.0, self._heading + 0.5 * math.pi)
+
+    def _move_body(self, cycle: _Cycle, ground: Ground) -> None:
+        """Set the references of the centre of mass; its height follows the ground."""
+        place = self._body + self._sway_in_world(self._sway.position)
+        velocity = self._body_velocity + self._sway_in_world(self._sway.velocity)
+        push = self._sway_in_world(self._sway.acceleration)
+        self._references[self._tasks.com] = Reference(
+            np.array([place.real, place.imag, 0.0]),
+            np.array([velocity.real, velocity.imag, 0.0]),
+            np.array([push.real, push.imag, 0.0]),
+        )
+        rate = height_rate(ground.height_at(cycle.com) + self._clearance - self._height)
+        self._height += rate * cycle.dt
+        self._references[self._tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
+
+    def _turn(self) -> None:
+        """Turn the tasks on orientations with the heading."""
+        turn = about_z(self._heading)
+        for name, rotation in self._orientations.items():
+            self._references[name] = reference(quaternion_of(turn @ rotation), [0.0, 0.0, self.velocity.turning])
