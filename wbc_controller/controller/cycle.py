@@ -120,9 +120,9 @@ class ControlCycle:
         state = RobotState(0, frozen(model.configuration(model.posture)), frozen(np.zeros(model.nv)))
         board.reset(self.qp.dynamics, 0.0)
         standing = board.sample(0.0)
-        own = {name: board.plans[name].weight for name in walker.own_tasks}
+        own = {name: board.plans[name].weight for name in walker.tasks.own}
         begins = {**standing.weights, **own}
-        walks = {**begins, **dict.fromkeys(walker.suspended, 0.0)}
+        walks = {**begins, **dict.fromkeys(walker.tasks.suspended, 0.0)}
         both = dict.fromkeys(standing.contacts, 0.0) | dict.fromkeys(walker.contact_sets[0], 1.0)
         self.qp.prepare(state, replace(standing, weights=begins, contacts=both))
         for names in walker.contact_sets:
@@ -439,7 +439,7 @@ class ControlCycle:
         walker, board, dynamics = self.walker, self.board, self.qp.dynamics
         if walker is None:
             return {}
-        orientations = {name: board.present(name, time).position for name in walker.orientations}
+        orientations = {name: board.present(name, time).position for name in walker.tasks.orientations}
         decision = walker.update(time, dynamics, orientations, touching)
         if decision.changes:
             self._update_contact_forces()

@@ -30,13 +30,13 @@ from wbc_controller.inverse_dynamics.references.trajectories import Knot, Ramp, 
 from wbc_controller.inverse_dynamics.references.tuning import TuningRamp
 from wbc_controller.records import ChangeSettings, Fault, Infeasibility, Mode, Prediction, Reference, RobotState, Tuning
 from wbc_controller.walking.adaptation import StepTarget
+from wbc_controller.walking.biped import Step
 from wbc_controller.walking.footstep_plan import Footstep
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity
 from wbc_controller.walking.gait import Phase
 from wbc_controller.walking.goal import Goal
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
 from wbc_controller.walking.terrain import Ground
-from wbc_controller.walking.walker import Step
 
 #: Valid records of a recording.
 _RECORDS: Mapping[str, Callable[..., Any]] = {

@@ -89,3 +89,8 @@ class QuadrupedGait(SpeedLimits):
     def cycle(self) -> float:
         """Duration of the swings of all groups and the pauses between, s."""
         return len(self.groups) * self.swing + sum(self.pause)
+
+    @property
+    def step_time(self) -> float:
+        """Mean duration of a swing and the pause before it, s."""
+        return self.cycle / len(self.groups)

@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass
 
 from wbc_controller.walking.footsteps import Velocity
-from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.gait import SpeedLimits
 
 #: Distance and angle from which on the robot stops, m and rad: the last steps with their feet apart keep the place.
 NEAR, NEAR_ANGLE = 0.03, 0.05
@@ -23,7 +23,7 @@ class Goal:
     heading: float
 
 
-def velocity_to(goal: Goal, place: complex, heading: float, gait: Gait) -> Velocity | None:
+def velocity_to(goal: Goal, place: complex, heading: float, limits: SpeedLimits, step_time: float) -> Velocity | None:
     """Return the velocity towards a goal, or None at the goal.
 
     An error e that decreases at v = √(a e) needs half of the acceleration a; the last steps decrease it by
@@ -32,6 +32,8 @@ def velocity_to(goal: Goal, place: complex, heading: float, gait: Gait) -> Veloc
     Args:
         place: of the robot between its feet, x + i y in m.
         heading: of the robot, rad.
+        limits: of the velocity.
+        step_time: duration of one step, s.
     """
     way = goal.place - place
     far = abs(way)
@@ -40,10 +42,10 @@ def velocity_to(goal: Goal, place: complex, heading: float, gait: Gait) -> Veloc
         return None
     if far > _FAR:
         angle = math.remainder(cmath.phase(way) - heading, math.tau)
-    linear = way * (_speed(far, gait.acceleration[0], gait) / far) if far > 0.0 else 0j
-    turning = math.copysign(_speed(abs(angle), gait.acceleration[2], gait), angle)
-    return Velocity(linear * cmath.rect(1.0, -heading), turning).clipped(gait)
+    linear = way * (_speed(far, limits.acceleration[0], step_time) / far) if far > 0.0 else 0j
+    turning = math.copysign(_speed(abs(angle), limits.acceleration[2], step_time), angle)
+    return Velocity(linear * cmath.rect(1.0, -heading), turning).clipped(limits)
 
 
-def _speed(error: float, acceleration: float, gait: Gait) -> float:
-    return min(math.sqrt(acceleration * error), error / (_STEPS * gait.step_time))
+def _speed(error: float, acceleration: float, step_time: float) -> float:
+    return min(math.sqrt(acceleration * error), error / (_STEPS * step_time))

@@ -8,21 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from wbc_controller.errors import InputRefused
-from wbc_controller.inverse_dynamics.references.changes import EnableContact, EnableTask, SetSetpoint
+from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.feet import about_z
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase, QuadrupedGait
+from wbc_controller.walking.goal import Goal, velocity_to
 from wbc_controller.walking.pendulum import natural_frequency
+from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import height_rate, reference, smooth_step
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
 from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.touchdown import lands
 from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
-from wbc_controller.walking.walker import Decision
+from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
 #: Time before touchdown from which on the target of the step stays, s.
 _FREEZE = 0.03
@@ -41,16 +42,10 @@ class QuadrupedTasks:
     Attributes:
         com: task on the horizontal position of the centre of mass.
         height: task on its height.
-        posture: task on the joints.
-        orientations: tasks on orientations that turn with the heading.
-        suspended: tasks with references in the world, which are off while walking.
     """
 
     com: str
     height: str
-    posture: str
-    orientations: tuple[str, ...]
-    suspended: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,46 +76,39 @@ class _Cycle:
     dcm: complex  # ξ
     omega: float  # ω, 1/s
     points: Mapping[str, Array]  # positions of the feet, by contact, (3,) in m
-    forces: Mapping[str, float]  # measured normal forces, by contact, N
+    touching: Mapping[str, bool]  # states of the contact sensors
 
 
-class QuadrupedWalker:
-    """Turns a velocity command into steps; same use as `Walker`.
+class QuadrupedWalker(Walker):
+    """Walker of a robot with four point feet; in `Phase.SINGLE` one group of feet swings."""
 
-    Attributes:
-        gait: parameters of the gait.
-        phase: phase of the gait; in `Phase.SINGLE` one group of feet swings.
-        command: commanded velocity; None to stand.
-        leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
-        velocity: velocity on the way to it.
-        steps: number of swings since the start.
-    """
+    gait: QuadrupedGait
 
     STATE_FIELDS = (
-        "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_group", "_clearance",
+        "phase", "command", "goal", "leaving", "velocity", "steps", "_until", "_since", "_last", "_group", "_clearance",
         "_height", "_heading", "_orientations", "_body", "_body_velocity", "_sway", "_begin_at",
         "_swings", "_landings", "_places", "_references",
     )  # fmt: skip
 
     def __init__(
-        self, gait: QuadrupedGait, feet: Sequence[PointFoot], tasks: QuadrupedTasks, gravity: float, mass: float
+        self,
+        gait: QuadrupedGait,
+        feet: Sequence[PointFoot],
+        names: QuadrupedTasks,
+        tasks: TaskSets,
+        gravity: float,
+        mass: float,
     ) -> None:
         """Make a walker that stands; gravity in m/s²."""
         self.gait = gait
         self._feet = {foot.contact: foot for foot in feet}
-        self._tasks = tasks
-        self._own_tasks = (tasks.com, tasks.height, tasks.posture, *(foot.task for foot in feet))
+        self._names = names
         self._gravity, self._mass = gravity, mass
-        self.reset()
+        super().__init__(tasks)
 
     def reset(self) -> None:
         """Stand, without a command."""
-        self.phase = Phase.STAND
-        self.command: Velocity | None = None
-        self.leaving = False
-        self._until = math.inf  # time at which the command ends, s
-        self.velocity = Velocity()
-        self.steps = 0
+        super().reset()
         self._since = self._last = 0.0  # begin of the phase, and last cycle, s
         self._group = 0  # group that swings or swings next
         self._clearance = 0.0  # height of the centre of mass above the ground, m
@@ -133,49 +121,50 @@ class QuadrupedWalker:
         self._swings: dict[str, SwingFoot] = {}  # feet in the air, by contact
         self._landings: dict[str, Landing] = {}  # their planned touchdowns
         self._places: dict[str, Array] = {}  # last positions of the feet on the ground, by contact, (3,) in m
-        self._references: dict[str, Reference] = {}  # of the last cycle, by task
-
-    def ask(self, command: Velocity | None, until: float = math.inf) -> None:
-        """Walk at a velocity until a time in s; None to stand.
-
-        Raises:
-            InputRefused: if the robot stops because the controller is deactivated.
-        """
-        if self.leaving and command is not None:
-            raise InputRefused("the command to walk is refused: the robot stops walking before it is deactivated")
-        self.command, self._until = command, until
-
-    def leave(self) -> None:
-        """Stop walking, for the controller to be deactivated when the robot stands."""
-        self.ask(None)
-        self.leaving = True
+        self._latest: _Cycle | None = None  # last cycle, for `plan`
 
     @property
-    def moves(self) -> bool:
-        """True while the robot walks or is about to."""
-        return self.phase is not Phase.STAND or self.command is not None
+    def contact_sets(self) -> tuple[tuple[str, ...], ...]:
+        """Sets of active contacts of the gait: all feet, then those without a swinging group, or one foot of it."""
+        swinging = {frozenset(group) for group in self.gait.groups} | {frozenset([name]) for name in self._feet}
+        sets = [tuple(name for name in self._feet if name not in group) for group in swinging]
+        return (tuple(self._feet), *sorted(sets))
 
-    @property
-    def orientations(self) -> tuple[str, ...]:
-        """Names of the tasks on orientations that turn with the heading."""
-        return self._tasks.orientations
+    def plan(self) -> WalkingPlan | None:
+        """Return the plan of the last cycle, or None while standing; its margin is that of the DCM."""
+        if self.phase is Phase.STAND or self._latest is None:
+            return None
+        cycle, gait = self._latest, self.gait
+        elapsed = cycle.time - self._since
+        return WalkingPlan(
+            phase=self.phase.value,
+            dcm=cycle.dcm,
+            wanted_dcm=self._body + self._body_velocity / cycle.omega,
+            swings={
+                name: swing_path(swing, self._landings[name], gait.clearance, elapsed, gait.swing)
+                for name, swing in self._swings.items()
+                if name in self._landings
+            },
+            landings={
+                name: np.array([each.place.real, each.place.imag, each.height])
+                for name, each in self._landings.items()
+                if name in self._swings
+            },
+            remaining=max(0.0, gait.swing - elapsed) if self._swings else math.inf,
+            margin=margin(cycle.dcm, [self._place(name) for name in self._feet if name not in self._swings]),
+        )
 
     def update(
-        self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], forces: Mapping[str, float]
+        self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
     ) -> Decision:
-        """Decide on contacts and references of one cycle.
-
-        Args:
-            time: of the state, s.
-            dynamics: at this state.
-            orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
-            forces: measured normal forces of contacts, N; of a foot without one, its motion tells the touchdown.
-        """
+        """Decide on contacts and references of one cycle."""
         decision, dt = Decision(), time - self._last
         self._last = time
         if time > self._until:
             self.command = None
         points = {name: np.array(dynamics.placement(foot.frame).translation) for name, foot in self._feet.items()}
+        if self.goal is not None:
+            self.command = self._velocity_to(self.goal, points)
         if self.phase is Phase.STAND:
             if self.command is None:
                 return decision
@@ -194,7 +183,7 @@ class QuadrupedWalker:
             dcm=place + speed / omega,
             omega=omega,
             points=points,
-            forces=forces,
+            touching=touching,
         )
         if self.command is None:
             self.velocity = self.velocity.towards(Velocity(), self.gait, _BRAKING * dt)
@@ -218,8 +207,27 @@ class QuadrupedWalker:
             self._references[foot.task] = reference(points[name], moved.tolist())
         self._move_body(cycle, ground)
         self._turn()
+        self._latest = cycle
         decision.references = dict(self._references)
         return decision
+
+    def _velocity_to(self, goal: Goal, points: Mapping[str, Array]) -> Velocity | None:
+        """Return the velocity towards a goal from the middle between the feet; at the goal, drop it and return None."""
+        middle, heading = self._body, self._heading
+        if self.phase is Phase.STAND:
+            middle, heading = self._stance(points)
+        velocity = velocity_to(goal, middle, heading, self.gait, self.gait.step_time)
+        if velocity is None:
+            self.goal = None
+        return velocity
+
+    def _stance(self, points: Mapping[str, Array]) -> tuple[complex, float]:
+        """Return the middle of the feet, and their heading: the angle from their nominal places to the present ones."""
+        places = {name: complex(point[0], point[1]) for name, point in points.items()}
+        middle = sum(places.values()) / len(places)
+        return middle, cmath.phase(
+            sum((places[name] - middle) * f.nominal.conjugate() for name, f in self._feet.items())
+        )
 
     def _begin(
         self,
@@ -234,16 +242,12 @@ class QuadrupedWalker:
         self._body = complex(com[0], com[1])
         self._height = float(com[2])
         self._clearance = self._height - Ground.below(points.values()).height_at(self._body) - self.gait.lowering
-        # The heading of the feet: the angle from their nominal places to the present ones.
-        middle = self._middle()
-        moment = sum((self._place(name) - middle) * foot.nominal.conjugate() for name, foot in self._feet.items())
-        self._heading = cmath.phase(moment)
+        _, self._heading = self._stance(points)
         ahead = about_z(-self._heading)
         self._orientations = {name: ahead @ rotation_of(quaternion) for name, quaternion in orientations.items()}
         self._references = {}
         self.steps, self.velocity, self._sway, self._group = 0, Velocity(), Axis(0.0), 0
-        decision.changes += [EnableTask(name, False) for name in self._tasks.suspended]
-        decision.changes += [EnableTask(name, True) for name in self._own_tasks]
+        self._begin_tasks(decision)
 
     def _place(self, contact: str) -> complex:
         """Return the last place of a foot on the ground, x + i y in m."""
@@ -272,13 +276,6 @@ class QuadrupedWalker:
             self._enter(Phase.STOP, cycle)
         elif elapsed >= duration:
             self._lift_off(cycle, decision) if self.phase is Phase.SHIFT else self._stand(decision)
-
-    def _stand(self, decision: Decision) -> None:
-        """End walking: the tasks stay at their last references until they are off."""
-        self.phase = Phase.STAND
-        decision.changes += [SetSetpoint(name, each.position, 0.0) for name, each in self._references.items()]
-        decision.changes += [EnableTask(name, False) for name in self._own_tasks]
-        decision.changes += [EnableTask(name, True) for name in self._tasks.suspended]
 
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
         """Begin the swing of the next group."""
@@ -312,7 +309,7 @@ class QuadrupedWalker:
             )
             velocity = cycle.dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
             share, late = elapsed / gait.swing, elapsed - gait.swing
-            if lands(share, late, swing.z.velocity, velocity, cycle.forces.get(name)):
+            if lands(share, late, swing.z.velocity, velocity, cycle.touching.get(name)):
                 decision.changes.append(EnableContact(name, True, 0.0))
                 del self._swings[name]
         if not self._swings:
@@ -380,14 +377,14 @@ class QuadrupedWalker:
         place = self._body + self._sway_in_world(self._sway.position)
         velocity = self._body_velocity + self._sway_in_world(self._sway.velocity)
         push = self._sway_in_world(self._sway.acceleration)
-        self._references[self._tasks.com] = Reference(
+        self._references[self._names.com] = Reference(
             np.array([place.real, place.imag, 0.0]),
             np.array([velocity.real, velocity.imag, 0.0]),
             np.array([push.real, push.imag, 0.0]),
         )
         rate = height_rate(ground.height_at(cycle.com) + self._clearance - self._height)
         self._height += rate * cycle.dt
-        self._references[self._tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
+        self._references[self._names.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
 
     def _turn(self) -> None:
         """Turn the tasks on orientations with the heading."""

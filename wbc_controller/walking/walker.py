@@ -1,66 +1,18 @@
-"""The walker: phases of a biped's gait, and in every cycle the references that the controller follows."""
+"""Walker: turns a command to walk into contacts and references; base of the walkers of bipeds and quadrupeds."""
 
-import cmath
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from wbc_controller.errors import InputRefused
-from wbc_controller.inverse_dynamics.references.changes import Change, EnableContact, EnableTask, SetSetpoint
+from wbc_controller.inverse_dynamics.references.changes import Change, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Array, Reference
-from wbc_controller.walking.adaptation import StepTarget, adapted
-from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
-from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
-from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
-from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.goal import Goal, velocity_to
-from wbc_controller.walking.pendulum import before, later, natural_frequency, transferred
-from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
-from wbc_controller.walking.references import height_rate, reference, smooth_step
-from wbc_controller.walking.support import Support
-from wbc_controller.walking.swing import Landing, SwingFoot
-from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
-from wbc_controller.walking.touchdown import COUNTS, lands
-
-#: Feedback gain on the DCM, 1/s.
-GAIN = 5.0
-#: Shares of the half length and half width of the sole that the centre of pressure may use.
-_SOLE_SHARE = (0.8, 0.7)
-#: Time in which the reference of the DCM blends from one phase to the next, s.
-_BLEND = 0.2
-#: Time before touchdown from which on the target of the step stays, s.
-_FREEZE = 0.05
-#: Difference between planned and real touchdown on flat ground, s, and shortest double support, s.
-_ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
-#: Time constant with which the swing foot turns to the slope of the ground, s.
-_LEVELLING = 0.05
-#: Rate at which the heading follows its goal, 1/s.
-_HEADING_RATE = 6.0
-#: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
-_BESIDE, _SLOW = 0.04, 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class WalkingTasks:
-    """Names of the tasks that the walker commands.
-
-    Attributes:
-        dcm: task on the DCM (`CapturePointTask`).
-        height: task on the height of the centre of mass.
-        posture: task on the joints, stiffer than that for standing: the arms must not swing with the legs.
-        orientations: tasks on orientations that turn with the heading.
-        suspended: tasks with references in the world, which are off while walking.
-    """
-
-    dcm: str
-    height: str
-    posture: str
-    orientations: tuple[str, ...]
-    suspended: tuple[str, ...]
+from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.gait import Gait, Phase, QuadrupedGait
+from wbc_controller.walking.goal import Goal
+from wbc_controller.walking.plan import WalkingPlan
 
 
 @dataclass(slots=True)
@@ -77,68 +29,42 @@ class Decision:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
-    """A single support: its stance, the nominal step, its adaptation, the touchdown, and the swing foot.
+class TaskSets:
+    """Names of the tasks that a walker switches.
 
     Attributes:
-        ground: plane through the last footholds.
-        slope: of the swing foot, dz/dx + i dz/dy.
-        planned: True for one of the planned footsteps.
+        own: tasks that are on while it walks.
+        orientations: tasks on orientations that turn with the heading.
+        suspended: tasks with references in the world, which are off while it walks.
     """
 
-    stance: Stance
-    nominal: NominalStep
-    target: StepTarget
-    landing: Landing
-    swing: SwingFoot
-    ground: Ground
-    slope: complex
-    planned: bool
+    own: tuple[str, ...]
+    orientations: tuple[str, ...]
+    suspended: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Cycle:
-    """The state of one cycle."""
-
-    time: float  # s
-    dt: float  # time since the last cycle, s
-    dcm: complex  # ξ, x + i y in m
-    omega: float  # ω, 1/s
-    soles: Mapping[int, Sole]  # by side: 1 left, -1 right
-    touching: Mapping[str, bool]  # states of the contact sensors
-    dynamics: Dynamics  # at this state
-
-
-class Walker:
-    """Turns a velocity command into steps.
+class Walker(ABC):
+    """Command and phase of a walking robot.
 
     Call `update` in every cycle with the dynamics at the present state, before the references are sampled.
 
     Attributes:
         gait: parameters of the gait.
-        own_tasks: names of the tasks that are on while it walks.
+        tasks: tasks that it switches.
         phase: phase of the gait.
         command: commanded velocity; None to stand.
         goal: pose to walk to, or None; it commands the velocity.
-        footsteps: planned footsteps that are not begun; meanwhile the command is to step in place.
         leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
         velocity: velocity on the way to it.
         steps: number of steps since the start.
     """
 
-    STATE_FIELDS = (
-        "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
-        "_clearance", "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown",
-        "_references", "_footholds", "_early", "_double_support",
-    )  # fmt: skip
+    gait: Gait | QuadrupedGait
+    footsteps_left = 0  # planned footsteps without a touchdown
 
-    def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: WalkingTasks, gravity: float) -> None:
-        """Make a walker that stands; gravity in m/s²."""
-        self.gait = gait
-        self._feet = {1: left, -1: right}
-        self._tasks = tasks
-        self.own_tasks = (tasks.dcm, tasks.height, tasks.posture, left.task, right.task)
-        self._gravity = gravity
+    def __init__(self, tasks: TaskSets) -> None:
+        """Make a walker that stands."""
+        self.tasks = tasks
         self.reset()
 
     def reset(self) -> None:
@@ -146,26 +72,11 @@ class Walker:
         self.phase = Phase.STAND
         self.command: Velocity | None = None
         self.goal: Goal | None = None
-        self.footsteps: tuple[Footstep, ...] = ()
         self.leaving = False
         self._until = math.inf  # time at which the command ends, s
         self.velocity = Velocity()
         self.steps = 0
-        self._since = self._last = 0.0  # begin of the phase, and last cycle, s
-        self._stance = -1  # side of the foot that bears the weight
-        self._clearance = 0.0  # wanted height of the centre of mass above the stance foot, m
-        self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
-        # Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
-        self._orientations: dict[str, tuple[float, ...]] = {}
-        self._step: Step | None = None
-        self._lifted = False  # True once the contact sensor has shown that the swing foot is in the air
-        self._dcm_wanted = 0j
-        self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
-        self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
-        self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
-        self._footholds: tuple[Ground, ...] = ()  # the last ones, newest first
-        self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
         """Walk at a velocity until a time in s; None to stand.
@@ -175,9 +86,7 @@ class Walker:
         """
         if self.leaving and command is not None:
             raise InputRefused("the command to walk is refused: the robot stops walking before it is deactivated")
-        self.command, self._until, self.goal, self.footsteps = command, until, None, ()
-        if self._step is not None:
-            self._step = replace(self._step, planned=False)
+        self.command, self._until, self.goal = command, until, None
 
     def go(self, goal: Goal) -> None:
         """Walk to a pose, and stop there; raises `InputRefused` as `ask`."""
@@ -185,28 +94,12 @@ class Walker:
         self.goal = goal
 
     def follow(self, poses: Array, dynamics: Dynamics) -> None:
-        """Step on poses of the soles (x, y in m, heading in rad, (n, 3)), then bring the feet side by side, and stop.
-
-        The feet alternate. A standing robot begins with the foot that is nearer to its pose.
+        """Step on poses of the soles, x, y in m and heading in rad, (n, 3), then stop.
 
         Raises:
-            InputRefused: as `ask`, or if a step is out of reach.
+            InputRefused: if it does not take footsteps, as `ask`, or if a step is out of reach.
         """
-        soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
-        feet, first = {side: (sole.place, sole.heading) for side, sole in soles.items()}, None
-        if self.phase is Phase.SINGLE and self._step is not None:  # the foot in the air lands as planned before
-            landing, first = self._step.landing, self._stance
-            feet[-first] = landing.place, landing.heading
-        elif self.phase is not Phase.STAND:
-            first = -self._stance
-        steps = planned(poses, feet, first, self.gait)
-        self.ask(Velocity())
-        self.footsteps = steps
-
-    @property
-    def footsteps_left(self) -> int:
-        """Number of planned footsteps without a touchdown."""
-        return len(self.footsteps) + (self.phase is Phase.SINGLE and self._step is not None and self._step.planned)
+        raise InputRefused("footsteps are refused: only bipeds take them; send a velocity or a goal")
 
     def leave(self) -> None:
         """Stop walking, for the controller to be deactivated when the robot stands."""
@@ -219,44 +112,15 @@ class Walker:
         return self.phase is not Phase.STAND or self.command is not None
 
     @property
+    @abstractmethod
     def contact_sets(self) -> tuple[tuple[str, ...], ...]:
-        """Sets of active contacts of the gait: both feet, then each of them."""
-        left, right = self._feet[1].contact, self._feet[-1].contact
-        return (left, right), (left,), (right,)
+        """Sets of active contacts of the gait, first that of all feet."""
 
-    @property
-    def suspended(self) -> tuple[str, ...]:
-        """Names of the tasks that are off while it walks."""
-        return self._tasks.suspended
-
-    @property
-    def orientations(self) -> tuple[str, ...]:
-        """Names of the tasks on orientations that turn with the heading."""
-        return self._tasks.orientations
-
+    @abstractmethod
     def plan(self) -> WalkingPlan | None:
         """Return the plan of the last cycle, or None while standing."""
-        if self.phase is Phase.STAND or self._latest is None:
-            return None
-        cycle, pressure = self._latest
-        feet, step, elapsed = self._feet, self._step, cycle.time - self._since
-        swings, landings, remaining = {}, {}, math.inf
-        if self.phase is Phase.SINGLE and step is not None:
-            feet, swinging = {self._stance: feet[self._stance]}, feet[-self._stance].contact
-            landing, duration = step.landing, step.target.time
-            swings[swinging] = swing_path(step.swing, landing, self.gait.clearance, elapsed, duration)
-            landings[swinging] = np.array([landing.place.real, landing.place.imag, landing.height])
-            remaining = max(0.0, duration - elapsed)
-        return WalkingPlan(
-            phase=self.phase.value,
-            dcm=cycle.dcm,
-            wanted_dcm=self._dcm_wanted,
-            swings=swings,
-            landings=landings,
-            remaining=remaining,
-            margin=margin(pressure, [p for side, foot in feet.items() for p in foot.corners(cycle.soles[side])]),
-        )
 
+    @abstractmethod
     def update(
         self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
     ) -> Decision:
@@ -268,242 +132,15 @@ class Walker:
             orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
             touching: states of the contact sensors, by contact; of a foot without one, its motion tells the touchdown.
         """
-        decision, dt = Decision(), time - self._last
-        self._last = time
-        if time > self._until:
-            self.command = None
-        soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
-        if self.goal is not None:
-            self.command = self._velocity_to(self.goal, soles)
-        if self.phase is Phase.STAND:
-            if self.command is None:
-                return decision
-            dt = 0.0
-            self._begin(float(dynamics.com[2]), soles, orientations, decision)
-        omega = natural_frequency(self._clearance, self._gravity)
-        com = dynamics.com + dynamics.com_velocity / omega
-        cycle = _Cycle(
-            time=time,
-            dt=dt,
-            dcm=complex(com[0], com[1]),
-            omega=omega,
-            soles=soles,
-            touching=touching,
-            dynamics=dynamics,
-        )
-        wanted = Velocity() if self.command is None else self.command.clipped(self.gait)
-        self.velocity = self.velocity.towards(wanted, self.gait, dt)
-        if self.phase is Phase.STAND:
-            self._enter(Phase.SHIFT, cycle)
-        if self.phase is Phase.SINGLE and self._step is not None:
-            pressure = self._single(self._step, cycle, decision)
-        elif self.phase is Phase.DOUBLE:
-            pressure = self._double(cycle, decision)
-        else:
-            pressure = self._shift(cycle, decision)
-        if self.phase is Phase.STAND:
-            return decision
-        self._latest = cycle, pressure
-        rate = omega * (cycle.dcm - pressure)
-        if self.phase is Phase.SINGLE and self._step is not None:
-            rate += self.gait.reaction / omega * self._step.swing.acceleration
-        self._references[self._tasks.dcm] = reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
-        self._hold_height(soles[self._stance], dt)
-        self._turn(soles, dt)
-        decision.references = dict(self._references)
-        return decision
 
-    def _begin(
-        self, height: float, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
-    ) -> None:
-        """Start from standing, with the centre of mass at a height in m in the world."""
-        ground = 0.5 * float(soles[1].centre[2] + soles[-1].centre[2])
-        self._height, self._clearance = height, height - ground - self.gait.lowering
-        self._heading = mean_angle(soles[1].heading, soles[-1].heading)
-        ahead = about_z(-self._heading)
-        self._orientations = {
-            name: tuple(quaternion_of(ahead @ rotation_of(quaternion)).tolist())
-            for name, quaternion in orientations.items()
-        }
-        self._references = {foot.task: foot.at_rest(soles[side]) for side, foot in self._feet.items()}
-        self._footholds = tuple(sole.ground for sole in soles.values())
-        self.steps, self.velocity, self._step = 0, Velocity(), None
-        self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
-        if self.footsteps:
-            self._stance = -self.footsteps[0].side
-        decision.changes += [EnableTask(name, False) for name in self._tasks.suspended]
-        decision.changes += [EnableTask(name, True) for name in self.own_tasks]
-
-    def _velocity_to(self, goal: Goal, soles: Mapping[int, Sole]) -> Velocity | None:
-        """Return the velocity towards a goal from the middle between the feet; at the goal, drop it and return None.
-
-        While the robot walks, the middle is beside the stance foot, half of the nominal width away.
-        """
-        stance = soles[self._stance]
-        middle, heading = 0.5 * (soles[1].place + soles[-1].place), stance.heading
-        if self.phase is not Phase.STAND:
-            middle = stance.place - 0.5j * self._stance * self.gait.width * cmath.rect(1.0, heading)
-        velocity = velocity_to(goal, middle, heading, self.gait)
-        if velocity is None:
-            self.goal = None
-        return velocity
-
-    def _nominal(self, velocity: Velocity, stance: Stance) -> NominalStep:
-        """Return the next step: to the next planned footstep, or at a velocity."""
-        if self.footsteps:
-            return step_towards(self.footsteps, stance, self.gait)
-        return nominal_step(velocity, stance, self.gait, self.gait.single)
-
-    def _enter(self, phase: Phase, cycle: _Cycle) -> None:
-        """Enter a phase; the reference of the DCM begins at the measured one."""
-        self.phase, self._since, self._blend = phase, cycle.time, cycle.dcm
-
-    def _shift(self, cycle: _Cycle, decision: Decision) -> complex:
-        """Move the DCM to the begin of the first step, or for a stop to the middle; return the centre of pressure."""
-        soles, elapsed, duration = cycle.soles, cycle.time - self._since, self.gait.shift
-        foot = soles[self._stance]
-        if self.phase is Phase.SHIFT:
-            stance = Stance(foot.place, foot.heading, -self._stance, cycle.omega)
-            nominal = self._nominal(Velocity(), stance)
-            swing = SwingFoot.at_rest(soles[-self._stance].centre, 0.0)
-            goal = self._wanted(nominal, stance, swing, self.gait.single)
-        else:
-            goal = 0.5 * (soles[1].place + soles[-1].place)
-        share, rate = smooth_step(elapsed / duration)
-        self._dcm_wanted = self._blend + (goal - self._blend) * share
-        pressure = self._dcm_wanted - (goal - self._blend) * rate / (duration * cycle.omega)
-        if self.phase is Phase.STOP and self.command is not None:
-            self._enter(Phase.SHIFT, cycle)
-        elif self.phase is Phase.SHIFT and self.command is None and elapsed < 0.5 * duration:
-            self._enter(Phase.STOP, cycle)
-        elif elapsed >= duration:
-            self._lift_off(cycle, decision) if self.phase is Phase.SHIFT else self._stand(decision)
-        return self._corrected(pressure, cycle, soles[1].place, soles[-1].place)
+    def _begin_tasks(self, decision: Decision) -> None:
+        """Switch to the tasks of the walker."""
+        decision.changes += [EnableTask(name, False) for name in self.tasks.suspended]
+        decision.changes += [EnableTask(name, True) for name in self.tasks.own]
 
     def _stand(self, decision: Decision) -> None:
         """End walking: the tasks stay at their last references until they are off."""
         self.phase = Phase.STAND
         decision.changes += [SetSetpoint(name, each.position, 0.0) for name, each in self._references.items()]
-        decision.changes += [EnableTask(name, False) for name in self.own_tasks]
-        decision.changes += [EnableTask(name, True) for name in self._tasks.suspended]
-
-    def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
-        """Begin a single support."""
-        foot, sole = cycle.soles[-self._stance], cycle.soles[self._stance]
-        self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, False
-        decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
-        stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
-        nominal = self._nominal(self.velocity, stance)
-        planned, self.footsteps = bool(self.footsteps), self.footsteps[1:]
-        self._footholds = (sole.ground, *self._footholds[: FOOTHOLDS - 1])
-        ground = plane_through(self._footholds)
-        self._step = Step(
-            stance=stance,
-            nominal=nominal,
-            target=StepTarget(nominal.place, nominal.offset, self.gait.single),
-            landing=Landing(nominal.place, ground.height_at(nominal.place), nominal.heading),
-            swing=SwingFoot.at_rest(foot.centre, foot.heading),
-            ground=ground,
-            slope=foot.ground.slope,
-            planned=planned,
-        )
-        self._blend = self._dcm_wanted - self._wanted(nominal, stance, self._step.swing, self.gait.single)
-
-    def _wanted(self, nominal: NominalStep, stance: Stance, swing: SwingFoot, left: float) -> complex:
-        """Return the DCM from which the nominal step ends with its offset after the time that is left, s."""
-        push = self.gait.reaction / stance.omega * swing.growing(nominal.place, left, stance.omega)
-        return before(nominal.place + nominal.offset, stance.place, stance.omega, left, push)
-
-    def _single(self, step: Step, cycle: _Cycle, decision: Decision) -> complex:
-        """Adapt the step, and move the swing foot; return the centre of pressure."""
-        gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
-        stance, sole, foot = step.stance, cycle.soles[self._stance], self._feet[-self._stance]
-        if step.target.time - elapsed > _FREEZE:
-            nominal = step.nominal if step.planned else nominal_step(self.velocity, stance, gait, step.target.time)
-            target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
-            heading = step.swing.heading.position
-            heading += math.remainder(nominal.heading - heading, math.tau)
-            sunk = sole.ground.height - self._footholds[0].height  # since the lift-off, also by drift of the estimate
-            landing = Landing(target.place, step.ground.height_at(target.place) + sunk, heading)
-            step = replace(step, nominal=nominal, target=target, landing=landing)
-        nominal, target = step.nominal, step.target
-        share, _ = smooth_step(elapsed / _BLEND)
-        left = max(target.time - elapsed, 0.0)
-        self._dcm_wanted = self._wanted(nominal, stance, step.swing, left) + self._blend * (1.0 - share)
-        if dt > 0.0:
-            swing = step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt)
-            slope = step.slope + (step.ground.slope - step.slope) * min(1.0, dt / _LEVELLING)
-            step = replace(step, swing=swing, slope=slope)
-        self._step = step
-        self._references[foot.task] = foot.in_swing(step.swing, step.slope)
-        share, late = elapsed / target.time, elapsed - target.time
-        sensor = cycle.touching.get(foot.contact)
-        self._lifted = self._lifted or sensor is False
-        touches = share >= COUNTS and lands(
-            share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor if self._lifted else None
-        )
-        if touches:
-            self._land(step, cycle, late, decision)
-        return self._corrected(stance.place, cycle, stance.place, stance.place)
-
-    def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
-        """Begin a double support: the swing foot bears weight where it is.
-
-        The centre of pressure begins to move later if the foot lands early on higher ground, and arrives sooner if it
-        lands late on lower ground: otherwise the DCM would differ from its plan.
-        """
-        foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
-        decision.changes.append(EnableContact(foot.contact, True, 0.0))
-        self._references[foot.task] = foot.at_rest(sole)
-        self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
-        self._early = max(0.0, -late - _ON_TIME)
-        self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
-        self._touchdown = sole.place + step.nominal.offset, step.stance.place, sole.place
-        self._stance = -self._stance
-        if step.planned and not self.footsteps:
-            self.command = None
-
-    def _double(self, cycle: _Cycle, decision: Decision) -> complex:
-        """Move the centre of pressure to the new foot; return it."""
-        begin, old, new = self._touchdown
-        duration, heading = self._double_support, cycle.soles[self._stance].heading
-        elapsed = min(cycle.time - self._since - self._early, duration)
-        if elapsed < 0.0:
-            self._dcm_wanted, pressure = later(begin, old, cycle.omega, elapsed), old
-        else:
-            self._dcm_wanted = transferred(begin, old, new, duration, cycle.omega, elapsed)
-            pressure = old + (new - old) * (elapsed / duration)
-        beside = abs(((new - old) * cmath.rect(1.0, -heading)).real) < _BESIDE
-        if self.command is None and beside and abs(self.velocity.linear) < _SLOW:
-            self._enter(Phase.STOP, cycle)
-        elif elapsed >= duration:
-            self._lift_off(cycle, decision)
-        return self._corrected(pressure, cycle, old, new)
-
-    def _corrected(self, pressure: complex, cycle: _Cycle, first: complex, second: complex) -> complex:
-        """Return the centre of pressure that moves the DCM to its reference, between the feet at two places.
-
-        ξ̇ = ω (ξ - p) = ξ̇* - k (ξ - ξ*) needs p = p* + (1 + k / ω) (ξ - ξ*).
-        """
-        foot, heading = self._feet[self._stance], cycle.soles[self._stance].heading
-        support = Support(first, second, heading, (_SOLE_SHARE[0] * foot.half[0], _SOLE_SHARE[1] * foot.half[1]))
-        return support.nearest(pressure + (1.0 + GAIN / cycle.omega) * (cycle.dcm - self._dcm_wanted))
-
-    def _hold_height(self, stance: Sole, dt: float) -> None:
-        """Follow the height of the ground under the stance foot."""
-        rate = height_rate(float(stance.centre[2]) + self._clearance - self._height)
-        self._height += rate * dt
-        self._references[self._tasks.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
-
-    def _turn(self, soles: Mapping[int, Sole], dt: float) -> None:
-        """Turn the tasks on orientations with the heading of the feet."""
-        if self._step is None:
-            goal = mean_angle(soles[1].heading, soles[-1].heading)
-        else:
-            goal = mean_angle(self._step.stance.heading, self._step.nominal.heading)
-        rate = _HEADING_RATE * math.remainder(goal - self._heading, math.tau)
-        self._heading += rate * dt
-        c, s = math.cos(0.5 * self._heading), math.sin(0.5 * self._heading)
-        for name, (x, y, z, w) in self._orientations.items():
-            turned = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
-            self._references[name] = reference(turned, [0.0, 0.0, rate])
+        decision.changes += [EnableTask(name, False) for name in self.tasks.own]
+        decision.changes += [EnableTask(name, True) for name in self.tasks.suspended]

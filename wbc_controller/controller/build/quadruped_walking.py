@@ -17,6 +17,7 @@ from wbc_controller.settings import PointContact, Settings, SurfaceContact, Walk
 from wbc_controller.walking.gait import QuadrupedGait
 from wbc_controller.walking.quadruped import PointFoot, QuadrupedTasks, QuadrupedWalker
 from wbc_controller.walking.terrain import Ground
+from wbc_controller.walking.walker import TaskSets
 
 #: Name of the task on the horizontal position of the centre of mass.
 COM = "walking_com"
@@ -62,10 +63,9 @@ def make_quadruped_walker(settings: Settings, walking: WalkingSettings, qp: Whol
     """Build the walker, for the tasks of `make_quadruped_tasks` and the dynamics in the nominal posture."""
     feet = _feet(settings, qp.model)
     orientations, suspended = enabled_tasks(settings, qp)
-    tasks = QuadrupedTasks(com=COM, height=HEIGHT, posture=POSTURE, orientations=orientations, suspended=suspended)
-    return QuadrupedWalker(
-        make_quadruped_gait(settings, walking, qp).gait, feet, tasks, qp.model.gravity, qp.model.mass
-    )
+    tasks = TaskSets((COM, HEIGHT, POSTURE, *(foot.task for foot in feet)), orientations, suspended)
+    gait, names = make_quadruped_gait(settings, walking, qp).gait, QuadrupedTasks(com=COM, height=HEIGHT)
+    return QuadrupedWalker(gait, feet, names, tasks, qp.model.gravity, qp.model.mass)
 
 
 def _feet(settings: Settings, model: RobotModel) -> list[PointFoot]:

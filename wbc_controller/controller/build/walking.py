@@ -23,11 +23,11 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import CapturePointTask, ComTask, FramePoseTask, PostureTask, Task
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings, SurfaceContact, WalkingSettings
+from wbc_controller.walking.biped import GAIN, BipedWalker, WalkingTasks
 from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.gait import Gait
-from wbc_controller.walking.quadruped import QuadrupedWalker
 from wbc_controller.walking.reaction import swing_reaction
-from wbc_controller.walking.walker import GAIN, Walker, WalkingTasks
+from wbc_controller.walking.walker import TaskSets, Walker
 
 #: Names of the walker's tasks.
 DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"
@@ -57,7 +57,7 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
     return make_disabled(tasks, settings)
 
 
-def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | QuadrupedWalker | None:
+def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
     """Build the walker; None without the section `walking`.
 
     Args:
@@ -69,14 +69,9 @@ def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | QuadrupedWalker
         return make_quadruped_walker(settings, settings.walking, qp)
     left, right = find_feet(settings, qp.model)
     orientations, suspended = enabled_tasks(settings, qp)
-    tasks = WalkingTasks(
-        dcm=DCM,
-        height=HEIGHT,
-        posture=POSTURE,
-        orientations=orientations,
-        suspended=suspended,
-    )
-    return Walker(make_gait(settings, left, right, qp).gait, left, right, tasks, qp.model.gravity)
+    tasks = TaskSets((DCM, HEIGHT, POSTURE, LEFT, RIGHT), orientations, suspended)
+    gait, names = make_gait(settings, left, right, qp).gait, WalkingTasks(dcm=DCM, height=HEIGHT)
+    return BipedWalker(gait, left, right, names, tasks, qp.model.gravity)
 
 
 def find_feet(settings: Settings, model: RobotModel) -> tuple[Foot, Foot]:
