@@ -23,7 +23,7 @@ def walked(goal, steps=100):
     stance, velocity, history = Stance(-0.1j, 0.0, 1, 3.8), Velocity(), []
     for _ in range(steps):
         middle = stance.place + 0.5j * GAIT.width * stance.side * cmath.rect(1.0, stance.heading)
-        wanted = velocity_to(goal, middle, stance.heading, GAIT)
+        wanted = velocity_to(goal, middle, stance.heading, GAIT, GAIT.step_time)
         velocity = velocity.towards(wanted or Velocity(), GAIT, GAIT.step_time)
         history.append((middle, stance.heading, velocity))
         if wanted is None and abs(velocity.linear) < 0.02 and abs(velocity.turning) < 0.02:
@@ -67,8 +67,8 @@ def test_a_far_goal_is_faced():
 
 
 def test_no_velocity_at_the_goal():
-    assert velocity_to(Goal(1.0 + 1.0j, 0.3), 1.0 + 1.02j, 0.3 + 2.0 * math.pi, GAIT) is None
-    turned = velocity_to(Goal(1.0 + 1.0j, 0.3), 1.0 + 1.0j, 0.3 - 2.0 * NEAR_ANGLE, GAIT)
+    assert velocity_to(Goal(1.0 + 1.0j, 0.3), 1.0 + 1.02j, 0.3 + 2.0 * math.pi, GAIT, GAIT.step_time) is None
+    turned = velocity_to(Goal(1.0 + 1.0j, 0.3), 1.0 + 1.0j, 0.3 - 2.0 * NEAR_ANGLE, GAIT, GAIT.step_time)
     assert turned.linear == 0.0
     assert turned.turning > 0.0
 
