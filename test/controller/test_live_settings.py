@@ -80,7 +80,7 @@ def test_every_other_key_is_refused_by_name(tuner):
         ),
         (
             {"limits.acceleration": 1.0e5},
-            "limits.acceleration = 100000: valid in a running controller: 20 to 200",
+            "limits.acceleration = 100000: valid in a running controller: 20 to 400",
         ),
         ({"limits.acceleration": 19.9, "limits.velocity_scale": 0.09}, "limits.velocity_scale = 0.09: valid in"),
         ({"limits.position_margin": 0.01, "control.rate": 100.0}, "test: control.rate: read only when"),

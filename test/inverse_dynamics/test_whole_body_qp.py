@@ -236,7 +236,7 @@ def test_torque_rate_is_relaxed_first(bench):
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_minimal_relaxation(bench, robot):
     """By linear programs: nothing if feasible, and the torque rate alone if sufficient."""
-    bench, seen = bench(robot), set()
+    bench, seen = bench(robot, limits={"acceleration": 200.0}), set()
     for seed in range(60):
         state, references, before = bench.random_problem(seed)
         solution = bench.controller.solve(state, references, before)

@@ -226,6 +226,7 @@ def test_a_late_foot_moves_further_down():
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.1], None, False),  # the ground is lower than planned
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
         (0.9, -0.05, -0.1, [1.0, 0.0, -0.04], None, False),  # still swinging
+        (0.9, -0.05, -0.4, [0.3, 0.0, 0.2], None, True),  # rebounding
         (1.2, LATEST, -0.1, [0.0, 0.1, -0.1], None, True),
         (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], False, False),
         (0.9, -0.05, -0.1, [0.0, 0.1, 0.0], False, True),  # too light a touch for the sensor

@@ -248,9 +248,10 @@ def test_the_watch_of_the_bring_up_does_not_compare_a_robot_that_walks(bench, ma
 
 
 def test_only_robots_that_walk_have_the_topic_of_the_velocity(robot_of):
-    for robot, keys in (("g1", set(WALKING_KEYS)), ("go2", set())):
-        names = {endpoint.key for endpoint in controller_endpoints(*robot_of(robot))}
-        assert names & set(WALKING_KEYS) == keys
+    settings, model = robot_of("go2")
+    for walking, keys in ((settings.walking, set(WALKING_KEYS)), (None, set())):
+        endpoints = controller_endpoints(settings.model_copy(update={"walking": walking}), model)
+        assert {endpoint.key for endpoint in endpoints} & set(WALKING_KEYS) == keys
 
 
 def test_a_walking_robot_stops_before_it_is_deactivated():
@@ -294,7 +295,7 @@ def test_a_command_to_walk_is_refused_while_the_robot_stops_for_a_deactivation()
 
 
 def test_a_robot_without_the_section_does_not_walk():
-    controller = wbc.Controller("go2")
+    controller = wbc.Controller(wbc.load("go2").replace({"walking": None}))
     controller.reset(controller.stance(), np.zeros(controller.model.nv))
     with pytest.raises(InputRefused, match="no section 'walking'"):
         controller.walk(0.1)

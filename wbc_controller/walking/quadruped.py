@@ -86,7 +86,7 @@ class QuadrupedWalker(Walker):
 
     STATE_FIELDS = (
         "phase", "command", "goal", "leaving", "velocity", "steps", "_until", "_since", "_last", "_group", "_clearance",
-        "_height", "_heading", "_orientations", "_body", "_body_velocity", "_sway", "_begin_at",
+        "_height", "_heading", "_orientations", "_body", "_body_velocity", "_sway", "_start",
         "_swings", "_landings", "_places", "_references",
     )  # fmt: skip
 
@@ -117,7 +117,7 @@ class QuadrupedWalker(Walker):
         self._body = 0j  # reference of the centre of mass without its sway, x + i y in m
         self._body_velocity = 0j  # its velocity, m/s
         self._sway = Axis(0.0)  # reference of its sway to the left, m
-        self._begin_at = 0j  # reference of the centre of mass at the begin of the phase
+        self._start = 0j  # reference of the body at the begin of the phase
         self._swings: dict[str, SwingFoot] = {}  # feet in the air, by contact
         self._landings: dict[str, Landing] = {}  # their planned touchdowns
         self._places: dict[str, Array] = {}  # last positions of the feet on the ground, by contact, (3,) in m
@@ -172,6 +172,7 @@ class QuadrupedWalker(Walker):
             self._begin(dynamics, points, orientations, decision)
         self._places |= {name: point for name, point in points.items() if name not in self._swings}
         com, omega = dynamics.com, natural_frequency(self._clearance, self._gravity)
+        # The angular momentum of the swinging legs is taken out of the velocity: ċ + (L_y, -L_x) / (m z).
         spin = (dynamics.centroidal_matrix[3:5] @ dynamics.v).tolist()
         place, speed = complex(com[0], com[1]), complex(dynamics.com_velocity[0], dynamics.com_velocity[1])
         speed -= 1j * complex(*spin) / (self._mass * self._clearance)
@@ -201,8 +202,10 @@ class QuadrupedWalker(Walker):
             self._shift(cycle, decision)
         if self.phase is Phase.STAND:
             return decision
-        for name in self._places.keys() - self._swings.keys():  # stance feet follow their contacts: they roll
-            foot = self._feet[name]
+        for name, foot in self._feet.items():
+            if name in self._swings:
+                continue
+            # The references of stance feet follow their motion, because the balls roll.
             moved = dynamics.velocity(foot.frame, pin.LOCAL_WORLD_ALIGNED)[:3]
             self._references[foot.task] = reference(points[name], moved.tolist())
         self._move_body(cycle, ground)
@@ -259,16 +262,17 @@ class QuadrupedWalker(Walker):
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
         """Enter a phase; the reference of the centre of mass begins at the measured one."""
-        self.phase, self._since, self._begin_at = phase, cycle.time, cycle.com
+        self.phase, self._since = phase, cycle.time
+        self._start = cycle.com - self._sway_in_world(self._sway.position)
 
     def _shift(self, cycle: _Cycle, decision: Decision) -> None:
         """Move the body over the middle of the feet."""
         elapsed, duration = cycle.time - self._since, self.gait.shift
         share, rate = smooth_step(elapsed / duration)
-        way = self._middle() - self._begin_at
-        self._body = self._begin_at + way * share
+        way = self._middle() - self._start
+        self._body = self._start + way * share
         self._body_velocity = way * rate / duration
-        goal = self.gait.sway[0] if self.phase is Phase.SHIFT else 0.0
+        goal = self.gait.sway[self._group] if self.phase is Phase.SHIFT else 0.0
         self._sway = self._sway.moved(goal, 0.0, duration - elapsed, cycle.dt)
         if self.phase is Phase.STOP and self.command is not None:
             self._enter(Phase.SHIFT, cycle)
@@ -292,9 +296,9 @@ class QuadrupedWalker(Walker):
         self._follow(cycle)
         for name, swing in list(self._swings.items()):
             foot = self._feet[name]
-            if left > _FREEZE:
-                place = self._target(foot, cycle, left)
-                planned = self._landings.get(name)  # the height of the first plan stays
+            planned = self._landings.get(name)
+            if planned is None or left > _FREEZE:
+                place = self._target(foot, cycle, left)  # the height of the first plan stays
                 height = ground.height_at(place) if planned is None else planned.height
                 self._landings[name] = Landing(place, height, 0.0)
             landing = self._landings[name]

@@ -31,4 +31,5 @@ def lands(share: float, late: float, wanted: float, velocity: Array, touching: b
     if touching:
         return True
     stopped = wanted <= -_DESCENDING and velocity[2] > _STOPPED * wanted
-    return bool(stopped and (velocity[2] > 0.0 or velocity.dot(velocity) < _SLOW * _SLOW))  # at rest, or rebounds
+    rebounds = velocity[2] > 0.0
+    return bool(stopped and (rebounds or velocity.dot(velocity) < _SLOW * _SLOW))

@@ -153,7 +153,7 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
 def walking(
     robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, seconds: float, scale: float, names: tuple[str, ...]
 ) -> None:
-    """Walk without odometry by `cmd_vel`, stop and stand; by default g1 and talos.
+    """Walk without odometry by `cmd_vel`, stop and stand; by default g1, talos and go2.
 
     Prints commanded and mean velocity, the largest drift of the estimate as a share of the path, the number of cycles
     with relaxed limits, the largest figures of `WalkFigures`, and the falls. Exit status 1: a robot fell.

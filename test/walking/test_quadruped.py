@@ -1,0 +1,166 @@
+"""Quadrupeds trot and walk by a velocity command; placement of diagonal feet, and the plane of the ground."""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+from wbc_controller.walking.terrain import Ground
+
+import wbc_controller as wbc
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.recording.json_records import from_json, to_json
+from wbc_controller.validation.accuracy.walks import mean_velocity
+from wbc_controller.walking.gait import Phase
+from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
+
+OMEGA = 5.8
+WALK = {"walking.gait": "walk"}
+
+
+def test_the_dcm_moves_along_the_line_with_the_body_and_across_it_like_a_pendulum():
+    line = SupportLine.through(0.2 + 0.1j, -0.2 - 0.15j)
+    start, velocity, time, n = 0.03 - 0.08j, 0.6 + 0.2j, 0.2, 20_000
+    dcm, across = start, 1j * line.along
+    for _ in range(n):
+        rate = OMEGA * ((dcm - line.point) / across).real * across + (velocity / line.along).real * line.along
+        dcm += rate * time / n
+    assert line.later(start, velocity, OMEGA, time) == pytest.approx(dcm, abs=1e-4)
+
+
+def test_the_line_does_not_depend_on_the_order_of_its_feet():
+    a, b = 0.2 + 0.1j, -0.2 - 0.15j
+    results = [SupportLine.through(*feet).later(0.1j, 0.5, OMEGA, 0.1) for feet in ((a, b), (b, a))]
+    assert results[0] == pytest.approx(results[1])
+
+
+def test_a_pendulum_repeats_the_step_from_the_placed_feet():
+    velocity, duration = 0.7 - 0.2j, 0.25
+    place = middle_of_pair(0.0, velocity, OMEGA, duration)
+    end = place + (0.0 - place) * math.exp(OMEGA * duration)
+    assert middle_of_pair(end, velocity, OMEGA, duration) - place == pytest.approx(velocity * duration)
+
+
+def test_a_faster_body_steps_further():
+    places = [middle_of_pair(velocity / OMEGA, 0.5, OMEGA, 0.25).real for velocity in (0.5, 0.6)]
+    assert places[1] - places[0] == pytest.approx(0.1 / OMEGA)
+
+
+def test_the_ground_is_the_plane_below_the_feet():
+    points = [np.array([x, y, 0.3 + 0.1 * x - 0.05 * y]) for x, y in ((0.2, 0.1), (0.2, -0.1), (-0.2, 0.1), (-0.3, 0))]
+    assert Ground.below(points).height_at(1.0 + 2.0j) == pytest.approx(0.3 + 0.1 - 0.1)
+
+
+def test_the_ground_below_four_feet_has_the_smallest_squares():
+    points = [np.array(each) for each in ((0.2, 0.1, 0.01), (0.2, -0.1, 0.0), (-0.2, 0.1, 0.0), (-0.2, -0.1, 0.01))]
+    assert Ground.below(points).height_at(0.2 + 0.1j) == pytest.approx(0.005)
+
+
+def way_of(simulation, seconds):
+    """Run; return time, place and heading of the base in every cycle, and the results."""
+    way = []
+
+    def each(_):
+        q, _ = simulation.plant.state()
+        x, y, z, w = q[3:7]
+        way.append([simulation.time, q[0], q[1], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))])
+
+    results = simulation.run(seconds, each)
+    return np.array(way), results
+
+
+@pytest.mark.parametrize(
+    ("changes", "command"),
+    [
+        ({}, (0.8, 0.0, 0.0)),
+        ({}, (-0.4, 0.0, 0.0)),
+        ({}, (0.0, 0.4, 0.0)),
+        ({}, (0.0, 0.0, 1.5)),
+        ({}, (0.5, 0.2, 0.8)),
+        (WALK, (0.08, 0.0, 0.1)),
+    ],
+)
+def test_a_quadruped_walks_as_commanded_and_stops_within_three_steps(changes, command):
+    simulation = wbc.Simulation(wbc.load("go2").replace(changes))
+    controller, walker = simulation.controller, simulation.controller.walker
+    controller.walk(*command)
+    _, results = way_of(simulation, 2.0)
+    way, more = way_of(simulation, 2.0 if not changes else 2.0 * walker.gait.cycle)
+    speed = mean_velocity(way, 0.0, math.inf)
+    assert speed == pytest.approx(np.array(command), abs=0.03)
+    steps = walker.steps
+    controller.stand()
+    _, last = way_of(simulation, 3.0 if not changes else 5.0)
+    assert walker.phase is Phase.STAND
+    assert walker.steps - steps <= 3
+    assert np.abs(simulation.plant.state()[1]).max() < 0.02
+    assert not any(result.relaxed for result in results + more + last)
+    assert set(last[-1].forces) == set(controller.contacts)
+
+
+def test_the_swing_at_full_speed_is_within_the_limits_of_the_joints():
+    """A swing beyond `limits.acceleration` moves the base in place of the foot."""
+    simulation = wbc.Simulation("go2")
+    simulation.controller.walk(0.8)
+    _, results = way_of(simulation, 3.0)
+    binding = {name for result in results for name in result.binding}
+    assert not [name for name in binding if name.startswith("motion")]
+
+
+@pytest.mark.parametrize(("changes", "together"), [({}, 2), (WALK, 1)])
+def test_feet_swing_in_groups(changes, together):
+    simulation = wbc.Simulation(wbc.load("go2").replace(changes))
+    controller = simulation.controller
+    controller.walk(0.0)
+    _, results = way_of(simulation, 2.0)
+    swings = [set(controller.contacts) - set(result.forces) for result in results]
+    assert max(map(len, swings)) == together
+    opposite = {"front_left_foot": "rear_right_foot", "front_right_foot": "rear_left_foot"}
+    for pair in (swing for swing in swings if len(swing) == 2):
+        assert any(pair == {front, rear} for front, rear in opposite.items())
+
+
+def test_a_trot_continues_exactly_from_a_saved_state():
+    simulation = wbc.Simulation("go2")
+    controller = simulation.controller
+    controller.walk(0.4, 0.1, 0.5)
+    simulation.run(1.5)
+    while controller.walker.phase is not Phase.SINGLE:
+        simulation.run(0.002)
+    saved = from_json(to_json(controller.memory()))
+    states = []
+    results = simulation.run(0.6, lambda now: states.append((now.result.state, now.result.time)))
+    other = wbc.Controller(controller.config)
+    other.reset(states[0][0].q, states[0][0].v, states[0][1])
+    other.recall(saved, controller.config.settings)
+    for result, (state, time) in zip(results, states, strict=True):
+        assert np.array_equal(other.step(state.q, state.v, time).tau, result.tau)
+
+
+def test_a_trot_starts_in_the_heading_of_its_feet():
+    simulation = wbc.Simulation("go2")
+    controller, walker = simulation.controller, simulation.controller.walker
+    q, v = simulation.plant.state()
+    turn = 2.0
+    place = complex(q[0], q[1]) * cmath.rect(1.0, turn)
+    q[0], q[1] = place.real, place.imag
+    q[3:7] = 0.0, 0.0, math.sin(0.5 * turn), math.cos(0.5 * turn)
+    controller.reset(q, v)
+    controller.walk(0.2)
+    controller.step(q, v, 0.0)
+    controller.step(q, v, 0.002)
+    assert walker._heading == pytest.approx(turn, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("robot", "changes", "message"),
+    [
+        ("g1", {"walking.gait": "trot"}, "walking.gait = 'trot' takes four point contacts and no surface contact"),
+        ("go2", {"walking.width": 0.2}, "walking.width: a robot with four point contacts has no such key"),
+        ("go2", {"contacts.rear_left_foot": None}, "two surface contacts.* or four point contacts"),
+        ("go2", {"tasks.walking_com": {"type": "com"}}, "tasks.walking_com: the walker has a task of this name"),
+    ],
+)
+def test_invalid_settings_of_the_gait_are_refused(robot, changes, message):
+    with pytest.raises(ConfigurationError, match=message):
+        wbc.Controller(wbc.load(robot).replace(changes))
