@@ -100,7 +100,9 @@ def test_a_velocity_replaces_the_plan_in_the_air():
     simulation = wbc.Simulation("g1")
     controller, walker = simulation.controller, simulation.controller.walker
     controller.walk_footsteps([[0.2, 0.1, 0.0], [0.4, -0.1, 0.0], [0.6, 0.1, 0.0]])
-    simulation.run(1.1)
+    while walker.phase is not Phase.SINGLE:
+        simulation.run(0.01)
+    simulation.run(0.1)
     assert (walker.phase, walker.footsteps_left) == (Phase.SINGLE, 3)
     with pytest.raises(InputRefused, match=r"step 1 of 1 \(right foot\)"):
         walker.follow(np.array([[0.2, 0.1, 0.0]]), controller.dynamics)  # the left foot is in the air
