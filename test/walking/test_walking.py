@@ -100,7 +100,7 @@ def test_a_walk_continues_exactly_from_a_saved_state():
 
 
 def walk_with_sensors(sensors, seconds=2.6):
-    """Return the torques of G1 and the share of the swing at each touchdown; `sensors` maps walker and time to states."""
+    """Return the torques of G1 and the share of the swing at each touchdown; `sensors` returns states of sensors."""
     simulation = wbc.Simulation("g1")
     controller, walker = simulation.controller, simulation.controller.walker
     cycle, torques, shares = controller.cycle, [], []

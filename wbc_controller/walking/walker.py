@@ -2,7 +2,7 @@
 
 import cmath
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,7 +12,8 @@ from wbc_controller.inverse_dynamics.references.changes import Change, EnableCon
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Array, Reference
-from wbc_controller.walking.adaptation import StepTarget, adapted
+from wbc_controller.walking.adaptation import SHORTEST, StepTarget, adapted
+from wbc_controller.walking.fall import MARGIN, PERSISTS, STANDING, captured_by_steps, missed, nearest_support
 from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
@@ -105,11 +106,14 @@ class Walker:
         leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
         velocity: velocity on the way to it.
         steps: number of steps since the start.
+        watched: time of the last prediction of a fall while standing, s.
+        fall: sentence about an unavoidable fall; empty without one.
     """
 
     STATE_FIELDS = (
         "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance", "_clearance",
-        "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown", "_references",
+        "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown",
+        "_references", "_captured", "watched", "fall",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: WalkingTasks, gravity: float) -> None:
@@ -141,6 +145,8 @@ class Walker:
         self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
+        self._captured = math.inf  # last time at which no fall was predicted, s
+        self.watched, self.fall = -math.inf, ""
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
         """Walk at a velocity until a time in s; None to stand.
@@ -222,12 +228,51 @@ class Walker:
             pressure = self._shift(cycle, decision)
         if self.phase is Phase.STAND:
             return decision
+        self._predict_fall(cycle)
         rate = omega * (cycle.dcm - pressure)
         self._references[self._tasks.dcm] = _reference([cycle.dcm.real, cycle.dcm.imag], [rate.real, rate.imag])
         self._hold_height(soles[self._stance], dt)
         self._turn(soles, dt)
         decision.references = dict(self._references)
         return decision
+
+    def _predict_fall(self, cycle: _Cycle) -> None:
+        """Compare the DCM with the reach of the fastest steps."""
+        gait, elapsed, single = self.gait, cycle.time - self._since, SHORTEST * self.gait.single
+        one = self.phase is Phase.SINGLE
+        remaining = single - elapsed if one else single
+        if self.phase is Phase.DOUBLE:
+            remaining += max(gait.double - elapsed, 0.0)
+        feet = [cycle.soles[self._stance]] if one else [*cycle.soles.values()]
+        soles = [(sole.place, cmath.rect(1.0, sole.heading)) for sole in feet]
+        distance = missed(cycle.dcm, soles, self._feet[1].half, gait, cycle.omega, max(remaining, 0.0))
+        self._compare(cycle.time, distance, captured_by_steps(gait, cycle.omega, single + gait.double) + MARGIN)
+
+    def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
+        """Predict a fall of a robot that stands on the active ones of its feet alone, at the time of a state in s."""
+        self.watched = time
+        soles = [foot.sole(dynamics) for foot in self._feet.values() if foot.contact in active]
+        if not soles or len(soles) < len(active):
+            self._captured = time
+            return
+        com, velocity = dynamics.com.tolist(), dynamics.com_velocity.tolist()
+        height = com[2] - min(float(sole.centre[2]) for sole in soles)
+        if height <= 0.0:
+            return
+        omega = natural_frequency(height, self._gravity)
+        dcm = complex(com[0] + velocity[0] / omega, com[1] + velocity[1] / omega)
+        places = [(sole.place, cmath.rect(1.0, sole.heading)) for sole in soles]
+        self._compare(time, abs(dcm - nearest_support(dcm, places, self._feet[1].half)), STANDING * height)
+
+    def _compare(self, time: float, distance: float, most: float) -> None:
+        """Predict a fall if the DCM exceeds a distance in m for some time."""
+        if not distance > most or time < self._captured:
+            self._captured = time
+        elif time - self._captured > PERSISTS:
+            place = "the feet" if self.phase is Phase.STAND else "all footholds that can be reached"
+            self.fall = (
+                f"a fall is unavoidable: the capture point is {distance:.2f} m away from {place} (limit {most:.2f} m)"
+            )
 
     def _begin(
         self, height: float, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
