@@ -9,6 +9,7 @@ import pytest
 
 import wbc_controller as wbc
 from wbc_controller.errors import NoSolution
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.adaptation import SHORTEST
 from wbc_controller.walking.fall import captured_by_steps, missed, nearest_support
 from wbc_controller.walking.gait import Gait
@@ -81,3 +82,17 @@ def test_a_push_that_a_standing_robot_survives_raises_no_alarm(impulse):
     simulation.run(2.0)
     assert simulation.controller.walker.fall == ""
     assert np.abs(simulation.plant.state()[1]).max() < 0.5
+
+
+def test_the_lead_time_of_a_fall_ends_at_the_ground():
+    trial = EstimationTrial("g1", {"estimation.base_state": "imu", "mock.sensors": "good"})
+    trial.stand()
+    assert math.isnan(trial.lead_time())  # it stands
+    trial.mock.plant.push(trial.model.base_link, [260.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.1)
+    with pytest.raises(NoSolution, match="FALLING"):
+        trial.run(1.5)
+    begun = trial.time
+    lead = trial.lead_time()
+    assert 0.2 < lead == pytest.approx(trial.time - begun)
+    assert trial.mock.plant.links_on_the_floor()
+    assert trial.lead_time() == 0.0

@@ -175,7 +175,8 @@ def walking(
     """Walk without odometry by `cmd_vel`, stop and stand; by default g1 and talos.
 
     Prints commanded and mean velocity, the largest drift of the estimate as a share of the path, the number of cycles
-    with relaxed limits, and the falls. Exit status 1: a robot fell.
+    with relaxed limits, the falls, and the shortest time from a fault to the contact of another link with the ground.
+    Exit status 1: a robot fell.
     """
     from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
 
@@ -188,8 +189,10 @@ def walking(
         known = sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)})
         raise ConfigurationError(f"unknown command {names[0]!r}; {valid_choices(names[0], known)}")
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
-    click.echo("| Robot | Command | m/s, m/s, rad/s | reached | drift, share of the path | relaxed cycles | fell |")
-    click.echo("|---|---|---|---|---|---|---|")
+    click.echo(
+        "| Robot | Command | m/s, m/s, rad/s | reached | drift, share of the path | relaxed cycles | fell | lead |"
+    )
+    click.echo("|---|---|---|---|---|---|---|---|")
     fallen = 0
     for kind, name in rows:
         found = _run_parallel(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
@@ -202,7 +205,11 @@ def walking(
         )  # fmt: skip
         drift = max((each.drift / max(each.distance, 1.0) for each in whole), default=math.nan)
         relaxed = sum(each.relaxed for each in found)
-        click.echo(f"| {kind} | {name} | {commanded} | {reached} | {100.0 * drift:.1f} % | {relaxed} | {len(fell)} |")
+        lead = min((each.lead for each in fell if not math.isnan(each.lead)), default=math.nan)
+        shortest = "" if math.isnan(lead) else f"{lead:.2f} s"
+        click.echo(
+            f"| {kind} | {name} | {commanded} | {reached} | {100.0 * drift:.1f} % | {relaxed} | {len(fell)} | {shortest} |"
+        )
         for each in fell:
             click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
     sys.exit(1 if fallen else 0)

@@ -36,6 +36,7 @@ class Walk:
     drift: float  # horizontal error of the estimated position at the end, m
     relaxed: int  # number of cycles with a relaxed limit
     ended: str = ""  # reason of an early end; empty if there was none
+    lead: float = np.nan  # time from the early end to the contact of another link with the ground, s
 
 
 def walk(robot: str, command: str, sensors: SensorQuality, seed: int, seconds: float, scale: float = 1.0) -> Walk:
@@ -55,7 +56,7 @@ def walk(robot: str, command: str, sensors: SensorQuality, seed: int, seconds: f
     limits = {"walking.max_speed": float(fastest[0])}
     trial = EstimationTrial(robot, {**sensor_settings(sensors), **own, **limits})
     rng = np.random.default_rng(seed)
-    begun, sent, ways, relaxed, ended = 0.0, -1.0e9, [], 0, ""
+    begun, sent, ways, relaxed, ended, lead = 0.0, -1.0e9, [], 0, "", math.nan
     velocity = np.zeros(3)
 
     def each() -> None:
@@ -80,15 +81,15 @@ def walk(robot: str, command: str, sensors: SensorQuality, seed: int, seconds: f
         if trial.controller.walker is None or trial.controller.walker.moves:
             ended = "the robot did not stop"
     except WbcError as error:
-        ended = str(error)
+        ended, lead = str(error), trial.lead_time()
     if not ways:
-        return Walk(seed, np.full(3, np.nan), 0.0, np.nan, relaxed, ended)
+        return Walk(seed, np.full(3, np.nan), 0.0, np.nan, relaxed, ended, lead)
     way = np.array(ways)
     base = None if trial.estimator is None else trial.estimator.base
     drift = np.nan if base is None else float(np.linalg.norm(base[0][:2] - trial.shift[:2] - way[-1, 1:3]))
     speed = np.full(3, np.nan) if ended or command == RANDOM else mean_velocity(way, _REACHED, seconds)
     distance = float(np.linalg.norm(np.diff(way[:, 1:3], axis=0), axis=1).sum())
-    return Walk(seed, speed, distance, drift, relaxed, ended)
+    return Walk(seed, speed, distance, drift, relaxed, ended, lead)
 
 
 def mean_velocity(way: Array, begin: float, end: float) -> Array:
