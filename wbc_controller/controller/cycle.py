@@ -347,6 +347,8 @@ class ControlCycle:
                     continue
             if references:
                 remaining.append(references)
+        if state is not None and self.live.newest is not self._live and self.supervisor.solving:
+            self.qp.formulation.prepare(state)  # for anchors of contacts
         self._apply_live_settings(seconds(state) if state is not None else None)
         return remaining
 

@@ -207,9 +207,8 @@ def walking(
         relaxed = sum(each.relaxed for each in found)
         lead = min((each.lead for each in fell if not math.isnan(each.lead)), default=math.nan)
         shortest = "" if math.isnan(lead) else f"{lead:.2f} s"
-        click.echo(
-            f"| {kind} | {name} | {commanded} | {reached} | {100.0 * drift:.1f} % | {relaxed} | {len(fell)} | {shortest} |"
-        )
+        figures = f"{100.0 * drift:.1f} % | {relaxed} | {len(fell)} | {shortest}"
+        click.echo(f"| {kind} | {name} | {commanded} | {reached} | {figures} |")
         for each in fell:
             click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
     sys.exit(1 if fallen else 0)
