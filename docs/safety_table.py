@@ -33,6 +33,8 @@ TESTS = {
         "nodes/test_bring_up.py::test_torques_in_another_order_stop_the_robot_and_name_a_joint",
     "tilt of a floating base since the activation":
         "safety/test_plausibility.py::test_a_base_that_tilts_too_far_has_fallen",
+    "distance of the capture point from the support of a biped that walks or can walk":
+        "walking/test_fall.py::test_the_fall_of_a_standing_robot_is_predicted_before_it_reaches_the_ground",
     "height of a floating base above the lowest end of a limb":
         "safety/test_plausibility.py::test_a_base_that_sinks_between_its_limbs_has_fallen",
     "time without a usable solution, continuous or in total":

@@ -7,6 +7,7 @@ import pytest
 from own_classes import Ceiling, Height
 
 import wbc_controller as wbc
+from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Mode
 
 PERIOD = 0.002
@@ -172,6 +173,41 @@ def test_two_feet_that_are_unloaded_at_once_carry_the_weight_until_the_end():
     forces = [sum(force[2] for force in result.forces.values()) for result in simulation.run(0.198)]
     assert min(forces) > 0.99 * weight
     assert simulation.run(0.006)[-1].forces == {}
+
+
+@pytest.mark.parametrize("by_settings", [False, True])
+def test_the_anchor_of_a_contact_is_its_pose_in_the_state_of_its_cycle(by_settings):
+    foot = "front_left_foot"
+    controller = wbc.Controller(wbc.load("go2").replace({f"contacts.{foot}.stiffness": 100.0}))
+    q, still = controller.stance(), np.zeros(controller.model.nv)
+    controller.reset(q, still, 0.0)
+    controller.disable(foot)
+    for k in range(150):
+        controller.step(q, still, 0.002 * (k + 1))
+    moved = q.copy()
+    moved[0] += 0.003
+    if by_settings:  # as the service does
+        controller.live.accept({"contacts": {foot: {"enabled": False}}}, "test")
+        controller.step(q, still, 0.302)
+        controller.live.accept({"contacts": {foot: {"enabled": True}}}, "test")
+    else:
+        controller.enable(foot)
+    result = controller.step(moved, still, 0.304)
+    there = Dynamics(controller.model)
+    there.update(moved, still)
+    assert result.references.anchors[foot][:3] == pytest.approx(controller.contacts[foot].pose(there).translation)
+    assert result.references.contacts[foot] < 1e-3
+
+
+def test_the_walker_plans_with_the_state_of_its_cycle():
+    simulation = wbc.Simulation("g1")
+    controller, seen = simulation.controller, []
+    update = controller.walker.update
+    controller.walker.update = lambda time, dynamics, *rest: (seen.append(dynamics.q), update(time, dynamics, *rest))[1]
+    controller.walk(0.1)
+    results = simulation.run(0.05)
+    assert len(seen) == len(results)
+    assert all(np.array_equal(q, result.state.q) for q, result in zip(seen, results, strict=True))
 
 
 def test_weights_contacts_and_settings_are_ramped(controller):

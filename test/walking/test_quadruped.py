@@ -5,13 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from wbc_controller.walking.terrain import Ground
 
 import wbc_controller as wbc
 from wbc_controller.errors import ConfigurationError
 from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.validation.accuracy.walks import mean_velocity
 from wbc_controller.walking.gait import Phase
+from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
 
 OMEGA = 5.8

@@ -146,7 +146,7 @@ def test_a_walk_continues_exactly_from_a_saved_state(ask):
 
 
 def walk_with_sensors(sensors, seconds=2.6):
-    """Return the torques of G1 and the share of the swing at each touchdown; `sensors` maps walker and time."""
+    """Return the torques of G1 and the share of the swing at each touchdown; `sensors` returns states of sensors."""
     simulation = wbc.Simulation("g1")
     controller, walker = simulation.controller, simulation.controller.walker
     cycle, torques, shares = controller.cycle, [], []
@@ -187,6 +187,30 @@ def test_force_sensors_of_the_robot_reach_the_walker():
     trial = EstimationTrial("g1", {"estimation.base_state": "imu", "mock.sensors": "good"}, force_sensors=True)
     trial.stand()
     assert trial.report.inputs.touching == {"left_foot": True, "right_foot": True}
+
+
+def test_a_walk_survives_short_holding_in_single_support():
+    """Cycles without a solution repeat the last torques, with damping."""
+    simulation = wbc.Simulation("g1")
+    controller, plant, solve = simulation.controller, simulation.plant, simulation.controller.qp.solve
+    controller.walk(0.3)
+    simulation.run(2.4)
+    while controller.walker.phase is not Phase.SINGLE or simulation.time - controller.walker._since < 0.2:
+        simulation.run(0.002)
+
+    def fail(*_):
+        raise NoSolution("none", "test", None)
+
+    controller.qp.solve = fail
+    for _ in range(25):
+        result = controller.step(*plant.state(), plant.time)
+        assert result.mode is wbc.Mode.HOLDING
+        plant.apply(result.tau)
+        for _ in range(plant.steps_per_period):
+            plant.step()
+    controller.qp.solve = solve
+    simulation.run(2.5)
+    assert controller.walker.phase in (Phase.SINGLE, Phase.DOUBLE)
 
 
 def test_a_streamed_command_ends_after_its_timeout():

@@ -42,6 +42,8 @@ _log = logging.getLogger(__name__)
 
 #: Shortest time between two searches for conflicting constraints, s.
 _EXPLAIN_PAUSE = 1.0
+#: Period of the prediction of falls of a standing robot, s.
+_WATCH_PERIOD = 0.008
 
 
 class ControlCycle:
@@ -346,6 +348,8 @@ class ControlCycle:
                     continue
             if references:
                 remaining.append(references)
+        if state is not None and self.live.newest is not self._live and self.supervisor.solving:
+            self.qp.formulation.prepare(state)  # for anchors of contacts
         self._apply_live_settings(seconds(state) if state is not None else None)
         return remaining
 
@@ -407,6 +411,11 @@ class ControlCycle:
             if not self.model_error.is_idle:
                 references = self._add_disturbance(state, references, refused)
             self._solution = self.qp.solve(state, references, self.supervisor.torques_before(now), False)
+            if self.walker is not None:
+                if not self.walker.moves:
+                    self._watch_standing(self.walker, seconds(state), references)
+                if self.walker.fall:
+                    return Fault("FALLING", self.walker.fall), references
             return self._solution, references
         except NoSolution as failure:
             return failure, references
@@ -448,6 +457,12 @@ class ControlCycle:
             walker.leaving = False
             self.supervisor.request("deactivate", now, None)
         return decision.references
+
+    def _watch_standing(self, walker: Walker, time: float, references: References) -> None:
+        """Predict falls of a standing robot."""
+        if not 0.0 <= time - walker.watched < _WATCH_PERIOD:
+            active = [name for name, activation in references.contacts.items() if activation > 0.0]
+            walker.watch_standing(time, self.qp.dynamics, active)
 
     def _add_disturbance(self, state: RobotState, references: References, refused: list[str]) -> References:
         """Add the disturbance to the references; report each contact that becomes unloaded."""

@@ -52,6 +52,8 @@ CHECKS = (
     Check("tilt of a floating base since the activation", ("safety.max_tilt",), "rad", "damping", "FALLEN"),
     Check("height of a floating base above the lowest end of a limb", ("safety.min_height",),
           "share of the height at the activation", "damping", "FALLEN"),
+    Check("distance of the capture point from the support of a biped that walks or can walk", (), "m", "damping",
+          "FALLING"),
     Check("time without a usable solution, continuous or in total", ("safety.hold_time", "safety.hold_window"),
           "s", "holding, then damping", "NO_SOLUTION"),
     Check("the solution's torques: finite, and within their limits", ("robot.effort_limit_scale",),

@@ -2,7 +2,7 @@
 
 import cmath
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,8 @@ from wbc_controller.inverse_dynamics.references.changes import EnableContact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rotation_of
 from wbc_controller.records import Array
-from wbc_controller.walking.adaptation import StepTarget, adapted
+from wbc_controller.walking.adaptation import SHORTEST, StepTarget, adapted
+from wbc_controller.walking.fall import MARGIN, PERSISTS, STANDING, captured_by_steps, missed, nearest_support
 from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
 from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
@@ -102,7 +103,7 @@ class BipedWalker(Walker):
     STATE_FIELDS = (
         "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
         "_clearance", "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown",
-        "_references", "_footholds", "_early", "_double_support",
+        "_references", "_footholds", "_early", "_double_support", "_captured", "watched", "fall",
     )  # fmt: skip
 
     def __init__(
@@ -132,6 +133,7 @@ class BipedWalker(Walker):
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
         self._footholds: tuple[Ground, ...] = ()  # the last ones, newest first
+        self._captured = math.inf  # last time at which no fall was predicted, s
         self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
@@ -234,6 +236,7 @@ class BipedWalker(Walker):
         if self.phase is Phase.STAND:
             return decision
         self._latest = cycle, pressure
+        self._predict_fall(cycle)
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
             rate += self.gait.reaction / omega * self._step.swing.acceleration
@@ -242,6 +245,44 @@ class BipedWalker(Walker):
         self._turn(soles, dt)
         decision.references = dict(self._references)
         return decision
+
+    def _predict_fall(self, cycle: _Cycle) -> None:
+        """Compare the DCM with the reach of the fastest steps."""
+        gait, elapsed, single = self.gait, cycle.time - self._since, SHORTEST * self.gait.single
+        one = self.phase is Phase.SINGLE
+        remaining = single - elapsed if one else single
+        if self.phase is Phase.DOUBLE:
+            remaining += max(gait.double - elapsed, 0.0)
+        feet = [cycle.soles[self._stance]] if one else [*cycle.soles.values()]
+        soles = [(sole.place, cmath.rect(1.0, sole.heading)) for sole in feet]
+        distance = missed(cycle.dcm, soles, self._feet[1].half, gait, cycle.omega, max(remaining, 0.0))
+        self._compare(cycle.time, distance, captured_by_steps(gait, cycle.omega, single + gait.double) + MARGIN)
+
+    def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
+        """Predict a fall of a robot that stands on the active ones of its feet alone, at the time of a state in s."""
+        self.watched = time
+        soles = [foot.sole(dynamics) for foot in self._feet.values() if foot.contact in active]
+        if not soles or len(soles) < len(active):
+            self._captured = time
+            return
+        com, velocity = dynamics.com.tolist(), dynamics.com_velocity.tolist()
+        height = com[2] - min(float(sole.centre[2]) for sole in soles)
+        if height <= 0.0:
+            return
+        omega = natural_frequency(height, self._gravity)
+        dcm = complex(com[0] + velocity[0] / omega, com[1] + velocity[1] / omega)
+        places = [(sole.place, cmath.rect(1.0, sole.heading)) for sole in soles]
+        self._compare(time, abs(dcm - nearest_support(dcm, places, self._feet[1].half)), STANDING * height)
+
+    def _compare(self, time: float, distance: float, most: float) -> None:
+        """Predict a fall if the DCM exceeds a distance in m for some time."""
+        if not distance > most or time < self._captured:
+            self._captured = time
+        elif time - self._captured > PERSISTS:
+            place = "the feet" if self.phase is Phase.STAND else "all footholds that can be reached"
+            self.fall = (
+                f"a fall is unavoidable: the capture point is {distance:.2f} m away from {place} (limit {most:.2f} m)"
+            )
 
     def _begin(
         self, height: float, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 from wbc_controller.errors import InputRefused
@@ -57,6 +57,8 @@ class Walker(ABC):
         leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
         velocity: velocity on the way to it.
         steps: number of steps since the start.
+        watched: time of the last prediction of a fall while standing, s.
+        fall: sentence about an unavoidable fall; empty without one.
     """
 
     gait: Gait | QuadrupedGait
@@ -76,6 +78,7 @@ class Walker(ABC):
         self._until = math.inf  # time at which the command ends, s
         self.velocity = Velocity()
         self.steps = 0
+        self.watched, self.fall = -math.inf, ""
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
@@ -132,6 +135,10 @@ class Walker(ABC):
             orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
             touching: states of the contact sensors, by contact; of a foot without one, its motion tells the touchdown.
         """
+
+    def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
+        """Predict a fall of a robot that stands on its active contacts, at the time of a state in s."""
+        self.watched = time
 
     def _begin_tasks(self, decision: Decision) -> None:
         """Switch to the tasks of the walker."""

@@ -28,6 +28,7 @@ NEXT_STEPS: Mapping[str, str] = {
     "ESTIMATE_LOST": "check the IMU and its mounting; let the robot stand still or suspend it; then reset, activate",
     "IMPLAUSIBLE_STATE": "suspend the robot; check the named joint or sensor; then reset, activate",
     "UNEXPLAINED_MOTION": "suspend the robot; check the order and signs of its effort commands; then reset, activate",
+    "FALLING": "suspend the robot (mock robot: wbc send hold), then reset, activate, release",
     "FALLEN": "suspend the robot (mock robot: wbc send hold), then reset, activate, release",
     "NO_SOLUTION": "find the constraints in conflict with wbc replay; undo the last request; then reset, activate",
     "RELAXED": "reduce the request that caused the relaxed constraints; then reset, activate",

@@ -103,8 +103,9 @@ class Formulation:
 
     def prepare(self, state: RobotState) -> None:
         """Compute the dynamics of a state before its references are known."""
-        self.dynamics.update(state.q, state.v)
-        self._prepared = state
+        if self._prepared is not state:
+            self.dynamics.update(state.q, state.v)
+            self._prepared = state
 
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
         """Compute the dynamics and fill the problem of the returned layout; `tau_before` as in `WholeBodyQP.solve`."""

@@ -156,7 +156,8 @@ def walking(
     """Walk without odometry by `cmd_vel`, stop and stand; by default g1, talos and go2.
 
     Prints commanded and mean velocity, the largest drift of the estimate as a share of the path, the number of cycles
-    with relaxed limits, the largest figures of `WalkFigures`, and the falls. Exit status 1: a robot fell.
+    with relaxed limits, the largest figures of `WalkFigures`, the falls, and the shortest time from a fault to the
+    contact of another link with the ground. Exit status 1: a robot fell.
     """
     from wbc_controller.validation.accuracy.walking_commands import FIGURES, figures_of
     from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
@@ -171,9 +172,9 @@ def walking(
         raise ConfigurationError(f"unknown command {names[0]!r}; {valid_choices(names[0], known)}")
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
     click.echo(
-        f"| Robot | Command | m/s, m/s, rad/s | reached | drift, share of the path | relaxed | {FIGURES} | fell |"
+        f"| Robot | Command | m/s, m/s, rad/s | reached | drift of the path | relaxed | {FIGURES} | fell | lead |"
     )
-    click.echo(f"|---|---|---|---|---|---|{'---|' * FIGURES.count('|')}---|---|")
+    click.echo(f"|---|---|---|---|---|---|{'---|' * FIGURES.count('|')}---|---|---|")
     fallen = 0
     for kind, name in rows:
         found = run_parallel(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
@@ -186,9 +187,10 @@ def walking(
         )  # fmt: skip
         drift = max((each.drift / max(each.distance, 1.0) for each in whole), default=math.nan)
         relaxed = sum(each.relaxed for each in found)
+        lead = min((each.lead for each in fell if not math.isnan(each.lead)), default=math.nan)
         click.echo(
             f"| {kind} | {name} | {commanded} | {reached} | {100.0 * drift:.1f} % | {relaxed} | "
-            f"{figures_of(found)} | {len(fell)} |"
+            f"{figures_of(found)} | {len(fell)} | {'' if math.isnan(lead) else f'{lead:.2f} s'} |"
         )
         for each in fell:
             click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)

@@ -20,6 +20,7 @@ from wbc_controller.validation.user import com_trajectory
 #: Additional times for the torque ramp, and for settling after the release of the base, s.
 _RAMP_TIME, _REST_TIME = 0.2, 1.0
 _TIMEOUT = 5.0  # s
+_FALL_TIME = 2.0  # longest time of a fall, s
 
 
 class EstimationTrial(Lockstep):
@@ -66,6 +67,18 @@ class EstimationTrial(Lockstep):
                 why = f"{fault.code}: {fault.sentence}" if fault is not None else "the robot fell"
                 raise NoSolution(why, self.report.mode.value, None)
             each()
+
+    def lead_time(self) -> float:
+        """Return the time until a link other than the feet touches the ground after the end of the active mode, s.
+
+        NaN if the robot does not fall within 2 s; 0 if it is on the ground already.
+        """
+        ended = self.time
+        while self.time - ended < _FALL_TIME:
+            if self.mock.plant.links_on_the_floor():
+                return self.time - ended
+            self.cycle()
+        return math.nan
 
     def settle(self) -> None:
         """Wait for the estimate, with the base held."""

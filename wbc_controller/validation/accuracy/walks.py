@@ -46,6 +46,7 @@ class Walk:
     relaxed: int  # number of cycles with a relaxed limit
     ended: str = ""  # time and reason of an early end; empty if there was none
     figures: WalkFigures = field(default_factory=WalkFigures)
+    lead: float = np.nan  # time from the early end to the contact of another link with the ground, s
 
 
 class WalkTrial(EstimationTrial):
@@ -134,7 +135,7 @@ def walk(
     trial = WalkTrial(robot, sensors, seed, changes)
     rng = np.random.default_rng(seed)
     ways: list[list[float]] = []
-    relaxed, ended = 0, ""
+    relaxed, ended, lead = 0, "", math.nan
     drawn: list[Array] = []
 
     def velocity(time: float) -> Array | None:
@@ -162,12 +163,12 @@ def walk(
         if not trial.stands:
             ended = "the robot did not stop"
     except WbcError as error:
-        ended = trial.when(error)
+        ended, lead = trial.when(error), trial.lead_time()
     if not ways:
-        return Walk(seed, np.full(3, np.nan), 0.0, np.nan, relaxed, ended, trial.meter.figures())
+        return Walk(seed, np.full(3, np.nan), 0.0, np.nan, relaxed, ended, trial.meter.figures(), lead)
     way = np.array(ways)
     base = None if trial.estimator is None else trial.estimator.base
     drift = np.nan if base is None else float(np.linalg.norm(base[0][:2] - trial.shift[:2] - way[-1, 1:3]))
     speed = np.full(3, np.nan) if ended or command == RANDOM else mean_velocity(way, _REACHED, seconds)
     distance = float(np.linalg.norm(np.diff(way[:, 1:3], axis=0), axis=1).sum())
-    return Walk(seed, speed, distance, drift, relaxed, ended, trial.meter.figures())
+    return Walk(seed, speed, distance, drift, relaxed, ended, trial.meter.figures(), lead)

@@ -19,6 +19,7 @@ _COLORS = {
     "ESTIMATE_LOST": "#c2569f",
     "IMPLAUSIBLE_STATE": "#8a63d2",
     "UNEXPLAINED_MOTION": "#a33b3b",
+    "FALLING": "#f2b05e",
     "FALLEN": "#e5812b",
     "NO_SOLUTION": "#b58900",
     "RELAXED": "#149eb0",

@@ -12,7 +12,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.simulation.faults.fault import Fault
 
 #: Valid fault codes for a robot that loses its balance or gets false inputs.
-BALANCE = frozenset({"FALLEN", "NO_SOLUTION", "RELAXED", "BAD_TORQUE", "IMPLAUSIBLE_STATE", "ESTIMATE_LOST"})
+BALANCE = frozenset({"FALLEN", "FALLING", "NO_SOLUTION", "RELAXED", "BAD_TORQUE", "IMPLAUSIBLE_STATE", "ESTIMATE_LOST"})
 STALE = frozenset({"STALE_INPUT"})
 IMPLAUSIBLE = frozenset({"IMPLAUSIBLE_STATE"})
 CLOCK = frozenset({"CLOCK"})

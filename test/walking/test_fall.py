@@ -1,0 +1,98 @@
+"""Prediction of falls: reach of the steps, and robots that are pushed."""
+
+import cmath
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import wbc_controller as wbc
+from wbc_controller.errors import NoSolution
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
+from wbc_controller.walking.adaptation import SHORTEST
+from wbc_controller.walking.fall import captured_by_steps, missed, nearest_support
+from wbc_controller.walking.gait import Gait
+from wbc_controller.walking.pendulum import later
+
+GAIT = Gait(
+    single=0.5, double=0.1, shift=0.8, lowering=0.02, clearance=0.05, width=0.2, least_width=0.14, length=0.45,
+    greatest_width=0.4, speed=(0.5, 0.2, 0.5),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("dcm", "soles", "nearest"),
+    [
+        (0.5 + 0.2j, [0j], 0.1 + 0.05j),
+        (0.02 + 0.01j, [0j], 0.02 + 0.01j),
+        (0.5 + 0.1j, [0j, 0.2j], 0.1 + 0.1j),  # beside the line between the soles
+        (0.4j - 0.05, [0j, 0.2j], 0.2j + 0.1 * (0.2j - 0.05) / abs(0.2j - 0.05)),
+        (0.02 + 0.1j, [0j, 0.2j], 0.02 + 0.1j),
+    ],
+)
+def test_nearest_point_of_the_support(dcm, soles, nearest):
+    turned = cmath.rect(1.0, 0.3)
+    places = [(2.0 + place * turned, turned) for place in soles]
+    assert nearest_support(2.0 + dcm * turned, places, (0.1, 0.05)) == pytest.approx(2.0 + nearest * turned)
+
+
+@pytest.mark.parametrize("time", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize(("excess", "falls"), [(-0.01, False), (0.01, True)])
+def test_steps_capture_the_dcm_up_to_the_largest_distance(time, excess, falls):
+    """Steps of the largest length at the shortest time bring the DCM nearer from just below, and lose it from above."""
+    omega, step_time, half = 3.8, SHORTEST * GAIT.single + GAIT.double, (0.1, 0.05)
+    most = GAIT.length / (math.exp(omega * step_time) - 1.0)
+    dcm = later(GAIT.length + most + excess, half[0], omega, -time)  # the centre of pressure is at the edge of the sole
+    distance = missed(dcm, [(0j, 1.0 + 0j)], half, GAIT, omega, time)
+    assert distance == pytest.approx(most + excess)
+    assert (distance > captured_by_steps(replace(GAIT, greatest_width=0.1), omega, step_time)) is falls
+    foot, dcm = GAIT.length, later(dcm, half[0], omega, time)
+    for _ in range(12):
+        dcm = later(dcm, foot, omega, step_time)
+        foot += min(GAIT.length, (dcm - foot).real)
+    assert ((dcm - foot).real > 1.0) is falls
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)])
+def test_the_fall_of_a_standing_robot_is_predicted_before_it_reaches_the_ground(direction):
+    simulation = wbc.Simulation("g1")
+    plant, controller = simulation.plant, simulation.controller
+    force = 260.0 * np.array([*direction, 0.0])
+    plant.push(controller.model.base_link, [*force, 0.0, 0.0, 0.0], 0.1)
+    with pytest.raises(NoSolution, match="FALLING: a fall is unavoidable: the capture point is"):
+        simulation.run(1.5)
+    predicted = simulation.time
+    for _ in range(500):
+        result = controller.step(*plant.state(), plant.time)
+        plant.apply(result.tau)
+        for _ in range(plant.steps_per_period):
+            plant.step()
+        if plant.links_on_the_floor():
+            break
+    assert plant.links_on_the_floor()
+    assert plant.time - predicted > 0.2
+    assert np.abs(plant.state()[1][6:]).max() < 60.0  # damped
+
+
+@pytest.mark.parametrize("impulse", [9.0, 12.0])
+def test_a_push_that_a_standing_robot_survives_raises_no_alarm(impulse):
+    simulation = wbc.Simulation("g1")
+    simulation.plant.push(simulation.controller.model.base_link, [10.0 * impulse, 0.0, 0.0, 0.0, 0.0, 0.0], 0.1)
+    simulation.run(2.0)
+    assert simulation.controller.walker.fall == ""
+    assert np.abs(simulation.plant.state()[1]).max() < 0.5
+
+
+def test_the_lead_time_of_a_fall_ends_at_the_ground():
+    trial = EstimationTrial("g1", {"estimation.base_state": "imu", "mock.sensors": "good"})
+    trial.stand()
+    assert math.isnan(trial.lead_time())  # it stands
+    trial.mock.plant.push(trial.model.base_link, [260.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.1)
+    with pytest.raises(NoSolution, match="FALLING"):
+        trial.run(1.5)
+    begun = trial.time
+    lead = trial.lead_time()
+    assert 0.2 < lead == pytest.approx(trial.time - begun)
+    assert trial.mock.plant.links_on_the_floor()
+    assert trial.lead_time() == 0.0
