@@ -15,7 +15,10 @@ from wbc_controller.extras import EXTRAS
 FUZZERS = ("clocks", "configurations", "floods", "kills", "messages", "recordings", "setpoints", "soak", "urdf")
 #: The extras that each command needs. `run.mcap` is an empty file.
 NEEDED = {
-    **{f"accuracy {name}": "mock campaign" for name in ("standing", "flaws", "mishaps", "walking")},
+    **{
+        f"accuracy {name}": "mock campaign"
+        for name in ("standing", "flaws", "mishaps", "walking", "walking-grounds", "walking-starts", "walking-pushes")
+    },
     "bench latency": "dds mock robots",
     **{f"{name} robot.yaml": "dds" for name in ("estimate", "guard", "run", "status")},
     "drive robot.yaml": "dds",

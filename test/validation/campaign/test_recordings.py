@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from wbc_controller.errors import ConfigurationError
 from wbc_controller.validation.campaign.recordings import TrialRecordings
 from wbc_controller.validation.campaign.trial import run_trial
 
@@ -15,6 +16,20 @@ def test_recordings_name_their_fault_and_are_replayed(kind, tmp_path):
     run_trial("go2", kind, 0, recordings=tmp_path)  # replaces the first recording
     (path,) = tmp_path.iterdir()
     assert re.fullmatch(rf"go2-{kind}-0-\d+-\d+-{outcome.code}\.mcap", path.name)
+
+
+@pytest.mark.parametrize("kind", ["joint_absurd", "estop"])
+def test_a_fault_during_a_step_leaves_a_recording_that_names_it(kind, tmp_path):
+    outcome = run_trial("g1", kind, 0, True, recordings=tmp_path)
+    assert (outcome.result, dict(outcome.violations), outcome.walking) == ("damped", {}, True)
+    assert outcome.moved > 0.02
+    (path,) = tmp_path.iterdir()
+    assert outcome.code in path.name
+
+
+def test_a_robot_that_cannot_walk_is_refused():
+    with pytest.raises(ConfigurationError, match="go2 cannot walk"):
+        run_trial("go2", "estop", 0, True)
 
 
 @pytest.fixture(scope="module")

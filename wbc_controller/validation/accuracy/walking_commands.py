@@ -12,6 +12,7 @@ import click
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.extras import require_libraries
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.parallel import common_options, run_parallel
 
@@ -139,6 +140,8 @@ def walking_pushes(
     kinds = _walking_robots(robots)
     if plot is not None and len(kinds) > 1:
         raise ConfigurationError(f"--plot shows one robot, got {', '.join(kinds)}")
+    if plot is not None:
+        require_libraries("plotly")
     angles = [math.tau * index / directions for index in range(directions)]
     good = True
     for robot in kinds:
