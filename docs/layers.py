@@ -62,7 +62,7 @@ ROOMS = {
         "settings inverse_dynamics safety controller middleware", "numpy scipy pinocchio coal mujoco pydantic"
     ),
     "nodes": Room(
-        "settings inverse_dynamics estimation safety controller middleware recording simulation",
+        "settings inverse_dynamics estimation safety walking controller middleware recording simulation",
         "numpy pydantic rclpy rcl_interfaces std_srvs",
     ),
     "apps": Room(

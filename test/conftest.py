@@ -64,6 +64,15 @@ def _velocity(key: str, values: Any) -> Any:
     return message("geometry_msgs/msg/TwistStamped", header=header(0), twist=twist) if key != "cmd_vel" else twist
 
 
+def _pose_array(poses: Any, frame: str = "world") -> Any:
+    """Poses are x, y in m and heading in rad."""
+    made = [
+        _setpoint("PoseStamped", [x, y, 0.0, 0.0, 0.0, np.sin(0.5 * heading), np.cos(0.5 * heading)], frame).pose
+        for x, y, heading in poses
+    ]
+    return message("geometry_msgs/msg/PoseArray", header=header(0, frame), poses=made)
+
+
 def _transform(pose: Any) -> Any:
     place, turn = np.split(np.asarray(pose, dtype=float), [3])
     return message("geometry_msgs/msg/Transform", translation=vector(place), rotation=quaternion(turn))
@@ -129,6 +138,7 @@ MAKE = SimpleNamespace(
     pose=lambda position, quaternion=(0.0, 0.0, 0.0, 1.0), frame="world": _setpoint(
         "PoseStamped", [*position, *quaternion], frame
     ),
+    pose_array=_pose_array,
     velocity=_velocity,
     wrench=lambda values, frame="world": _setpoint("WrenchStamped", values, frame),
 )

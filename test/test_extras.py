@@ -18,6 +18,7 @@ NEEDED = {
     **{f"accuracy {name}": "mock campaign" for name in ("standing", "flaws", "mishaps", "walking")},
     "bench latency": "dds mock robots",
     **{f"{name} robot.yaml": "dds" for name in ("estimate", "guard", "run", "status")},
+    "drive robot.yaml": "dds",
     "echo robot.yaml state": "dds",
     "mock robot.yaml": "mock dds",
     "send robot.yaml activate": "dds",

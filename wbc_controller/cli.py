@@ -19,6 +19,7 @@ COMMANDS = {
     "bench": "validation.latency.latency_commands",
     "check": "apps.terminal.configuration_commands",
     "demo": "apps.demo.demo_command",
+    "drive": "apps.terminal.terminal_commands",
     "echo": "apps.terminal.terminal_commands",
     "estimate": "apps.terminal.node_commands",
     "faults": "validation.campaign.faults_command",

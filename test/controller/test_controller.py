@@ -146,6 +146,34 @@ def test_joints_of_a_posture_are_set_by_name(controller):
     np.testing.assert_array_equal(np.delete(after, moved), np.delete(before, moved))
 
 
+def test_a_foot_is_unloaded_smoothly_from_its_present_force():
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    controller.set("com", controller.dynamics.com - [0.0, 0.07, 0.0])
+    before = simulation.run(2.0)[-1].forces["left_foot"][2]
+    assert before > 50.0
+    controller.disable("left_foot")
+    forces = [result.forces["left_foot"][2] for result in simulation.run(0.198)]
+    assert forces[0] == pytest.approx(before, rel=0.01)
+    changes = np.diff(forces)
+    assert changes.max() < 0.01
+    assert changes.min() > -3.1 * before * controller.period / 0.2  # derivative of (1 - t / T)³ at its start
+    assert forces[-1] < 0.01
+    assert set(simulation.run(0.01)[-1].forces) == {"right_foot"}
+
+
+def test_two_feet_that_are_unloaded_at_once_carry_the_weight_until_the_end():
+    simulation = wbc.Simulation("g1")
+    controller = simulation.controller
+    simulation.run(0.2)
+    weight = controller.model.mass * controller.model.gravity
+    for foot in ("left_foot", "right_foot"):
+        controller.disable(foot)
+    forces = [sum(force[2] for force in result.forces.values()) for result in simulation.run(0.198)]
+    assert min(forces) > 0.99 * weight
+    assert simulation.run(0.006)[-1].forces == {}
+
+
 def test_weights_contacts_and_settings_are_ramped(controller):
     run(controller, 0.1)
     controller.set_weight("com", 5.0)

@@ -19,6 +19,8 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetSetpoint,
     SetWeight,
     Walk,
+    WalkFootsteps,
+    WalkTo,
 )
 from wbc_controller.recording.json_records import from_json, to_json
 from wbc_controller.records import ChangeSettings, Fault, Mode, RobotState, frozen
@@ -96,6 +98,8 @@ class RandomRun:
             Walk(frozen([0.2, 0.0, 0.1]) if self.chance(0.7) else None),
             ChangeSettings({"tasks": {"com": {"stiffness": gain}}}),
         ]
+        if controller.walker is not None:
+            kinds += [WalkTo(frozen([1.0, 0.5, 0.3])), WalkFootsteps(frozen([[0.1, 0.12, 0.0], [0.2, -0.12, 0.0]]))]
         return kinds[int(rng.integers(len(kinds)))]
 
 

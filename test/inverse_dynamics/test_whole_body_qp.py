@@ -264,6 +264,25 @@ def test_unsolved_soft_program_has_least_violations(bench, robot, seed, most):
     assert max(solution.residuals.values()) < most  # DAQP's 1e-8 is for rows of norm 1
 
 
+def test_a_change_of_contacts_starts_with_the_active_set_of_the_last_such_change(bench):
+    g1 = bench("g1")
+    lifted = {"left_foot": 0.0, "right_foot": 1.0}
+    pushed = {"pelvis": np.array([0.0, 60.0, 0.0, 0.0, 0.0, 0.0])}
+
+    def iterations(wrenches, **contacts):
+        references = replace(g1.references(), external_wrenches=wrenches)
+        return g1.controller.solve(
+            g1.state(), replace(references, contacts={**references.contacts, **contacts})
+        ).iterations
+
+    assert iterations({}, **lifted) >= 1
+    assert iterations(pushed) > 1
+    assert iterations(pushed) == 1
+    assert iterations({}) > 1  # other active bounds
+    iterations({}, **lifted)
+    assert iterations(pushed) == 1  # not those of the last cycle on two feet
+
+
 def test_relaxed_cycle_has_no_side_effect(bench):
     g1, fresh = bench("g1"), bench("g1")
     before = g1.controller.solve(g1.state(), g1.references())

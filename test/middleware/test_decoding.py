@@ -251,6 +251,37 @@ class TestVelocities:
             read("cmd_vel", "", make.velocity("cmd_vel", [NAN, 0.0, 0.0, 0.0, 0.0, 0.0]))
 
 
+class TestPosesToWalkTo:
+    def test_a_goal(self, make):
+        (change,) = read("walk_goal", "", make.pose([1.0, -2.0, 0.3], [0.0, 0.0, np.sin(0.6), np.cos(0.6)]))
+        np.testing.assert_allclose(change.pose, [1.0, -2.0, 1.2])
+
+    def test_footsteps(self, make):
+        poses = [[0.1, 0.2, -3.0], [0.3, -0.1, 0.5]]
+        (change,) = read("walk_footsteps", "", make.pose_array(poses))
+        np.testing.assert_allclose(change.poses, poses)
+
+    @pytest.mark.parametrize(
+        ("position", "quaternion", "frame", "message"),
+        [
+            ([NAN, 0, 0], [0, 0, 0, 1], "world", "the goal is not finite"),
+            ([2e4, 0, 0], [0, 0, 0, 1], "world", "the goal is at [20000, 0] m; valid: up to 10000 m from the origin"),
+            ([0, 0, 0], [0, 0, 0, 0], "world", "is not a unit quaternion"),
+            ([0, 0, 0], [0.6, 0, 0, 0.8], "world", "the orientation of the goal is tilted (x 0.6, y 0); it must be"),
+            ([0, 0, 0], [0, 0, 0, 1], "pelvis", "frame_id is 'pelvis'; valid for a goal: world, odom, map"),
+        ],
+    )
+    def test_refused_goals(self, make, position, quaternion, frame, message):
+        with refused(message):
+            read("walk_goal", "", make.pose(position, quaternion, frame))
+
+    def test_refused_footsteps(self, make):
+        with refused("the message has 0 footsteps; valid: 1 to 1000"):
+            read("walk_footsteps", "", make.pose_array([]))
+        with refused("step 2 is not finite"):
+            read("walk_footsteps", "", make.pose_array([[0.0, 0.1, 0.0], [NAN, 0.0, 0.0]]))
+
+
 AT = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
 

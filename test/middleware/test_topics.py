@@ -200,7 +200,7 @@ def test_there_is_no_dead_row(bench):
     }  # fmt: skip
     assert incoming == set(READERS) | by_hand
     assert not set(READERS) & by_hand
-    controller = bench().activated(3)
+    controller = bench("g1").activated(30)  # a robot that walks
     for (key, subject), endpoint in expand(
         task_kinds={name: task.type for name, task in controller.settings.tasks.items()},
         contacts=tuple(controller.settings.contacts),

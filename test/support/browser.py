@@ -76,6 +76,10 @@ class Browser:
         """Press a button (True), or set a switch or a slider, by its label."""
         self.say("GuiUpdateMessage", uuid=self.uuid(label), updates={"value": value})
 
+    def hold(self, label: str, frequency: float) -> None:
+        """Hold a button, for one message."""
+        self.say("GuiButtonHoldMessage", uuid=self.uuid(label), frequency=frequency)
+
     def until(self, condition: Any, patience: float = 20.0) -> None:
         until(condition, patience=patience)
 

@@ -15,7 +15,7 @@ from wbc_controller.recording.recording_file import Recording
 
 
 class Run:
-    """A recorded controller of Go2, whose robot moves a little."""
+    """A recorded controller, whose robot moves a little."""
 
     def __init__(self, bench: Any) -> None:
         self.bench = bench
@@ -48,9 +48,9 @@ def record(bench: Callable[..., Any], tmp_path: Path) -> Iterator[Callable[..., 
     """Makes a recorded controller; its process is ended with the test."""
     made: list[Recorder] = []
 
-    def make(file: Path | None = None, changes: dict[str, Any] | None = None) -> Run:
+    def make(file: Path | None = None, changes: dict[str, Any] | None = None, robot: str = "go2") -> Run:
         settings = {"safety": {"activation_ramp": 0.01}, "recorder": {"folder": str(tmp_path / "faults")}}
-        run = Run(bench("go2", {**settings, **(changes or {})}, partial(_recorder, file)))
+        run = Run(bench(robot, {**settings, **(changes or {})}, partial(_recorder, file)))
         run.bench.q = run.bench.q.copy()
         made.append(run.recorder)
         return run

@@ -45,9 +45,13 @@ def test_moving_centre_of_pressure():
 
 
 @given(
-    POINTS, st.floats(-0.4, 0.4), st.floats(0.2, 1.0), st.just(0.0) | st.floats(0.01, 0.3), st.sampled_from([1.0, -1.0]),
+    POINTS,
+    st.floats(-0.4, 0.4),
+    st.floats(0.2, 1.0),
+    st.just(0.0) | st.floats(0.01, 0.3),
+    st.sampled_from([1.0, -1.0]),
     st.floats(0.0, 0.5),
-)  # fmt: skip
+)
 def test_a_periodic_gait_repeats_its_offset(progress, width, single, double, side, push):
     step, following = progress + side * width * 1j, progress - side * width * 1j
     offset = periodic_offset(progress, side * width * 1j, OMEGA, single, double, push)

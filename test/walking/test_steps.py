@@ -4,15 +4,18 @@ import itertools
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wbc_controller.inverse_dynamics.robot.orientation import rotation_of
 from wbc_controller.walking.adaptation import FOOT_SPEED, LONGEST, SHORTEST, TIME_RATE, StepTarget, adapted
+from wbc_controller.walking.feet import Foot, about_z
 from wbc_controller.walking.footsteps import Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import before, later
-from wbc_controller.walking.swing import TOUCHDOWN_SPEED, Axis, Landing, SwingFoot
+from wbc_controller.walking.swing import LATE_SPEED, TOUCHDOWN_SPEED, Axis, Landing, SwingFoot
 from wbc_controller.walking.touchdown import LATEST, lands
 
 GAIT = Gait(
@@ -157,9 +160,35 @@ def test_the_push_of_a_swing_is_the_integral_of_its_acceleration():
 
 def test_a_swing_is_continuous_when_its_target_changes():
     feet, _ = swung(0.5, 250, 0.05)
-    for before, after in itertools.pairwise(feet):
-        for a, b in ((before.x, after.x), (before.y, after.y), (before.z, after.z)):
+    for old, new in itertools.pairwise(feet):
+        for a, b in ((old.x, new.x), (old.y, new.y), (old.z, new.z)):
             assert b.position - a.position == pytest.approx(0.5 * DT * (a.velocity + b.velocity), abs=1e-5)
+
+
+def test_the_reference_of_the_frame_moves_with_the_sole():
+    """Velocity and acceleration are the derivatives of the pose, with a frame off the sole."""
+    placement = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.3), np.array([0.04, -0.01, -0.03]))
+    foot = Foot("foot", "task", 0, placement, (0.1, 0.05))
+
+    def reference(time):
+        x, y, z, heading = (
+            Axis(a + b * time + c * time**2, b + 2.0 * c * time, 2.0 * c)
+            for a, b, c in ((0.3, 1.0, 2.0), (0.1, -0.5, 1.0), (0.2, 0.4, -3.0), (0.7, 1.5, -2.0))
+        )
+        return foot.in_swing(SwingFoot(x, y, z, heading), 0j)
+
+    now = reference(0.0)
+    sole = pin.SE3(about_z(0.7), np.array([0.3, 0.1, 0.2]))
+    frame = sole * placement.inverse()
+    assert now.position[:3] == pytest.approx(frame.translation)
+    assert rotation_of(now.position[3:]) == pytest.approx(frame.rotation)
+    for number in (1, 2):  # velocity and acceleration
+        rate = 1e6 if number == 2 else 500.0
+        before, after = reference(-1e-3).position[:3], reference(1e-3).position[:3]
+        change = after - before if number == 1 else after - 2.0 * now.position[:3] + before
+        assert (now.velocity, now.acceleration)[number - 1][:3] == pytest.approx(rate * change, abs=1e-3)
+    assert now.velocity[3:].tolist() == [0.0, 0.0, 1.5]
+    assert now.acceleration[3:].tolist() == [0.0, 0.0, -4.0]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -177,26 +206,31 @@ def test_noise_of_ground_and_step_time_needs_no_large_acceleration(seed):
 
 def test_a_late_foot_moves_further_down():
     feet, landing = swung(0.1, 100)
-    late = feet[-1].z
-    assert late.velocity == -TOUCHDOWN_SPEED
-    assert late.position == pytest.approx(landing.height - TOUCHDOWN_SPEED * (100 * DT - 0.1), abs=1e-3)
+    late = [foot.z for foot in feet[50:]]
+    assert late[-1].velocity == -LATE_SPEED
+    assert late[-1].position < landing.height - 0.02
+    assert all(after.velocity <= before.velocity for before, after in itertools.pairwise(late))
+    fallen = DT * sum(each.velocity for each in late[1:])
+    assert late[-1].position - late[0].position == pytest.approx(fallen, abs=1e-9)
     assert feet[-1].x.velocity == 0.0
 
 
 @pytest.mark.parametrize(
-    ("share", "late", "wanted", "velocity", "force", "landed"),
+    ("share", "late", "wanted", "velocity", "touching", "landed"),
     [
-        (0.5, -0.2, -0.3, [0.0, 0.1, 0.0], 500.0, False),  # too early to count
+        (0.5, -0.2, -0.3, [0.0, 0.1, 0.0], True, False),  # too early to count
         (0.8, -0.1, -0.1, [0.0, 0.1, -0.1], None, False),
+        (0.7, -0.15, -0.25, [0.0, 0.1, -0.02], None, True),  # the ground is much higher than planned
         (0.9, -0.05, -0.1, [0.0, 0.1, -0.02], None, True),  # the ground is higher than planned
         (0.8, -0.1, -0.3, [0.0, 0.1, -0.25], None, False),
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.1], None, False),  # the ground is lower than planned
         (1.0, 0.0, -0.1, [0.0, 0.1, -0.04], None, True),
         (0.9, -0.05, -0.1, [1.0, 0.0, -0.04], None, False),  # still swinging
         (1.2, LATEST, -0.1, [0.0, 0.1, -0.1], None, True),
-        (0.9, -0.05, -0.1, [0.0, 0.1, 0.0], 5.0, False),  # a measured force counts alone
-        (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], 50.0, True),
+        (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], False, False),
+        (0.9, -0.05, -0.1, [0.0, 0.1, 0.0], False, True),  # too light a touch for the sensor
+        (0.9, -0.05, -0.1, [0.0, 0.1, -0.1], True, True),
     ],
 )
-def test_a_touchdown_is_told_by_force_or_motion(share, late, wanted, velocity, force, landed):
-    assert lands(share, late, wanted, np.array(velocity), force) is landed
+def test_a_touchdown_is_told_by_sensor_or_motion(share, late, wanted, velocity, touching, landed):
+    assert lands(share, late, wanted, np.array(velocity), touching) is landed

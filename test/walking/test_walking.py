@@ -9,10 +9,13 @@ import pytest
 import wbc_controller as wbc
 from wbc_controller.errors import ConfigurationError, InputRefused, NoSolution
 from wbc_controller.inverse_dynamics.references.changes import Walk
+from wbc_controller.middleware.topics import WALKING_KEYS
 from wbc_controller.nodes.wiring import controller_endpoints
 from wbc_controller.recording.json_records import from_json, to_json
+from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase
+from wbc_controller.walking.goal import Goal
 
 #: Command forward, sideways and turning, m/s and rad/s.
 COMMANDS = [
@@ -87,6 +90,18 @@ def test_the_dcm_follows_its_reference_with_the_reaction_of_the_swing_foot():
     assert error_of_the_dcm(1.0) < 0.6 * error_of_the_dcm(0.0)
 
 
+@pytest.mark.parametrize("robot", ["g1", "talos"])
+def test_the_programs_of_the_gait_are_prepared_before_the_first_step(robot):
+    simulation = wbc.Simulation(robot)
+    qp = simulation.controller.qp
+    structures, solvers = set(qp.formulation._structures), set(qp._solvers)
+    simulation.controller.walk(0.1)
+    simulation.run(2.5)
+    assert simulation.controller.walker.steps >= 2
+    assert set(qp.formulation._structures) == structures
+    assert set(qp._solvers) == solvers
+
+
 def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
     """In the last 0.05 s, noise of the ground's height would need large accelerations."""
     simulation = wbc.Simulation("g1")
@@ -98,16 +113,25 @@ def test_the_planned_touchdown_is_frozen_before_the_foot_lands():
         step = walker._step
         if walker.phase is Phase.SINGLE and step.target.time - (simulation.time - walker._since) < 0.045:
             frozen.setdefault(walker.steps, []).append(step.landing)
+    frozen.pop(walker.steps, None)  # not landed yet
     assert len(frozen) >= 2
     for landings in frozen.values():
         assert len(landings) >= 4
         assert all(landing is landings[0] for landing in landings)
 
 
-def test_a_walk_continues_exactly_from_a_saved_state():
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda controller: controller.walk(0.3, 0.0, 0.2),
+        lambda controller: controller.walk_to(1.0, 0.2, 0.3),
+        lambda controller: controller.walk_footsteps([[0.1, 0.1, 0.0], [0.2, -0.1, 0.0], [0.3, 0.1, 0.0]]),
+    ],
+)
+def test_a_walk_continues_exactly_from_a_saved_state(ask):
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
-    controller.walk(0.3, 0.0, 0.2)
+    ask(controller)
     simulation.run(1.7)
     assert controller.walker.phase is Phase.SINGLE
     saved = from_json(to_json(controller.memory()))
@@ -121,6 +145,50 @@ def test_a_walk_continues_exactly_from_a_saved_state():
         assert np.array_equal(other.step(state.q, state.v, time).tau, result.tau)
 
 
+def walk_with_sensors(sensors, seconds=2.6):
+    """Return the torques of G1 and the share of the swing at each touchdown; `sensors` maps walker and time."""
+    simulation = wbc.Simulation("g1")
+    controller, walker = simulation.controller, simulation.controller.walker
+    cycle, torques, shares = controller.cycle, [], []
+
+    def share(now):
+        return (now - walker._since) / walker._step.target.time if walker.phase is Phase.SINGLE else 0.0
+
+    def sensed(inputs):
+        before = share(inputs.now)
+        result = cycle(replace(inputs, touching=sensors(walker, before)))
+        if before > 0.0 and walker.phase is Phase.DOUBLE:
+            shares.append(before)
+        torques.append(result.tau)
+        return result
+
+    controller.cycle = sensed
+    controller.walk(0.2)
+    simulation.run(seconds)
+    return torques, shares
+
+
+def test_a_contact_sensor_tells_the_touchdown():
+    """It must show the foot in the air before: a jammed sensor changes nothing."""
+
+    def early(walker, share):
+        return {walker._feet[-walker._stance].contact: share >= 0.9}
+
+    torques, shares = walk_with_sensors(lambda walker, share: {})
+    assert min(shares) > 0.95
+    jammed, _ = walk_with_sensors(lambda walker, share: {"left_foot": True, "right_foot": True})
+    assert all(np.array_equal(a, b) for a, b in zip(torques, jammed, strict=True))
+    _, shares = walk_with_sensors(early)
+    assert len(shares) >= 2
+    assert 0.9 <= min(shares) <= max(shares) < 0.91
+
+
+def test_force_sensors_of_the_robot_reach_the_walker():
+    trial = EstimationTrial("g1", {"estimation.base_state": "imu", "mock.sensors": "good"}, force_sensors=True)
+    trial.stand()
+    assert trial.report.inputs.touching == {"left_foot": True, "right_foot": True}
+
+
 def test_a_streamed_command_ends_after_its_timeout():
     simulation = wbc.Simulation("g1")
     controller = simulation.controller
@@ -132,6 +200,28 @@ def test_a_streamed_command_ends_after_its_timeout():
     simulation.run(4.0)
     assert controller.walker.phase is Phase.STAND
     assert controller.mode is wbc.Mode.ACTIVE
+
+
+def test_a_goal_and_footsteps_by_topic(bench, make):
+    controller = bench("g1").activated(600)
+    walker = controller.loop.controller.walker
+    controller.send("walk_goal", make.pose([1.0, 0.5, 0.0], [0.0, 0.0, np.sin(0.2), np.cos(0.2)]))
+    report = controller.cycle(2)
+    assert not report.refused
+    assert walker.goal == Goal(1.0 + 0.5j, pytest.approx(0.4))
+    controller.send("walk_footsteps", make.pose_array([[0.1, 0.12, 0.0], [0.2, -0.12, 0.1]]))
+    report = controller.cycle(2)
+    assert not report.refused
+    assert (walker.goal, walker.footsteps_left) == (None, 2)
+    assert [left.data for left in controller.received("walk_footsteps_left")] == [0, 2]
+    controller.send("walk_footsteps", make.pose_array([[9.0, 0.12, 0.0]]))
+    report = controller.cycle(2)
+    assert any("step 1 of 1" in sentence for each in controller.reports[-2:] for sentence in each.refused)
+    assert walker.footsteps_left == 2
+    controller.send("cmd_vel", make.velocity("cmd_vel", [0.0] * 6))
+    controller.cycle(2)
+    assert [left.data for left in controller.received("walk_footsteps_left")] == [0, 2, 0]
+    assert walker.command is None
 
 
 @pytest.mark.parametrize("key", ["cmd_vel", "cmd_vel_stamped"])
@@ -158,9 +248,9 @@ def test_the_watch_of_the_bring_up_does_not_compare_a_robot_that_walks(bench, ma
 
 
 def test_only_robots_that_walk_have_the_topic_of_the_velocity(robot_of):
-    for robot, keys in (("g1", {"cmd_vel", "cmd_vel_stamped"}), ("go2", set())):
+    for robot, keys in (("g1", set(WALKING_KEYS)), ("go2", set())):
         names = {endpoint.key for endpoint in controller_endpoints(*robot_of(robot))}
-        assert names & {"cmd_vel", "cmd_vel_stamped"} == keys
+        assert names & set(WALKING_KEYS) == keys
 
 
 def test_a_walking_robot_stops_before_it_is_deactivated():
@@ -176,6 +266,20 @@ def test_a_walking_robot_stops_before_it_is_deactivated():
     assert phases[-1][0] is Phase.STOP
     assert controller.walker.phase is Phase.STAND
     assert not simulation.plant.fallen
+
+
+@pytest.mark.parametrize(("word", "mode"), [("damp", wbc.Mode.DAMPING), ("estop", wbc.Mode.FAULT)])
+def test_damp_and_estop_do_not_wait_for_the_gait(word, mode):
+    controller = wbc.Controller("g1")
+    q, v = controller.stance(), np.zeros(controller.model.nv)
+    controller.reset(q, v)
+    controller.walk(0.3)
+    controller.step(q, v, 0.002)
+    assert controller.walker.moves
+    controller.request(word)
+    assert controller.step(q, v, 0.004).mode is mode
+    controller.reset(q, v, 0.006)
+    assert not controller.walker.moves
 
 
 def test_a_command_to_walk_is_refused_while_the_robot_stops_for_a_deactivation():

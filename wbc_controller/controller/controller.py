@@ -25,6 +25,8 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetTrajectory,
     SetWeight,
     Walk,
+    WalkFootsteps,
+    WalkTo,
 )
 from wbc_controller.inverse_dynamics.references.ranges import LONGEST, check_change, check_rates
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
@@ -74,6 +76,7 @@ class Controller(ControlCycle):
         self.supervisor = Supervisor(self.model, self._live.supervisor)
         self.qp.dynamics.update(state.q, state.v)
         self.board.reset(self.qp.dynamics, self._time)
+        self._solution = None
         self.model_error.restart()
         if self.walker is not None:
             self.walker.reset()
@@ -247,13 +250,34 @@ class Controller(ControlCycle):
             InputRefused: if a value is not finite, or the configuration has no section ``walking``.
         """
         velocity = finite([forward, sideways, turning], "the walking velocity")
-        if self.walker is None:
-            raise InputRefused(f"{self.model.name} cannot walk: its configuration has no section 'walking'")
+        self._require_walker()
         self._command(Walk(frozen(velocity)))
+
+    def walk_to(self, x: float, y: float, heading: float) -> None:
+        """Walk to a pose in the world, m and rad, and stop there; errors as for `walk`."""
+        pose = finite([x, y, heading], "the goal")
+        self._require_walker()
+        self._command(WalkTo(frozen(pose)))
+
+    def walk_footsteps(self, poses: npt.ArrayLike) -> None:
+        """Step on poses of alternating soles (x, y in m and heading in rad in the world), (n, 3), and stop.
+
+        A standing robot begins with the foot that is nearer to its pose. The next cycle refuses steps out of reach.
+        Errors as for `walk`.
+        """
+        values = np.atleast_2d(finite(poses, "the footsteps"))
+        if values.ndim != 2 or values.shape[1] != 3 or not len(values):
+            raise InputRefused(f"the footsteps have the shape {values.shape}; it must be (n, 3)")
+        self._require_walker()
+        self._command(WalkFootsteps(frozen(values)))
 
     def stand(self) -> None:
         """Stop walking after the step that brings the feet side by side."""
         self._command(Walk(None))
+
+    def _require_walker(self) -> None:
+        if self.walker is None:
+            raise InputRefused(f"{self.model.name} cannot walk: its configuration has no section 'walking'")
 
     def update(self, changes: Mapping[str, Any]) -> None:
         """Change live settings (docs/configuration.md) by dotted key, such as ``{"tasks.com.stiffness": 200.0}``.

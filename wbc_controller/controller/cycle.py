@@ -26,15 +26,17 @@ from wbc_controller.errors import ConfigurationError, InputRefused, MethodError,
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.limits import RowLimit
 from wbc_controller.inverse_dynamics.references.board import ReferenceBoard
-from wbc_controller.inverse_dynamics.references.changes import Change, Walk
+from wbc_controller.inverse_dynamics.references.changes import Change, WalkFootsteps, WalkingChange, WalkTo
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
-from wbc_controller.records import ChangeSettings, Fault, Mode, Reference, References, RobotState, Solution
+from wbc_controller.records import ChangeSettings, Fault, Mode, Reference, References, RobotState, Solution, frozen
 from wbc_controller.safety.supervisor import Supervisor
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.goal import Goal
+from wbc_controller.walking.walker import Walker
 
 _log = logging.getLogger(__name__)
 
@@ -94,6 +96,8 @@ class ControlCycle:
         self.board = ReferenceBoard(self._live.board)
         self.supervisor = Supervisor(model, self._live.supervisor)
         self.walker = make_walker(settings, self.qp)
+        if self.walker is not None:
+            self._prepare_walking(self.walker)
         self._command_timeout = 0.0 if settings.walking is None else settings.walking.command_timeout
         self.holding = self._enabled_contacts()
         self._timer = timer
@@ -106,8 +110,24 @@ class ControlCycle:
         self._failure: NoSolution | None = None
         self._defect: Fault | None = None  # fault outside the cycle
         self.cycle_records: list[CycleRecord] | None = None
+        self._solution: Solution | None = None  # the last one
         self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # inputs of `holding`
         self._changed_outside = False  # state changed between two cycles
+
+    def _prepare_walking(self, walker: Walker) -> None:
+        """Prepare the quadratic programs of the gait, in the nominal posture: a first step must not be late."""
+        model, board = self.qp.model, ReferenceBoard(self._live.board)
+        state = RobotState(0, frozen(model.configuration(model.posture)), frozen(np.zeros(model.nv)))
+        board.reset(self.qp.dynamics, 0.0)
+        standing = board.sample(0.0)
+        own = {name: board.plans[name].weight for name in walker.own_tasks}
+        begins = {**standing.weights, **own}
+        walks = {**begins, **dict.fromkeys(walker.suspended, 0.0)}
+        both = dict.fromkeys(standing.contacts, 0.0) | dict.fromkeys(walker.contact_sets[0], 1.0)
+        self.qp.prepare(state, replace(standing, weights=begins, contacts=both))
+        for names in walker.contact_sets:
+            contacts = {name: float(name in names) for name in standing.contacts}
+            self.qp.prepare(state, replace(standing, weights=walks, contacts=contacts))
 
     @property
     def model(self) -> RobotModel:
@@ -171,7 +191,7 @@ class ControlCycle:
         outcome: Solution | NoSolution | Fault | None = None
         references: References | None = None
         if problem is None and supervisor.solving:
-            outcome, references = self._compute(state, remaining, now, starts, refused)
+            outcome, references = self._compute(state, remaining, now, starts, inputs.touching, refused)
         computed = self._timer()
         was_active = supervisor.mode is Mode.ACTIVE
         command = supervisor.step(now, state, inputs.joint_velocity, problem, outcome)
@@ -230,6 +250,7 @@ class ControlCycle:
 
     def memory(self) -> dict[str, Any]:
         """Return the state between cycles, by part; ``qp`` is None if the solver's warm start is not accessible."""
+        self._update_contact_forces()
         return {
             "walker": None if self.walker is None else save_state(self.walker),
             "qp": self.qp.memory(),
@@ -242,7 +263,7 @@ class ControlCycle:
         """Restore the result of `memory` of a controller with the same configuration, and its settings."""
         self.live.replace_all(settings)
         self._live = self.live.newest
-        self.board = ReferenceBoard(self._live.board)
+        self.board, self._solution = ReferenceBoard(self._live.board), None
         self.supervisor = Supervisor(self.model, self._live.supervisor)
         restore_state(self.board, memory["board"])
         restore_state(self.supervisor, memory["supervisor"])
@@ -328,10 +349,16 @@ class ControlCycle:
         self._apply_live_settings(seconds(state) if state is not None else None)
         return remaining
 
+    def _update_contact_forces(self) -> None:
+        """Pass the contact forces of the last solution to the board, for the ramps of contacts."""
+        if self._solution is not None:
+            self.board.forces = self._solution.forces
+
     def _apply_live_settings(self, time: float | None) -> None:
         """Apply the newest settings, along ramps if the controller is active."""
         newest = self.live.newest
         if newest is not self._live:
+            self._update_contact_forces()
             self.board.replan(newest.board, self.qp.dynamics, time if self.supervisor.solving else None)
             self.supervisor.limits = newest.supervisor
             self.model_error.observer.limits = newest.disturbance
@@ -343,6 +370,7 @@ class ControlCycle:
         changes: Iterable[tuple[Change, ...]],
         now: float,
         starts: bool,
+        touching: Mapping[str, bool],
         refused: list[str],
     ) -> tuple[Solution | NoSolution | Fault, References | None]:
         """Apply sets of changes, sample the references, and solve the quadratic program.
@@ -356,17 +384,20 @@ class ControlCycle:
             if starts:
                 self.qp.dynamics.update(state.q, state.v)
                 self.board.reset(self.qp.dynamics, seconds(state))
+                self._solution = None
                 self.model_error.restart()
                 if self.walker is not None:
                     self.walker.reset()
             elif changes or (self.walker is not None and self.walker.moves):
                 self.qp.formulation.prepare(state)  # anchors and steps begin at the present state
+            if changes:
+                self._update_contact_forces()
             for each in changes:
                 try:
                     self._apply(each, seconds(state))
                 except InputRefused as refusal:
                     refused.append(str(refusal))
-            steps = self._walk(now, seconds(state)) if self.walker is not None and self.walker.moves else {}
+            steps = self._walk(now, seconds(state), touching) if self.walker is not None and self.walker.moves else {}
             references = self.board.sample(seconds(state))
             if steps:
                 references = replace(references, tasks={**references.tasks, **steps})
@@ -375,7 +406,8 @@ class ControlCycle:
                 self._streamed = {}
             if not self.model_error.is_idle:
                 references = self._add_disturbance(state, references, refused)
-            return self.qp.solve(state, references, self.supervisor.torques_before(now), False), references
+            self._solution = self.qp.solve(state, references, self.supervisor.torques_before(now), False)
+            return self._solution, references
         except NoSolution as failure:
             return failure, references
         except Exception as error:
@@ -383,22 +415,34 @@ class ControlCycle:
 
     def _apply(self, changes: Sequence[Change], time: float) -> None:
         """Apply a set of changes of references, all or none, or raise `InputRefused`."""
-        walks = [change for change in changes if isinstance(change, Walk)]
-        if walks and self.walker is None:
-            raise InputRefused("this robot cannot walk: its configuration has no section 'walking'")
-        for walk in walks:  # first: the board refuses no change of a set with a walking command
-            if self.walker is not None:
-                until = time + self._command_timeout if walk.streamed else np.inf
-                self.walker.ask(None if walk.velocity is None else Velocity.of(walk.velocity), until)
-        self.board.apply([change for change in changes if not isinstance(change, Walk)], self.qp.dynamics, time)
+        for change in changes:  # first: the board refuses no change of a set with a walking command
+            if isinstance(change, WalkingChange):
+                self._apply_walk(change, time)
+        others = [change for change in changes if not isinstance(change, WalkingChange)]
+        self.board.apply(others, self.qp.dynamics, time)
 
-    def _walk(self, now: float, time: float) -> Mapping[str, Reference]:
+    def _apply_walk(self, change: WalkingChange, time: float) -> None:
+        """Pass a command to the walker, or raise `InputRefused`."""
+        if self.walker is None:
+            raise InputRefused("this robot cannot walk: its configuration has no section 'walking'")
+        if isinstance(change, WalkTo):
+            x, y, heading = change.pose.tolist()
+            self.walker.go(Goal(complex(x, y), heading))
+        elif isinstance(change, WalkFootsteps):
+            self.walker.follow(change.poses, self.qp.dynamics)
+        else:
+            until = time + self._command_timeout if change.streamed else np.inf
+            self.walker.ask(None if change.velocity is None else Velocity.of(change.velocity), until)
+
+    def _walk(self, now: float, time: float, touching: Mapping[str, bool]) -> Mapping[str, Reference]:
         """Update the walker at the time of the state, s; return the references of its tasks."""
         walker, board, dynamics = self.walker, self.board, self.qp.dynamics
         if walker is None:
             return {}
         orientations = {name: board.present(name, time).position for name in walker.orientations}
-        decision = walker.update(time, dynamics, orientations, {})
+        decision = walker.update(time, dynamics, orientations, touching)
+        if decision.changes:
+            self._update_contact_forces()
         board.apply(decision.changes, dynamics, time)
         if walker.leaving and not walker.moves:
             walker.leaving = False

@@ -33,6 +33,7 @@ class LatchedInputs:
     refused_states: tuple[str, ...] = ()  # one sentence per refused sensor message
     requests: UserRequests = field(default_factory=UserRequests)  # requests of users
     estimate: Mapping[str, str] = field(default_factory=dict)  # diagnostics of the base estimate, by key
+    touching: Mapping[str, bool] = field(default_factory=dict)  # states of the contact sensors, by contact
 
     @property
     def refused(self) -> tuple[str, ...]:
@@ -51,6 +52,8 @@ class CycleInputs:
     requests: tuple[str, ...] = ()  # requests to the supervisor, in order
     #: sets of changes, in order; each set is applied completely or not at all
     changes: tuple[Sequence[Change | ChangeSettings], ...] = ()
+    #: states of the contact sensors, by contact: True under load; without contacts that have no fresh sensor
+    touching: Mapping[str, bool] = field(default_factory=dict)
 
 
 @dataclass(slots=True)

@@ -28,13 +28,16 @@ class ContactSensing:
 class ContactDetector:
     """Detector of active contacts: by fresh force, else by the last switch message of any age, else as planned.
 
-    `silent` contains the contacts with a stale force.
+    Attributes:
+        silent: contacts with a stale force.
+        measured: state of each contact with a switch or a fresh force.
     """
 
     def __init__(self, limits: DetectionLimits) -> None:
         """Start without measurements."""
         self.limits = limits
         self.silent: tuple[str, ...] = ()
+        self.measured: Mapping[str, bool] = {}
         self._by_force: dict[str, bool] = {}
         self._by_switch: dict[str, bool] = {}
 
@@ -50,11 +53,12 @@ class ContactDetector:
         """Reset the forces after a restart of the clock."""
         self._by_force.clear()
         self.silent = ()
+        self.measured = dict(self._by_switch)
 
     def active(self, planned: Collection[str], ages: Mapping[str, float]) -> frozenset[str]:
         """Return the active contacts from the planned ones and the age of each force, s."""
         fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self.limits.timeout}
         self.silent = tuple(name for name in self._by_force if name not in fresh)
-        measured = {**self._by_switch, **fresh}
+        self.measured = measured = {**self._by_switch, **fresh}
         unmeasured = [name for name in planned if name not in measured]
         return frozenset(unmeasured + [name for name, active in measured.items() if active])

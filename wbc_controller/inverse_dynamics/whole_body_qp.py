@@ -60,7 +60,11 @@ class WholeBodyQP:
         self._solver_name = solver
         self._timer = timer
         self._solvers: dict[tuple[str, ...], Solver] = {}
+        self._prepared: tuple[tuple[str, ...], ...] = ()  # regular sets of contacts in the nominal posture
         self._current: tuple[Layout, Solver] | None = None  # of the last cycle
+        self._change: tuple[tuple[str, ...], tuple[str, ...]] | None = None  # of the contacts, not solved yet
+        #: Active set found at the last change from one set of contacts to another.
+        self._first_sets: dict[tuple[tuple[str, ...], tuple[str, ...]], Any] = {}
         self._hierarchies: dict[tuple[str, ...], Hierarchy] = {}
         self._priorities = formulation.has_priorities
         if self._priorities and not self._solver_of(self.formulation.layout(())).for_levels:
@@ -69,6 +73,7 @@ class WholeBodyQP:
                 "daqp, and quadprog through qpsolvers"
             )
         self._solver_of(self.formulation.layout(tuple(self.contacts)))
+        self._change = None
 
     @property
     def model(self) -> RobotModel:
@@ -94,12 +99,22 @@ class WholeBodyQP:
         """Return the stacked Jacobians (k, nv) of active contacts in the last cycle."""
         return self.formulation.layout(names).J
 
+    def prepare(self, state: RobotState, references: References) -> None:
+        """Allocate arrays for the tasks and contacts of references, so that their first use takes no longer."""
+        layout = self.formulation.build(state, references)
+        self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
+        self._prepared = tuple(sorted(self.formulation.regular))
+
     def forget(self) -> None:
         """Discard all warm starts."""
-        self._solvers.clear()
+        self._solvers = {
+            key: make_solver(self._solver_name, self.formulation.layout(key).problem) for key in self._solvers
+        }
         self._hierarchies.clear()
-        self._current = None
+        self._current = self._change = None
+        self._first_sets.clear()
         self.formulation.redundancy = None
+        self.formulation.regular = set(self._prepared)
 
     def memory(self) -> dict[str, Any] | None:
         """Return warm starts and last state, for `recall`; None if a back end hides its warm start."""
@@ -111,8 +126,11 @@ class WholeBodyQP:
             "q": self.dynamics.q,
             "v": self.dynamics.v,
             "solvers": solvers,
+            "current": None if self._current is None else self._current[0].key,
+            "first_sets": [(*change, side) for change, side in self._first_sets.items()],
             "hierarchies": hierarchies,
             "redundancy": self.formulation.redundancy,
+            "regular": sorted(self.formulation.regular),
         }
 
     def recall(self, memory: Mapping[str, Any]) -> None:
@@ -121,16 +139,32 @@ class WholeBodyQP:
         self.dynamics.update(memory["q"], memory["v"])
         found = memory.get("redundancy")
         self.formulation.redundancy = None if found is None else (tuple(found[0]), bool(found[1]))
+        self.formulation.regular = {tuple(key) for key in memory.get("regular", ())}
         for key, remembered in memory["solvers"]:
             self._solver_of(self.formulation.layout(tuple(key))).recall(remembered)
+        self._current = self._change = None
+        if memory.get("current") is not None:
+            layout = self.formulation.layout(tuple(memory["current"]))
+            self._current = layout, self._solvers[layout.key]
+        self._first_sets = {(tuple(a), tuple(b)): side for a, b, side in memory.get("first_sets", ())}
         for key, remembered in memory["hierarchies"]:
             hierarchy = self._hierarchies[tuple(key)] = Hierarchy(partial(make_solver, self._solver_name), self._timer)
             hierarchy.recall(remembered)
 
     def _solver_of(self, layout: Layout) -> Solver:
+        """Return the solver for a set of contacts.
+
+        After a change of the set, it starts with the active set that it found at the last such change. The active set
+        with which a foot lifts off is far from that with which it lands.
+        """
+        if self._current is not None and self._current[0] is layout:
+            return self._current[1]
         if layout.key not in self._solvers:
             self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
-        solver = self._solvers[layout.key]
+        solver, before = self._solvers[layout.key], () if self._current is None else self._current[0].key
+        if solver.active_set is not None:
+            self._change = before, layout.key
+            solver.active_set.restart(self._first_sets.get(self._change))
         self._current = layout, solver
         return solver
 
@@ -214,9 +248,10 @@ class WholeBodyQP:
 
     def _solve_with_relaxation(self, layout: Layout, references: References) -> Answer:
         """Solve a problem with the least relaxation; an answer without residuals is no solution."""
-        current = self._current
-        solver = current[1] if current is not None and current[0] is layout else self._solver_of(layout)
+        solver = self._solver_of(layout)
         answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
+        if self._change is not None and solver.active_set is not None:
+            self._first_sets[self._change], self._change = solver.active_set.side.copy(), None
         if answer.x is None and answer.status != NOT_FINITE and self.formulation.find_redundancy(layout):
             answer = self._solve_levels(layout) if self._priorities else solver.solve(layout.problem)
         known = answer.residuals

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import math
 import reprlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,6 +25,8 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetTrajectory,
     SetWeight,
     Walk,
+    WalkFootsteps,
+    WalkTo,
 )
 from wbc_controller.inverse_dynamics.references.relative import own_frames
 from wbc_controller.inverse_dynamics.references.trajectories import Knot
@@ -276,6 +279,35 @@ def _read_velocity(twist: Any) -> tuple[Change, ...]:
     return (Walk(velocity if velocity.any() else None, streamed=True),)
 
 
+MAX_DISTANCE = 1.0e4  # largest coordinate of a pose on the ground, m
+_MAX_FOOTSTEPS = 1000
+_LARGEST_TILT = 0.1  # of a pose on the ground, as a component of a unit quaternion
+
+
+def _pose_on_ground(pose: Any, what: str) -> Array:
+    """Return x, y in m and heading in rad of a pose, (3,)."""
+    place = finite([pose.position.x, pose.position.y], what)
+    if not (np.abs(place) <= MAX_DISTANCE).all():
+        raise InputRefused(f"{what} is at {shortened(place)} m; valid: up to {MAX_DISTANCE:g} m from the origin")
+    x, y, z, w = _quaternion(pose.orientation).tolist()
+    if not (abs(x) <= _LARGEST_TILT and abs(y) <= _LARGEST_TILT):
+        raise InputRefused(f"the orientation of {what} is tilted (x {x:g}, y {y:g}); it must be a rotation about z")
+    return np.array([*place, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))])
+
+
+def _read_goal(content: Any) -> tuple[Change, ...]:
+    _require_world_frame(content, "a goal")
+    return (WalkTo(_pose_on_ground(content.pose, "the goal")),)
+
+
+def _read_footsteps(content: Any) -> tuple[Change, ...]:
+    _require_world_frame(content, "footsteps")
+    if not (1 <= len(content.poses) <= _MAX_FOOTSTEPS):
+        raise InputRefused(f"the message has {len(content.poses)} footsteps; valid: 1 to {_MAX_FOOTSTEPS}")
+    poses = [_pose_on_ground(pose, f"step {i}") for i, pose in enumerate(content.poses, 1)]
+    return (WalkFootsteps(np.array(poses)),)
+
+
 def _wrench(content: Any) -> Array:
     return finite([*_xyz(content.wrench.force), *_xyz(content.wrench.torque)], "the wrench")
 
@@ -382,5 +414,7 @@ READERS: Mapping[str, Callable[[Vocabulary, str, Any], tuple[Change | ChangeSett
     "external_wrench": _read_external_wrench,
     "cmd_vel": lambda vocabulary, subject, content: _read_velocity(content),
     "cmd_vel_stamped": lambda vocabulary, subject, content: _read_velocity(content.twist),
+    "walk_goal": lambda vocabulary, subject, content: _read_goal(content),
+    "walk_footsteps": lambda vocabulary, subject, content: _read_footsteps(content),
     "update": _read_update,
 }

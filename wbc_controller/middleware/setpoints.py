@@ -9,7 +9,7 @@ import numpy as np
 
 from wbc_controller.middleware.codec import header, message
 from wbc_controller.middleware.message_layout import Template
-from wbc_controller.middleware.odometry import quaternion
+from wbc_controller.middleware.odometry import quaternion, vector
 from wbc_controller.records import Array
 
 #: Field of the JointState, by kind of task with references by joint name.
@@ -80,6 +80,13 @@ def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
     """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m, or a force, (3,)."""
     parts = message("geometry_msgs/msg/Wrench", force=_xyz("Vector3", wrench[:3]), torque=_xyz("Vector3", wrench[3:]))
     return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, frame), wrench=parts)
+
+
+def velocity_message(velocity: Sequence[float]) -> Any:
+    """Make a geometry_msgs/Twist from a velocity forward and to the left, m/s, and a turning rate, rad/s."""
+    forward, left, turning = velocity
+    linear, angular = vector(np.array([forward, left, 0.0])), vector(np.array([0.0, 0.0, turning]))
+    return message("geometry_msgs/msg/Twist", linear=linear, angular=angular)
 
 
 def _xyz(kind: str, values: Array) -> Any:

@@ -112,7 +112,7 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
     Topic("task_enable", "~/tasks/{task}/enable", "std_msgs/msg/Bool", _IN, REQUEST,
           "Switches a task on or off, along a ramp of its weight."),
     Topic("contact_enable", "~/contacts/{contact}/enable", "std_msgs/msg/Bool", _IN, REQUEST,
-          "Activates or deactivates a contact, along a ramp of its largest normal force."),
+          "Activates or deactivates a contact, along a ramp of its force."),
     Topic("external_wrench", "~/external_wrenches/{frame}", "geometry_msgs/msg/WrenchStamped", _IN, REQUEST,
           "Known external wrench at a frame's origin in world axes, until replaced (S4)."),
     Topic("cmd_vel", "cmd_vel", "geometry_msgs/msg/Twist", _IN, REQUEST,
@@ -120,6 +120,11 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "rad/s. Zero, or no message for `walking.command_timeout`, stops it. Only with the section `walking`."),
     Topic("cmd_vel_stamped", "cmd_vel_stamped", "geometry_msgs/msg/TwistStamped", _IN, REQUEST,
           "As `cmd_vel`, with an ignored header."),
+    Topic("walk_goal", "~/walk/goal", "geometry_msgs/msg/PoseStamped", _IN, REQUEST,
+          "Walk to x, y and heading in the world and stop there, until another walking command."),
+    Topic("walk_footsteps", "~/walk/footsteps", "geometry_msgs/msg/PoseArray", _IN, REQUEST,
+          "Walk by poses of the soles in the world (x, y, heading), left and right in turn, then stop; refused with a "
+          "step out of reach. A standing robot begins with the foot that is nearer to its pose."),
     Topic("update", "~/update", "std_msgs/msg/String", _IN, REQUEST,
           "YAML with weights, enables, setpoints, contacts and live settings, applied in one cycle, all or nothing."),
     Topic("command", "~/command", "std_msgs/msg/String", _IN, REQUEST,
@@ -140,6 +145,8 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "Present value of the task in the same form (on demand)."),
     Topic("state", "~/state", "std_msgs/msg/String", _OUT, LATCHED,
           "The mode, with code and reason of a fault."),
+    Topic("walk_footsteps_left", "~/walk/footsteps_left", "std_msgs/msg/Int32", _OUT, LATCHED,
+          "Number of planned footsteps without a touchdown; 0 after the last one, or after another walking command."),
     Topic("diagnostics", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", _OUT, REQUEST,
           "Status of the control loop (docs/diagnostics.md), at `control.diagnostics_rate` on demand, else "
           "once per second."),
@@ -147,7 +154,8 @@ CONTROLLER_TOPICS: tuple[Topic, ...] = (
           "For RViz and Foxglove in the world frame (docs/diagnostics.md, on demand)."),
 )
 
-WALKING_KEYS = ("cmd_vel", "cmd_vel_stamped")  # rows of walking robots only
+#: Rows of walking robots only.
+WALKING_KEYS = ("cmd_vel", "cmd_vel_stamped", "walk_goal", "walk_footsteps", "walk_footsteps_left")
 
 MOCK_NODE = "mock_robot"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 
 from wbc_controller.errors import InputRefused
 from wbc_controller.estimation.contact_detection import ContactDetector, ContactSensing
@@ -37,6 +37,11 @@ class ContactSensors:
         if reason is not None:
             raise InputRefused(reason)
         self._detector.update_force(contact, measured.normal)
+
+    @property
+    def measured(self) -> Mapping[str, bool]:
+        """State of each contact by its switch or fresh force, at the last `update_active`."""
+        return self._detector.measured
 
     def restart(self) -> None:
         """Restart the timestamp trackers after a jump of the clock."""

@@ -32,6 +32,7 @@ from wbc_controller.nodes.clock import Clock, MonotonicClock
 from wbc_controller.nodes.diagnostics.markers import MarkerScene
 from wbc_controller.nodes.diagnostics.shortfall import Shortfall
 from wbc_controller.nodes.diagnostics.task_states import TaskStates
+from wbc_controller.nodes.diagnostics.walk_status import walk_values
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.loop import ControlLoop
 from wbc_controller.nodes.outputs import Outputs
@@ -153,7 +154,7 @@ def make_loop(
             markers_period,
             node,
             scheduling,
-            lambda: {**inputs.status(), **recorded()},
+            lambda: {**inputs.status(), **recorded(), **walk_values(controller.walker)},
         ),
         make_audit(settings, model),
         BringUpWatch(model, settings.safety.bring_up_time, settings.safety.bring_up_speed, 1.0 / settings.control.rate),

@@ -238,6 +238,7 @@ class Inputs:
             refused_states=tuple(refused),
             requests=self.requests.take() if self.requests.has_decoded() else UserRequests(),
             estimate=self._pose_notes(),
+            touching={} if self._contact_sensors is None else self._contact_sensors.measured,
         )
 
     def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:

@@ -112,6 +112,7 @@ class ControlLoop:
             problem=problem,
             requests=requests,
             changes=latched.requests.changes,
+            touching=latched.touching,
         )
         result = controller.cycle(cycle_inputs)
         late = None
@@ -154,8 +155,9 @@ class ControlLoop:
         }
         report = self._report(latched, result, stages, refused, audit)
         outputs.publish_status(report, now, clock.stamp())
+        outputs.publish_footsteps(controller.walker)
         outputs.publish_tasks(now, latched.state, controller.qp.dynamics, references, solution)
-        outputs.publish_markers(now, latched.state, references, solution)
+        outputs.publish_markers(now, latched.state, references, solution, controller.walker)
         outputs.compose()
         if self._logged or report.refused or report.fault is not None or report.mode is not self._logged_mode:
             self._log_changes(report, now)

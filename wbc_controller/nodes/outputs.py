@@ -28,6 +28,7 @@ from wbc_controller.nodes.diagnostics.shortfall import Shortfall
 from wbc_controller.nodes.diagnostics.status import StatusSummary
 from wbc_controller.nodes.diagnostics.task_states import TaskStates
 from wbc_controller.records import Fault, Mode, References, RobotState, Solution
+from wbc_controller.walking.walker import Walker
 
 #: Rows of the topic table with messages on demand.
 _ON_DEMAND = ("contact_wrench", "task_reference", "task_value", "markers", "diagnostics")
@@ -65,7 +66,7 @@ class Outputs:
         markers_period: s; inf for none.
         node: name with namespace.
         scheduling: for diagnostics.
-        recorder: returns diagnostics of inputs and recorder.
+        recorder: returns diagnostics of inputs, recorder and walker.
     """
 
     def __init__(
@@ -108,6 +109,7 @@ class Outputs:
             for name, contact in contacts.items()
         }
         self._published_mode: Mode | None = None
+        self._published_footsteps: int | None = None
         self._published_fault: Fault | None = None
         self._summary = StatusSummary(node, model.name, scheduling, model, recorder)
         self._diagnostics_period = diagnostics_period
@@ -166,6 +168,12 @@ class Outputs:
             self._begin("diagnostics", self._summary.compose(wall, self._shortfalls))
         self._subscriptions.update(now)
 
+    def publish_footsteps(self, walker: Walker | None) -> None:
+        """Send a changed number of planned footsteps."""
+        if walker is not None and walker.footsteps_left != self._published_footsteps:
+            self._published_footsteps = walker.footsteps_left
+            self._send("walk_footsteps_left", message("std_msgs/msg/Int32", data=self._published_footsteps))
+
     def publish_tasks(
         self,
         now: float,
@@ -189,13 +197,19 @@ class Outputs:
                 self._publish[key, states[0]](content)
 
     def publish_markers(
-        self, now: float, state: RobotState | None, references: References | None, solution: Solution | None
+        self,
+        now: float,
+        state: RobotState | None,
+        references: References | None,
+        solution: Solution | None,
+        walker: Walker | None,
     ) -> None:
         """Begin the markers if due and subscribed."""
         if state is not None and now >= self._markers_due:
             self._markers_due = now + self._markers_period
             if self._subscriptions.subjects["markers"]:
-                self._begin("markers", self._scene.compose(state, references, solution))
+                plan = None if walker is None or solution is None else walker.plan()
+                self._begin("markers", self._scene.compose(state, references, solution, plan))
 
     def compose(self) -> None:
         """Compose one piece of the oldest unfinished message."""

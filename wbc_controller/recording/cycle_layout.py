@@ -16,7 +16,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.records import Array, Mode, Reference, References
 
-FORMAT = 5  # version of recordings; other versions are rejected
+FORMAT = 6  # version of recordings; other versions are rejected
 MODES = tuple(Mode)
 AGES = ("joint_states", "odom", "imu", "base estimate")  # recorded ages and stage times
 STAGES = (
@@ -46,6 +46,7 @@ def cycle_slots(model: RobotModel, contacts: Mapping[str, Contact]) -> tuple[Slo
     slots += [Slot("cycle", f"audit/{name}", 1) for name in ("energy", "throughput", "warnings")]
     slots += [Slot("cycle", "audit/force", 3), Slot("cycle", "audit/torques", model.nj)]
     slots += [Slot("state", "q", model.nq), Slot("state", "v", model.nv), Slot("state", "joint_velocity", model.nj)]
+    slots += [Slot("state", f"touching/{name}", 1) for name in contacts]
     slots += [Slot("torques", "tau", model.na)]
     slots += [Slot("solution", "v_dot", model.nv), Slot("solution", "tau_wanted", model.na)]
     slots.append(Slot("solution", "disturbance", model.nv))
@@ -130,6 +131,7 @@ class CycleRow:
             numbers |= {"q": state.q, "v": state.v}
         if velocity is not None:
             numbers["joint_velocity"] = velocity
+        numbers |= {f"touching/{name}": pressed for name, pressed in inputs.touching.items()}
         if command is not None:
             numbers["tau"] = command.tau
         if solution is not None:

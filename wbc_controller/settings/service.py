@@ -7,10 +7,13 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from wbc_controller.settings.contacts import Direction
-from wbc_controller.settings.values import NonNegative, Positive, Section
+from wbc_controller.settings.values import Name, NonNegative, Positive, Section, Vector3
 
 #: Joint damping, N·m·s/rad. Larger values are likely in another unit.
 Damping = Annotated[NonNegative, Field(le=100.0)]
+
+#: Largest number of cells of a block of ground.
+MOST_CELLS = 2000
 
 #: Name of a ROS 2 node, with or without its namespace.
 NodeName = Annotated[str, Field(pattern=r"^(/?[A-Za-z_][A-Za-z0-9_]*)+$", max_length=255)]
@@ -231,6 +234,46 @@ class AuditSettings(Section):
 SensorQuality = Literal["ideal", "good", "cheap"]
 
 
+class TerrainSettings(Section):
+    """Block of ground on the floor of the mock robot: a step, a slope, a mat, or uneven cells."""
+
+    position: Vector3 = Field(
+        description="Middle of the edge at -x of the upper face, m; `rpy` turns the block about this point."
+    )
+    size: Annotated[list[Annotated[Positive, Field(le=200.0)]], Field(min_length=3, max_length=3)] = Field(
+        description="Length along x, width along y and thickness, m."
+    )
+    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Roll, pitch and yaw, rad; a pitch above 0 descends along x.")
+    friction: Annotated[NonNegative, Field(le=2.0)] | None = Field(
+        None, description="Coulomb friction coefficient; default `mock.friction`."
+    )
+    stiffness: Annotated[Positive, Field(le=1.0e7)] | None = Field(
+        None, description="Stiffness at each contact point of the robot, N/m; rigid by default."
+    )
+    damping: Annotated[Positive, Field(le=1.0e6)] = Field(
+        500.0, description="Damping at each contact point of soft ground, N·s/m."
+    )
+    unevenness: NonNegative = Field(
+        0.0, le=1.0, description="Largest random difference in height of a cell, upwards or downwards, m."
+    )
+    cell: Positive = Field(0.3, description="Side of a square cell of uneven ground, m.")
+    seed: int = Field(0, ge=0, le=2**31 - 1, description="Random seed of the heights.")
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Number of cells along x and y; one without unevenness."""
+        if self.unevenness == 0.0:
+            return 1, 1
+        return max(1, round(self.size[0] / self.cell)), max(1, round(self.size[1] / self.cell))
+
+    @model_validator(mode="after")
+    def _few_cells(self) -> TerrainSettings:
+        count = self.cells[0] * self.cells[1]
+        if count > MOST_CELLS:
+            raise ValueError(f"cell = {self.cell}: the block has {count} cells; at most {MOST_CELLS} are allowed")
+        return self
+
+
 class MockSettings(Section):
     """Mock robot."""
 
@@ -239,6 +282,7 @@ class MockSettings(Section):
     friction: Annotated[NonNegative, Field(le=2.0)] = Field(
         0.7, description="Coulomb friction coefficient of the floor, independent of the contacts."
     )
+    terrain: dict[Name, TerrainSettings] = Field(default_factory=dict, description="Blocks of ground on the floor.")
     push_duration: Annotated[Positive, Field(le=10.0)] = Field(0.1, description="Duration of a push, s.")
     command_timeout: Annotated[Positive, Field(le=10.0)] = Field(
         0.1, description="Age of the torques after which the robot damps its joints itself, s."

@@ -10,7 +10,7 @@ import pinocchio as pin
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.records import Array
 from wbc_controller.settings import ContactSettings
-from wbc_controller.simulation.mechanism import FLOOR, ON_THE_FLOOR, geom_names
+from wbc_controller.simulation.mechanism import ON_THE_FLOOR, geom_names
 
 #: Distance beyond any geom, m.
 _FAR = 1.0e3
@@ -25,7 +25,9 @@ class ContactForces:
     def __init__(self, model: Any, contacts: Mapping[str, ContactSettings], bodies: Mapping[str, int]) -> None:
         """Find the geoms of the contacts from the MuJoCo body of each."""
         self._model = model
-        #: Geoms that can touch the floor.
+        #: Geoms of floor and terrain.
+        self.ground = [int(geom) for geom in np.flatnonzero(model.geom_contype & ON_THE_FLOOR)]
+        #: Geoms that can touch the ground.
         self.on_the_floor = [int(geom) for geom in np.flatnonzero(model.geom_conaffinity & ON_THE_FLOOR)]
         #: Geoms of each contact.
         self.geoms = {
@@ -61,13 +63,13 @@ class ContactForces:
     def bodies_without_contact(self, data: Any) -> frozenset[int]:
         """Return the bodies that touch the floor without a contact."""
         geoms = (int(geom) for touch in data.contact for geom in touch.geom)
-        floor = self._model.geom(FLOOR).id
-        return frozenset(
-            int(self._model.geom_bodyid[geom]) for geom in geoms if geom != floor and geom not in self._contacts
-        )
+        known = {*self.ground, *self._contacts}
+        return frozenset(int(self._model.geom_bodyid[geom]) for geom in geoms if geom not in known)
 
-    def height(self, data: Any, geoms: Iterable[int]) -> float:
-        """Return the height of the lowest geom above the floor, m; inf without geoms."""
-        floor = self._model.geom(FLOOR).id
-        heights = [mujoco.mj_geomDistance(self._model, data, floor, geom, _FAR, None) for geom in geoms]
-        return min(heights, default=float("inf"))
+    def distance(self, data: Any, geoms: Iterable[int]) -> float:
+        """Return the smallest distance of geoms from the ground, m, negative inside; inf without geoms."""
+        closest = _FAR
+        for geom in geoms:
+            for ground in self.ground:
+                closest = min(closest, mujoco.mj_geomDistance(self._model, data, ground, geom, closest, None))
+        return closest if closest < _FAR else float("inf")

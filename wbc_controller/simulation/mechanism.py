@@ -1,4 +1,4 @@
-"""MuJoCo's model of the robot: mechanism, floor, shapes and hoist."""
+"""MuJoCo's model of the robot: mechanism, ground, shapes and hoist."""
 
 import logging
 import math
@@ -29,6 +29,7 @@ from wbc_controller.settings import (
 from wbc_controller.simulation.attachments import Attachment, add_attachment, frame_on_joint
 from wbc_controller.simulation.joint_models import add_mimic_joints, add_rotors, add_springs
 from wbc_controller.simulation.shapes import CORNER_RADIUS, RIM_RADIUS, Shape, add_shape
+from wbc_controller.simulation.terrain import add_terrain
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +45,7 @@ IMPEDANCE = 0.98
 SLAB, SLAB_DEPTH = 0.15, 0.01
 #: Mass of a link without inertia, as a share of the robot's, and its inertia per mass, m²; MuJoCo refuses zero.
 _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
-#: Collision bit of the floor.
+#: Collision bit of the ground: floor and terrain.
 ON_THE_FLOOR = 1
 #: Stiffness of friction relative to the normal direction, against creep.
 FRICTION_STIFFNESS = 10.0
@@ -248,6 +249,11 @@ def compile_mechanism(
         floor.quat = position_and_wxyz(pin.SE3(rotation_to(np.array(mock.floor_normal)), np.zeros(3)))[3:]
         floor.contype, floor.conaffinity = ON_THE_FLOOR, 0
         _set_contact_surface(floor, mock.friction, stiff, impedance)
+        for name, block in mock.terrain.items():
+            friction = mock.friction if block.friction is None else block.friction
+            for geom in add_terrain(spec, name, block):
+                geom.contype, geom.conaffinity = ON_THE_FLOOR, 0
+                _set_contact_surface(geom, friction, stiff, impedance)
         for joint, own in shapes.items():
             body = _body(spec, model, joint, root)
             for index, shape in enumerate(own):

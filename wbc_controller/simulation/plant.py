@@ -31,6 +31,7 @@ from wbc_controller.simulation.contact_forces import ContactForces
 from wbc_controller.simulation.hoist import RAMP, Hoist
 from wbc_controller.simulation.mechanism import add_friction, compile_mechanism, contact_frame, rotation_to
 from wbc_controller.simulation.shapes import Shape, read_shapes
+from wbc_controller.simulation.terrain import soften
 
 _log = logging.getLogger(__name__)
 
@@ -38,8 +39,10 @@ _log = logging.getLogger(__name__)
 PUSH_LIMIT = 1.0e5
 #: Longest push, s.
 _LONGEST_PUSH = 86_400.0
-#: Tilt, rad, and share of the initial height of a fallen base (of the centre of mass, if higher).
-FALLEN_TILT, FALLEN_HEIGHT = math.radians(60.0), 0.5
+#: Tilt, rad, and share of the initial height above the lowest foot of a fallen base (of the centre of mass, if higher).
+FALLEN_TILT, FALLEN_HEIGHT = math.radians(70.0), 0.5
+#: Height above the floor from which the robot is lowered to the ground at its start, m; accuracy, m, and most steps.
+_ABOVE, _TOUCHING, _LOWERINGS = 20.0, 1.0e-9, 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,21 +112,26 @@ class Plant:
         self._locks: dict[str, list[object]] = {}
         self._unlocked: dict[str, tuple[bool, Any]] = {}  # limit flag and range without the lock
         self._stale = False
-        start = self._initial_base(normal)
-        self._fallen_height = self._lowest_base(start) if self.contacts else -math.inf
+        soften(self.model, settings.mock.terrain, [foot.id for foot in self._feet.values()])
+        start = self._initial_base()
         self._hoist = Hoist(self.model, self.data, start) if model.floating_base else None
         for closure in self._closures.values():
             place(self.model, closure, closure.placements[0])
         self.set_state(model.configuration(model.posture, start), np.zeros(model.nv))
+        self._fallen_height = self._lowest_base() if self.contacts else -math.inf
         for name in self._grips:
             self.grip(name, self.contacts[name].enabled)
 
-    def _lowest_base(self, start: pin.SE3) -> float:
-        """Return the height of the base of a fallen robot, m, for its initial placement."""
-        model = self._robot
-        com = pin.centerOfMass(model.pinocchio, model.pinocchio.createData(), model.configuration(model.posture, start))
-        base = float(start.translation[2])
-        return base - (1.0 - FALLEN_HEIGHT) * max(base, float(com[2]))
+    def _lowest_base(self) -> float:
+        """Return the height above the lowest foot of the base of a fallen robot, m, from its initial state."""
+        model, (q, _) = self._robot, self.state()
+        com = pin.centerOfMass(model.pinocchio, model.pinocchio.createData(), q)
+        foot, base = self._lowest_foot(), float(q[2])
+        return base - foot - (1.0 - FALLEN_HEIGHT) * (max(base, float(com[2])) - foot)
+
+    def _lowest_foot(self) -> float:
+        """Return the height of the lowest contact, m; 0 without contacts."""
+        return min((float(self._placement(foot).translation[2]) for foot in self._feet.values()), default=0.0)
 
     def body(self, frame: str) -> int:
         """Return the index of the MuJoCo body of a URDF frame."""
@@ -150,13 +158,13 @@ class Plant:
 
     @property
     def fallen(self) -> bool:
-        """True if the base is tilted by more than 60° or below half of its initial height."""
+        """True if the base is tilted by more than 70° or below half of its initial height above the lowest foot."""
         if not self._robot.floating_base:
             return False
         base = self._base()
         # NaN counts as fallen.
         upright = base.rotation[2, 2] >= math.cos(FALLEN_TILT)
-        high = base.translation[2] >= self._fallen_height
+        high = base.translation[2] - self._lowest_foot() >= self._fallen_height
         return not (upright and high)
 
     @property
@@ -458,16 +466,23 @@ class Plant:
             )
         return shapes
 
-    def _initial_base(self, normal: Array) -> pin.SE3:
-        """Return the upright base placement with the robot's lowest point on the floor."""
-        if not (self._robot.floating_base and self.contacts):
+    def _initial_base(self) -> pin.SE3:
+        """Return the upright base placement with the robot's lowest point on the ground.
+
+        The base is lowered by the distance to the ground until it vanishes; on an inclined ground by less each time.
+        """
+        geoms = self.contact_forces.on_the_floor
+        if not (self._robot.floating_base and self.contacts and geoms):
             return pin.SE3.Identity()
-        self._write(self._robot.configuration(self._robot.posture), np.zeros(self._robot.nv))
-        mujoco.mj_kinematics(self.model, self.data)
-        height = self.contact_forces.height(self.data, self.contact_forces.on_the_floor)
-        if height == math.inf:
-            return pin.SE3.Identity()
-        return pin.SE3(np.eye(3), np.array([0.0, 0.0, -height / normal[2]]))
+        start = pin.SE3(np.eye(3), np.array([0.0, 0.0, _ABOVE]))
+        for _ in range(_LOWERINGS):
+            self._write(self._robot.configuration(self._robot.posture, start), np.zeros(self._robot.nv))
+            mujoco.mj_kinematics(self.model, self.data)
+            distance = self.contact_forces.distance(self.data, geoms)
+            start.translation -= np.array([0.0, 0.0, distance])
+            if abs(distance) < _TOUCHING:
+                break
+        return start
 
     def _base(self) -> pin.SE3:
         return pin.XYZQUATToSE3(np.concatenate([self.data.qpos[:3], self._quaternion()]))

@@ -68,6 +68,12 @@ class User:
         ]
 
 
+def twist(velocity: Array) -> Any:
+    """Return a geometry_msgs/Twist of a velocity forward, to the left and turning, (3,) in m/s and rad/s."""
+    linear, angular = np.array([velocity[0], velocity[1], 0.0]), np.array([0.0, 0.0, velocity[2]])
+    return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
+
+
 def reliable_counterpart(topic: Endpoint) -> Endpoint:
     """Return the counterpart of a topic, with a queue that drops no message while this process is busy."""
     return dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))

@@ -1,7 +1,11 @@
 """Adaptation of place and time of a step to the measured state.
 
-At the end of the single support after the time T, the DCM is at ξ_T = p + (ξ - p) e^{ω (T - t)} + (μ/ω) ∫ e^{ω (T - s)} ẍ ds,
-with the acceleration ẍ of the swing foot (`Gait.reaction`). The new foot is placed at u, and b = ξ_T - u is the offset from which the next step starts. Like Khadiv et al., the walker minimizes
+At the end of the single support after the time T, the DCM is at
+
+    ξ_T = p + (ξ - p) e^{ω (T - t)} + (μ/ω) ∫ e^{ω (T - s)} ẍ ds
+
+with the acceleration ẍ of the swing foot (`reaction`). The new foot is placed at u, and b = ξ_T - u is the offset from
+which the next step starts. Like Khadiv et al., the walker minimizes
 
     w_u |u - u*|² + w_b |b - b*|² + w_T (e^{ω (T - T*)} - 1)²
 
@@ -49,8 +53,8 @@ class StepTarget:
 
 
 def adapted(
-    before: StepTarget, nominal: NominalStep, stance: Stance, gait: Gait, dcm: complex, swing: SwingFoot, elapsed: float,
-    dt: float,
+    before: StepTarget, nominal: NominalStep, stance: Stance, gait: Gait, dcm: complex, swing: SwingFoot,
+    elapsed: float, dt: float,
 ) -> StepTarget:  # fmt: skip
     """Return the target of the step for the measured DCM.
 

@@ -1,15 +1,18 @@
 """The feet: poses of their soles, and references of the tasks on their frames."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pinocchio as pin
 
 from wbc_controller.inverse_dynamics.arrays import cross
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.instruction import placement_numbers
 from wbc_controller.records import Array, Reference
+from wbc_controller.walking.feet_kernels import frame_in_swing
 from wbc_controller.walking.swing import SwingFoot
+from wbc_controller.walking.terrain import Ground, parallel_to
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +32,11 @@ class Sole:
         """Angle of the x axis about the vertical, rad."""
         return math.atan2(self.rotation[1, 0], self.rotation[0, 0])
 
-    def height_at(self, place: complex) -> float:
-        """Return the height of the plane of this sole at a place, m."""
-        n, to = self.rotation[:, 2], place - self.place
-        return float(self.centre[2] - (n[0] * to.real + n[1] * to.imag) / n[2])
+    @property
+    def ground(self) -> Ground:
+        """Plane of this sole."""
+        n = self.rotation[:, 2]
+        return Ground(self.place, float(self.centre[2]), complex(-n[0] / n[2], -n[1] / n[2]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,7 @@ class Foot:
         frame: index of the frame.
         placement: of the sole in that frame: centre, and axes with z upwards.
         half: half length and half width of the sole, m.
+        frame_in_sole: placement of the frame in the sole, (12,).
     """
 
     contact: str
@@ -52,11 +57,22 @@ class Foot:
     frame: int
     placement: pin.SE3
     half: tuple[float, float]
+    frame_in_sole: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Invert the placement."""
+        object.__setattr__(self, "frame_in_sole", placement_numbers(self.placement.inverse()))
 
     def sole(self, dynamics: Dynamics) -> Sole:
         """Return the pose of the sole."""
         pose = dynamics.placement(self.frame) * self.placement
         return Sole(pose.translation, pose.rotation)
+
+    def corners(self, sole: Sole) -> list[complex]:
+        """Return the corners of the rectangle `half` on the ground, x + i y in m."""
+        axes = sole.rotation[0] + 1j * sole.rotation[1]
+        length, width = self.half[0] * axes[0], self.half[1] * axes[1]
+        return [sole.place + a * length + b * width for a in (1.0, -1.0) for b in (1.0, -1.0)]
 
     def velocity(self, dynamics: Dynamics) -> Array:
         """Return the velocity of the centre of the sole in world axes, (3,) in m/s."""
@@ -69,21 +85,13 @@ class Foot:
         frame = pin.SE3(sole.rotation, sole.centre) * self.placement.inverse()
         return Reference(pin.SE3ToXYZQUAT(frame), np.zeros(6), np.zeros(6))
 
-    def in_swing(self, swing: SwingFoot, stance: Sole) -> Reference:
-        """Return the reference of the frame for a sole in the air, parallel to the stance foot but for its heading."""
-        turn = about_z(swing.heading.position - stance.heading)
-        frame = pin.SE3(turn @ stance.rotation, np.zeros(3)) * self.placement.inverse()
-        offset = frame.translation  # from the sole to the frame, in world axes
-        across = np.array([-offset[1], offset[0], 0.0])  # e_z × offset
-        inwards = np.array([-offset[0], -offset[1], 0.0])  # e_z × (e_z × offset)
-        heading, axes = swing.heading, (swing.x, swing.y, swing.z)
-        frame.translation = offset + [axis.position for axis in axes]
-        velocity, acceleration = np.zeros(6), np.zeros(6)
-        velocity[:3] = heading.velocity * across + [axis.velocity for axis in axes]
-        acceleration[:3] = heading.acceleration * across + heading.velocity**2 * inwards
-        acceleration[:3] += [axis.acceleration for axis in axes]
-        velocity[5], acceleration[5] = heading.velocity, heading.acceleration
-        return Reference(pin.SE3ToXYZQUAT(frame), velocity, acceleration)
+    def in_swing(self, swing: SwingFoot, slope: complex) -> Reference:
+        """Return the reference of the frame for a sole in the air, parallel to a plane with a slope."""
+        axes = (swing.x, swing.y, swing.z, swing.heading)
+        numbers = [number for axis in axes for number in (axis.position, axis.velocity, axis.acceleration)]
+        sole, out = parallel_to(slope, swing.heading.position), np.empty(19)
+        frame_in_swing(sole, np.array(numbers), self.frame_in_sole, out)
+        return Reference(out[:7], out[7:13], out[13:])
 
 
 def about_z(angle: float) -> Array:

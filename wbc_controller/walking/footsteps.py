@@ -89,6 +89,11 @@ class NominalStep:
     offset: complex
 
 
+def swing_push(gait: Gait, omega: float) -> float:
+    """Return ρ, the change of the DCM at touchdown by a swing foot that moves by 1 m from rest to rest."""
+    return gait.reaction / omega * Axis(0.0).growing(1.0, gait.single, omega)
+
+
 def nominal_step(velocity: Velocity, stance: Stance, gait: Gait, single: float) -> NominalStep:
     """Return the next step, with a single support of the given duration in s.
 
@@ -101,7 +106,7 @@ def nominal_step(velocity: Velocity, stance: Stance, gait: Gait, single: float) 
     before, after = cmath.rect(1.0, stance.heading), cmath.rect(1.0, stance.heading + turn)
     middle = cmath.rect(1.0, stance.heading + 0.5 * turn)
     place = stance.place + 0.5 * width * before + progress * middle + 0.5 * width * after
-    push = gait.reaction / stance.omega * Axis(0.0).growing(1.0, gait.single, stance.omega)
+    push = swing_push(gait, stance.omega)
     progress = velocity.linear * gait.step_time
     offset = periodic_offset(progress, width, stance.omega, gait.single, gait.double, push) * after
     return NominalStep(place, stance.heading + turn, offset)

@@ -69,6 +69,31 @@ def periodic_offset(
         double: T_d, duration of the double support, in which the centre of pressure moves linearly, s; may be 0.
         push: ρ, change of the DCM at the end of the step by a swing foot that moves by 1 m.
     """
-    E, G = math.exp(omega * double), math.exp(omega * single)
-    kappa = E - (E - 1.0) / (omega * double) if double > 0.0 else 0.0
+    E, G, kappa = _factors(omega, single, double)
     return progress * (1.0 - kappa * G - 2.0 * push) / (E * G - 1.0) - width * (1.0 + kappa * G) / (E * G + 1.0)
+
+
+def previous_offset(
+    offset: complex, step: complex, following: complex, omega: float, single: float, double: float, push: float
+) -> complex:
+    """Return the offset b after a step from which the following one ends with the offset b'.
+
+    With the factors of `periodic_offset`, b = ((b' + s' - ρ (s + s')) / G - κ s) / E.
+
+    Args:
+        offset: b', at the end of the following step, m.
+        step: s, from the stance foot to the new one, m.
+        following: s', m.
+        omega: ω, 1/s.
+        single: T_s, s.
+        double: T_d, s.
+        push: ρ.
+    """
+    E, G, kappa = _factors(omega, single, double)
+    return ((offset + following - push * (step + following)) / G - kappa * step) / E
+
+
+def _factors(omega: float, single: float, double: float) -> tuple[float, float, float]:
+    """Return E, G and κ of `periodic_offset`."""
+    E, G = math.exp(omega * double), math.exp(omega * single)
+    return E, G, E - (E - 1.0) / (omega * double) if double > 0.0 else 0.0

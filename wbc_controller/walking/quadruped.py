@@ -16,10 +16,10 @@ from wbc_controller.records import Array, Reference
 from wbc_controller.walking.feet import about_z
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase, QuadrupedGait
-from wbc_controller.walking.ground import Ground
 from wbc_controller.walking.pendulum import natural_frequency
 from wbc_controller.walking.references import height_rate, reference, smooth_step
 from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+from wbc_controller.walking.terrain import Ground
 from wbc_controller.walking.touchdown import lands
 from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
 from wbc_controller.walking.walker import Decision

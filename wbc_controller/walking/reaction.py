@@ -1,7 +1,7 @@
 """Reaction of the centre of mass to the acceleration of the swing foot.
 
-The angular momentum of the swing leg is missing in the inverted pendulum: with L its sagittal component about the centre
-of mass, m z (c̈ - ω² (c - p)) = -L̇. With L = λ ẋ for a foot that moves at ẋ, c̈ = ω² (c - p) + μ ẍ, μ = -λ / (m z).
+The inverted pendulum has no swing leg. With the sagittal component L of its angular momentum about the centre of mass,
+m z (c̈ - ω² (c - p)) = -L̇. L = λ ẋ for a foot that moves at ẋ gives c̈ = ω² (c - p) + μ ẍ with μ = -λ / (m z).
 """
 
 import numpy as np

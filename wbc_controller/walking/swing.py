@@ -9,6 +9,8 @@ from wbc_controller.records import Array
 APEX = 0.45
 #: Speed at touchdown, m/s.
 TOUCHDOWN_SPEED = 0.1
+#: Acceleration and speed of a foot that is late, downwards, m/s² and m/s.
+_LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5
 #: Time before the apex from which on the foot is planned to the ground, s. In a shorter time to the apex, a change of
 #: the step time or of the ground by a millimetre would need a large acceleration.
 _DESCENT = 0.06
@@ -108,7 +110,7 @@ class SwingFoot:
         dt: float,
         descent: float = _DESCENT,
     ) -> "SwingFoot":
-        """Return the reference after one cycle; a foot that is late moves further down.
+        """Return the reference after one cycle; a foot that is late moves further down, faster and faster.
 
         Args:
             landing: place, height and heading at touchdown.
@@ -124,7 +126,8 @@ class SwingFoot:
         elif left > _SHORTEST:
             z = self.z.moved(landing.height, -TOUCHDOWN_SPEED, left, dt)
         else:
-            z = Axis(self.z.position - TOUCHDOWN_SPEED * dt, -TOUCHDOWN_SPEED)
+            speed = max(min(self.z.velocity, -TOUCHDOWN_SPEED) - _LATE_ACCELERATION * dt, -LATE_SPEED)
+            z = Axis(self.z.position + speed * dt, speed)
         return SwingFoot(
             self.x.moved(landing.place.real, 0.0, left, dt),
             self.y.moved(landing.place.imag, 0.0, left, dt),

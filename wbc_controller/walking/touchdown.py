@@ -1,11 +1,9 @@
-"""Touchdown of the swing foot: by a measured force, or by its motion."""
+"""Touchdown of the swing foot: by a contact sensor or by its motion, whichever is first."""
 
 from wbc_controller.records import Array
 
-#: Normal force from which on a foot has landed, N.
-LANDED = 20.0
 #: Share of the planned swing from which on a touchdown counts.
-COUNTS = 0.85
+COUNTS = 0.6
 #: Share of the reference's downward speed below which the ground has stopped the foot.
 _STOPPED = 0.5
 #: Downward speed of the reference from which on the motion is compared, m/s; at the end of the swing it is 0.1 m/s.
@@ -13,10 +11,10 @@ _DESCENDING = 0.07
 #: Largest speed of a foot that the ground has stopped, m/s.
 _SLOW = 0.2
 #: Time after the planned touchdown at which the foot counts as landed at the latest, s.
-LATEST = 0.1
+LATEST = 0.15
 
 
-def lands(share: float, late: float, wanted: float, velocity: Array, force: float | None) -> bool:
+def lands(share: float, late: float, wanted: float, velocity: Array, touching: bool | None) -> bool:
     """Return whether the foot has touched the ground.
 
     Args:
@@ -24,13 +22,13 @@ def lands(share: float, late: float, wanted: float, velocity: Array, force: floa
         late: time after the planned touchdown, s; negative before.
         wanted: vertical velocity of the reference, m/s.
         velocity: of the centre of the sole, (3,) in m/s.
-        force: measured normal force, N; None if it is not measured.
+        touching: state of the contact sensor; None without one.
     """
     if share < COUNTS:
         return False
     if late >= LATEST:
         return True
-    if force is not None:
-        return force > LANDED
+    if touching:
+        return True
     stopped = wanted <= -_DESCENDING and velocity[2] > _STOPPED * wanted
     return bool(stopped and (velocity[2] > 0.0 or velocity.dot(velocity) < _SLOW * _SLOW))  # at rest, or rebounds

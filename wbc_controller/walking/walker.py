@@ -5,6 +5,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, EnableContact, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
@@ -12,13 +14,17 @@ from wbc_controller.inverse_dynamics.robot.orientation import quaternion_of, rot
 from wbc_controller.records import Array, Reference
 from wbc_controller.walking.adaptation import StepTarget, adapted
 from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
+from wbc_controller.walking.footstep_plan import Footstep, planned, step_towards
 from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
 from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum import before, natural_frequency, transferred
+from wbc_controller.walking.goal import Goal, velocity_to
+from wbc_controller.walking.pendulum import before, later, natural_frequency, transferred
+from wbc_controller.walking.plan import WalkingPlan, margin, swing_path
 from wbc_controller.walking.references import height_rate, reference, smooth_step
 from wbc_controller.walking.support import Support
 from wbc_controller.walking.swing import Landing, SwingFoot
-from wbc_controller.walking.touchdown import lands
+from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
+from wbc_controller.walking.touchdown import COUNTS, lands
 
 #: Feedback gain on the DCM, 1/s.
 GAIN = 5.0
@@ -28,6 +34,10 @@ _SOLE_SHARE = (0.8, 0.7)
 _BLEND = 0.2
 #: Time before touchdown from which on the target of the step stays, s.
 _FREEZE = 0.05
+#: Difference between planned and real touchdown on flat ground, s, and shortest double support, s.
+_ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
+#: Time constant with which the swing foot turns to the slope of the ground, s.
+_LEVELLING = 0.05
 #: Rate at which the heading follows its goal, 1/s.
 _HEADING_RATE = 6.0
 #: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
@@ -68,13 +78,22 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A single support: its stance, the nominal step, its adaptation, the planned touchdown, and the swing foot."""
+    """A single support: its stance, the nominal step, its adaptation, the touchdown, and the swing foot.
+
+    Attributes:
+        ground: plane through the last footholds.
+        slope: of the swing foot, dz/dx + i dz/dy.
+        planned: True for one of the planned footsteps.
+    """
 
     stance: Stance
     nominal: NominalStep
     target: StepTarget
     landing: Landing
     swing: SwingFoot
+    ground: Ground
+    slope: complex
+    planned: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +105,8 @@ class _Cycle:
     dcm: complex  # ξ, x + i y in m
     omega: float  # ω, 1/s
     soles: Mapping[int, Sole]  # by side: 1 left, -1 right
-    forces: Mapping[str, float]  # measured normal forces, by contact, N
-    landing: Array  # velocity of the foot that does not bear the weight, (3,) in m/s
+    touching: Mapping[str, bool]  # states of the contact sensors
+    dynamics: Dynamics  # at this state
 
 
 class Walker:
@@ -97,16 +116,20 @@ class Walker:
 
     Attributes:
         gait: parameters of the gait.
+        own_tasks: names of the tasks that are on while it walks.
         phase: phase of the gait.
         command: commanded velocity; None to stand.
+        goal: pose to walk to, or None; it commands the velocity.
+        footsteps: planned footsteps that are not begun; meanwhile the command is to step in place.
         leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
         velocity: velocity on the way to it.
         steps: number of steps since the start.
     """
 
     STATE_FIELDS = (
-        "phase", "command", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance", "_clearance",
-        "_height", "_heading", "_orientations", "_step", "_blend", "_dcm_wanted", "_touchdown", "_references",
+        "phase", "command", "goal", "footsteps", "leaving", "velocity", "steps", "_until", "_since", "_last", "_stance",
+        "_clearance", "_height", "_heading", "_orientations", "_step", "_lifted", "_blend", "_dcm_wanted", "_touchdown",
+        "_references", "_footholds", "_early", "_double_support",
     )  # fmt: skip
 
     def __init__(self, gait: Gait, left: Foot, right: Foot, tasks: WalkingTasks, gravity: float) -> None:
@@ -114,7 +137,7 @@ class Walker:
         self.gait = gait
         self._feet = {1: left, -1: right}
         self._tasks = tasks
-        self._own_tasks = (tasks.dcm, tasks.height, tasks.posture, left.task, right.task)
+        self.own_tasks = (tasks.dcm, tasks.height, tasks.posture, left.task, right.task)
         self._gravity = gravity
         self.reset()
 
@@ -122,6 +145,8 @@ class Walker:
         """Stand, without a command."""
         self.phase = Phase.STAND
         self.command: Velocity | None = None
+        self.goal: Goal | None = None
+        self.footsteps: tuple[Footstep, ...] = ()
         self.leaving = False
         self._until = math.inf  # time at which the command ends, s
         self.velocity = Velocity()
@@ -130,12 +155,17 @@ class Walker:
         self._stance = -1  # side of the foot that bears the weight
         self._clearance = 0.0  # wanted height of the centre of mass above the stance foot, m
         self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
-        self._orientations: dict[str, Array] = {}  # references of the tasks at the heading 0, (3, 3)
+        # Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
+        self._orientations: dict[str, tuple[float, ...]] = {}
         self._step: Step | None = None
+        self._lifted = False  # True once the contact sensor has shown that the swing foot is in the air
         self._dcm_wanted = 0j
         self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._references: dict[str, Reference] = {}  # of the last cycle, by task
+        self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
+        self._footholds: tuple[Ground, ...] = ()  # the last ones, newest first
+        self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
         """Walk at a velocity until a time in s; None to stand.
@@ -145,7 +175,38 @@ class Walker:
         """
         if self.leaving and command is not None:
             raise InputRefused("the command to walk is refused: the robot stops walking before it is deactivated")
-        self.command, self._until = command, until
+        self.command, self._until, self.goal, self.footsteps = command, until, None, ()
+        if self._step is not None:
+            self._step = replace(self._step, planned=False)
+
+    def go(self, goal: Goal) -> None:
+        """Walk to a pose, and stop there; raises `InputRefused` as `ask`."""
+        self.ask(Velocity())
+        self.goal = goal
+
+    def follow(self, poses: Array, dynamics: Dynamics) -> None:
+        """Step on poses of the soles (x, y in m, heading in rad, (n, 3)), then bring the feet side by side, and stop.
+
+        The feet alternate. A standing robot begins with the foot that is nearer to its pose.
+
+        Raises:
+            InputRefused: as `ask`, or if a step is out of reach.
+        """
+        soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
+        feet, first = {side: (sole.place, sole.heading) for side, sole in soles.items()}, None
+        if self.phase is Phase.SINGLE and self._step is not None:  # the foot in the air lands as planned before
+            landing, first = self._step.landing, self._stance
+            feet[-first] = landing.place, landing.heading
+        elif self.phase is not Phase.STAND:
+            first = -self._stance
+        steps = planned(poses, feet, first, self.gait)
+        self.ask(Velocity())
+        self.footsteps = steps
+
+    @property
+    def footsteps_left(self) -> int:
+        """Number of planned footsteps without a touchdown."""
+        return len(self.footsteps) + (self.phase is Phase.SINGLE and self._step is not None and self._step.planned)
 
     def leave(self) -> None:
         """Stop walking, for the controller to be deactivated when the robot stands."""
@@ -158,12 +219,46 @@ class Walker:
         return self.phase is not Phase.STAND or self.command is not None
 
     @property
+    def contact_sets(self) -> tuple[tuple[str, ...], ...]:
+        """Sets of active contacts of the gait: both feet, then each of them."""
+        left, right = self._feet[1].contact, self._feet[-1].contact
+        return (left, right), (left,), (right,)
+
+    @property
+    def suspended(self) -> tuple[str, ...]:
+        """Names of the tasks that are off while it walks."""
+        return self._tasks.suspended
+
+    @property
     def orientations(self) -> tuple[str, ...]:
         """Names of the tasks on orientations that turn with the heading."""
         return self._tasks.orientations
 
+    def plan(self) -> WalkingPlan | None:
+        """Return the plan of the last cycle, or None while standing."""
+        if self.phase is Phase.STAND or self._latest is None:
+            return None
+        cycle, pressure = self._latest
+        feet, step, elapsed = self._feet, self._step, cycle.time - self._since
+        swings, landings, remaining = {}, {}, math.inf
+        if self.phase is Phase.SINGLE and step is not None:
+            feet, swinging = {self._stance: feet[self._stance]}, feet[-self._stance].contact
+            landing, duration = step.landing, step.target.time
+            swings[swinging] = swing_path(step.swing, landing, self.gait.clearance, elapsed, duration)
+            landings[swinging] = np.array([landing.place.real, landing.place.imag, landing.height])
+            remaining = max(0.0, duration - elapsed)
+        return WalkingPlan(
+            phase=self.phase.value,
+            dcm=cycle.dcm,
+            wanted_dcm=self._dcm_wanted,
+            swings=swings,
+            landings=landings,
+            remaining=remaining,
+            margin=margin(pressure, [p for side, foot in feet.items() for p in foot.corners(cycle.soles[side])]),
+        )
+
     def update(
-        self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], forces: Mapping[str, float]
+        self, time: float, dynamics: Dynamics, orientations: Mapping[str, Array], touching: Mapping[str, bool]
     ) -> Decision:
         """Decide on contacts and references of one cycle.
 
@@ -171,13 +266,15 @@ class Walker:
             time: of the state, s.
             dynamics: at this state.
             orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
-            forces: measured normal forces of contacts, N; of a foot without one, its motion tells the touchdown.
+            touching: states of the contact sensors, by contact; of a foot without one, its motion tells the touchdown.
         """
         decision, dt = Decision(), time - self._last
         self._last = time
         if time > self._until:
             self.command = None
         soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
+        if self.goal is not None:
+            self.command = self._velocity_to(self.goal, soles)
         if self.phase is Phase.STAND:
             if self.command is None:
                 return decision
@@ -191,8 +288,8 @@ class Walker:
             dcm=complex(com[0], com[1]),
             omega=omega,
             soles=soles,
-            forces=forces,
-            landing=self._feet[-self._stance].velocity(dynamics),
+            touching=touching,
+            dynamics=dynamics,
         )
         wanted = Velocity() if self.command is None else self.command.clipped(self.gait)
         self.velocity = self.velocity.towards(wanted, self.gait, dt)
@@ -206,6 +303,7 @@ class Walker:
             pressure = self._shift(cycle, decision)
         if self.phase is Phase.STAND:
             return decision
+        self._latest = cycle, pressure
         rate = omega * (cycle.dcm - pressure)
         if self.phase is Phase.SINGLE and self._step is not None:
             rate += self.gait.reaction / omega * self._step.swing.acceleration
@@ -223,12 +321,38 @@ class Walker:
         self._height, self._clearance = height, height - ground - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
         ahead = about_z(-self._heading)
-        self._orientations = {name: ahead @ rotation_of(quaternion) for name, quaternion in orientations.items()}
+        self._orientations = {
+            name: tuple(quaternion_of(ahead @ rotation_of(quaternion)).tolist())
+            for name, quaternion in orientations.items()
+        }
         self._references = {foot.task: foot.at_rest(soles[side]) for side, foot in self._feet.items()}
+        self._footholds = tuple(sole.ground for sole in soles.values())
         self.steps, self.velocity, self._step = 0, Velocity(), None
         self._stance = 1 if self.command is not None and self.command.linear.imag < 0.0 else -1
+        if self.footsteps:
+            self._stance = -self.footsteps[0].side
         decision.changes += [EnableTask(name, False) for name in self._tasks.suspended]
-        decision.changes += [EnableTask(name, True) for name in self._own_tasks]
+        decision.changes += [EnableTask(name, True) for name in self.own_tasks]
+
+    def _velocity_to(self, goal: Goal, soles: Mapping[int, Sole]) -> Velocity | None:
+        """Return the velocity towards a goal from the middle between the feet; at the goal, drop it and return None.
+
+        While the robot walks, the middle is beside the stance foot, half of the nominal width away.
+        """
+        stance = soles[self._stance]
+        middle, heading = 0.5 * (soles[1].place + soles[-1].place), stance.heading
+        if self.phase is not Phase.STAND:
+            middle = stance.place - 0.5j * self._stance * self.gait.width * cmath.rect(1.0, heading)
+        velocity = velocity_to(goal, middle, heading, self.gait)
+        if velocity is None:
+            self.goal = None
+        return velocity
+
+    def _nominal(self, velocity: Velocity, stance: Stance) -> NominalStep:
+        """Return the next step: to the next planned footstep, or at a velocity."""
+        if self.footsteps:
+            return step_towards(self.footsteps, stance, self.gait)
+        return nominal_step(velocity, stance, self.gait, self.gait.single)
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
         """Enter a phase; the reference of the DCM begins at the measured one."""
@@ -240,7 +364,7 @@ class Walker:
         foot = soles[self._stance]
         if self.phase is Phase.SHIFT:
             stance = Stance(foot.place, foot.heading, -self._stance, cycle.omega)
-            nominal = nominal_step(Velocity(), stance, self.gait, self.gait.single)
+            nominal = self._nominal(Velocity(), stance)
             swing = SwingFoot.at_rest(soles[-self._stance].centre, 0.0)
             goal = self._wanted(nominal, stance, swing, self.gait.single)
         else:
@@ -260,22 +384,28 @@ class Walker:
         """End walking: the tasks stay at their last references until they are off."""
         self.phase = Phase.STAND
         decision.changes += [SetSetpoint(name, each.position, 0.0) for name, each in self._references.items()]
-        decision.changes += [EnableTask(name, False) for name in self._own_tasks]
+        decision.changes += [EnableTask(name, False) for name in self.own_tasks]
         decision.changes += [EnableTask(name, True) for name in self._tasks.suspended]
 
     def _lift_off(self, cycle: _Cycle, decision: Decision) -> None:
         """Begin a single support."""
         foot, sole = cycle.soles[-self._stance], cycle.soles[self._stance]
-        self.phase, self._since = Phase.SINGLE, cycle.time
+        self.phase, self._since, self._lifted = Phase.SINGLE, cycle.time, False
         decision.changes.append(EnableContact(self._feet[-self._stance].contact, False, 0.0))
         stance = Stance(sole.place, sole.heading, -self._stance, cycle.omega)
-        nominal = nominal_step(self.velocity, stance, self.gait, self.gait.single)
+        nominal = self._nominal(self.velocity, stance)
+        planned, self.footsteps = bool(self.footsteps), self.footsteps[1:]
+        self._footholds = (sole.ground, *self._footholds[: FOOTHOLDS - 1])
+        ground = plane_through(self._footholds)
         self._step = Step(
             stance=stance,
             nominal=nominal,
             target=StepTarget(nominal.place, nominal.offset, self.gait.single),
-            landing=Landing(nominal.place, sole.height_at(nominal.place), nominal.heading),
+            landing=Landing(nominal.place, ground.height_at(nominal.place), nominal.heading),
             swing=SwingFoot.at_rest(foot.centre, foot.heading),
+            ground=ground,
+            slope=foot.ground.slope,
+            planned=planned,
         )
         self._blend = self._dcm_wanted - self._wanted(nominal, stance, self._step.swing, self.gait.single)
 
@@ -289,44 +419,60 @@ class Walker:
         gait, elapsed, dt = self.gait, cycle.time - self._since, cycle.dt
         stance, sole, foot = step.stance, cycle.soles[self._stance], self._feet[-self._stance]
         if step.target.time - elapsed > _FREEZE:
-            nominal = nominal_step(self.velocity, stance, gait, step.target.time)
+            nominal = step.nominal if step.planned else nominal_step(self.velocity, stance, gait, step.target.time)
             target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)
-            landing = Landing(target.place, sole.height_at(target.place), heading)
+            sunk = sole.ground.height - self._footholds[0].height  # since the lift-off, also by drift of the estimate
+            landing = Landing(target.place, step.ground.height_at(target.place) + sunk, heading)
             step = replace(step, nominal=nominal, target=target, landing=landing)
         nominal, target = step.nominal, step.target
         share, _ = smooth_step(elapsed / _BLEND)
         left = max(target.time - elapsed, 0.0)
         self._dcm_wanted = self._wanted(nominal, stance, step.swing, left) + self._blend * (1.0 - share)
         if dt > 0.0:
-            step = replace(step, swing=step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt))
+            swing = step.swing.moved(step.landing, gait.clearance, elapsed - dt, target.time, dt)
+            slope = step.slope + (step.ground.slope - step.slope) * min(1.0, dt / _LEVELLING)
+            step = replace(step, swing=swing, slope=slope)
         self._step = step
-        self._references[foot.task] = foot.in_swing(step.swing, sole)
-        late = elapsed - target.time
-        touches = lands(
-            elapsed / target.time, late, step.swing.z.velocity, cycle.landing, cycle.forces.get(foot.contact)
+        self._references[foot.task] = foot.in_swing(step.swing, step.slope)
+        share, late = elapsed / target.time, elapsed - target.time
+        sensor = cycle.touching.get(foot.contact)
+        self._lifted = self._lifted or sensor is False
+        touches = share >= COUNTS and lands(
+            share, late, step.swing.z.velocity, foot.velocity(cycle.dynamics), sensor if self._lifted else None
         )
         if touches:
-            self._land(step, cycle, decision)
+            self._land(step, cycle, late, decision)
         return self._corrected(stance.place, cycle, stance.place, stance.place)
 
-    def _land(self, step: Step, cycle: _Cycle, decision: Decision) -> None:
-        """Begin a double support: the swing foot bears weight where it is."""
+    def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
+        """Begin a double support: the swing foot bears weight where it is.
+
+        The centre of pressure begins to move later if the foot lands early on higher ground, and arrives sooner if it
+        lands late on lower ground: otherwise the DCM would differ from its plan.
+        """
         foot, sole = self._feet[-self._stance], cycle.soles[-self._stance]
         decision.changes.append(EnableContact(foot.contact, True, 0.0))
         self._references[foot.task] = foot.at_rest(sole)
         self.phase, self._since, self.steps = Phase.DOUBLE, cycle.time, self.steps + 1
+        self._early = max(0.0, -late - _ON_TIME)
+        self._double_support = max(self.gait.double - max(0.0, late - _ON_TIME), _SHORTEST_DOUBLE)
         self._touchdown = sole.place + step.nominal.offset, step.stance.place, sole.place
         self._stance = -self._stance
+        if step.planned and not self.footsteps:
+            self.command = None
 
     def _double(self, cycle: _Cycle, decision: Decision) -> complex:
         """Move the centre of pressure to the new foot; return it."""
         begin, old, new = self._touchdown
-        duration, heading = self.gait.double, cycle.soles[self._stance].heading
-        elapsed = min(cycle.time - self._since, duration)
-        self._dcm_wanted = transferred(begin, old, new, duration, cycle.omega, elapsed)
-        pressure = old + (new - old) * (elapsed / duration)
+        duration, heading = self._double_support, cycle.soles[self._stance].heading
+        elapsed = min(cycle.time - self._since - self._early, duration)
+        if elapsed < 0.0:
+            self._dcm_wanted, pressure = later(begin, old, cycle.omega, elapsed), old
+        else:
+            self._dcm_wanted = transferred(begin, old, new, duration, cycle.omega, elapsed)
+            pressure = old + (new - old) * (elapsed / duration)
         beside = abs(((new - old) * cmath.rect(1.0, -heading)).real) < _BESIDE
         if self.command is None and beside and abs(self.velocity.linear) < _SLOW:
             self._enter(Phase.STOP, cycle)
@@ -357,6 +503,7 @@ class Walker:
             goal = mean_angle(self._step.stance.heading, self._step.nominal.heading)
         rate = _HEADING_RATE * math.remainder(goal - self._heading, math.tau)
         self._heading += rate * dt
-        turn = about_z(self._heading)
-        for name, rotation in self._orientations.items():
-            self._references[name] = reference(quaternion_of(turn @ rotation), [0.0, 0.0, rate])
+        c, s = math.cos(0.5 * self._heading), math.sin(0.5 * self._heading)
+        for name, (x, y, z, w) in self._orientations.items():
+            turned = [c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z]
+            self._references[name] = reference(turned, [0.0, 0.0, rate])

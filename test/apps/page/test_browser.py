@@ -183,7 +183,7 @@ def test_pull_on_the_torso_pushes_the_robot(page, session):
 
 def test_slider_of_the_sensor_noise(page, session):
     faults = session.follow(session.topics["mock", "fault", ""])
-    page.get_by_role("slider").nth(1).focus()
+    page.get_by_role("slider").nth(4).focus()  # after those of walking and of the floor's friction
     page.keyboard.press("ArrowRight")
     assert "kind: joint_noise, sigma: 0.0005" in first(faults)[-1].data
     page.keyboard.press("ArrowLeft")
@@ -192,7 +192,7 @@ def test_slider_of_the_sensor_noise(page, session):
 
 def test_switches_and_camera_pass_the_allow_list(page, playing):
     page.get_by_text("Show", exact=True).click()
-    for label in [*GROUPS.values(), "Translucent robot", "Shadows", "Rotation rings"]:
+    for label in [*GROUPS.values(), "Follow the robot", "Translucent robot", "Shadows", "Rotation rings"]:
         switch = page.get_by_label(label, exact=True)
         was = switch.is_checked()
         switch.click()
@@ -225,14 +225,20 @@ def test_address_cannot_load_from_another_server(page, playing, query):
         opened.close()
 
 
-def test_effect_of_each_button(page, session):
-    holds = session.follow(session.topics["mock", "hold", ""])
+@pytest.fixture
+def press(page, session):
+    """Yield a function that presses a button, and waits for a mode of the controller."""
 
-    def press(name, mode="", patience=30.0):
+    def pressed(name, mode="", patience=30.0):
         page.get_by_role("button", name=name, exact=True).click()
         if mode:
             session.until(lambda: session.mode().startswith(mode), f"{name}: not {mode} but {session.mode()}", patience)
 
+    return pressed
+
+
+def test_effect_of_each_button(page, session, press):
+    holds = session.follow(session.topics["mock", "hold", ""])
     press("Record")
     page.get_by_text("the last seconds are written to '").wait_for()  # as the controller names the file
     press("Hold")
@@ -248,6 +254,33 @@ def test_effect_of_each_button(page, session):
     press("Reset", "inactive")
     press("Activate", "active")
     press("Damp", "damping")
+
+
+def test_robot_walks_while_the_button_is_held(page, session, press):
+    if session.mode() != "active":
+        press("Hold")
+        press("Reset", "inactive")
+        press("Activate", "active")
+        press("Release")
+        page.wait_for_timeout(8000)  # until it stands on its feet
+    velocities = session.follow(session.topics["controller", "cmd_vel", ""])
+    session.listen("controller", "diagnostics", depth=1000)
+
+    def phase():
+        for status in session.statuses():
+            phases.extend(value.value for value in status.values if value.key == "walking/phase")
+        return phases[-1] if phases else ""
+
+    phases: list[str] = []
+    box = page.get_by_role("button", name="Walk", exact=True).bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0)
+    page.mouse.down()
+    session.until(lambda: phase() == "single support", "the robot does not walk", 60.0)
+    assert {twist.linear.x for twist in first(velocities)} == {0.2}
+    page.wait_for_timeout(1000)
+    page.mouse.up()
+    session.until(lambda: phase() == "stand", "the robot does not stop", 60.0)
+    assert {"shift", "double support", "stop"} <= set(phases)
 
 
 def test_no_message_of_the_page_is_dropped(page, playing):

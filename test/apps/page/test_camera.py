@@ -1,6 +1,7 @@
-"""The first view of the page contains the whole robot, in windows of common sizes."""
+"""The first view of the page contains the whole robot, in windows of common sizes; the camera follows it."""
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -9,7 +10,7 @@ import pytest
 pytest.importorskip("viser", reason="the page needs viser: pip install 'wbc_controller[view]'")
 
 from wbc_controller.apps.new.draft import new_configuration
-from wbc_controller.apps.page.camera import camera
+from wbc_controller.apps.page.camera import CameraFollower, camera
 from wbc_controller.apps.page.meshes import build_meshes
 from wbc_controller.apps.page.snapshot import Robot
 from wbc_controller.settings.config import load
@@ -62,3 +63,22 @@ def test_the_whole_robot_is_in_view(name, size):
     assert across <= (width - PANELS) / height
     assert up <= 1.0
     assert max(up, across / 0.5) > 0.85  # and the robot is not far away
+
+
+def test_the_camera_trails_a_robot_that_walks():
+    def client():
+        return SimpleNamespace(camera=SimpleNamespace(position=np.array([2.0, -2.0, 1.0])))
+
+    follower, clients = CameraFollower(), {0: client()}
+    follower.follow(clients, np.array([0.2, 0.1]))  # a robot that sways
+    np.testing.assert_array_equal(clients[0].camera.position, [2.0, -2.0, 1.0])
+    for x in np.linspace(0.0, 5.0, 11):
+        follower.follow(clients, np.array([x, 0.0]))
+    np.testing.assert_allclose(clients[0].camera.position, [6.7, -2.0, 1.0])
+    clients[1] = client()  # a page that is opened later
+    follower.follow(clients, np.array([5.0, 0.0]))
+    np.testing.assert_allclose(clients[1].camera.position, [6.7, -2.0, 1.0])
+    follower.on = False
+    follower.follow(clients, np.array([9.0, 0.0]))
+    follower.follow(clients, np.array([np.nan, 0.0]))
+    np.testing.assert_allclose(clients[0].camera.position, [6.7, -2.0, 1.0])

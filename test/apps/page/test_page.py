@@ -136,6 +136,24 @@ def test_switches_and_sliders(rig, browser):
     browser.until(lambda: rig.said()[-1] == "fault clear")
 
 
+def test_velocity_while_a_button_is_held(rig, browser):
+    browser.set("Turn left [rad/s]", 0.3)
+    for _ in range(4):
+        browser.hold("Walk", 10.0)
+        time.sleep(0.1)
+    browser.until(lambda: len(rig.sent) >= 3)
+    said = settled(rig, 0.3)
+    assert set(said) == {"walk"}
+    assert len(said) <= 4  # nothing more after the release
+    _, request = rig.sent[-1]
+    twist = request.make(None)
+    assert request.key == "cmd_vel"
+    assert (twist.linear.x, twist.linear.y, twist.angular.z) == (0.2, 0.0, 0.3)
+    browser.set("Stand", True)
+    browser.until(lambda: rig.said()[-1] == "the robot stops walking")
+    assert rig.sent[-1][1].make(None).linear.x == 0.0
+
+
 def test_user_input_is_sent_during_updates():
     """Updates from the controller arrive at 1 kHz instead of 5 Hz."""
     rig, ended = Rig(commands=True), threading.Event()

@@ -59,7 +59,7 @@ def test_allowed_types():
     assert watching == {"ViewerCameraMessage", "GuiUpdateMessage"}
     drags = {f"TransformControls{part}Message" for part in ("DragStart", "Update", "DragEnd")}
     commanding = {each.__name__ for each in typing.get_args(COMMANDING)}
-    assert commanding - watching == drags | {"SceneNodeDragMessage"}
+    assert commanding - watching == drags | {"SceneNodeDragMessage", "GuiButtonHoldMessage"}
 
 
 @pytest.mark.parametrize("allowed", typing.get_args(COMMANDING))
@@ -193,6 +193,20 @@ def test_values_of_controls(gui, name, valid, invalid):
 )
 def test_only_values_of_controls_can_change(gui, updates):
     assert value_fault(gui, gui.button, updates) != ""
+
+
+def test_only_buttons_are_held_and_only_at_their_frequencies(gui):
+    allowed, held = AllowList(commands=True), gui.api.add_button("Walk")
+    held.on_hold(lambda event: None, callback_hz=10.0)
+    allowed.gui = gui.api
+
+    def hold_fault(control, frequency):
+        message = {"type": "GuiButtonHoldMessage", "uuid": control._impl.uuid, "frequency": frequency}
+        return allowed.fault(msgspec.msgpack.encode(message))
+
+    assert hold_fault(held, 10.0) == ""
+    for control, frequency in ((held, 50.0), (held, NAN), (held, 1.0e3), (gui.button, 10.0), (gui.slider, 10.0)):
+        assert "GuiButtonHoldMessage" in hold_fault(control, frequency)
 
 
 def test_refused_value_is_named(gui):

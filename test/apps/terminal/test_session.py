@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 from wbc_controller.apps.terminal import session
@@ -99,3 +101,48 @@ def test_recorder_answers_a_requested_recording(monkeypatch, before, behind, don
             answer = user.execute(parse_request(["record", "it"], config.settings))
             assert (answer.done, answer.text) == (done, text)
         assert user._transport.delivered == ([] if behind is None else ["it"])
+
+
+class WalkingDouble(TransportDouble):
+    """Double of a walking robot with a mock robot; `sent` lists velocities and hoist requests."""
+
+    values = ()
+
+    def __init__(self, *_):
+        super().__init__()
+        self.sent = []
+
+    def stream(self, topic, depth):
+        texts = [encode(diagnostics(1, 0, "other", "", "", {"mode": "active", "walking/phase": "stand"}))]
+        texts += [encode(diagnostics(1, 0, "wbc_controller: control loop", "", "", each)) for each in self.values]
+        return SimpleNamespace(take=lambda: [texts.pop(0)] if texts else [])
+
+    def advertise(self, topic):
+        def publish(payload):
+            self.sent.append(decode(payload, topic.type).linear.x)
+
+        return publish
+
+    def deliver(self, topic, payload, *_):
+        self.sent.append(decode(payload, topic.type).data)
+        return True
+
+
+@pytest.mark.parametrize(
+    ("robot", "word", "values", "sent"),
+    [
+        ("g1", "hold", [("active", "single support"), ("active", "stop"), ("active", "stand")], [0.0, 0.0, True]),
+        ("g1", "hold", [("damping", "single support")], [True]),
+        ("g1", "hold", [], [True]),  # no controller
+        ("g1", "release", [("active", "single support")], [False]),
+        ("go2", "hold", [("active", "single support")], [True]),
+    ],
+)
+def test_a_walking_robot_stands_before_the_hoist_lifts_it(monkeypatch, robot, word, values, sent):
+    monkeypatch.setattr(session, "DdsTransport", WalkingDouble)
+    monkeypatch.setattr(session, "_STATUS_PATIENCE", 0.2)
+    monkeypatch.setattr(WalkingDouble, "values", [{"mode": mode, "walking/phase": phase} for mode, phase in values])
+    settings = load(robot).settings
+    with Session(settings, patience=0.01) as user:
+        user.execute(parse_request([word], settings))
+        assert user._transport.sent == sent

@@ -18,7 +18,13 @@ from wbc_controller.controller.build.robot import make_model
 from wbc_controller.inverse_dynamics.contacts import AnchoredContact
 from wbc_controller.inverse_dynamics.formulation.plain_qp import plain_qp, task_rows
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
-from wbc_controller.inverse_dynamics.tasks import AngularMomentumTask, ContactWrenchTask, PostureTask, TorqueTask
+from wbc_controller.inverse_dynamics.tasks import (
+    AngularMomentumTask,
+    CapturePointTask,
+    ContactWrenchTask,
+    PostureTask,
+    TorqueTask,
+)
 from wbc_controller.records import Disturbance, Reference, References, RobotState
 from wbc_controller.settings.files import find_configuration, load_settings
 
@@ -67,6 +73,8 @@ def build(robot, *, levels):
         lambda model: Height(model, "lower", level=1 if levels else 0),
         lambda model: PostureTask("same joints", model, joints),
         lambda model: OwnPosture("own posture", model, joints),
+        lambda model: CapturePointTask("capture point", model.gravity, [False, True], support_height=-0.5),
+        lambda model: CapturePointTask("lying", model.gravity, support_height=50.0),
         lambda model: AngularMomentumTask("momentum", [True] * 3, damping=5.0),
         lambda model: TorqueTask("torque", model, joints, (1.0, 2.0)),
     ]

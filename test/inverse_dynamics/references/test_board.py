@@ -3,6 +3,7 @@ import pinocchio as pin
 import pytest
 
 from wbc_controller.errors import InputRefused
+from wbc_controller.inverse_dynamics.contacts import PointContact
 from wbc_controller.inverse_dynamics.references.board import BoardPlan, ContactPlan, ReferenceBoard, TaskPlan
 from wbc_controller.inverse_dynamics.references.changes import (
     EnableContact,
@@ -292,6 +293,38 @@ def test_contact_activation_ramps(board, dynamics):
     board.apply([EnableContact("left", True)], dynamics, back)
     assert board.sample(back).contacts["left"] == pytest.approx(0.125)
     assert board.sample(START + 1.0).contacts == {"left": 1.0, "right": 1.0, "stiff": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("unloaded", "at_half"),
+    [
+        (["left"], {"left": 0.3 / 8, "right": 1.0}),  # the other foot can carry the weight of 400 N
+        (["left", "right"], {"left": 0.15, "right": 0.1}),  # 300 N and 100 N
+    ],
+)
+def test_contacts_are_unloaded_from_their_force_and_leave_the_weight(load, dynamics, unloaded, at_half):
+    model, _ = load("go2")
+    most, forces = {"left": 2000.0, "right": 1000.0}, {"left": [9.0, 0.0, 600.0], "right": [0.0, -9.0, 200.0]}
+    plans = {}
+    for name, largest in most.items():
+        foot = PointContact(name, model, "FL_foot", np.zeros(3), 0.0, max_normal_force=largest)
+        plans[name] = ContactPlan(True, CONTACT_RAMP, None, foot, largest)
+    tuning = Tuning({}, 0.02, 0.02, 1.0, 200.0, 100.0)
+    board = ReferenceBoard(BoardPlan({}, plans, WEIGHT_RAMP, tuning, robot_weight=400.0))
+    board.reset(dynamics, START)
+    board.forces = {name: np.array(force) for name, force in forces.items()}
+    board.apply([EnableContact(name, False) for name in unloaded], dynamics, START)
+    first = board.sample(START).contacts
+    assert {name: first[name] for name in unloaded} == pytest.approx(
+        {name: {"left": 0.3, "right": 0.2}[name] for name in unloaded}
+    )
+    assert board.sample(START + 0.5 * CONTACT_RAMP).contacts == pytest.approx(at_half)
+    bounds = [
+        sum(board.sample(START + time).contacts[name] * most[name] for name in most)
+        for time in np.arange(0.0, CONTACT_RAMP, 0.002)
+    ]
+    assert min(bounds) >= 400.0 * (1.0 - 1e-9)
+    assert {board.sample(START + CONTACT_RAMP).contacts[name] for name in unloaded} == {0.0}
 
 
 def test_contact_without_ramp_ends_immediately(board, dynamics):

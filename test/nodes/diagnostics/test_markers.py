@@ -10,6 +10,7 @@ from composed import whole
 from wbc_controller.controller.visualization.scene import CONE_HEIGHT, FORCE_LENGTH
 from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.transports.memory import MemoryTransport
+from wbc_controller.nodes.diagnostics.markers import MarkerScene, read_shapes
 from wbc_controller.settings import Settings
 
 LINE_STRIP, LINE_LIST, SPHERE_LIST, ARROW = 4, 5, 7, 0
@@ -209,7 +210,6 @@ def test_markers_are_composed_on_demand(bench, monkeypatch):
 def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):
     from wbc_controller.controller.build.program import make_qp
     from wbc_controller.controller.build.robot import make_model
-    from wbc_controller.nodes.diagnostics.markers import MarkerScene
     from wbc_controller.records import RobotState
 
     settings, _ = robot_of("go2")
@@ -223,3 +223,43 @@ def test_a_robot_on_a_fixed_base_has_no_capture_point(robot_of):
     state = RobotState(1, model.configuration(model.posture), np.zeros(model.nv))
     drawn = whole(MarkerScene(model, controller.tasks, controller.contacts, 1.0).compose(state, None, None))
     assert {marker.ns for marker in drawn.markers} == {"com"}
+
+
+def test_the_plan_of_a_step_is_drawn_and_in_the_diagnostics(bench, make):
+    controller = standing(bench, "g1")
+    controller.v[0] = 0.0
+    for _ in range(3):
+        controller.send("cmd_vel", make.velocity("cmd_vel", [0.2, 0.1, 0.0, 0.0, 0.0, 0.0]))
+        controller.cycle(160)
+    found, plan = scene(controller), controller.loop.controller.walker.plan()
+    (foot,) = plan.landings
+    outline = points(found["steps", 0])
+    corners = np.array(controller.settings.contacts[foot].corners)
+    assert found["steps", 0].type == LINE_LIST
+    np.testing.assert_allclose(outline.mean(axis=0), plan.landings[foot], atol=5e-3)
+    np.testing.assert_allclose(np.ptp(outline, axis=0)[:2], np.ptp(corners, axis=0), atol=5e-3)
+    path = points(found["swing_paths", 0])
+    np.testing.assert_allclose(path[-1], plan.landings[foot], atol=5e-3)
+    assert path[:, 2].max() > plan.landings[foot][2] + 0.03
+    wanted = points(found["capture_point", 1])[0]
+    np.testing.assert_allclose(wanted[:2], [plan.wanted_dcm.real, plan.wanted_dcm.imag], atol=0.02)
+    (status,) = controller.received("diagnostics")[-1].status
+    values = {value.key: value.value for value in status.values}
+    assert values["walking/phase"] == "single support"
+    assert values["walking/command"] == "0.200 0.100 m/s, 0.000 rad/s"
+    assert values["walking/steps"] == "0"
+    assert float(values["walking/margin"].partition(" ")[0]) == pytest.approx(plan.margin, abs=0.03)
+    assert 0.0 < float(values["walking/touchdown"].partition(" ")[0]) <= controller.loop.controller.walker.gait.single
+    assert "walking/velocity" in values
+    walking = {(name, number) for name, number in found if name in ("steps", "swing_paths")}
+    read = read_shapes(controller.received("markers")[-1], ("steps", "swing_paths"))
+    assert {(shape.group, shape.number) for shape in read} == walking
+    np.testing.assert_array_equal(next(s for s in read if s.group == "steps").points, outline)
+
+
+def test_a_standing_robot_has_no_plan(bench):
+    controller = standing(bench, "g1")
+    assert not {"steps", "swing_paths"} & {namespace for namespace, _ in scene(controller)}
+    (status,) = controller.received("diagnostics")[-1].status
+    values = {value.key: value.value for value in status.values if value.key.startswith("walking/")}
+    assert values == {"walking/phase": "stand", "walking/steps": "0", "walking/command": "none"}

@@ -143,7 +143,7 @@ def test_the_operator_may_command_and_listen_but_not_play_the_robot(robot_of):
     rules = allowed["/operator"]
     nodes = opened(settings, model)
     commands = {name for name in nodes[CONTROLLER].subscribed if name.startswith("/wbc_controller/")}
-    commands |= {"/cmd_vel", "/cmd_vel_stamped"}
+    commands |= {"/cmd_vel", "/cmd_vel_stamped", "/wbc_controller/walk/goal", "/wbc_controller/walk/footsteps"}
     mock = {"push", "hold", "fault"} | {f"contacts/{contact}/grip" for contact in settings.contacts}
     assert rules["publish"] == commands | {f"/mock_robot/{name}" for name in mock} | set(NODE_PUBLISHES)
     assert not rules["publish"] & {"/effort_controller/commands", "/joint_states", "/odom", "/guard/state"}

@@ -59,6 +59,25 @@ def test_replay_from_any_memory_is_identical(recorded):
     assert any(each.result.solution is not None for each in replay.run(5, 8))
 
 
+def test_walking_commands_are_replayed(record, tmp_path, make):
+    run = record(tmp_path / "w.mcap", robot="g1")
+    bench = run.bench
+    run.stand(20)
+    bench.send("walk_goal", make.pose([1.0, 0.5, 0.0], [0.0, 0.0, np.sin(0.2), np.cos(0.2)]))
+    run.go(60)
+    bench.send("walk_footsteps", make.pose_array([[0.1, 0.12, 0.0], [0.2, -0.12, 0.1]]))
+    run.go(400)
+    assert bench.loop.controller.walker.footsteps_left == 2
+    assert len(bench.reports[-1].solution.forces) == 1  # in the air
+    bench.send("cmd_vel", make.velocity("cmd_vel", [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    run.go(40)
+    recorded = run.finish(tmp_path / "w.mcap")
+    solved = list(Replay(recorded).run())
+    assert [each.is_identical for each in solved] == [True] * recorded.count
+    text = summarize(recorded)
+    assert all(words in text for words in ("walk to 1, 0.5 m and 0.4 rad", "walk by 2 footsteps", "walk at 0.2, 0 m/s"))
+
+
 def test_the_memory_contains_the_estimated_disturbance(record, tmp_path, make):
     friction = {"FL_calf_joint": {"dry": 0.5, "viscous": 0.1}}
     run = record(tmp_path / "b.mcap", {"estimation": {"disturbance": "always"}, "robot": {"friction": friction}})

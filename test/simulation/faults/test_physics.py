@@ -171,7 +171,7 @@ def test_a_sunk_floor_lets_the_robot_fall_onto_it(bench):
     touch = bench.plant.contact_forces
     bench.run(150, damping=2.0)
     assert bench.plant.model.geom(FLOOR).pos[2] == pytest.approx(-0.2)
-    assert touch.height(bench.plant.data, touch.geoms["front_left_foot"]) == pytest.approx(0.0, abs=0.002)
+    assert touch.distance(bench.plant.data, touch.geoms["front_left_foot"]) == pytest.approx(0.0, abs=0.002)
 
 
 def test_the_floor_tilts_by_its_angle_and_does_not_lift_the_robot(bench):
@@ -191,7 +191,7 @@ def test_a_foot_over_a_hole_has_no_contact_and_stays_free_until_it_is_above_the_
     bench.plan("floor_hole", contact=foot, duration=0.3)
     bench.run(200, damping=0.5)
     assert not bench.plant.contact_wrenches()[foot].any()
-    assert bench.plant.contact_forces.height(bench.plant.data, geoms) < -0.001
+    assert bench.plant.contact_forces.distance(bench.plant.data, geoms) < -0.001
     assert bench.faults.busy
     assert not bench.plant.model.geom_conaffinity[geoms].any()
 

@@ -1,11 +1,12 @@
-"""The first camera of the page: the whole robot is in view."""
+"""The camera of a page: the whole robot is in view, and stays there when the robot walks."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+import viser
 
 from wbc_controller.apps.page.meshes import Mesh
 from wbc_controller.apps.page.snapshot import Robot
@@ -16,6 +17,7 @@ _DIRECTION = np.array([1.7, -1.5, 0.65])  # from the robot to the camera
 _FILLED = 0.92  # largest part of the view that the robot fills
 _ASPECT = 0.5  # smallest width of the canvas, as a share of its height, that shows the whole robot
 _NEAREST = 0.3  # smallest distance of the camera, m
+_TRAILING = 0.3  # horizontal distance by which the camera trails the robot, m
 
 
 def camera(robot: Robot, meshes: Sequence[Mesh]) -> tuple[Array, Array, float]:
@@ -39,3 +41,22 @@ def camera(robot: Robot, meshes: Sequence[Mesh]) -> tuple[Array, Array, float]:
     lateral = np.maximum(np.abs(offsets @ right) / _ASPECT, np.abs(offsets @ np.cross(right, forward)))
     distance = np.max(lateral / (_FILLED * np.tan(_ANGLE / 2.0)) - offsets @ forward)
     return centre - max(_NEAREST, float(distance)) * forward, centre, _ANGLE
+
+
+class CameraFollower:
+    """Moves the cameras of all browsers with the base of the robot."""
+
+    def __init__(self) -> None:
+        self.on = True
+        self._places: dict[int, Array] = {}  # followed place by client, (2,) in m; at first the origin
+
+    def follow(self, clients: Mapping[int, viser.ClientHandle], place: Array) -> None:
+        """Move each camera, so that it trails the place of the base, (2,) in m, by at most `_TRAILING`."""
+        self._places = {number: self._places.get(number, np.zeros(2)) for number in clients}
+        for number, client in clients.items():
+            way = place - self._places[number]
+            far = float(np.linalg.norm(way))
+            if self.on and _TRAILING < far < np.inf:
+                step = way * (1.0 - _TRAILING / far)
+                self._places[number] = self._places[number] + step
+                client.camera.position = client.camera.position + np.append(step, 0.0)  # moves its target, too

@@ -10,6 +10,7 @@ import viser
 
 from wbc_controller.apps.page.request_sender import RequestSender
 from wbc_controller.apps.page.snapshot import Robot, Snapshot
+from wbc_controller.apps.page.walk_controls import WalkControls
 from wbc_controller.settings import Settings
 
 _OVERRIDE_TIME = 2.0  # after user input, without updates from the controller, s
@@ -35,6 +36,8 @@ class Controls:
         self._tasks: dict[str, tuple[Any, Any | None]] = {}
         self._contacts: dict[str, Any] = {}
         self._add_mode_buttons()
+        if robot.settings.walking is not None:
+            WalkControls(server, robot.settings.walking, sender)
         self._mock = self._gui.add_folder("Simulated robot", visible=False)
         with self._mock:
             self._add_hoist_buttons()

@@ -23,8 +23,13 @@ GROUPS: Mapping[str, str] = {
     "com": "Centre of mass",
     "capture_point": "Capture point",
     "task_errors": "Task references",
+    "steps": "Planned steps",
 }
-_SWITCH_OF = {"references": "task_errors", "contacts": "support"}  # groups that share the switch of another group
+_SWITCH_OF = {
+    "references": "task_errors",
+    "contacts": "support",
+    "swing_paths": "steps",
+}  # groups that share the switch of another group
 #: Motion below which a joint or a shape is not redrawn, m or the sine of half an angle. A robot at rest is not redrawn,
 #: which saves processor time without a GPU.
 _STILL_JOINT, _STILL_SHAPE = 1.0e-4, 1.0e-3
@@ -67,6 +72,7 @@ class Drawing:
         self.placements = list(self._data.oMi)
         robot.dynamics.update(snapshot.q, snapshot.v)
         shapes = list(draw(robot.dynamics, robot.tasks, robot.contacts, snapshot.references, snapshot.forces))
+        shapes += snapshot.steps
         with self._server.atomic():  # a page must not show a part of a snapshot
             self._tree.move(self._data)
             self._draw(shapes)

@@ -14,7 +14,7 @@ import viser
 import viser.uplot
 
 from wbc_controller.apps.page import panels
-from wbc_controller.apps.page.camera import camera
+from wbc_controller.apps.page.camera import CameraFollower, camera
 from wbc_controller.apps.page.controls import Controls
 from wbc_controller.apps.page.drawing import GROUPS, Drawing
 from wbc_controller.apps.page.handles import Handles
@@ -71,6 +71,7 @@ class Page:
         )
         gui.set_panel_label(robot.model.name)
         self._set_up_scene(server, robot, meshes)
+        self._follower = CameraFollower()
         self.drawing = Drawing(server, robot, meshes)
         self.drawing.set_shadows(False)
         panel = gui.add_panel()
@@ -130,6 +131,8 @@ class Page:
             for group, label in GROUPS.items():
                 box = gui.add_checkbox(label, True)
                 box.on_update(self._toggles(group))
+            follow = gui.add_checkbox("Follow the robot", True, hint="Move the camera with a robot that walks.")
+            follow.on_update(lambda event: setattr(self._follower, "on", follow.value))
             translucent = gui.add_checkbox("Translucent robot", False)
             translucent.on_update(lambda event: self.drawing.set_translucent(translucent.value))
             shadows = gui.add_checkbox("Shadows", False, hint="Shadows and reflections; requires a GPU.")
@@ -169,6 +172,8 @@ class Page:
     def _draw(self, count: int) -> None:
         snapshot = self._source.snapshot()
         self.drawing.show(snapshot)
+        if self._robot.model.floating_base:
+            self._follower.follow(self.server.get_clients(), snapshot.q[:2])
         if self._is_mock is not None:
             self._handles.show(snapshot)
         if self._time_line is not None:

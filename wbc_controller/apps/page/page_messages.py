@@ -64,6 +64,13 @@ class GuiUpdateMessage(_Message):
     updates: _Updates
 
 
+class GuiButtonHoldMessage(_Message):
+    """Held button, repeated at a frequency, Hz."""
+
+    uuid: _Name
+    frequency: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)]
+
+
 class TransformControlsDragStartMessage(_Message):
     """Start of a drag of a handle."""
 
@@ -106,6 +113,7 @@ class SceneNodeDragMessage(_Message):
 WATCHING = ViewerCameraMessage | GuiUpdateMessage
 COMMANDING = (
     WATCHING
+    | GuiButtonHoldMessage
     | TransformControlsDragStartMessage
     | TransformControlsUpdateMessage
     | TransformControlsDragEndMessage
@@ -131,10 +139,17 @@ class AllowList:
             return f"{error}: {_excerpt(payload)}"
         if isinstance(message, GuiUpdateMessage):
             return self._value_fault(message.uuid, message.updates.value)
+        if isinstance(message, GuiButtonHoldMessage):
+            control = self._control(message.uuid)
+            if not isinstance(control, viser.GuiButtonHandle) or message.frequency not in control._hold_callback_freqs:
+                return f"GuiButtonHoldMessage: no button {reprlib.repr(message.uuid)} with this frequency"
         return ""
 
+    def _control(self, uuid: str) -> Any:
+        return None if self.gui is None else self.gui._gui_input_handle_from_uuid.get(uuid)
+
     def _value_fault(self, uuid: str, value: bool | float | str) -> str:
-        control: Any = None if self.gui is None else self.gui._gui_input_handle_from_uuid.get(uuid)
+        control = self._control(uuid)
         match control:
             case None:
                 return f"GuiUpdateMessage: unknown control {reprlib.repr(uuid)}"

@@ -29,7 +29,7 @@ _NODE = "wbc_page"
 _REQUESTS = {
     *(
         ("controller", key)
-        for key in ("enable_commands", "update", "setpoint", "weight", "task_enable", "contact_enable")
+        for key in ("command", "cmd_vel", "update", "setpoint", "weight", "task_enable", "contact_enable")
     ),
     *(("mock", key) for key in ("hold", "push", "fault")),
 }

@@ -38,7 +38,7 @@ class RequestSender:
         """
         self._settings, self._send, self._report, self._clock = settings, send, report, clock
         self._requests: queue.Queue[Request | None] = queue.Queue(_QUEUE_SIZE)
-        self._dragged: dict[str, tuple[float, int, Sequence[str]]] = {}
+        self._dragged: dict[str, tuple[float, int, Sequence[str] | Request]] = {}
         self._sent: dict[str, float] = {}
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, name="sender", daemon=True)
@@ -78,8 +78,8 @@ class RequestSender:
         except queue.Full:
             self._report(words, f"dropped: the queue of {_QUEUE_SIZE} requests is full")
 
-    def drag(self, key: str, client: int, value: Sequence[str]) -> None:
-        """Store the newest value of a page's drag: words of a request for the control `key`."""
+    def drag(self, key: str, client: int, value: Sequence[str] | Request) -> None:
+        """Store the newest value of a page's drag: a request, or its words, for the control `key`."""
         with self._lock:
             self._dragged[key] = self._clock(), client, value
 
@@ -92,15 +92,15 @@ class RequestSender:
         """Send the drags that are due."""
         now, due = self._clock(), []
         with self._lock:
-            for key, (requested_at, _, words) in list(self._dragged.items()):
+            for key, (requested_at, _, value) in list(self._dragged.items()):
                 if now - self._sent.get(key, -1.0e9) < PERIOD:
                     continue
                 del self._dragged[key]
                 if now - requested_at <= MAX_AGE:
                     self._sent[key] = now
-                    due.append(words)
-        for words in due:
-            request = self._parse(words)
+                    due.append(value)
+        for value in due:
+            request = value if isinstance(value, Request) else self._parse(value)
             if request is not None:
                 self._deliver(request, "")
 

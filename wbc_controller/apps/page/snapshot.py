@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from wbc_controller.apps.terminal.robot_status import RobotStatus
 from wbc_controller.controller.build.contacts import make_contact
 from wbc_controller.controller.build.robot import make_model
 from wbc_controller.controller.build.tasks import make_task
+from wbc_controller.controller.visualization.scene import Shape
 from wbc_controller.inverse_dynamics.contacts import Contact
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
@@ -50,6 +51,7 @@ class Snapshot:
     #: Contact forces of the solution by contact, in the form of `Solution.forces`.
     forces: Mapping[str, Array] = field(default_factory=dict)
     references: References | None = None  # None in modes without references
+    steps: Sequence[Shape] = ()  # planned steps and swing paths of a walking robot
     status: RobotStatus | None = None  # None before the first message
     silence: float = math.inf  # wall time since the last status, s; initially infinite
     base_measured: bool = True  # False if the robot is drawn standing on its contacts, without a measured base

@@ -12,16 +12,18 @@ from wbc_controller.apps.page.base_on_contacts import BaseOnContacts
 from wbc_controller.apps.page.snapshot import FOLLOWING, Robot, Snapshot
 from wbc_controller.apps.terminal.robot_status import RobotStatus, StatusListener
 from wbc_controller.apps.terminal.session import Session
+from wbc_controller.controller.visualization.scene import Shape
 from wbc_controller.errors import InputRefused
 from wbc_controller.middleware.codec import decode
 from wbc_controller.middleware.decoding import READERS
 from wbc_controller.middleware.joint_states import JointStateReader, JointStates, StateReader
 from wbc_controller.middleware.stamps import stamp_of
 from wbc_controller.middleware.states import BaseState, OdometryReader
+from wbc_controller.nodes.diagnostics.markers import read_shapes
 from wbc_controller.nodes.wiring import make_vocabulary
 from wbc_controller.records import Array, Reference, References
 
-_MAX_AGE = 0.2  # of torques and forces relative to the state, robot time, s
+_MAX_AGE = 0.2  # of torques, forces and planned steps relative to the state, robot time, s
 
 
 class TopicSource:
@@ -36,6 +38,8 @@ class TopicSource:
         self._base = _Stream(session.poll("controller", "odom"), OdometryReader(model.base_link))
         self._commands = session.poll("controller", "joint_commands")
         self._wrenches = {name: session.poll("controller", "contact_wrench", name) for name in settings.contacts}
+        self._markers = session.poll("controller", "markers") if settings.walking is not None else lambda: None
+        self._steps: tuple[int, list[Shape]] = 0, []
         self._command: tuple[int, Array] | None = None
         self._forces: dict[str, tuple[int, Array]] = {}
         self._vocabulary = make_vocabulary(settings, model)
@@ -65,6 +69,7 @@ class TopicSource:
             torques=self._torques(joints.stamp),
             forces=self._contact_forces(joints.stamp) if mode.startswith("active") else {},
             references=self._references() if mode.startswith(FOLLOWING) else None,
+            steps=self._planned_steps(joints.stamp),
             status=self._status,
             silence=time.monotonic() - self._status_at,
             base_measured=base is not None or not model.floating_base,
@@ -97,6 +102,14 @@ class TopicSource:
                 wrench = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
                 self._forces[name] = stamp_of(content), self._robot.contacts[name].basis.T @ wrench
         return {name: force for name, (time, force) in self._forces.items() if _is_fresh(time, stamp)}
+
+    def _planned_steps(self, stamp: int) -> list[Shape]:
+        payload = self._markers()
+        if payload is not None:
+            content = decode(payload, "visualization_msgs/msg/MarkerArray")
+            time = stamp_of(content.markers[0]) if content.markers else 0
+            self._steps = time, read_shapes(content, ("steps", "swing_paths"))
+        return self._steps[1] if _is_fresh(self._steps[0], stamp) else []
 
     def _references(self) -> References | None:
         if self._status is None:

@@ -13,6 +13,7 @@ from wbc_controller.apps.terminal import DISCOVERY_PATIENCE
 from wbc_controller.apps.terminal.request_parser import Request
 from wbc_controller.errors import WbcError
 from wbc_controller.middleware.codec import decode, encode
+from wbc_controller.middleware.setpoints import velocity_message
 from wbc_controller.middleware.stamps import header_time
 from wbc_controller.middleware.topics import (
     CONTROLLER_TOPICS,
@@ -34,6 +35,8 @@ from wbc_controller.settings import NODE_NAME, Settings
 
 _NODE = "wbc_user"
 ANSWER_TIMEOUT = 20.0  # of a discovered node, wall time, s
+#: Longest wait for the first status, and for a walking robot to stand, before the hoist lifts it, s.
+_STATUS_PATIENCE, _STAND_PATIENCE = 1.5, 10.0
 _RAMPED = {"activate": "active", "deactivate": "inactive"}  # commands with a torque ramp, and their final mode
 
 
@@ -173,6 +176,7 @@ class Session:
         if (request.node, request.key, request.summary) == ("controller", "command", "estop"):
             return self._emergency_stop(request)
         if request.node == "mock":
+            self._stop_before(request)
             self._deliver(request)
             return Answer(True, f"sent to the mock robot: {request.summary}")
         self.wait_for_controller()
@@ -199,7 +203,35 @@ class Session:
         )
         if not publication.wait_for_reader(self._patience):
             raise NoAnswer(self._absent_node(request.node))
+        self._stop_before(request)
         publication(encode(content))
+
+    def _stop_before(self, request: Request) -> None:
+        """Stop a walking robot before the hoist lifts it, and wait until it stands: its steps would not end in the air.
+
+        Without a status of an active controller nothing is sent.
+        """
+        lifts = request.key == "hold" and request.make(self.wait_for_message).data
+        if not lifts or self._settings.walking is None:
+            return
+        newest, stop = self.poll("controller", "diagnostics"), self.open("controller", "cmd_vel")
+        deadline, stopping = time.monotonic() + _STATUS_PATIENCE, False
+        while time.monotonic() < deadline:
+            values = self._values_in(newest())
+            if not values:
+                time.sleep(0.02)
+                continue
+            if values.get("mode") != "active" or values.get("walking/phase", "stand") == "stand":
+                return
+            if not stopping:
+                deadline, stopping = time.monotonic() + _STAND_PATIENCE, True
+            stop(encode(velocity_message((0.0, 0.0, 0.0))))
+
+    def _values_in(self, payload: bytes | None) -> dict[str, str]:
+        """Return the values of the controller's status in a message of the diagnostics; empty without one."""
+        array = [] if payload is None else decode(payload, self.topics["controller", "diagnostics", ""].type).status
+        own = [status.values for status in array if status.name == self._status_name]
+        return {value.key: value.value for value in own[-1]} if own else {}
 
     def _emergency_stop(self, request: Request) -> Answer:
         self._deliver(request)

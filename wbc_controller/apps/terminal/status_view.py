@@ -73,6 +73,9 @@ def facts(robot: RobotStatus) -> list[tuple[str, str]]:
         found.append(("cycle time", f"median {values['time/total/median']}, at most {values['time/total/max']}"))
     ages = [f"{key.removeprefix('age/')} {_milliseconds(value)}" for key, value in values.items() if "age/" in key]
     found.append(("ages", ", ".join(ages)))
+    if "walking/phase" in values:
+        parts = [values["walking/phase"], f"{values['walking/steps']} steps", values.get("walking/velocity")]
+        found.append(("walking", ", ".join(filter(None, parts))))
     found.append(("guard", robot.guard or "no messages"))
     if "binding" in values:
         found.append(("binding", ", ".join(describe_constraint(name) for name, _ in binding(values)) or "none"))

@@ -1,4 +1,4 @@
-"""Commands on the topics of running nodes: `wbc send`, `echo`, `status` and `topics`."""
+"""Commands on the topics of running nodes: `wbc send`, `drive`, `echo`, `status` and `topics`."""
 
 from __future__ import annotations
 
@@ -86,6 +86,41 @@ def send(config: str, words: tuple[str, ...], namespace: str, remappings: Mappin
             click.echo(answer.text, err=not answer.done)
             if not answer.done:
                 sys.exit(REFUSED)
+
+
+@click.command()
+@_session_options
+@click.option("--speed", default=0.2, show_default=True, type=click.FloatRange(0.0, 5.0, min_open=True),
+              help="First speed, m/s.")  # fmt: skip
+@click.option("--turn-rate", default=0.3, show_default=True, type=click.FloatRange(0.0, 5.0, min_open=True),
+              help="First turning rate, rad/s.")  # fmt: skip
+def drive(
+    config: str, namespace: str, remappings: Mapping[str, str], patience: float, speed: float, turn_rate: float
+) -> None:
+    """Drive a walking robot by keyboard. A velocity stays until the next key.
+
+    The controller limits it to the speeds of the section `walking`. The robot stops when this command ends, at the
+    latest after `walking.command_timeout`.
+    """
+    from wbc_controller.apps.terminal.keyboard import KEYS, Drive, publish_velocities, single_keys
+    from wbc_controller.apps.terminal.session import Session
+    from wbc_controller.nodes.signals import exit_by_signals
+
+    settings = load_named(config)
+    if settings.walking is None:
+        raise InputRefused(f"{config} cannot walk: its configuration has no section 'walking'")
+    if not sys.stdin.isatty():
+        raise InputRefused("standard input is not a terminal, from which the keys are read; start this in a terminal")
+    exit_by_signals()
+    with (
+        Session(settings, namespace=namespace, remappings=remappings, patience=patience) as session,
+        _exit_without_answer(),
+        contextlib.suppress(KeyboardInterrupt),
+    ):
+        session.wait_for_controller()
+        click.echo(KEYS)
+        with single_keys(sys.stdin.fileno()):
+            publish_velocities(session, Drive(speed, turn_rate), sys.stdin.fileno())
 
 
 @click.command()

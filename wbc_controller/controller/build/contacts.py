@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from wbc_controller import settings as schema
@@ -18,6 +20,7 @@ from wbc_controller.inverse_dynamics.contacts import (
     SurfaceContact,
     placement_of,
 )
+from wbc_controller.inverse_dynamics.contacts.contact import UnilateralContact
 from wbc_controller.inverse_dynamics.references.board import ContactPlan
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 
@@ -72,9 +75,12 @@ def make_contact(name: str, contact: schema.ContactSettings, model: RobotModel) 
 
 
 def make_contact_plan(contact: Contact, enabled: bool, ramp: float) -> ContactPlan:
-    """Return the plan of a contact: initial state, ramp, anchor."""
+    """Return the plan of a contact."""
     anchored = contact if isinstance(contact, AnchoredContact) and contact.stiffness > 0.0 else None
-    return ContactPlan(enabled, ramp, anchored)
+    capacity = 0.0 if contact.internal else math.inf
+    if isinstance(contact, UnilateralContact) and not contact.internal:
+        capacity = contact.max_normal_force
+    return ContactPlan(enabled, ramp, anchored, contact, capacity)
 
 
 def make_loop_closure(name: str, loop: schema.LoopSettings, model: RobotModel) -> LoopClosure:

@@ -15,8 +15,8 @@ from wbc_controller.inverse_dynamics.tasks import ComTask, FramePositionTask, Po
 from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import PointContact, Settings, SurfaceContact, WalkingSettings
 from wbc_controller.walking.gait import QuadrupedGait
-from wbc_controller.walking.ground import Ground
 from wbc_controller.walking.quadruped import PointFoot, QuadrupedTasks, QuadrupedWalker
+from wbc_controller.walking.terrain import Ground
 
 #: Name of the task on the horizontal position of the centre of mass.
 COM = "walking_com"

@@ -56,4 +56,10 @@ def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
         for name, contact in qp.contacts.items()
         if name not in settings.contacts and not contact.permanent
     }
-    return BoardPlan(tasks=tasks, contacts=contacts, weight_ramp=settings.control.weight_ramp, tuning=tuning)
+    return BoardPlan(
+        tasks=tasks,
+        contacts=contacts,
+        weight_ramp=settings.control.weight_ramp,
+        tuning=tuning,
+        robot_weight=model.mass * model.gravity if model.floating_base else 0.0,
+    )

@@ -28,6 +28,8 @@ _MOST = 12
 _HEAD = 0.2
 #: Heights of a category, and of axis and legend, pixels.
 _CATEGORY, _AROUND = 22, 160
+#: Height of a polar figure, pixels.
+_POLAR = 520
 _MARGIN = {"l": 74, "r": 16, "t": 8, "b": 46}
 
 
@@ -192,6 +194,24 @@ def by_category(
     figure.update_yaxes(
         categoryorder="array", categoryarray=categories, range=[len(categories) - 0.5, -0.5], automargin=True, dtick=1
     )
+    return figure
+
+
+def polar(lines: Mapping[str, Array], angles: Sequence[float], *, unit: str) -> Any:
+    """Return a polar figure of closed lines by name, (n,) each, over angles in degrees; 0° is at the top."""
+    go, _ = _plotly()
+    figure = go.Figure()
+    for (name, values), color in zip(lines.items(), PALETTE, strict=False):
+        figure.add_scatterpolar(
+            name=name,
+            r=[*values, values[0]],
+            theta=[*angles, angles[0]],
+            mode="lines+markers",
+            line={"color": color},
+            hovertemplate=f"%{{theta:.0f}}°: %{{r:.1f}} {unit}",
+        )
+    axes = {"angularaxis": {"rotation": 90, "direction": "counterclockwise"}, "radialaxis": {"ticksuffix": f" {unit}"}}
+    figure.update_layout(polar=axes, template="plotly_white", height=_POLAR, margin=_MARGIN)
     return figure
 
 

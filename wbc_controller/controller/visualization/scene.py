@@ -1,4 +1,4 @@
-"""Shapes of one cycle for markers and plots: contacts, forces, support, centre of mass, references."""
+"""Shapes of one cycle for markers and plots: contacts, forces, support, centre of mass, references, steps."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from wbc_controller.inverse_dynamics.tasks import (
     Task,
 )
 from wbc_controller.records import Array, Reference, References
+from wbc_controller.walking.plan import WalkingPlan
 
 #: Length of the arrow of the robot's weight, m.
 FORCE_LENGTH = 0.5
@@ -46,6 +47,8 @@ COLORS = {
     "capture_point": (0.2, 0.5, 0.95, 1.0),
     "references": (0.8, 0.3, 0.9, 1.0),
     "task_errors": (0.8, 0.3, 0.9, 1.0),
+    "steps": (0.1, 0.6, 0.7, 1.0),
+    "swing_paths": (0.1, 0.6, 0.7, 1.0),
 }
 
 
@@ -66,11 +69,14 @@ def draw(
     contacts: Mapping[str, Contact],
     references: References | None,
     forces: Mapping[str, Array],
+    plan: WalkingPlan | None = None,
 ) -> Iterator[Shape]:
     """Yield the non-empty shapes of one state; `references` and `forces` (`Solution.forces`) may be empty."""
     for shape in _shapes(dynamics, tasks, contacts, references, forces):
         if len(shape.points):
             yield shape
+    if plan is not None:
+        yield from _steps(dynamics, contacts, plan)
 
 
 def _shapes(
@@ -105,6 +111,21 @@ def _shapes(
                 lines += _point_and_reference(task, dynamics, references.tasks[name], ground)
         yield _shape("task_errors", 0, LINE_LIST, 0.006, lines)
         yield _shape("references", 0, SPHERE_LIST, 0.02, lines[1::2])
+
+
+def _steps(dynamics: Dynamics, contacts: Mapping[str, Contact], plan: WalkingPlan) -> Iterator[Shape]:
+    """Yield the planned touchdowns as outlines of the contacts, or balls, the paths there, and the wanted DCM."""
+    ground = 0.0
+    for i, (name, landing) in enumerate(plan.landings.items()):
+        corners, ground = points_of(contacts[name], dynamics), float(landing[2])
+        moved = corners - corners.mean(axis=0) + landing
+        moved[:, 2] = ground
+        outline = len(corners) > 2
+        yield _shape("steps", i, *((LINE_LIST, 0.008, _edges(moved)) if outline else (SPHERE_LIST, 0.03, moved[:1])))
+        yield _shape("swing_paths", i, LINE_STRIP, 0.006, plan.swings[name])
+    if plan.landings:
+        wanted = plan.wanted_dcm
+        yield _shape("capture_point", 1, SPHERE_LIST, 0.02, [np.array([wanted.real, wanted.imag, ground])])
 
 
 def friction_used(contacts: Mapping[str, Contact], forces: Mapping[str, Array], weight: float) -> dict[str, float]:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from wbc_controller.errors import MethodError
-from wbc_controller.inverse_dynamics.method_calls import array_from, call, checked, is_finite, raised
+from wbc_controller.inverse_dynamics.method_calls import array_from, bounds_of, call, checked, is_finite, raised
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tunable import Tunable
@@ -168,6 +168,14 @@ def points_of(contact: Contact, dynamics: Dynamics) -> Array:
 def anchor_of(contact: AnchoredContact, dynamics: Dynamics) -> Array:
     """Return the anchor at this state, (7,), checked (`method_calls`) and read-only."""
     return frozen(array_from(contact, "anchor", (7,), dynamics))
+
+
+def needed_activation(contact: Contact, force: Array) -> float:
+    """Return the smallest activation whose bounds admit a force, (k,), from 0 to 1."""
+    lower, upper = bounds_of(contact, "bounds", call(contact, "bounds", 1.0), contact.size)
+    bound = np.where(force > 0.0, upper, -lower)
+    bounded = (force != 0.0) & (bound > 0.0)
+    return float(np.max(np.abs(force[bounded]) / bound[bounded], initial=0.0).clip(0.0, 1.0))
 
 
 class UnilateralContact(AnchoredContact):

@@ -13,7 +13,7 @@ from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, MOMENTUM
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tasks import EffortTask, PostureTask, Task
-from wbc_controller.inverse_dynamics.tasks.task import MotionTask
+from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask
 from wbc_controller.records import Array, References
 
 Errors = tuple[Sequence[tuple[str, slice]], Array]  # name and part of each task of a level; the array
@@ -28,7 +28,8 @@ class LevelCost:
 
         ½ w (x - b)² + ½ ε x² = ½ (w + ε) (x - t)² + ½ b² ε w / (w + ε),    t = b w / (w + ε).
 
-    It has rows only if a lower level must keep them, or for a second posture task on the same joints.
+    A second posture task on the same joints adds to that in the same way, with w + ε in place of ε and b - t in place
+    of b. Posture tasks have rows only if a lower level must keep them.
 
     Attributes:
         squares: cost with weights w and ε.
@@ -44,7 +45,7 @@ class LevelCost:
         problem, base = layout.problem, 6 if dynamics.model.floating_base else 0
         n = problem.n
         self._tasks, self._layout, self._dynamics, self._regularization = tasks, layout, dynamics, regularization
-        posture = _on_diagonal(tasks, dynamics.model.nv) if last else []
+        posture = _on_diagonal(tasks) if last else []
         self._posture = [task for task, _ in posture]
         with_rows = [task for task in tasks if task.tolerance is None and task not in self._posture]
         self._with_tolerance = [task for task in tasks if task.tolerance is not None]
@@ -66,8 +67,8 @@ class LevelCost:
         entries = [RowEntry(instruction, task=task, error=places[task.name].start) for task, instruction in posture]
         for task in with_rows:
             rows = places[task.name]
-            instruction = task.instruction() if isinstance(task, MotionTask) else None
-            if isinstance(task, MotionTask) and instruction is not None and instruction.kind != JOINTS:
+            instruction = task.instruction() if isinstance(task, AccelerationTask) else None
+            if isinstance(task, AccelerationTask) and instruction is not None and instruction.kind != JOINTS:
                 entries.append(RowEntry(instruction, rows.start, task, rows.start))
             else:
                 self._python_rows.append((task, block[rows]))
@@ -160,14 +161,13 @@ class LevelCost:
         self.level.kept = self._kept[1]
 
 
-def _on_diagonal(tasks: Sequence[Task], nv: int) -> list[tuple[PostureTask, Instruction]]:
-    """Return the posture tasks with compiled targets on separate joints."""
-    found, free = [], np.ones(nv, dtype=np.bool_)
+def _on_diagonal(tasks: Sequence[Task]) -> list[tuple[PostureTask, Instruction]]:
+    """Return the posture tasks with compiled targets."""
+    found = []
     for task in tasks:
         instruction = task.instruction() if isinstance(task, PostureTask) and task.tolerance is None else None
-        if isinstance(task, PostureTask) and instruction is not None and free[task.columns].all():
+        if isinstance(task, PostureTask) and instruction is not None:
             found.append((task, instruction))
-            free[task.columns] = False
     return found
 
 

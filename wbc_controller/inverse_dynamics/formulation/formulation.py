@@ -43,6 +43,8 @@ class Formulation:
     Attributes:
         task_errors: of each level in the last cycle.
         redundancy: active contacts, and True to separate them in every cycle (`formulation.redundancy`).
+        regular: sets of active contacts that were not redundant when they were examined; a solver that fails examines
+            them again.
     """
 
     def __init__(
@@ -71,10 +73,11 @@ class Formulation:
         self.structure: Structure | None = None
         self.parameters: Parameters | None = None
         self.redundancy: tuple[tuple[str, ...], bool] | None = None
+        self.regular: set[tuple[str, ...]] = set()
         self._owners: tuple[Task | Contact, ...] = (*tasks, *contacts)
         self._levels = sorted({task.level for task in tasks})
         self._layouts: dict[tuple[str, ...], Layout] = {}
-        self._costs: dict[tuple[tuple[str, ...], tuple[str, ...]], list[LevelCost]] = {}
+        self._structures: dict[tuple[tuple[str, ...], tuple[str, ...]], Structure] = {}  # by contacts and tasks
         self._tuning: Tuning | None = None
         self._prepared: RobotState | None = None  # of the present dynamics
         self._q_index, self._v_index = (index.astype(np.int64) for index in (model.q_index, model.v_index))
@@ -137,7 +140,10 @@ class Formulation:
             self._fill_row_limits(layout)
         layout.contact_rows = None
         if self.redundancy is None or self.redundancy[0] != layout.key:
-            self.redundancy = layout.key, self._mobility(layout) < EXAMINED_MOBILITY
+            redundant = layout.key not in self.regular and self._mobility(layout) < EXAMINED_MOBILITY
+            self.redundancy = layout.key, redundant
+            if not redundant:
+                self.regular.add(layout.key)
         if self.redundancy[1]:
             self._separate_contacts(layout)
         return layout
@@ -147,6 +153,7 @@ class Formulation:
         if layout.contact_rows is not None or self._mobility(layout) >= LEAST_MOBILITY:
             return False
         self.redundancy = layout.key, True
+        self.regular.discard(layout.key)
         self._separate_contacts(layout)
         return True
 
@@ -195,22 +202,25 @@ class Formulation:
             version=0 if known is None else known.version + 1,
         )
         self.parameters = None  # until all are written
-        structure = self._structure_for(parameters)
-        self._write_parameters(parameters, structure)
+        structure = self._structure_for(parameters.weights, parameters.activations)
+        if structure.parameters != parameters:
+            structure.parameters = None
+            self._write_parameters(parameters, structure)
+            structure.parameters = parameters
         self.parameters, self.structure = parameters, structure
         return structure
 
-    def _structure_for(self, parameters: Parameters) -> Structure:
-        """Return the structure for active contacts and tasks."""
-        weights, activations, last = parameters.weights, parameters.activations, self.structure
+    def _structure_for(self, weights: Mapping[str, float], activations: Mapping[str, float]) -> Structure:
+        """Return the structure for active contacts and tasks; its layout may contain rows of other tasks before."""
         # A NaN weight is active, for the check for finite values.
         tasks = tuple(name for name in self.tasks if not weights.get(name, 0.0) <= 0.0)
         contacts = tuple(name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0)
-        if (contacts, tasks) not in self._costs:
-            self._costs[contacts, tasks] = [
+        if (contacts, tasks) not in self._structures:
+            layout = self.layout(contacts)
+            costs = [
                 LevelCost(
                     [self.tasks[name] for name in tasks if self.tasks[name].level == level],
-                    self.layout(contacts),
+                    layout,
                     self.dynamics,
                     self.regularization,
                     first=level == self._levels[0],
@@ -218,13 +228,14 @@ class Formulation:
                 )
                 for level in self._levels
             ]
-        costs = self._costs[contacts, tasks]
-        if last is not None and last.costs is costs:
-            return last
-        layout = self.layout(contacts)
-        layout.levels = [cost.level for cost in costs]
-        layout.problem.memory[: layout.problem.room] = 0.0  # rows of other tasks
-        return Structure(0 if last is None else last.version + 1, layout, costs)
+            levels = [cost.level for cost in costs]
+            self._structures[contacts, tasks] = Structure(len(self._structures), layout, costs, levels)
+        structure = self._structures[contacts, tasks]
+        layout = structure.layout
+        if layout.levels is not structure.levels:
+            layout.levels, structure.parameters = structure.levels, None
+            layout.problem.memory[: layout.problem.room] = 0.0
+        return structure
 
     def _write_parameters(self, parameters: Parameters, structure: Structure) -> None:
         layout, nv = structure.layout, self.model.nv

@@ -8,7 +8,7 @@ import numpy as np
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.inverse_dynamics.robot.frame_kernels import JOINTS, FrameRows, copy_reference
 from wbc_controller.inverse_dynamics.robot.instruction import Instruction
-from wbc_controller.inverse_dynamics.tasks.task import MotionTask
+from wbc_controller.inverse_dynamics.tasks.task import AccelerationTask
 from wbc_controller.records import Array, Reference
 
 
@@ -18,13 +18,13 @@ class RowEntry:
 
     instruction: Instruction
     row: int = 0  # first row in the block; 0 for joint tasks
-    task: MotionTask | None = None  # None for contacts and the momentum
+    task: AccelerationTask | None = None  # None for contacts and the momentum
     error: int = 0  # first index of the error
 
 
 @dataclass(slots=True)
 class _TaskNumbers:
-    task: MotionTask
+    task: AccelerationTask
     gains: Array  # K and D, (2, size)
     reference: Array  # position, velocity, acceleration
     copied: Reference | None = None  # last read-only reference
@@ -35,8 +35,8 @@ class CompiledRows:
 
     Attributes:
         arrays: for the kernel.
-        factors: of joint tasks, (2, size): from desired acceleration to target, and from its square to twice the
-            constant cost.
+        factors: of joint tasks, (2, size): share of the way from the target of earlier tasks to the desired
+            acceleration, and from the square of that way to twice the constant cost.
     """
 
     def __init__(self, dynamics: Dynamics, out: Array, target: Array, entries: Sequence[RowEntry]) -> None:
@@ -79,7 +79,7 @@ class CompiledRows:
     def set_gains(self) -> None:
         """Copy the gains of the tasks."""
         for own in self._tasks:
-            own.gains[0], own.gains[1] = own.task.stiffness, own.task.damping
+            own.gains[0], own.gains[1] = own.task.parameters
 
     def set_references(self, references: Mapping[str, Reference]) -> None:
         """Copy the references of the tasks.

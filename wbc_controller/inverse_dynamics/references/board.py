@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -9,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from wbc_controller.errors import InputRefused
-from wbc_controller.inverse_dynamics.contacts.contact import AnchoredContact, anchor_of
+from wbc_controller.inverse_dynamics.contacts.contact import AnchoredContact, Contact, anchor_of, needed_activation
 from wbc_controller.inverse_dynamics.references.changes import (
     Change,
     EnableContact,
@@ -49,6 +50,8 @@ class ContactPlan:
     enabled: bool  # at activation
     ramp: float  # duration of loading or unloading, s
     anchored: AnchoredContact | None = None  # contact with an anchor
+    contact: Contact | None = None  # None: unloading begins at the largest force
+    capacity: float = math.inf  # largest normal force on the robot, N
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,22 +62,28 @@ class BoardPlan:
     contacts: Mapping[str, ContactPlan]  # by name
     weight_ramp: float  # for weights, gains and limits, s
     tuning: Tuning
+    robot_weight: float = 0.0  # to be carried by the contacts, N; 0 for a fixed base
 
 
 class ReferenceBoard:
-    """Trajectories and ramps of all references; sets of changes are applied completely or not at all."""
+    """Trajectories and ramps of all references; sets of changes are applied completely or not at all.
+
+    Attributes:
+        forces: present force of each active contact, (k,) in N and N·m; updated before changes are applied.
+    """
 
     #: Saved state.
     STATE_FIELDS = (
-        "_tuning", "_weights", "_enabled", "_weight_ramps", "_contact_ramps", "_anchors", "_trajectories", "_goals",
-        "_wrenches",
+        "forces", "_tuning", "_weights", "_enabled", "_weight_ramps", "_contact_ramps", "_anchors", "_trajectories",
+        "_goals", "_wrenches",
     )  # fmt: skip
     SAMPLE_CACHE = ("_constant_references", "_settled_ramps")  # samples, which follow from the saved state
 
     def __init__(self, plan: BoardPlan) -> None:
         self.plans = plan.tasks
         self.contact_plans = plan.contacts
-        self._weight_ramp = plan.weight_ramp
+        self._weight_ramp, self._robot_weight = plan.weight_ramp, plan.robot_weight
+        self.forces: Mapping[str, Array] = {}
         self._tuning = TuningRamp.at(plan.tuning)
         self._weights = {name: plan.weight for name, plan in self.plans.items()}
         self._enabled = {name: plan.enabled for name, plan in self.plans.items()}
@@ -106,6 +115,7 @@ class ReferenceBoard:
         for name, contact in self.contact_plans.items():
             self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
             self._anchor(name, dynamics)
+        self.forces = {}
         self._goals.clear()
         self._wrenches.clear()
         self._tuning = TuningRamp.at(self._tuning.after)
@@ -178,13 +188,37 @@ class ReferenceBoard:
         elif isinstance(change, EnableTask):
             self._enable(change.task, change.enabled, dynamics, time)
         elif isinstance(change, EnableContact):
-            ramp = self._contact_ramps[change.contact]
-            if change.enabled and ramp.sample(time) <= 0.0:
-                self._anchor(change.contact, dynamics)
-            duration = self.contact_plans[change.contact].ramp if change.ramp is None else change.ramp
-            self._contact_ramps[change.contact] = ramp.towards(float(change.enabled), time, duration)
+            name, plan = change.contact, self.contact_plans[change.contact]
+            before, goal = self._activation(name, time), float(change.enabled)
+            if change.enabled and before <= 0.0:
+                self._anchor(name, dynamics)
+            duration = plan.ramp if change.ramp is None else change.ramp
+            if not change.enabled and duration > 0.0 and plan.contact is not None and name in self.forces:
+                before = min(before, needed_activation(plan.contact, self.forces[name]))
+            self._contact_ramps[name] = SoftRamp(time, duration, before, goal)
         elif isinstance(change, SetExternalWrench):
             self._wrenches[change.frame] = change.wrench
+
+    def _activation(self, name: str, time: float) -> float:
+        return self._activations(time)[name]
+
+    def _activations(self, time: float) -> dict[str, float]:
+        """Return the activation of all contacts, from 0 to 1.
+
+        Contacts that are being unloaded keep a total bound of the weight less the bounds of the other contacts.
+        """
+        ramps = self._contact_ramps
+        activations = {name: ramp.sample(time) for name, ramp in ramps.items()}
+        unloading = [name for name, ramp in ramps.items() if ramp.after <= 0.0 < activations[name]]
+        if unloading and self._robot_weight > 0.0:
+            bounds = {
+                name: activations[name] * self.contact_plans[name].capacity for name in ramps if activations[name]
+            }
+            own = sum(bounds[name] for name in unloading)
+            missing = self._robot_weight - (sum(bounds.values()) - own)
+            for name in unloading if own < missing else ():
+                activations[name] = min(ramps[name].before, activations[name] * missing / own)
+        return activations
 
     def _anchor(self, name: str, dynamics: Dynamics) -> None:
         """Anchor a contact at its present pose; earlier samples keep their anchors."""
@@ -281,7 +315,7 @@ class ReferenceBoard:
         references = References(
             tasks=tasks,
             weights=MappingProxyType({name: ramp.sample(time) for name, ramp in self._weight_ramps.items()}),
-            contacts=MappingProxyType({name: ramp.sample(time) for name, ramp in self._contact_ramps.items()}),
+            contacts=MappingProxyType(self._activations(time)),
             external_wrenches=dict(self._wrenches),
             tuning=self._tuning.sample(time),
             anchors=self._anchors,

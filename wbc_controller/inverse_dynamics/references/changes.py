@@ -72,4 +72,20 @@ class Walk:
     streamed: bool = False  # stop without another command within ``walking.command_timeout``
 
 
-Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench | Walk
+@dataclass(frozen=True, slots=True)
+class WalkTo:
+    """Walk to a pose on the ground and stop there; for the walker."""
+
+    pose: Array  # x, y in m and heading in rad in the world, (3,)
+
+
+@dataclass(frozen=True, slots=True)
+class WalkFootsteps:
+    """Step on poses of alternating soles, then stop; for the walker."""
+
+    poses: Array  # x, y in m and heading in rad in the world, (n, 3)
+
+
+#: Changes for the walker.
+WalkingChange = Walk | WalkTo | WalkFootsteps
+Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench | WalkingChange

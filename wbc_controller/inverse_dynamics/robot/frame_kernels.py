@@ -36,8 +36,10 @@ from wbc_controller.inverse_dynamics.robot.placement_kernels import (
 )
 from wbc_controller.records import Array
 
-#: Kinds of rows: tasks on frames, centre of mass and joints; surface and ball contacts; momentum rate.
-FRAME, COM, JOINTS, SURFACE, BALL, MOMENTUM = range(6)
+#: Kinds of rows: tasks on frames, centre of mass, joints and capture point; surface and ball contacts; momentum rate.
+FRAME, COM, JOINTS, CAPTURE_POINT, SURFACE, BALL, MOMENTUM = range(7)
+#: Lower bound of the pendulum height, m, for lying robots.
+LOWEST_PENDULUM = 0.1
 #: Columns of the instructions: kind; first row in `out`, number of rows; link, other link; first twist component,
 #: number of components; first index in `places`, `numbers` and task errors.
 KIND, ROW, COUNT, LINK, OTHER, FIRST, SIZE, PLACE, NUMBER, ERROR = range(10)
@@ -216,13 +218,37 @@ def _com_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, err
 
 
 @part
+def _capture_point_rows(motion: LinkMotion, numbers: Array, rows: Indices, out: Array, error: Array) -> None:
+    """Fill rows of a `CapturePointTask`: J_c / ω v̇ = ξ̇_ref + k (ξ_ref - ξ) - c̈ / ω - ċ (1 + ċ_z / (2 ω h)) at v̇ = 0.
+
+    `numbers` (10,): k, (2,); gravity and height of the support; ξ_ref, ξ̇_ref and ξ̈_ref, (2,) each.
+    """
+    height = motion.com[2] - numbers[3]
+    rising = 0.0
+    if height > LOWEST_PENDULUM:
+        rising = motion.com_velocity[2] / (2.0 * height)
+    else:
+        height = LOWEST_PENDULUM
+    omega = math.sqrt(numbers[2] / height)
+    per_mass, right = motion.per_mass, out.shape[1] - 1
+    for i in range(len(rows)):
+        k = rows[i]
+        for j in range(len(per_mass)):
+            out[i, j] = per_mass[j, k] / omega
+        error[i] = numbers[4 + k] - motion.com[k] - motion.com_velocity[k] / omega
+        drift = motion.com_drift[k] / omega + motion.com_velocity[k] * (1.0 + rising / omega)
+        out[i, right] = numbers[6 + k] + numbers[k] * error[i] - drift
+
+
+@part
 def _joint_targets(
     q: Array, v: Array, numbers: Array, places: Indices, count: int, target: Array, error: Array
 ) -> float:
-    """Write targets and errors of joint tasks; return the constant cost.
+    """Move targets to the accelerations of a joint task, and write its errors; return the constant cost.
 
-    `numbers` (7, count): K, D, position, velocity, acceleration, factor from desired acceleration to target, and from
-    its square to twice the constant cost. `places` (2, count): indices in q and in v.
+    `numbers` (7, count): K, D, position, velocity, acceleration, share of the way from the target of earlier tasks to
+    the desired acceleration, and factor from the square of that way to twice the constant cost. `places` (2, count):
+    indices in q and in v.
     """
     rest, table, index = 0.0, numbers[: 7 * count].reshape(7, count), places[: 2 * count].reshape(2, count)
     for i in range(count):
@@ -231,8 +257,9 @@ def _joint_targets(
             raise IndexError("joint index out of range of q or v")
         error[i] = table[2, i] - q[row]
         asked = table[0, i] * error[i] + table[1, i] * (table[3, i] - v[column]) + table[4, i]
-        target[column] = table[5, i] * asked
-        rest += 0.5 * table[6, i] * asked * asked
+        way = asked - target[column]
+        target[column] += table[5, i] * way
+        rest += 0.5 * table[6, i] * way * way
     return rest
 
 
@@ -256,6 +283,8 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
     """Fill all contact and task rows at q and v; write task errors, and return the constant cost of joint tasks."""
     motion, instructions, places, rest = table.motion, table.instructions, table.places, 0.0
     memory = np.empty((5, 12))
+    for k in range(len(table.target)):
+        table.target[k] = 0.0
     for k in range(len(instructions)):
         step = instructions[k]
         kind, link, first, size = step[KIND], step[LINK], step[FIRST], step[SIZE]
@@ -271,6 +300,8 @@ def fill_rows(table: FrameRows, q: Vector, v: Vector, errors: OutVector) -> floa
             _com_rows(motion, numbers, rows, out, error)
         elif kind == JOINTS:
             rest += _joint_targets(q, v, numbers, places[step[PLACE] :], size, table.target, error)
+        elif kind == CAPTURE_POINT:
+            _capture_point_rows(motion, numbers, rows, out, error)
         elif kind == SURFACE:
             _contact_rows(motion, link, step[OTHER], numbers, rows, out, memory)
         elif kind == BALL:

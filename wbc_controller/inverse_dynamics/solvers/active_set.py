@@ -15,6 +15,7 @@ from wbc_controller.inverse_dynamics.solvers import active_set_kernels as kernel
 from wbc_controller.records import Array
 
 _MOST_ROWS = 1.25  # cost rows per unknown, for the condensed system
+_TRIES = 8  # active sets per problem before a solver searches, which takes longer
 
 
 class LevelWorkspace:
@@ -77,6 +78,10 @@ class ActiveSet:
         """Adopt the active set of multipliers, (n + m_in,)."""
         self._set_sides((multipliers > 0.0).astype(np.int8) - (multipliers < 0.0))
 
+    def restart(self, side: np.ndarray | None) -> None:
+        """Start with an active set, or without active bounds."""
+        self._set_sides(np.zeros_like(self.side) if side is None else side)
+
     def memory(self) -> dict[str, Any]:
         """Return the active set, for `recall`."""
         return {"side": self.side.copy()}
@@ -92,19 +97,21 @@ class ActiveSet:
         self._count = int(np.count_nonzero(side))
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
-        """Solve with the stored active set; None if it is wrong."""
+        """Solve with the stored active set or one of the next sets that follow from it; None if all are wrong."""
         if self._m + self._count > self._n:
             return None
         squares = problem.cost.squares
         if squares is None or len(squares.weights) > _MOST_ROWS * self._n:
             return self._full(problem)
         memory = LevelWorkspace(problem, squares.base)
-        outcome, _, cost = self.solve_level(problem, squares, memory)
+        side = self.side.copy()
+        outcome, number, cost = self.solve_level(problem, squares, memory, tries=_TRIES)
         if outcome != kernel.SOLVED:
+            self._set_sides(side)
             return None
         residuals = memory.residuals
         cost += problem.cost.squares_constant
-        return Answer(residuals.value[: self._n], "optimal", 1, memory.multipliers, residuals, cost)
+        return Answer(residuals.value[: self._n], "optimal", number, memory.multipliers, residuals, cost)
 
     def solve_level(
         self, problem: QuadraticProgram, squares: LeastSquares, memory: LevelWorkspace, kept: int = 0, tries: int = 1

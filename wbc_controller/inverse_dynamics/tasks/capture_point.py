@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
+from wbc_controller.inverse_dynamics.robot.frame_kernels import CAPTURE_POINT, LOWEST_PENDULUM
+from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tasks.task import Gains, RateTask
 from wbc_controller.records import Array
-
-LOWEST_PENDULUM = 0.1  # lower bound of the pendulum height c_z - z_s, m, for lying robots
 
 
 class CapturePointTask(RateTask):
@@ -52,6 +53,15 @@ class CapturePointTask(RateTask):
         super().__init__(name, [True, True] if mask is None else mask, gain=gain, key="gain")
         self._gravity = gravity
         self.support_height = support_height
+
+    def instruction(self) -> Instruction | None:
+        """Return the instruction for compiled code."""
+        return Instruction(CAPTURE_POINT, self.rows, size=self.size) if type(self) is CapturePointTask else None
+
+    @property
+    def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:
+        """The gain k, and gravity with the height of the support, for compiled code."""
+        return self.gain, (self._gravity, self.support_height)
 
     def _height(self, dynamics: Dynamics) -> float:
         return max(float(dynamics.com[2]) - self.support_height, LOWEST_PENDULUM)

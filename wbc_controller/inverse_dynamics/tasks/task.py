@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from wbc_controller.errors import ConfigurationError, MethodError
 from wbc_controller.inverse_dynamics.method_calls import (
@@ -154,6 +155,11 @@ class AccelerationTask(Task):
         """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""
         return None
 
+    @property
+    def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:
+        """Gains of the compiled rows, two times () or (size,); only for tasks with an instruction."""
+        raise NotImplementedError(f"{type(self).__name__}.parameters: the task has no instruction for compiled code")
+
     def rest(self, dynamics: Dynamics) -> Reference:
         """Return a reference at the present value."""
         still = frozen(np.zeros(self.size))
@@ -278,6 +284,11 @@ class MotionTask(AccelerationTask):
             if damping is None
             else gains(damping, len(mask), f"tasks.{name}.damping")
         )
+
+    @property
+    def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:
+        """Stiffness and damping, for compiled code."""
+        return self.stiffness, self.damping
 
     def _stiffness_of_rows(self) -> Array:
         return self.stiffness

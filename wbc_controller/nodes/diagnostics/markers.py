@@ -7,7 +7,7 @@ lifetime, also after the death of the controller.
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Mapping
+from collections.abc import Collection, Generator, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.inverse_dynamics.tasks import Task
 from wbc_controller.middleware.codec import TYPES, header, message, stamp
 from wbc_controller.records import References, RobotState, Solution
+from wbc_controller.walking.plan import WalkingPlan
 
 WORLD_FRAME = "world"
 _KINDS = {ARROW: 0, LINE_STRIP: 4, LINE_LIST: 5, SPHERE_LIST: 7}  # field `type` of a visualization_msgs/Marker
@@ -37,14 +38,18 @@ class MarkerScene:
         self._dynamics = Dynamics(model)
 
     def compose(
-        self, state: RobotState, references: References | None, solution: Solution | None
+        self,
+        state: RobotState,
+        references: References | None,
+        solution: Solution | None,
+        plan: WalkingPlan | None = None,
     ) -> Generator[None, None, Any]:
         """Compose the message of a cycle: yield None after each piece, and return the message."""
         self._dynamics.update(state.q, state.v)
         yield
         forces = solution.forces if solution is not None else {}
         markers = []
-        for shape in draw(self._dynamics, self._tasks, self._contacts, references, forces):
+        for shape in draw(self._dynamics, self._tasks, self._contacts, references, forces, plan):
             markers.append(self._marker(state.stamp, shape))
             yield
         return message("visualization_msgs/msg/MarkerArray", markers=markers)
@@ -78,6 +83,16 @@ class MarkerScene:
             mesh_file=_NO_MESH,
             mesh_use_embedded_materials=False,
         )
+
+
+def read_shapes(content: Any, groups: Collection[str]) -> list[Shape]:
+    """Return the shapes of some groups in a visualization_msgs/MarkerArray of this module."""
+    kinds = {number: kind for kind, number in _KINDS.items()}
+    return [
+        Shape(m.ns, m.id, kinds[m.type], m.scale.x, np.array([[p.x, p.y, p.z] for p in m.points]).reshape(-1, 3))
+        for m in content.markers
+        if m.ns in groups and m.type in kinds
+    ]
 
 
 def _duration(seconds: float) -> Any:

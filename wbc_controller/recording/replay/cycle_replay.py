@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -60,6 +61,8 @@ class Replay:
         self._other = config is not None
         # The controller after the last cycle.
         self.controller = ControlCycle(recorded.config if config is None else config, preflight=False)
+        names = {slot.name for slot in recorded.slots}
+        self._sensors = [name for name in self.controller.contacts if f"touching/{name}" in names]
         if config is None:
             recorded.require_slots(cycle_slots(self.controller.model, self.controller.contacts))
 
@@ -128,8 +131,14 @@ class Replay:
                 problem=event.get("problem"),
                 requests=tuple(event.get("requests", ())),
                 changes=tuple(tuple(each) for each in event.get("changes", ())),
+                touching=self._touching(cycle),
             )
         )
+
+    def _touching(self, cycle: RecordedCycle) -> dict[str, bool]:
+        """Return the recorded states of the contact sensors."""
+        states = {name: float(cycle.values[f"touching/{name}"][0]) for name in self._sensors}
+        return {name: state > 0.0 for name, state in states.items() if not math.isnan(state)}
 
 
 def _state(cycle: RecordedCycle) -> RobotState | None:
@@ -156,4 +165,11 @@ def _convert_memory(controller: ControlCycle, memory: Mapping[str, object]) -> d
         ramp = ramps[name]
         if ramp.after > 0.0 and plan.weight > 0.0:
             ramps[name] = type(ramp)(ramp.start, ramp.duration, ramp.before, plan.weight)
-    return {"qp": None, "board": board, "supervisor": memory["supervisor"], "model_error": fresh["model_error"]}
+    walker = memory["walker"] if fresh["walker"] is not None and memory["walker"] is not None else fresh["walker"]
+    return {
+        "walker": walker,
+        "qp": None,
+        "board": board,
+        "supervisor": memory["supervisor"],
+        "model_error": fresh["model_error"],
+    }

@@ -18,6 +18,8 @@ from wbc_controller.inverse_dynamics.references.changes import (
     SetTrajectory,
     SetWeight,
     Walk,
+    WalkFootsteps,
+    WalkTo,
 )
 from wbc_controller.recording.cycle_layout import AGES, MODES
 from wbc_controller.recording.recorder import software_versions
@@ -157,4 +159,9 @@ def describe_change(change: object) -> str:
     if isinstance(change, Walk):
         v = change.velocity
         return "walking stops" if v is None else f"walk at {v[0]:g}, {v[1]:g} m/s and {v[2]:g} rad/s"
+    if isinstance(change, WalkTo):
+        x, y, heading = change.pose
+        return f"walk to {x:g}, {y:g} m and {heading:g} rad"
+    if isinstance(change, WalkFootsteps):
+        return f"walk by {len(change.poses)} footsteps"
     return f"settings: {dict(change.settings)}" if isinstance(change, ChangeSettings) else str(change)

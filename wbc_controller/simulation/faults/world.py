@@ -89,8 +89,8 @@ class SlipperyFloor(_FloorFault):
     friction: float = number(0.1, 0.0, 0.5, "", "friction coefficient")
 
     def _begin(self, context: FaultContext) -> Effect:
-        model = context.plant.model
-        geoms = context.plant.contact_forces.geoms[self.contact] if self.contact else [model.geom(FLOOR).id]
+        model, touch = context.plant.model, context.plant.contact_forces
+        geoms = touch.geoms[self.contact] if self.contact else touch.ground
         before = model.geom_friction[geoms, 0].copy(), model.geom_priority[geoms].copy()
         model.geom_friction[geoms, 0] = self.friction
         if self.contact:
@@ -108,12 +108,12 @@ class SoftFloor(_FloorFault):
     time_constant: float = number(0.05, 0.01, 0.2, "s", "time constant of sinking feet")
 
     def _begin(self, context: FaultContext) -> Effect:
-        stiffness = context.plant.model.geom(FLOOR).solref
-        before = float(stiffness[0])
-        stiffness[0] = self.time_constant
+        solref, ground = context.plant.model.geom_solref, context.plant.contact_forces.ground
+        before = solref[ground].copy()
+        solref[ground] = self.time_constant, 1.0
 
         def ended() -> None:
-            stiffness[0] = before
+            solref[ground] = before
 
         return Effect(ended=ended)
 
@@ -141,7 +141,7 @@ class FloorHole(_FloorFault):
         model.geom_conaffinity[geoms] = 0
 
         def ended() -> bool:
-            above = context.plant.contact_forces.height(context.plant.data, geoms) >= -_AT_REST
+            above = context.plant.contact_forces.distance(context.plant.data, geoms) >= -_AT_REST
             if above:
                 model.geom_conaffinity[geoms] = before
             return above

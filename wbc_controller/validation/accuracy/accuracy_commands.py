@@ -2,18 +2,14 @@
 
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypeVar, get_args
 
 import click
 import numpy as np
 
 from wbc_controller.errors import ConfigurationError, valid_choices
 from wbc_controller.nodes.signals import exit_by_signals
-from wbc_controller.settings.service import SensorQuality
-
-T = TypeVar("T")
-F = TypeVar("F", bound=Callable[..., Any])
+from wbc_controller.validation.accuracy.parallel import common_options, run_parallel
+from wbc_controller.validation.accuracy.walking_commands import COMMANDS as WALKING
 
 #: Acceptance of standing on `good`: roll and pitch in °, height in m, velocity in m/s, drift in m per minute.
 TILT, HEIGHT, VELOCITY, DRIFT = 0.2, 0.003, 0.02, 0.01
@@ -25,27 +21,12 @@ def accuracy() -> None:
     exit_by_signals()
 
 
-def _common(function: F) -> F:
-    options = [
-        click.argument("robots", nargs=-1, metavar="[ROBOT]..."),
-        click.option("--sensors", type=click.Choice(get_args(SensorQuality)), default="good", show_default=True,
-                     help="Quality of the mock robot's sensors."),
-        click.option("--jobs", default=-1, show_default=True, help="Parallel robots; -1 for one per processor."),
-    ]  # fmt: skip
-    for option in reversed(options):
-        function = option(function)
-    return function
-
-
-def _run_parallel(function: Callable[..., T], calls: Iterable[Sequence[Any]], jobs: int) -> list[T]:
-    import joblib
-
-    found: list[T] = joblib.Parallel(n_jobs=jobs)(joblib.delayed(function)(*call) for call in calls)
-    return found
+for _command in WALKING:
+    accuracy.add_command(_command)
 
 
 @accuracy.command()
-@_common
+@common_options
 @click.option("--seeds", default=25, show_default=True, type=click.IntRange(1), help="Robots of each type.")
 @click.option("--seconds", default=60.0, show_default=True, type=click.FloatRange(0.5), help="Duration of standing, s.")
 def standing(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, seconds: float) -> None:
@@ -66,7 +47,7 @@ def standing(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, secon
     click.echo("|---|---|---|---|---|---|---|---|")
     good = True
     for robot in robots or ("g1", "talos", "go2"):
-        found = _run_parallel(stand, [(robot, sensors, seed, seconds) for seed in range(seeds)], jobs)
+        found = run_parallel(stand, [(robot, sensors, seed, seconds) for seed in range(seeds)], jobs)
         tilt = float(np.sqrt(np.mean([each.tilt**2 for each in found])))
         steepest, height, velocity, drift = (
             float(np.max([getattr(each, name) for each in found])) for name in ("tilt", "height", "velocity", "drift")
@@ -88,7 +69,7 @@ def standing(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, secon
 
 
 @accuracy.command()
-@_common
+@common_options
 @click.option("--flaw", "names", multiple=True, help="Beginning of a row's name; by default all rows.")
 @click.option("--disturbance", type=click.Choice(("never", "imu")), default="imu", show_default=True,
               help="estimation.disturbance.")  # fmt: skip
@@ -108,7 +89,7 @@ def flaws(
             raise ConfigurationError(f"unknown flaw {name!r}; {valid_choices(name, [flaw.name for flaw in FLAWS])}")
     chosen = [flaw for flaw in FLAWS if not names or flaw.name.startswith(names)]
     kinds = robots or ("g1", "talos", "go2")
-    results = _run_parallel(
+    results = run_parallel(
         measure_flaw, [(k, f.name, sensors, disturbance, known_friction) for f in chosen for k in kinds], jobs
     )
     click.echo(f"sensors {sensors}, estimation.disturbance {disturbance}; mm in sway, squat; torque above 8 Hz\n")
@@ -125,7 +106,7 @@ def flaws(
 
 
 @accuracy.command()
-@_common
+@common_options
 @click.option("--seeds", default=1, show_default=True, type=click.IntRange(1), help="Robots of each type.")
 @click.option("--force-sensors", is_flag=True, help="Give the true contact forces to the controller.")
 def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_sensors: bool) -> None:
@@ -140,7 +121,7 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
 
     kinds = robots or ("g1", "talos", "go2")
     calls = [(kind, each.name, sensors, s, force_sensors) for kind in kinds for each in MISHAPS for s in range(seeds)]
-    found = _run_parallel(run_mishap, calls, jobs)
+    found = run_parallel(run_mishap, calls, jobs)
     click.echo(f"sensors {sensors}{', with true contact forces' if force_sensors else ''}\n")
     click.echo(
         "| Robot | Mishap | outcome | velocity error | above 0.2 m/s without a fault | active again | left out |"
@@ -164,7 +145,7 @@ def mishaps(robots: tuple[str, ...], sensors: str, jobs: int, seeds: int, force_
 
 
 @accuracy.command()
-@_common
+@common_options
 @click.option("--seeds", default=25, show_default=True, type=click.IntRange(1), help="Walks per command.")
 @click.option("--seconds", default=30.0, show_default=True, type=click.FloatRange(6.0), help="Duration of a walk, s.")
 @click.option("--scale", default=1.0, show_default=True, type=click.FloatRange(0.0), help="Factor of the velocities.")
@@ -175,8 +156,9 @@ def walking(
     """Walk without odometry by `cmd_vel`, stop and stand; by default g1 and talos.
 
     Prints commanded and mean velocity, the largest drift of the estimate as a share of the path, the number of cycles
-    with relaxed limits, and the falls. Exit status 1: a robot fell.
+    with relaxed limits, the largest figures of `WalkFigures`, and the falls. Exit status 1: a robot fell.
     """
+    from wbc_controller.validation.accuracy.walking_commands import FIGURES, figures_of
     from wbc_controller.validation.accuracy.walks import COMMANDS, RANDOM, walk
 
     kinds = robots or tuple(COMMANDS)
@@ -188,11 +170,13 @@ def walking(
         known = sorted({name for kind in kinds for name in (*COMMANDS[kind], RANDOM)})
         raise ConfigurationError(f"unknown command {names[0]!r}; {valid_choices(names[0], known)}")
     click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s, velocities times {scale:g}\n")
-    click.echo("| Robot | Command | m/s, m/s, rad/s | reached | drift, share of the path | relaxed cycles | fell |")
-    click.echo("|---|---|---|---|---|---|---|")
+    click.echo(
+        f"| Robot | Command | m/s, m/s, rad/s | reached | drift, share of the path | relaxed | {FIGURES} | fell |"
+    )
+    click.echo(f"|---|---|---|---|---|---|{'---|' * FIGURES.count('|')}---|---|")
     fallen = 0
     for kind, name in rows:
-        found = _run_parallel(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
+        found = run_parallel(walk, [(kind, name, sensors, seed, seconds, scale) for seed in range(seeds)], jobs)
         fell = [each for each in found if each.ended]
         fallen += len(fell)
         commanded = "" if name == RANDOM else ", ".join(f"{scale * each:g}" for each in COMMANDS[kind][name])
@@ -202,7 +186,10 @@ def walking(
         )  # fmt: skip
         drift = max((each.drift / max(each.distance, 1.0) for each in whole), default=math.nan)
         relaxed = sum(each.relaxed for each in found)
-        click.echo(f"| {kind} | {name} | {commanded} | {reached} | {100.0 * drift:.1f} % | {relaxed} | {len(fell)} |")
+        click.echo(
+            f"| {kind} | {name} | {commanded} | {reached} | {100.0 * drift:.1f} % | {relaxed} | "
+            f"{figures_of(found)} | {len(fell)} |"
+        )
         for each in fell:
             click.echo(f"{kind}, {name}, seed {each.seed}: {each.ended.splitlines()[0]}", err=True)
     sys.exit(1 if fallen else 0)

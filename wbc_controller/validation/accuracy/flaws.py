@@ -140,10 +140,10 @@ def _error(trial: EstimationTrial, points: Array, torques: list[Array]) -> float
     return max(errors)
 
 
-def chatter(torques: Array, rate: float, limits: Array) -> float:
-    """Return the largest RMS of torques, (n, na), above `CHATTER`, as a share of the limits, (na,); `rate` in Hz."""
+def chatter(torques: Array, rate: float, limits: Array, above: float = CHATTER) -> float:
+    """Return the largest RMS of torques, (n, na), above a frequency, as a share of the limits, (na,); `rate` in Hz."""
     spectrum = np.fft.rfft(torques * np.hanning(len(torques))[:, None], axis=0)
     frequency = np.fft.rfftfreq(len(torques), 1.0 / rate)
     # Parseval's theorem; 3/8 is the mean square of the window.
-    power = 2.0 * np.sum(np.abs(spectrum[frequency > CHATTER]) ** 2, axis=0) / len(torques) ** 2 / 0.375
+    power = 2.0 * np.sum(np.abs(spectrum[frequency > above]) ** 2, axis=0) / len(torques) ** 2 / 0.375
     return float(np.max(np.sqrt(power) / limits))

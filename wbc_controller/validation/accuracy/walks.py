@@ -1,19 +1,23 @@
 """Walks of robots without odometry: the speed that they reach, the drift of the estimate, and falls."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
-from wbc_controller.errors import WbcError
-from wbc_controller.middleware.codec import message
-from wbc_controller.middleware.odometry import vector
+from wbc_controller.errors import ConfigurationError, WbcError
 from wbc_controller.recording.report.base_motion import heading, mean_velocity
 from wbc_controller.records import Array
 from wbc_controller.settings.service import SensorQuality
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.validation.accuracy.standing import sensor_settings
-from wbc_controller.walking.footsteps import BACKWARD
+from wbc_controller.validation.accuracy.walk_figures import WalkFigures, WalkMeter
+from wbc_controller.validation.user import twist
+from wbc_controller.walking.footsteps import BACKWARD, Velocity
+from wbc_controller.walking.walker import Walker
 
 #: Velocities forward, to the left and turning, m/s and rad/s, by name; `random` changes every `_CHANGE` seconds.
 COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
@@ -24,6 +28,9 @@ COMMANDS: dict[str, dict[str, tuple[float, float, float]]] = {
     "go2": {"forward": (0.8, 0.0, 0.0), "sideways": (0.0, 0.4, 0.0), "turn": (0.0, 0.0, 1.5)},
 }  # fmt: skip
 RANDOM = "random"
+#: Velocity to the left with the command `diagonal`, as a share of that of `forward`.
+DIAGONAL = "diagonal"
+_ASIDE = 0.35
 #: Time between two random velocities, between two messages, and until the speed is reached, s.
 _CHANGE, _EVERY, _REACHED = 3.0, 0.1, 4.0
 
@@ -37,63 +44,130 @@ class Walk:
     distance: float  # length of the way of the base, m
     drift: float  # horizontal error of the estimated position at the end, m
     relaxed: int  # number of cycles with a relaxed limit
-    ended: str = ""  # reason of an early end; empty if there was none
+    ended: str = ""  # time and reason of an early end; empty if there was none
+    figures: WalkFigures = field(default_factory=WalkFigures)
 
 
-def walk(robot: str, command: str, sensors: SensorQuality, seed: int, seconds: float, scale: float = 1.0) -> Walk:
+class WalkTrial(EstimationTrial):
+    """A robot that walks on its estimate by messages on ``cmd_vel``.
+
+    Attributes:
+        fastest: largest velocities forward, sideways and turning, (3,) in m/s and rad/s.
+        begun: simulated time at which it began to walk, s.
+        meter: figures of the walk.
+    """
+
+    def __init__(
+        self, robot: str, sensors: SensorQuality, seed: int, changes: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
+        """Build a robot; raise `ConfigurationError` if it cannot be controlled or simulated."""
+        self.fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
+        own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
+        limits = {"walking.max_speed": float(self.fastest[0])}
+        super().__init__(robot, {**sensor_settings(sensors), **own, **limits, **changes})
+        self.begun = math.inf
+        self.meter = WalkMeter(self)
+
+    def walk(
+        self, seconds: float, velocity: Callable[[float], Array | None], each: Callable[[], None] = lambda: None
+    ) -> None:
+        """Send velocities for a time in s; raise `NoSolution` if the robot falls.
+
+        Args:
+            velocity: returns the velocity forward, to the left and turning, (3,), at a time in s; None to send nothing.
+            each: called after every cycle.
+        """
+        self.begun = min(self.begun, self.time)
+        begin, sent = self.time, -math.inf
+
+        def cycle() -> None:
+            nonlocal sent
+            if self.time - sent >= _EVERY:
+                sent, wanted = self.time, velocity(self.time - begin)
+                if wanted is not None:
+                    self.user.send("cmd_vel", twist(wanted))
+            self.meter.update()
+            each()
+
+        self.run(seconds, cycle)
+
+    def step_in_place(self) -> Walker:
+        """Command the robot to step in place; a message with the velocity zero would let it stand."""
+        walker = self.controller.walker
+        if walker is None:
+            raise ConfigurationError(f"{self.model.name} cannot walk: its configuration has no section 'walking'")
+        self.begun = self.time
+        walker.ask(Velocity())
+        return walker
+
+    @property
+    def stands(self) -> bool:
+        """True if the robot stands and no velocity is commanded."""
+        return self.controller.walker is not None and not self.controller.walker.moves
+
+    def when(self, error: Exception) -> str:
+        """Return time and reason of an early end."""
+        return f"{max(0.0, self.time - self.begun):.1f} s: {str(error).splitlines()[0]}"
+
+
+def walk(
+    robot: str,
+    command: str,
+    sensors: SensorQuality,
+    seed: int,
+    seconds: float,
+    scale: float = 1.0,
+    changes: Mapping[str, Any] = MappingProxyType({}),
+) -> Walk:
     """Let a robot walk on its estimate by messages on ``cmd_vel``, stop and stand.
 
     Args:
-        command: a name of `COMMANDS`, or `RANDOM`.
+        command: a name of `COMMANDS`, `DIAGONAL` or `RANDOM`.
         seed: of sensors and random velocities.
         seconds: time of the walk, s.
         scale: factor of the velocities.
+        changes: settings by dotted key.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.
     """
-    fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
-    own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
-    limits = {"walking.max_speed": float(fastest[0])}
-    trial = EstimationTrial(robot, {**sensor_settings(sensors), **own, **limits})
+    trial = WalkTrial(robot, sensors, seed, changes)
     rng = np.random.default_rng(seed)
-    begun, sent, ways, relaxed, ended = 0.0, -1.0e9, [], 0, ""
-    velocity = np.zeros(3)
+    ways: list[list[float]] = []
+    relaxed, ended = 0, ""
+    drawn: list[Array] = []
+
+    def velocity(time: float) -> Array | None:
+        if time >= seconds:
+            return None
+        if command == DIAGONAL:
+            ahead = COMMANDS[robot]["forward"][0]
+            return scale * np.array([ahead, _ASIDE * ahead, 0.0])
+        if command != RANDOM:
+            return scale * np.array(COMMANDS[robot][command])
+        while len(drawn) <= time / _CHANGE:
+            drawn.append(scale * trial.fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0))
+        return drawn[-1]
 
     def each() -> None:
-        nonlocal sent, velocity, relaxed
-        since = trial.time - begun
-        if since < seconds and trial.time - sent >= _EVERY:
-            if command != RANDOM:
-                velocity = scale * np.array(COMMANDS[robot][command])
-            elif math.floor(since / _CHANGE) != math.floor((sent - begun) / _CHANGE):
-                velocity = scale * fastest * rng.uniform([-BACKWARD, -1.0, -1.0], 1.0)
-            sent = trial.time
-            trial.user.send("cmd_vel", _twist(velocity))
+        nonlocal relaxed
         solution = trial.report.solution
         relaxed += bool(solution is not None and solution.relaxed)
         q, _ = trial.mock.plant.state()
-        ways.append([trial.time - begun, q[0], q[1], heading(q)])
+        ways.append([trial.time - trial.begun, q[0], q[1], heading(q)])
 
     try:
         trial.stand()
-        begun = trial.time
-        trial.run(seconds + _REACHED, each)
-        if trial.controller.walker is None or trial.controller.walker.moves:
+        trial.walk(seconds + _REACHED, velocity, each)
+        if not trial.stands:
             ended = "the robot did not stop"
     except WbcError as error:
-        ended = str(error)
+        ended = trial.when(error)
     if not ways:
-        return Walk(seed, np.full(3, np.nan), 0.0, np.nan, relaxed, ended)
+        return Walk(seed, np.full(3, np.nan), 0.0, np.nan, relaxed, ended, trial.meter.figures())
     way = np.array(ways)
     base = None if trial.estimator is None else trial.estimator.base
     drift = np.nan if base is None else float(np.linalg.norm(base[0][:2] - trial.shift[:2] - way[-1, 1:3]))
     speed = np.full(3, np.nan) if ended or command == RANDOM else mean_velocity(way, _REACHED, seconds)
     distance = float(np.linalg.norm(np.diff(way[:, 1:3], axis=0), axis=1).sum())
-    return Walk(seed, speed, distance, drift, relaxed, ended)
-
-
-def _twist(velocity: Array) -> object:
-    """Make a geometry_msgs/Twist from a velocity forward, to the left and turning, (3,)."""
-    linear, angular = np.array([velocity[0], velocity[1], 0.0]), np.array([0.0, 0.0, velocity[2]])
-    return message("geometry_msgs/msg/Twist", linear=vector(linear), angular=vector(angular))
+    return Walk(seed, speed, distance, drift, relaxed, ended, trial.meter.figures())

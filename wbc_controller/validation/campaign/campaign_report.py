@@ -146,7 +146,10 @@ def worst_trial(outcomes: Sequence[Outcome]) -> Outcome | None:
 
 def repeat_command(outcome: Outcome) -> str:
     """Return the command that repeats a trial."""
-    return f"wbc faults {shlex.quote(outcome.robot)} --kinds {outcome.kind} --seed {outcome.seed} --out repeated"
+    walking = " --walking" if outcome.walking else ""
+    return (
+        f"wbc faults {shlex.quote(outcome.robot)} --kinds {outcome.kind} --seed {outcome.seed}{walking} --out repeated"
+    )
 
 
 def write_report(outcomes: Sequence[Outcome], folder: Path, repeated: Sequence[str] = ()) -> str:

@@ -11,6 +11,7 @@ import click
 @click.option("--kinds", default="", help="Kinds of fault, comma-separated (docs/faults.md); by default all.")
 @click.option("--seeds", default=25, show_default=True, type=click.IntRange(1), help="Trials per kind and robot.")
 @click.option("--seed", type=click.IntRange(0), help="Run one trial per kind and robot with this seed.")
+@click.option("--walking", is_flag=True, help="Faults during the steps of walking robots, by default g1 and talos.")
 @click.option("--jobs", default=-1, show_default=True, help="Parallel trials; -1 for one per processor.")
 @click.option("--out", "folder", type=click.Path(path_type=Path), default=Path("faults"), show_default=True,
               help="Folder of the results; only missing trials are run.")  # fmt: skip
@@ -24,23 +25,25 @@ def faults(
     kinds: str,
     seeds: int,
     seed: int | None,
+    walking: bool,
     jobs: int,
     folder: Path,
     backend: str,
     address: str | None,
     recordings: Path | None,
 ) -> None:
-    """Run a fault campaign on mock robots, by default g1, talos and go2, and report the outcomes.
+    """Run a fault campaign on mock robots, by default standing g1, talos and go2, and report the outcomes.
 
     Exit status 1: a trial violated a guarantee.
     """
     from wbc_controller.validation.campaign.run import run_campaign
 
     good = run_campaign(
-        robots or ("g1", "talos", "go2"),
+        robots or (("g1", "talos") if walking else ("g1", "talos", "go2")),
         [kind.strip() for kind in kinds.split(",") if kind.strip()],
         range(seeds) if seed is None else (seed,),
         folder,
+        walking=walking,
         jobs=jobs,
         backend=backend,
         address=address,

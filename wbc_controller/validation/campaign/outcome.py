@@ -39,3 +39,4 @@ class Outcome:
     simulated: float  # s
     wall: float  # s
     violations: Mapping[str, str]  # texts by name, as in `ALL_VIOLATIONS`
+    walking: bool = False  # True if the robot walked

@@ -21,6 +21,7 @@ class TrialKey(NamedTuple):
     robot: str
     kind: str
     seed: int
+    walking: bool = False
 
 
 class Results:
@@ -94,7 +95,7 @@ class Results:
 
 def key_of(outcome: Outcome) -> TrialKey:
     """Return the key of an outcome."""
-    return TrialKey(outcome.robot, outcome.kind, outcome.seed)
+    return TrialKey(outcome.robot, outcome.kind, outcome.seed, outcome.walking)
 
 
 def version_of(robot: str) -> str:

@@ -37,6 +37,7 @@ def run_campaign(
     seeds: Sequence[int],
     folder: Path,
     *,
+    walking: bool = False,
     jobs: int = 1,
     backend: str = "loky",
     address: str | None = None,
@@ -46,6 +47,7 @@ def run_campaign(
     """Run the missing trials of a folder, and write the report of all; return True without violations.
 
     Args:
+        walking: faults of walking robots.
         jobs: parallel trials; -1 for one per processor.
         address: address of the scheduler or cluster of the backend.
         recordings: folder of fault recordings, which are checked.
@@ -59,7 +61,9 @@ def run_campaign(
     for kind in kinds:
         if kind not in ALL_KINDS:
             raise ConfigurationError(f"unknown kind of fault {kind!r}; {valid_choices(kind, ALL_KINDS)}")
-    requested = [TrialKey(robot, kind, seed) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots]
+    requested = [
+        TrialKey(robot, kind, seed, walking) for seed in seeds for kind in kinds or ALL_KINDS for robot in robots
+    ]
     results = Results(folder)
     if results.other_versions:
         console.print(

@@ -1,4 +1,4 @@
-"""One trial: a standing and moving robot, a fault at a random time, and the outcome.
+"""One trial: a standing and moving or a walking robot, a fault at a random time, and the outcome.
 
 Controller, physics and user run in one thread on simulated time. Odd seeds set `safety.synchronized_clocks`; with even
 seeds the controller learns the offset of its clock.
@@ -34,6 +34,8 @@ from wbc_controller.validation.campaign.recordings import TrialRecordings
 from wbc_controller.validation.campaign.request_faults import REQUEST_KINDS, RequestFault, RequestFaultState
 from wbc_controller.validation.error_log import logged_errors
 from wbc_controller.validation.lockstep import Lockstep
+from wbc_controller.validation.user import twist
+from wbc_controller.walking.gait import Phase
 
 ALL_KINDS: Mapping[str, type[Fault]] = {**KINDS, **REQUEST_KINDS}
 _BY_CLOCK = ("clock_jump", "clock_frozen", "clock_drift")  # kinds with a controller on the time of /clock
@@ -42,12 +44,15 @@ _START_RANGE, _DURATION_RANGE = (0.2, 0.5), (0.05, 0.6)
 _AFTER_FAULT, _AFTER_DAMPING = 0.6, 0.2  # after the fault, and after the active mode, s
 _CHECK_PERIOD = 0.01  # s
 _HOLD_PERIODS = 3
+#: Speed of a walking robot, m/s, period of its commands, s, steps before the fault, and time limit for them, s.
+WALK_SPEED, _COMMAND_PERIOD, _STEPS, _WALK_TIMEOUT = 0.25, 0.1, 2, 8.0
 
 
 def run_trial(
     robot: str,
     kind: str,
     seed: int,
+    walking: bool = False,
     *,
     parameters: Mapping[str, Any] | None = None,
     prepare: Callable[[Controller], None] = lambda controller: None,
@@ -56,6 +61,7 @@ def run_trial(
     """Run one trial; the seed determines start, duration and parameters of the fault.
 
     Args:
+        walking: the fault starts during a step; else the standing robot sways.
         parameters: parameters of the fault that replace random ones.
         prepare: function for tests, called with the controller before the trial.
         recordings: folder of fault recordings, which are checked.
@@ -78,7 +84,7 @@ def run_trial(
     if place is not None:
         place.clear()
     with logged_errors() as logged, np.errstate(all="ignore"):  # absurd values overflow before their refusal
-        trial = _Trial(robot, fault, rng, place, synchronized=seed % 2 == 1)
+        trial = _Trial(robot, fault, rng, place, walking=walking, synchronized=seed % 2 == 1)
         prepare(trial.controller)
         with _frozen_objects():
             trial.run()
@@ -91,7 +97,14 @@ def run_trial(
 
 class _Trial(Lockstep):
     def __init__(
-        self, robot: str, fault: Fault, rng: np.random.Generator, place: TrialRecordings | None, *, synchronized: bool
+        self,
+        robot: str,
+        fault: Fault,
+        rng: np.random.Generator,
+        place: TrialRecordings | None,
+        *,
+        walking: bool,
+        synchronized: bool,
     ) -> None:
         changes = {
             **(place.settings if place is not None else {}),
@@ -119,6 +132,9 @@ class _Trial(Lockstep):
         self.mock.sent = self.monitor.sent
         effort = next(topic for topic in self.topics if topic.key == "effort")
         MemoryTransport(self.bus).subscribe(counterpart(effort), self.monitor.torques)
+        if walking and self.controller.walker is None:
+            raise ConfigurationError(f"{robot} cannot walk: its configuration has no section 'walking'")
+        self._walking, self._commanded = walking, math.inf  # time of the next velocity, s
         self._fault, self._expected = fault, expect(fault, settings)
         self._fall = TrueFall(model, self.mock.plant)
         self._request_state = RequestFaultState(self.user, rng)
@@ -131,7 +147,7 @@ class _Trial(Lockstep):
             if self.monitor.mode is not Mode.ACTIVE or self._fall.has_fallen():
                 self.monitor.add_violation("start", f"mode {self.monitor.mode}")
                 return
-            self.user.move(self.com())
+            self._walk() if self._walking else self.user.move(self.com())
             plant = self.mock.plant
             begins = plant.time + self._fault.start
             self._began = 1.0e-9 * self.mock.stamp + self._fault.start
@@ -162,6 +178,16 @@ class _Trial(Lockstep):
         for _ in range(_HOLD_PERIODS):
             self._cycle()
 
+    def _walk(self) -> None:
+        """Walk until a single support begins, after some steps."""
+        walker, latest = self.controller.walker, self.mock.plant.time + _WALK_TIMEOUT
+        self._commanded = self.mock.plant.time
+        while walker is not None and not (walker.steps >= _STEPS and walker.phase is Phase.SINGLE):
+            self._cycle()
+            if self.mock.plant.time > latest or self.monitor.mode is not Mode.ACTIVE:
+                self.monitor.add_violation("start", f"mode {self.monitor.mode}, {walker.steps} steps")
+                return
+
     def _run_fault(self, begins: float, ends: float) -> None:
         plant, checked_at, fallen_since, origin = self.mock.plant, -math.inf, math.inf, self.com()
         while plant.time < ends + _AFTER_FAULT:
@@ -187,6 +213,9 @@ class _Trial(Lockstep):
 
     def _cycle(self) -> None:
         self.monitor.now = 1.0e-9 * self.mock.stamp
+        if self.mock.plant.time >= self._commanded:
+            self._commanded += _COMMAND_PERIOD
+            self.user.send("cmd_vel", twist(np.array([WALK_SPEED, 0.0, 0.0])))
         self.publish_state()
         before = time.thread_time()
         # The first cycles of a process are slower.
@@ -217,6 +246,7 @@ class _Trial(Lockstep):
             simulated=self.time,
             wall=wall,
             violations=dict(monitor.violations),
+            walking=self._walking,
         )
 
     def _judge(self, expected: Expectation, after: float | None, code: str) -> None:

@@ -22,6 +22,8 @@ def valid_message(type_name: str, names: Sequence[str], frame: str, stamp: int) 
         content.data = np.zeros(len(names))
     elif type_name == "geometry_msgs/msg/Vector3Stamped":
         content.vector.z = 1.0
+    elif type_name == "geometry_msgs/msg/PoseArray":
+        content.poses = [_blank("geometry_msgs/msg/Pose")]
     elif type_name.startswith("trajectory_msgs/msg/"):
         joints = "MultiDOF" not in type_name
         content.joint_names = list(names) if joints else ["frame"]

@@ -1,0 +1,135 @@
+"""Terrain of the mock robot: heights of blocks in closed form, soft ground, local friction, and falls."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from wbc_controller.errors import ConfigurationError
+from wbc_controller.settings.config import load as load_config
+from wbc_controller.settings.service import TerrainSettings
+from wbc_controller.simulation.plant import Plant
+from wbc_controller.simulation.simulation import Simulation
+from wbc_controller.simulation.terrain import blocks
+
+TILT = 0.1
+FLAT = {"position": [-1.0, 0.0, 0.3], "size": [3.0, 3.0, 0.2]}
+
+
+def plant_on(load, **block):
+    model, settings = load("g1")
+    mock = load_config(settings).replace({"mock.terrain": {"ground": block}}).settings.mock
+    return Plant(model, settings.model_copy(update={"mock": mock}))
+
+
+def upper_height(block, x, y):
+    """Height of the upper face of the block's box at a place, m."""
+    ((placement, half),) = blocks(TerrainSettings(**block))
+    normal, top = placement.rotation[:, 2], placement.act(np.array([0.0, 0.0, half[2]]))
+    return top[2] - (normal[:2] @ (np.array([x, y]) - top[:2])) / normal[2]
+
+
+@pytest.mark.parametrize(
+    ("rpy", "x", "y", "height"),
+    [
+        ([0.0, 0.0, 0.0], 2.0, 1.0, 0.3),
+        ([0.0, -TILT, 0.0], 2.0, 1.0, 0.3 + 2.0 * np.tan(TILT)),  # ascends along x from the edge
+        ([0.0, TILT, 0.0], 2.0, 1.0, 0.3 - 2.0 * np.tan(TILT)),
+        ([0.0, -TILT, 0.5 * np.pi], 0.5, 2.0, 0.3 + 2.0 * np.tan(TILT)),  # ascends along y
+    ],
+)
+def test_a_block_begins_at_its_edge(rpy, x, y, height):
+    block = {"position": [0.0, 0.0, 0.3], "size": [3.0, 3.0, 0.2], "rpy": rpy}
+    assert upper_height(block, 0.0, 0.0) == pytest.approx(0.3, abs=1e-12)
+    assert upper_height(block, x, y) == pytest.approx(height, abs=1e-12)
+
+
+def test_cells_cover_the_block_at_heights_in_their_range():
+    terrain = TerrainSettings(position=[1.0, 2.0, 0.1], size=[3.0, 1.2, 0.1], unevenness=0.02, cell=0.3, seed=4)
+    found = blocks(terrain)
+    assert len(found) == 40
+    tops = np.array([placement.translation[2] + half[2] for placement, half in found])
+    assert np.abs(tops - 0.1).max() <= 0.02
+    assert tops.std() > 0.008
+    places = np.array([placement.translation[:2] for placement, _ in found])
+    np.testing.assert_allclose(places.min(axis=0), [1.15, 1.55])
+    np.testing.assert_allclose(places.max(axis=0), [3.85, 2.45])
+    other = blocks(terrain.model_copy(update={"seed": 5}))
+    assert not np.allclose([placement.translation[2] for placement, _ in other], tops - 0.05)
+
+
+def test_a_robot_starts_on_a_block(load):
+    flat, raised = Plant(*load("g1")), plant_on(load, **FLAT)
+    assert raised.state()[0][2] - flat.state()[0][2] == pytest.approx(0.3, abs=1e-6)
+    assert not raised.fallen
+
+
+def test_a_robot_starts_with_its_lowest_foot_on_a_slope(load):
+    plant = plant_on(load, position=[-2.0, 0.0, 0.0], size=[4.0, 4.0, 0.1], rpy=[0.0, -TILT, 0.0])
+    touch = plant.contact_forces
+    assert touch.distance(plant.data, touch.on_the_floor) == pytest.approx(0.0, abs=1e-6)
+    balls = [g for g in touch.on_the_floor if plant.model.geom_type[g] == mujoco.mjtGeom.mjGEOM_SPHERE]
+    heights = plant.data.geom_xpos[balls, 2] - (2.0 + plant.data.geom_xpos[balls, 0]) * np.tan(TILT)
+    assert (heights - plant.model.geom_size[balls, 0] / np.cos(TILT)).min() == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_fall_is_relative_to_the_feet(load):
+    model, _ = load("g1")
+    plant = plant_on(load, **FLAT)
+    q, v = plant.state()
+    q[2] -= 0.5  # the robot goes down with its ground
+    plant.set_state(q, v)
+    assert not plant.fallen
+    for part, angle in (("hip_pitch", -2.2), ("knee", 2.8)):
+        q[[index for index, name in zip(model.q_index, model.joints, strict=True) if part in name]] = angle
+    plant.set_state(q, v)
+    assert plant.fallen
+
+
+def test_a_tilt_of_70_degrees_is_a_fall(load):
+    plant = Plant(*load("g1"))
+    q, v = plant.state()
+    q[2] += 1.0
+    for degrees, fallen in ((69.0, False), (71.0, True)):
+        half = np.radians(0.5 * degrees)
+        q[3:7] = [np.sin(half), 0.0, 0.0, np.cos(half)]
+        plant.set_state(q, v)
+        assert plant.fallen is fallen
+
+
+def test_soft_ground_yields_by_its_stiffness():
+    stiffness = 1.0e4
+    block = {**FLAT, "stiffness": stiffness}
+    simulation = Simulation(load_config("g1").replace({"mock.terrain": {"mat": block}}))
+    simulation.run(1.0)
+    plant = simulation.plant
+    weight = sum(wrench[2] for wrench in plant.contact_wrenches().values())
+    corners = sum(len(geoms) for geoms in plant.contact_forces.geoms.values())
+    assert plant.data.ncon == corners
+    depth = np.mean([-plant.data.contact[index].dist for index in range(corners)])
+    assert depth == pytest.approx(weight / (corners * stiffness), rel=0.02)
+
+
+def test_a_block_has_its_own_friction(load):
+    plant = plant_on(load, **FLAT, friction=0.3)
+    plant.step()
+    touching = [plant.data.contact[index] for index in range(plant.data.ncon)]
+    assert touching
+    assert {touch.friction[0] for touch in touching} == {0.3}
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ({"size": [1, 1, 1]}, "mock.terrain.step.position: missing key (Middle of the edge at -x of the upper face"),
+        ({**FLAT, "size": [1, 1, 0]}, "mock.terrain.step.size.2 = 0: input should be greater than 0 (Length along x"),
+        ({**FLAT, "colour": 1}, "mock.terrain.step.colour: unknown key; Valid: cell, damping, friction"),
+        (
+            {**FLAT, "unevenness": 0.02, "cell": 0.01},
+            "cell = 0.01: the block has 90000 cells; at most 2000",
+        ),
+    ],
+)
+def test_an_invalid_block_is_refused(block, message):
+    with pytest.raises(ConfigurationError) as error:
+        load_config("g1").replace({"mock.terrain": {"step": block}})
+    assert message in str(error.value)

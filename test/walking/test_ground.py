@@ -1,0 +1,83 @@
+"""Walking on ground that is not a plane: its estimate from the footholds, and steps onto a small step and a slope."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import wbc_controller as wbc
+from wbc_controller.walking.gait import Phase
+from wbc_controller.walking.terrain import Ground, parallel_to, plane_through
+
+SLOPES = st.complex_numbers(max_magnitude=0.2, allow_nan=False)
+PLACES = [0.6 + 0.1j, 0.3 - 0.1j, 0.0 + 0.1j, -0.3 - 0.1j]
+
+
+@given(SLOPES, st.floats(-1.0, 1.0))
+def test_footholds_on_a_plane_give_this_plane(slope, height):
+    plane = Ground(0j, height, slope)
+    found = plane_through([Ground(place, plane.height_at(place), slope) for place in PLACES])
+    assert found.slope == pytest.approx(slope, abs=1e-9)
+    assert found.height_at(2.0 - 1.0j) == pytest.approx(plane.height_at(2.0 - 1.0j), abs=1e-9)
+
+
+def test_the_height_increases_along_the_slope():
+    plane = Ground(1.0 + 2.0j, 0.3, 0.1 - 0.05j)
+    assert plane.height_at(2.0 + 4.0j) == pytest.approx(0.3 + 0.1 * 1.0 - 0.05 * 2.0)
+
+
+def test_one_tilted_foot_is_no_slope_and_two_on_a_hill_are():
+    level = [Ground(place, 0.0, 0j) for place in PLACES]
+    tilted = plane_through([Ground(PLACES[0], 0.01, 0.12 + 0j), *level[1:]])
+    assert abs(tilted.slope) < 0.06
+    hill = Ground(0.15 + 0j, 0.0, 0.09 + 0j)
+    on_it = [Ground(place, hill.height_at(place), hill.slope) for place in PLACES[:2]]
+    assert plane_through([*on_it, *level[2:]]).slope.real > 0.055
+
+
+@given(SLOPES, st.floats(-3.0, 3.0))
+def test_a_sole_is_parallel_to_the_ground_in_its_heading(slope, heading):
+    rotation = parallel_to(slope, heading)
+    np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    normal = rotation[:, 2]
+    assert complex(-normal[0] / normal[2], -normal[1] / normal[2]) == pytest.approx(slope, abs=1e-12)
+    assert np.arctan2(rotation[1, 0], rotation[0, 0]) == pytest.approx(heading, abs=1e-9)
+
+
+def heights(simulation):
+    """Heights of the true soles, m."""
+    return [simulation.plant.foot_placement(name).translation[2] for name in ("left_foot", "right_foot")]
+
+
+@pytest.mark.parametrize(
+    ("block", "height"),
+    [
+        ({"position": [0.4, 0.0, 0.02], "size": [10.0, 10.0, 0.02]}, 0.02),
+        ({"position": [0.4, 0.0, 0.0], "size": [10.0, 10.0, 0.2], "rpy": [0.0, -0.087, 0.0]}, None),
+        ({"position": [0.0, 0.3, 0.0], "size": [10.0, 20.0, 0.2], "rpy": [0.0, -0.087, 1.5708]}, None),  # across
+    ],
+    ids=["step", "up", "across"],
+)
+def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
+    simulation = wbc.Simulation(wbc.load("g1").replace({"mock.terrain": {"ahead": block}}))
+    walker = simulation.controller.walker
+    simulation.controller.walk(0.3, 0.1 if block["position"][1] else 0.0)
+    results = simulation.run(7.5)
+    assert not any(result.relaxed for result in results)
+    assert not simulation.plant.fallen
+    assert min(heights(simulation)) > 0.015
+    if height is not None:
+        simulation.controller.stand()
+        simulation.run(3.0)
+        assert walker.phase is Phase.STAND
+        assert heights(simulation) == pytest.approx([height, height], abs=0.002)
+
+
+def test_a_robot_walks_on_soft_ground():
+    mat = {"position": [-1.0, 0.0, 0.1], "size": [10.0, 4.0, 0.1], "stiffness": 2.0e4}
+    simulation = wbc.Simulation(wbc.load("g1").replace({"mock.terrain": {"mat": mat}}))
+    simulation.controller.walk(0.3)
+    simulation.run(6.0)
+    assert simulation.controller.walker.steps >= 8
+    assert simulation.plant.state()[0][0] > 1.0

@@ -1,0 +1,61 @@
+"""Plan of the walker for viewers."""
+
+import math
+
+import numpy as np
+import pytest
+
+import wbc_controller as wbc
+from wbc_controller.walking.plan import margin, swing_path
+from wbc_controller.walking.swing import Axis, Landing, SwingFoot
+
+SQUARE = [0j, 2.0 + 0j, 2.0 + 1j, 1j]
+
+
+@pytest.mark.parametrize(
+    ("point", "corners", "distance"),
+    [
+        (1.0 + 0.5j, SQUARE, 0.5),
+        (0.1 + 0.5j, [*SQUARE, 1.0 + 0.5j], 0.1),  # a corner inside the hull
+        (0.3 + 0.5j, [*SQUARE, 1j], 0.3),  # a corner twice
+        (1.0 + 0j, SQUARE, 0.0),
+        (1.0 - 0.2j, SQUARE, -0.2),
+        (1.0 + 0.1j, [0j, 2.0 + 0j], -0.1),  # two points of a trot
+        (1.0 + 0j, [0j, 2.0 + 0j], 0.0),
+    ],
+)
+def test_margin(point, corners, distance):
+    assert margin(point, corners) == pytest.approx(distance)
+
+
+def test_swing_path_ends_at_the_landing():
+    foot, landing = SwingFoot(Axis(0.0), Axis(0.1), Axis(0.0), Axis(0.0)), Landing(0.3 + 0.12j, 0.01, 0.2)
+    path = swing_path(foot, landing, 0.05, 0.0, 0.5)
+    np.testing.assert_allclose(path[0], [0.0, 0.1, 0.0])
+    np.testing.assert_allclose(path[-1], [0.3, 0.12, 0.01], atol=1e-6)
+    assert path[:, 2].max() == pytest.approx(0.06, abs=0.005)
+
+
+def test_plan_of_a_step():
+    simulation = wbc.Simulation("g1")
+    walker = simulation.controller.walker
+    assert walker.plan() is None
+    simulation.controller.walk(0.3)
+    simulation.run(0.4)
+    shift = walker.plan()
+    assert (shift.phase, dict(shift.landings), shift.remaining) == ("shift", {}, math.inf)
+    assert 0.0 < shift.margin < 0.2
+    simulation.run(1.3)
+    plan = walker.plan()
+    assert plan.phase == "single support"
+    (foot,) = plan.landings
+    assert 0.0 < plan.margin <= 0.03
+    assert 0.0 < plan.remaining < walker.gait.single
+    assert abs(plan.dcm - plan.wanted_dcm) < 0.03
+    sole = next(each for each in walker._feet.values() if each.contact == foot)
+    dynamics = simulation.controller.dynamics
+    np.testing.assert_allclose(plan.swings[foot][0], sole.sole(dynamics).centre, atol=0.03)
+    np.testing.assert_allclose(plan.swings[foot][-1], plan.landings[foot], atol=2e-3)
+    simulation.run(plan.remaining + 0.02)
+    assert walker.plan().phase == "double support"
+    np.testing.assert_allclose(sole.sole(simulation.controller.dynamics).centre, plan.landings[foot], atol=0.03)

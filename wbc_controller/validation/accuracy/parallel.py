@@ -1,0 +1,32 @@
+"""Options and parallel execution of the commands of `wbc accuracy`."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar, get_args
+
+import click
+
+from wbc_controller.settings.service import SensorQuality
+
+T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def common_options(function: F) -> F:
+    """Add the arguments and options of all commands."""
+    options = [
+        click.argument("robots", nargs=-1, metavar="[ROBOT]..."),
+        click.option("--sensors", type=click.Choice(get_args(SensorQuality)), default="good", show_default=True,
+                     help="Quality of the mock robot's sensors."),
+        click.option("--jobs", default=-1, show_default=True, help="Parallel robots; -1 for one per processor."),
+    ]  # fmt: skip
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def run_parallel(function: Callable[..., T], calls: Iterable[Sequence[Any]], jobs: int) -> list[T]:
+    """Return the results of a function for several arguments."""
+    import joblib
+
+    found: list[T] = joblib.Parallel(n_jobs=jobs)(joblib.delayed(function)(*call) for call in calls)
+    return found

@@ -1,0 +1,190 @@
+"""Commands of `wbc accuracy` on walking with disturbances, and their tables."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from wbc_controller.errors import ConfigurationError, valid_choices
+from wbc_controller.settings.service import SensorQuality
+from wbc_controller.validation.accuracy.parallel import common_options, run_parallel
+
+if TYPE_CHECKING:
+    from wbc_controller.validation.accuracy.walks import Walk
+
+#: Headings of the cells of `figures_of`.
+FIGURES = "torque | rate at touchdown | chatter | slip | outside the cone"
+#: Required impulse of a robot that steps in place, as a multiple of a standing one's, and in how many directions of 8.
+RATIO, DIRECTIONS = 1.5, 0.75
+#: Largest share of falls: of 10 walks on a ground, and of the walks with changes of velocity.
+FALLS, FALLS_BY_CHANGES = 0.1, 0.05
+
+
+def figures_of(walks: Sequence[Walk]) -> str:
+    """Return the largest figures of walks as cells of a table."""
+    torque, rate, chatter, slip, outside = (
+        max(getattr(each.figures, key) for each in walks) for key in ("torque", "rate", "chatter", "slip", "outside")
+    )
+    return f"{torque:.2f} | {rate:.2f} | {100.0 * chatter:.1f} % | {1e3 * slip:.1f} mm | {outside:.1g} N"
+
+
+def _walking_robots(robots: Sequence[str]) -> Sequence[str]:
+    """Return the robots, by default all with velocities."""
+    from wbc_controller.validation.accuracy.walks import COMMANDS
+
+    for robot in robots:
+        if robot not in COMMANDS:
+            raise ConfigurationError(f"unknown walking robot {robot!r}; {valid_choices(robot, COMMANDS)}")
+    return robots or tuple(COMMANDS)
+
+
+@click.command("walking-grounds")
+@common_options
+@click.option("--seeds", default=10, show_default=True, type=click.IntRange(1), help="Walks on each ground.")
+@click.option("--seconds", default=20.0, show_default=True, type=click.FloatRange(1.0), help="Duration of a walk, s.")
+@click.option("--ground", "names", multiple=True, help="Ground of the table; by default all.")
+def walking_grounds(
+    robots: tuple[str, ...], sensors: SensorQuality, jobs: int, seeds: int, seconds: float, names: tuple[str, ...]
+) -> None:
+    """Walk onto unknown ground, stop and stand; by default g1 and talos.
+
+    Grounds: cells with random heights of ±2 cm, slopes of 5° up, down and across, entered from flat ground, friction
+    0.4, and soft ground. Exit status 1: more than one of ten walks ended early.
+    """
+    from wbc_controller.validation.accuracy.walk_grounds import GROUNDS, terrain_of, walk_on
+
+    for name in names:
+        terrain_of(name, 0)
+    click.echo(f"{seeds} seeds on {sensors}, {seconds:g} s\n")
+    click.echo(f"| Robot | Ground | distance | relaxed | {FIGURES} | fell |")
+    click.echo(f"|---|---|---|---|{'---|' * (FIGURES.count('|') + 1)}---|")
+    good = True
+    for robot in _walking_robots(robots):
+        for ground in names or GROUNDS:
+            calls = [(robot, ground, sensors, seed, seconds) for seed in range(seeds)]
+            found = run_parallel(walk_on, calls, jobs)
+            fell = [each for each in found if each.ended]
+            good = good and len(fell) <= max(FALLS * seeds, 0.0 if seeds < 10 else 1.0)
+            distance = float(np.mean([each.distance for each in found]))
+            relaxed = sum(each.relaxed for each in found)
+            click.echo(
+                f"| {robot} | {ground} | {distance:.1f} m | {relaxed} | {figures_of(found)} | {len(fell)} of {seeds} |"
+            )
+            for each in fell:
+                click.echo(f"{robot}, {ground}, seed {each.seed}: {each.ended}", err=True)
+    sys.exit(0 if good else 1)
+
+
+@click.command("walking-starts")
+@common_options
+@click.option("--seeds", default=10, show_default=True, type=click.IntRange(1), help="Robots of each type.")
+@click.option("--count", default=10, show_default=True, type=click.IntRange(1), help="Starts and stops of each robot.")
+def walking_starts(robots: tuple[str, ...], sensors: SensorQuality, jobs: int, seeds: int, count: int) -> None:
+    """Start and stop at random times and velocities; by default g1 and talos.
+
+    Prints the number of stops by their steps from the command until the robot stands. Exit status 1: a robot fell, or
+    took more than three steps.
+    """
+    from wbc_controller.validation.accuracy.walk_starts import MOST_STEPS, start_and_stop
+
+    click.echo(f"{seeds} seeds with {count} starts and stops each, on {sensors}\n")
+    click.echo("| Robot | Stops | stops by number of steps | fell |\n|---|---|---|---|")
+    good = True
+    for robot in _walking_robots(robots):
+        found = run_parallel(start_and_stop, [(robot, sensors, seed, count) for seed in range(seeds)], jobs)
+        steps = [number for each in found for number in each.steps]
+        fell = [each for each in found if each.ended]
+        good = good and not fell and max(steps, default=0) <= MOST_STEPS
+        by_number = ", ".join(f"{number}: {steps.count(number)}" for number in sorted(set(steps)))
+        click.echo(f"| {robot} | {len(steps)} | {by_number} | {len(fell)} |")
+        for each in fell:
+            click.echo(f"{robot}, seed {each.seed}, after {len(each.steps)} stops: {each.ended}", err=True)
+    sys.exit(0 if good else 1)
+
+
+@click.command("walking-pushes")
+@common_options
+@click.option("--directions", default=8, show_default=True, type=click.IntRange(1), help="Directions of the pushes.")
+@click.option("--phases", default=8, show_default=True, type=click.IntRange(1), help="Phases of the stride.")
+@click.option(
+    "--changes",
+    default=25,
+    show_default=True,
+    type=click.IntRange(0),
+    help="Robots with random changes of their velocity.",
+)
+@click.option(
+    "--seconds", default=20.0, show_default=True, type=click.FloatRange(1.0), help="Duration of the changes, s."
+)
+@click.option("--plot", type=click.Path(dir_okay=False, path_type=Path), help="HTML page with a polar plot.")
+def walking_pushes(
+    robots: tuple[str, ...], sensors: SensorQuality, jobs: int, directions: int, phases: int, changes: int,
+    seconds: float, plot: Path | None,
+) -> None:  # fmt: skip
+    """Push robots that step in place, compared with standing; by default g1 and talos.
+
+    Pushes of 0.1 s at the base: prints the largest survived impulse by bisection, the smallest and the mean over the
+    phases of the stride. Then the velocity changes by up to ±0.5 m/s along x and y, every 1 to 3 s. Exit status 1: the
+    smallest impulse is below 1.5 times standing in more than a quarter of the directions, or below standing in one, or
+    more than 5 % of the robots with changes fell.
+    """
+    from wbc_controller.validation.accuracy.walk_pushes import Push, change_velocity, largest_impulse
+
+    kinds = _walking_robots(robots)
+    if plot is not None and len(kinds) > 1:
+        raise ConfigurationError(f"--plot shows one robot, got {', '.join(kinds)}")
+    angles = [math.tau * index / directions for index in range(directions)]
+    good = True
+    for robot in kinds:
+        pushes = [Push(angle, phase) for angle in angles for phase in (None, *(i / phases for i in range(phases)))]
+        found = run_parallel(largest_impulse, [(robot, push, sensors, 0) for push in pushes], jobs)
+        impulses = np.array(found).reshape(directions, 1 + phases)
+        standing, walking = impulses[:, 0], impulses[:, 1:]
+        click.echo(f"{robot} on {sensors}, pushes of 0.1 s at the base, {phases} phases\n")
+        click.echo("| Direction | standing | in place, smallest | in place, mean | smallest / standing |")
+        click.echo("|---|---|---|---|---|")
+        ratios = walking.min(axis=1) / np.maximum(standing, 1.0e-9)
+        for angle, still, steps, ratio in zip(angles, standing, walking, ratios, strict=True):
+            click.echo(
+                f"| {math.degrees(angle):.0f}° | {still:.1f} N·s | {steps.min():.1f} N·s | {steps.mean():.1f} N·s | "
+                f"{ratio:.2f} |"
+            )
+        good = good and bool(np.mean(ratios >= RATIO) >= DIRECTIONS and np.all(ratios >= 1.0))
+        if plot is not None:
+            _write_plot(plot, robot, angles, standing, walking)
+        if changes:
+            ends = run_parallel(change_velocity, [(robot, sensors, seed, seconds) for seed in range(changes)], jobs)
+            fell = [f"seed {seed}: {text}" for seed, text in enumerate(ends) if text]
+            good = good and len(fell) <= FALLS_BY_CHANGES * changes
+            click.echo(f"\nvelocity changed by up to ±0.5 m/s, {seconds:g} s: {len(fell)} of {changes} fell\n")
+            for text in fell:
+                click.echo(f"{robot}, changes, {text}", err=True)
+    sys.exit(0 if good else 1)
+
+
+def _write_plot(path: Path, robot: str, angles: Sequence[float], standing: np.ndarray, walking: np.ndarray) -> None:
+    """Write a page with the survived impulses by direction."""
+    from wbc_controller.controller.visualization.page_report import PageReport, Plot, write_page
+    from wbc_controller.controller.visualization.plots import polar
+
+    lines = {
+        "standing": standing,
+        "in place, worst phase": walking.min(axis=1),
+        "in place, best phase": walking.max(axis=1),
+    }
+    figure = polar(lines, [math.degrees(angle) for angle in angles], unit="N·s")
+    caption = (
+        "Largest survived impulse of a push of 0.1 s at the base, by its direction; 0° is forward, 90° to the left."
+    )
+    plot = Plot("pushes", "Survived pushes", caption, figure)
+    write_page(PageReport(title=robot, kind="wbc accuracy walking-pushes", verdict=caption, plots=[plot]), path)
+
+
+#: Commands of this module.
+COMMANDS = (walking_grounds, walking_starts, walking_pushes)

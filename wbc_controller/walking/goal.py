@@ -1,0 +1,49 @@
+"""Velocity that moves a walking robot to a pose on the ground, and stops it there."""
+
+import cmath
+import math
+from dataclasses import dataclass
+
+from wbc_controller.walking.footsteps import Velocity
+from wbc_controller.walking.gait import Gait
+
+#: Distance and angle from which on the robot stops, m and rad: the last steps with their feet apart keep the place.
+NEAR, NEAR_ANGLE = 0.03, 0.05
+#: Distance from which on the robot faces the goal while it walks, m; nearer, it has the heading of the goal.
+_FAR = 1.0
+#: Steps in which a small error would vanish at its velocity.
+_STEPS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Pose on the ground: place x + i y in m, and heading in rad, in the world."""
+
+    place: complex
+    heading: float
+
+
+def velocity_to(goal: Goal, place: complex, heading: float, gait: Gait) -> Velocity | None:
+    """Return the velocity towards a goal, or None at the goal.
+
+    An error e that decreases at v = √(a e) needs half of the acceleration a; the last steps decrease it by
+    v = e / (n T).
+
+    Args:
+        place: of the robot between its feet, x + i y in m.
+        heading: of the robot, rad.
+    """
+    way = goal.place - place
+    far = abs(way)
+    angle = math.remainder(goal.heading - heading, math.tau)
+    if far < NEAR and abs(angle) < NEAR_ANGLE:
+        return None
+    if far > _FAR:
+        angle = math.remainder(cmath.phase(way) - heading, math.tau)
+    linear = way * (_speed(far, gait.acceleration[0], gait) / far) if far > 0.0 else 0j
+    turning = math.copysign(_speed(abs(angle), gait.acceleration[2], gait), angle)
+    return Velocity(linear * cmath.rect(1.0, -heading), turning).clipped(gait)
+
+
+def _speed(error: float, acceleration: float, gait: Gait) -> float:
+    return min(math.sqrt(acceleration * error), error / (_STEPS * gait.step_time))

@@ -1,0 +1,84 @@
+"""Plane of the ground through the last footholds.
+
+With the place p_i, height z_i and slope g_i of the i-th last foothold, height h and slope g of the plane minimize
+
+    Σ 2^-i (((z_i - h - g · (p_i - p_0)) / σ_z)² + |g_i - g|² / σ_g²)
+
+One foot on a stone or an edge then changes the plane less than the slope of a hill does with two steps.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wbc_controller.records import Array
+
+#: Number of footholds of the plane.
+FOOTHOLDS = 4
+#: Standard deviations of heights σ_z, m, and slopes σ_g of footholds from a plane.
+_HEIGHT, _SLOPE = 0.01, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """Plane of the ground.
+
+    Attributes:
+        place: of a point, x + i y in m.
+        height: of this point, m.
+        slope: increase of the height along x and y, dz/dx + i dz/dy.
+    """
+
+    place: complex
+    height: float
+    slope: complex
+
+    def height_at(self, place: complex) -> float:
+        """Return the height at a place, m."""
+        to = place - self.place
+        return self.height + self.slope.real * to.real + self.slope.imag * to.imag
+
+    @classmethod
+    def below(cls, points: Iterable[Array]) -> "Ground":
+        """Return the plane with the smallest squared vertical distances to points, at least three, not on a line.
+
+        With x, y and z relative to their means, the rise s solves Σ (x, y)ᵀ(x, y) s = Σ (x, y)ᵀ z.
+        """
+        rows = [point.tolist() for point in points]
+        n = len(rows)
+        x0, y0, z0 = (sum(row[i] for row in rows) / n for i in range(3))
+        xx = xy = yy = xz = yz = 0.0
+        for x, y, z in rows:
+            x, y, z = x - x0, y - y0, z - z0
+            xx, xy, yy, xz, yz = xx + x * x, xy + x * y, yy + y * y, xz + x * z, yz + y * z
+        determinant = xx * yy - xy * xy
+        slope = complex(xz * yy - yz * xy, yz * xx - xz * xy) / determinant
+        return cls(complex(x0, y0), z0, slope)
+
+
+def plane_through(footholds: Sequence[Ground]) -> Ground:
+    """Return the plane through footholds, the last one first."""
+    last = footholds[0].place
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for age, each in enumerate(footholds):
+        weight, to = 0.5**age, each.place - last
+        row = np.array([1.0, to.real, to.imag])
+        A += weight / _HEIGHT**2 * np.outer(row, row)
+        b += weight / _HEIGHT**2 * each.height * row
+        A[1:, 1:] += weight / _SLOPE**2 * np.eye(2)
+        b[1:] += weight / _SLOPE**2 * np.array([each.slope.real, each.slope.imag])
+    height, along_x, along_y = np.linalg.solve(A, b).tolist()
+    return Ground(last, height, complex(along_x, along_y))
+
+
+def parallel_to(slope: complex, heading: float) -> Array:
+    """Return the rotation of a sole on a plane with a slope, with its x axis in the direction of a heading, (3, 3)."""
+    c, s = math.cos(heading), math.sin(heading)
+    x = np.array([c, s, slope.real * c + slope.imag * s])
+    z = np.array([-slope.real, -slope.imag, 1.0])
+    x /= math.sqrt(x.dot(x))
+    z /= math.sqrt(z.dot(z))
+    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
+    return np.column_stack([x, y, z])
