@@ -71,7 +71,7 @@ def test_a_swing_is_the_nominal_step_relative_to_the_base(g1, velocity):
 
 
 def test_the_joint_speeds_of_a_swing_are_those_of_a_walk(g1):
-    """At 0.4 m/s, the fastest joint of a simulated walk is a knee with about the computed share."""
+    """At 0.4 m/s, the fastest joint of a simulated walk is a knee; the steps of the walk adapt their time."""
     simulation = wbc.Simulation(wbc.load("g1").replace({"walking.max_speed": 0.4}))
     model = simulation.controller.model
     limits = limits_of(simulation.controller.config.settings)[0]
