@@ -57,6 +57,13 @@ class EnableContact:
 
 
 @dataclass(frozen=True, slots=True)
+class SetSlippingContacts:
+    """Name all contacts that slip; their friction is reduced, and recovers slowly after the slip."""
+
+    contacts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class SetExternalWrench:
     """Set the known external wrench at a frame, (6,) in N and N·m, world axes."""
 
@@ -72,4 +79,13 @@ class Walk:
     streamed: bool = False  # stop without another command within ``walking.command_timeout``
 
 
-Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench | Walk
+Change = (
+    SetSetpoint
+    | SetTrajectory
+    | SetWeight
+    | EnableTask
+    | EnableContact
+    | SetSlippingContacts
+    | SetExternalWrench
+    | Walk
+)
