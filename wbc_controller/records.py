@@ -105,6 +105,8 @@ class References:
     #: to the touched link.
     anchors: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
     disturbance: Disturbance | None = None
+    #: Share of the friction of each contact, 0 to 1; 1 by default.
+    friction: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
 
 class LevelReport(NamedTuple):

@@ -13,13 +13,14 @@ from wbc_controller.controller.result import CycleResult
 from wbc_controller.middleware.codec import nanoseconds
 from wbc_controller.middleware.transports.memory import MemoryTransport
 from wbc_controller.nodes.diagnostics.status import StatusSummary, _ReportWindow
-from wbc_controller.records import Disturbance, Fault, Infeasibility, LevelReport, Mode, Solution
+from wbc_controller.records import Disturbance, Fault, Infeasibility, LevelReport, Mode, References, Solution
 
 
 def report(**changes):
     inputs = LatchedInputs(state=None, joint_velocity=None, ages=changes.pop("ages", {"joint_states": 0.001}))
     values = {"mode": Mode.INACTIVE, "fault": None, "command": None}
-    values |= {key: changes.pop(key) for key in ("mode", "fault", "command", "solution") if key in changes}
+    parts = ("mode", "fault", "command", "solution", "references")
+    values |= {key: changes.pop(key) for key in parts if key in changes}
     others = {"cycle": 1, "refused": (), "stage_seconds": {"total": 1e-3}, "deadlines_missed": 0}
     return CycleReport(inputs=inputs, result=CycleResult(qp=None, time=5e-9, **values), **{**others, **changes})
 
@@ -262,6 +263,14 @@ def test_contacts_that_contradict_each_other_are_a_warning():
         (status,) = whole(summary.compose(9)).status
         assert ("contacts contradict each other by 0.6 m/s²" in status.message) == (level == 1)
         assert status.level == level
+
+
+def test_reduced_friction_is_reported_by_contact():
+    summary = StatusSummary("/r1/wbc_controller", "r1")
+    summary.add(report(references=References({}, {}, {}, friction={"left_foot": 0.05, "right_foot": 1.0})))
+    (status,) = whole(summary.compose(9)).status
+    values = {value.key: value.value for value in status.values if value.key.startswith("friction/")}
+    assert values == {"friction/left_foot": "0.05 of the configured one"}
 
 
 def test_the_disturbance_is_reported_by_joint(robot_of):

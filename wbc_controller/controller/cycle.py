@@ -392,7 +392,7 @@ class ControlCycle:
                 self.model_error.restart()
                 if self.walker is not None:
                     self.walker.reset()
-            elif changes or (self.walker is not None and self.walker.moves):
+            elif changes or self.board.slipping or (self.walker is not None and self.walker.moves):
                 self.qp.formulation.prepare(state)  # anchors and steps begin at the present state
             if changes:
                 self._update_contact_forces()
@@ -401,6 +401,7 @@ class ControlCycle:
                     self._apply(each, seconds(state))
                 except InputRefused as refusal:
                     refused.append(str(refusal))
+            self.board.anchor_slipping_contacts(self.qp.dynamics)
             steps = self._walk(now, seconds(state), touching) if self.walker is not None and self.walker.moves else {}
             references = self.board.sample(seconds(state))
             if steps:

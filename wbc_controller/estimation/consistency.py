@@ -18,7 +18,7 @@ from wbc_controller.estimation.leg_kinematics import LegKinematics
 from wbc_controller.records import Array
 
 #: Mean speed of the slowest contact above which the estimate is lost, m/s.
-LIMIT = 0.12
+LIMIT = 0.1
 #: Time constant of the mean, s.
 _MEAN = 0.1
 #: Clamp of each velocity, m/s, against outliers.

@@ -16,6 +16,7 @@ from wbc_controller.controller.report import CycleInputs, CycleReport, LatchedIn
 from wbc_controller.controller.result import CycleResult
 from wbc_controller.errors import TransportError
 from wbc_controller.estimation.base_estimator import BaseEstimator
+from wbc_controller.inverse_dynamics.references.changes import SetSlippingContacts
 from wbc_controller.nodes.clock import Clock
 from wbc_controller.nodes.inputs import Inputs
 from wbc_controller.nodes.outputs import Outputs
@@ -104,6 +105,8 @@ class ControlLoop:
         refused: tuple[str, ...] = ()
         if requests or self._activate_when_fresh:
             requests, refused = self._filter_requests(requests, problem)
+        solving = problem is None and not requests and before in _UNDER_CONTROL
+        slips = self._changed_slips() if solving else ()
         read = timer() - started
         cycle_inputs = CycleInputs(
             now=now,
@@ -111,7 +114,7 @@ class ControlLoop:
             joint_velocity=latched.joint_velocity if ages["joint_states"] <= timeout else None,
             problem=problem,
             requests=requests,
-            changes=latched.requests.changes,
+            changes=latched.requests.changes + slips,
             touching=latched.touching,
         )
         result = controller.cycle(cycle_inputs)
@@ -165,6 +168,11 @@ class ControlLoop:
             observer(report)
         self._cycle += 1
         return report
+
+    def _changed_slips(self) -> tuple[tuple[SetSlippingContacts], ...]:
+        """Return a change if other contacts slip than known to the controller, according to the estimate."""
+        slipping = () if self.estimator is None else self.estimator.slipping
+        return () if slipping == self.controller.board.slipping else ((SetSlippingContacts(slipping),),)
 
     def _clock_stall(self, stall: float, timeout: float) -> str:
         """Return the clock fault for a stall of the clock, s, that exceeds the limit of the ages, s."""

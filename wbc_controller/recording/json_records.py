@@ -20,6 +20,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     EnableTask,
     SetExternalWrench,
     SetSetpoint,
+    SetSlippingContacts,
     SetTrajectory,
     SetWeight,
     Walk,
@@ -43,8 +44,9 @@ _RECORDS: Mapping[str, Callable[..., Any]] = {
     kind.__name__: kind
     for kind in (
         Axis, ChangeSettings, EnableContact, EnableTask, Fault, Footstep, Goal, Ground, Infeasibility, Knot, Landing,
-        NominalStep, Prediction, Ramp, Reference, RobotState, SetExternalWrench, SetSetpoint, SetTrajectory, SetWeight,
-        SoftRamp, Stance, Step, StepTarget, SwingFoot, Tuning, TuningRamp, Velocity, Walk, WalkFootsteps, WalkTo,
+        NominalStep, Prediction, Ramp, Reference, RobotState, SetExternalWrench, SetSetpoint, SetSlippingContacts,
+        SetTrajectory, SetWeight, SoftRamp, Stance, Step, StepTarget, SwingFoot, Tuning, TuningRamp, Velocity, Walk,
+        WalkFootsteps, WalkTo,
     )
 }  # fmt: skip
 

@@ -38,9 +38,9 @@ class EstimationSettings(Section):
         0.05, description="Standard deviation of the initial accelerometer bias, m/s²."
     )
     contact_noise: Annotated[Positive, Field(le=10.0)] = Field(
-        0.01,
-        description="Noise density of the contact velocity (creep), m/s/√Hz. With the default, a sole that slides at "
-        "0.3 m/s is not rejected; with 0.001 it is.",
+        1.0e-3,
+        description="Noise density of the contact velocity (creep), m/s/√Hz. Large values hide slip: with 0.01, a sole "
+        "that slides at 0.3 m/s is not rejected.",
     )
     joint_position_noise: NonNegative = Field(
         1.0e-3, le=1.0, description="Standard deviation of the joint positions, rad."

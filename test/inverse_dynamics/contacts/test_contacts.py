@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wbc_controller.inverse_dynamics.contacts import PointContact, Rectangle, SurfaceContact, wrench_cone
+from wbc_controller.inverse_dynamics.contacts import PointContact, Polygon, Rectangle, SurfaceContact, wrench_cone
 from wbc_controller.inverse_dynamics.contacts.support import friction_pyramid
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 
@@ -74,6 +74,21 @@ def test_surface_cone_keeps_corner_forces_within_coulomb_friction(load):
     model, _ = load("g1")
     contact = SurfaceContact("foot", model, FRAME, pin.SE3.Identity(), Rectangle(0.1, 0.05), friction=0.8)
     np.testing.assert_allclose(contact.cone, wrench_cone(0.8 / math.sqrt(2.0), 0.1, 0.05))
+
+
+@pytest.mark.parametrize("share", [0.05, 0.6, 1.0])
+@pytest.mark.parametrize("shape", ["ball", "rectangle", "polygon"])
+def test_cone_for_a_share_of_the_friction_is_that_of_a_contact_with_this_friction(load, shape, share):
+    model, _ = load("g1")
+    triangle = np.array([[0.1, 0.0], [-0.05, 0.06], [-0.04, -0.03]])
+    support = Rectangle(0.1, 0.05) if shape == "rectangle" else Polygon(triangle, "sole")
+
+    def contact(friction):
+        if shape == "ball":
+            return PointContact("foot", model, FRAME, np.zeros(3), RADIUS, friction=friction)
+        return SurfaceContact("foot", model, FRAME, pin.SE3.Identity(), support, friction=friction)
+
+    np.testing.assert_allclose(contact(0.8).cone_for(share), contact(0.8 * share).cone, atol=1e-12)
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.1, 0.05), (0.06, 0.06), (0.092, 0.03)])

@@ -20,7 +20,7 @@ from wbc_controller.inverse_dynamics.contacts import (
     RollingContact,
     SurfaceContact,
 )
-from wbc_controller.inverse_dynamics.references.changes import EnableContact
+from wbc_controller.inverse_dynamics.references.changes import EnableContact, SetSlippingContacts
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import RobotState, frozen
 from wbc_controller.settings.files import parse_settings
@@ -266,6 +266,20 @@ def test_anchors_are_set_at_each_activation(load, bench):
     np.testing.assert_allclose(foot.displacement(robot.dynamics, early.anchors["left_foot"]), 0.0, atol=1e-12)
     with pytest.raises(ValueError, match="read-only"):
         early.anchors["left_foot"][0] = 1.0
+
+
+def test_anchor_of_a_slipping_contact_moves_with_it(load, bench):
+    robot = Standing(load, bench, STIFFNESS)
+    foot, q = robot.controller.contacts["left_foot"], np.array(robot.q)
+    q[:3] += 0.01
+    moved, before = at(robot.model, q), robot.board.sample(0.0).anchors
+    robot.board.anchor_slipping_contacts(moved)
+    assert robot.board.sample(0.0).anchors is before
+    robot.board.apply([SetSlippingContacts(("left_foot",))], moved, 1.0)
+    robot.board.anchor_slipping_contacts(moved)
+    anchors = robot.board.sample(1.0).anchors
+    np.testing.assert_allclose(foot.displacement(moved, anchors["left_foot"]), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(anchors["right_foot"], before["right_foot"])
 
 
 def test_anchor_of_a_contact_enabled_later(load, bench):

@@ -114,6 +114,7 @@ def random_references(qp, rng):
     sometimes = {
         "external_wrenches": {"universe": rng.normal(size=6), qp.model.pinocchio.frames[-1].name: rng.normal(size=6)},
         "disturbance": Disturbance(*rng.normal(size=(2, qp.model.nv))),
+        "friction": {name: float(rng.choice([1.0, rng.uniform(0.05, 1.0)])) for name in qp.contacts},
     }
     return References(
         tasks=tasks,

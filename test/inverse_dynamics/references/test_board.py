@@ -10,6 +10,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     EnableTask,
     SetExternalWrench,
     SetSetpoint,
+    SetSlippingContacts,
     SetTrajectory,
     SetWeight,
 )
@@ -330,6 +331,23 @@ def test_contacts_are_unloaded_from_their_force_and_leave_the_weight(load, dynam
 def test_contact_without_ramp_ends_immediately(board, dynamics):
     board.apply([EnableContact("stiff", False)], dynamics, START)
     assert board.sample(START).contacts["stiff"] == 0.0
+
+
+def test_slipping_contact_has_little_friction_until_it_rests(board, dynamics):
+    assert board.sample(START).friction == {"left": 1.0, "right": 1.0, "stiff": 1.0}
+    board.apply([SetSlippingContacts(("left",))], dynamics, START)
+    assert board.sample(START + 0.01).friction["left"] == pytest.approx((0.5 + 0.5 * 0.05 ** (1 / 3)) ** 3)
+    assert board.sample(START + 0.02).friction == {"left": 0.05, "right": 1.0, "stiff": 1.0}
+    board.apply([SetSlippingContacts(("left", "stiff"))], dynamics, START + 1.0)
+    assert board.sample(START + 1.02).friction == {"left": 0.05, "right": 1.0, "stiff": 0.05}
+    board.apply([SetSlippingContacts(())], dynamics, START + 2.0)
+    shares = [board.sample(START + time).friction["left"] for time in (2.0, 2.5, 3.5, 4.0)]
+    assert shares[0] == 0.05
+    assert shares == sorted(shares)
+    assert shares[-2] < shares[-1] == 1.0
+    board.apply([SetSlippingContacts(("left",))], dynamics, START + 5.0)
+    board.reset(dynamics, START + 6.0)
+    assert (board.slipping, board.sample(START + 6.0).friction["left"]) == ((), 1.0)
 
 
 def test_external_wrenches_are_held(board, dynamics):

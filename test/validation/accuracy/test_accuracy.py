@@ -210,6 +210,23 @@ def test_mishaps_with_force_sensors_and_a_wrong_estimate(monkeypatch):
 @pytest.mark.parametrize(
     ("robot", "name"),
     [
+        ("go2", "one foot on ice, friction 0.05"),
+        ("go2", "one foot slides at 0.6 m/s"),
+        ("g1", "one foot on ice, friction 0.05"),
+        ("g1", "one foot slides at 1 m/s"),
+    ],
+)
+def test_slipping_foot_is_detected_and_the_robot_keeps_standing(robot, name):
+    """Before the friction of the foot was reduced, Go2 fell and G1 was damped."""
+    found = run_mishap(robot, name, changes={"safety.activation_ramp": 0.0})
+    assert found.left_out == (next(iter(load(robot).settings.contacts)),)
+    assert (found.fault_texts, found.ended, found.fell) == ((), False, False)
+    assert found.error < 0.06
+
+
+@pytest.mark.parametrize(
+    ("robot", "name"),
+    [
         ("g1", "gyroscope bias of 0.2 rad/s about x"),
         ("go2", "IMU shock of 20 m/s² along z for 50 ms"),
         ("go2", "IMU shock of 5 rad/s for 1.5 s, on the hoist"),

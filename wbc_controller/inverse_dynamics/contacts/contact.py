@@ -14,6 +14,9 @@ from wbc_controller.inverse_dynamics.robot.instruction import Instruction
 from wbc_controller.inverse_dynamics.tunable import Tunable
 from wbc_controller.records import Array, frozen
 
+#: Indices in f of the tangential forces and of the yaw moment of a unilateral contact.
+_TANGENTIAL = (0, 1, 5)
+
 
 class Contact(Tunable, ABC):
     """Contact of a link with the environment or with another link of the robot.
@@ -65,6 +68,10 @@ class Contact(Tunable, ABC):
     def full_name(self) -> str:
         """Kind and name, for errors."""
         return f"contact {self.name!r}"
+
+    def cone_for(self, friction: float) -> Array:
+        """Return the cone for a share of the friction, 0 to 1, (rows, k)."""
+        return self.cone
 
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:
@@ -229,3 +236,17 @@ class UnilateralContact(AnchoredContact):
             lower[5] = -yaw
         self._largest, self._bounds = largest, (lower, upper)
         return self._bounds
+
+    def cone_for(self, friction: float) -> Array:
+        """Return the cone for a share s of the friction, (rows, k).
+
+        Forces with s times the friction are forces in C with tangential forces and yaw moment times s, as the corners
+        of a sole are in its plane: C diag(1/s, 1/s, 1, 1, 1, 1/s), with rows multiplied by s.
+        """
+        if friction == 1.0:
+            return self.cone
+        tangential = np.isin(np.arange(self.size), _TANGENTIAL)
+        rows = self.cone[:, tangential].any(axis=1)
+        cone = np.array(self.cone)
+        cone[np.ix_(rows, ~tangential)] *= friction
+        return cone

@@ -117,6 +117,7 @@ class Formulation:
         self._prepared = None
         structure = self._current_structure(references)
         layout, costs, program = structure.layout, structure.costs, structure.program
+        layout.set_friction(references.friction)
         if self.torque_limit.curve is not None:
             layout.available[:2] = self.torque_limit.available(self.model.actuation.speeds(v))
         before, share = layout.available[2], -1.0

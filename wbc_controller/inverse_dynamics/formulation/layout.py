@@ -7,7 +7,7 @@ Decision variables: x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques τ = T (M v
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,6 +97,7 @@ class Layout:
             problem.C[rows, columns] = contact.cone
             problem.upper[rows] = 0.0
             row, cone = motion.stop, rows.stop
+        self._friction: Mapping[str, float] = {}
         self.forces = slice(nv, nv + nf)
         self.forces_of = [(place.contact.name, place.motion) for place in self.places]
         #: Compiled rows of contacts with their first row; contacts evaluated in Python.
@@ -153,6 +154,17 @@ class Layout:
         for limit, rows in zip(self.row_limits, self.limits, strict=True):
             labels[n + rows.start : n + rows.stop] = [(name, name, 1.0) for name in limit.names]
         return labels
+
+    def set_friction(self, shares: Mapping[str, float]) -> None:
+        """Write the cones for a share of the friction of each contact, 1 by default."""
+        if shares is self._friction:
+            return
+        for place in self.places:
+            name = place.contact.name
+            share = shares.get(name, 1.0)
+            if share != self._friction.get(name, 1.0):
+                self.problem.C[place.cone, place.columns] = place.contact.cone_for(share)
+        self._friction = shares
 
     @property
     def J(self) -> Array:

@@ -136,7 +136,7 @@ def plain_qp(
         own = columns[contact.name]
         lower, upper = contact.bounds(activations[contact.name])
         x_lower[own], x_upper[own] = lower / FORCE_UNIT, upper / FORCE_UNIT
-        cone = np.vstack([cone, in_columns(contact.cone, own.start, n)])
+        cone = np.vstack([cone, in_columns(contact.cone_for(references.friction.get(contact.name, 1.0)), own.start, n)])
 
     # Limits: joint motion, τ, and other combinations G v̇.
     joints = dynamics.q[model.q_index], dynamics.v[model.v_index]

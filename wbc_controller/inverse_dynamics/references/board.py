@@ -17,6 +17,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     EnableTask,
     SetExternalWrench,
     SetSetpoint,
+    SetSlippingContacts,
     SetTrajectory,
     SetWeight,
 )
@@ -30,6 +31,8 @@ from wbc_controller.records import Array, Reference, References, Tuning, frozen_
 
 _SHORTEST_JOIN = 0.05  # shortest motion to a first trajectory point off the reference's path, s
 _SHORTEST_MOVE = 1.0e-3  # shortest duration of a setpoint without a jump, s
+#: Share of the friction of a slipping contact; durations of its reduction, and of its recovery at rest, s.
+_SLIPPING_FRICTION, _REDUCTION, _RECOVERY = 0.05, 0.02, 2.0
 _LARGEST_DEVIATION = 1.0e-3  # largest deviation of a point on the reference's path, m or rad
 
 
@@ -74,8 +77,8 @@ class ReferenceBoard:
 
     #: Saved state.
     STATE_FIELDS = (
-        "forces", "_tuning", "_weights", "_enabled", "_weight_ramps", "_contact_ramps", "_anchors", "_trajectories",
-        "_goals", "_wrenches",
+        "forces", "_tuning", "_weights", "_enabled", "_weight_ramps", "_contact_ramps", "slipping", "_friction_ramps",
+        "_anchors", "_trajectories", "_goals", "_wrenches",
     )  # fmt: skip
     SAMPLE_CACHE = ("_constant_references", "_settled_ramps")  # samples, which follow from the saved state
 
@@ -89,6 +92,8 @@ class ReferenceBoard:
         self._enabled = {name: plan.enabled for name, plan in self.plans.items()}
         self._weight_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.plans}
         self._contact_ramps = {name: SoftRamp(0.0, 0.0, 0.0, 0.0) for name in self.contact_plans}
+        self.slipping: tuple[str, ...] = ()
+        self._friction_ramps = {name: SoftRamp(0.0, 0.0, 1.0, 1.0) for name in self.contact_plans}
         self._anchors: Mapping[str, Array] = {}
         self._trajectories: dict[str, Trajectory] = {}
         # Goals of disabled tasks.
@@ -114,8 +119,10 @@ class ReferenceBoard:
             self._range_of(name, dynamics)
         for name, contact in self.contact_plans.items():
             self._contact_ramps[name] = SoftRamp(time, 0.0, 0.0, float(contact.enabled))
+            self._friction_ramps[name] = SoftRamp(time, 0.0, 1.0, 1.0)
             self._anchor(name, dynamics)
         self.forces = {}
+        self.slipping = ()
         self._goals.clear()
         self._wrenches.clear()
         self._tuning = TuningRamp.at(self._tuning.after)
@@ -196,6 +203,8 @@ class ReferenceBoard:
             if not change.enabled and duration > 0.0 and plan.contact is not None and name in self.forces:
                 before = min(before, needed_activation(plan.contact, self.forces[name]))
             self._contact_ramps[name] = SoftRamp(time, duration, before, goal)
+        elif isinstance(change, SetSlippingContacts):
+            self._set_slipping(change.contacts, time)
         elif isinstance(change, SetExternalWrench):
             self._wrenches[change.frame] = change.wrench
 
@@ -219,6 +228,20 @@ class ReferenceBoard:
             for name in unloading if own < missing else ():
                 activations[name] = min(ramps[name].before, activations[name] * missing / own)
         return activations
+
+    def _set_slipping(self, contacts: tuple[str, ...], time: float) -> None:
+        for name, ramp in self._friction_ramps.items():
+            if name in contacts and name not in self.slipping:
+                self._friction_ramps[name] = ramp.towards(_SLIPPING_FRICTION, time, _REDUCTION)
+            elif name in self.slipping and name not in contacts:
+                self._friction_ramps[name] = ramp.towards(1.0, time, _RECOVERY)
+        self.slipping = tuple(contacts)
+
+    def anchor_slipping_contacts(self, dynamics: Dynamics) -> None:
+        """Anchor slipping contacts at their present pose, so that they do not return."""
+        for name in self.slipping:
+            self._discard_samples()
+            self._anchor(name, dynamics)
 
     def _anchor(self, name: str, dynamics: Dynamics) -> None:
         """Anchor a contact at its present pose; earlier samples keep their anchors."""
@@ -319,8 +342,14 @@ class ReferenceBoard:
             external_wrenches=dict(self._wrenches),
             tuning=self._tuning.sample(time),
             anchors=self._anchors,
+            friction=MappingProxyType({name: ramp.sample(time) for name, ramp in self._friction_ramps.items()}),
         )
-        ramps = [self._tuning.share, *self._weight_ramps.values(), *self._contact_ramps.values()]
+        ramps = [
+            self._tuning.share,
+            *self._weight_ramps.values(),
+            *self._contact_ramps.values(),
+            *self._friction_ramps.values(),
+        ]
         settled = max(ramp.start + ramp.duration for ramp in ramps)
         self._settled_ramps = (settled, references) if time >= settled else None
         return references

@@ -57,6 +57,13 @@ class EnableContact:
 
 
 @dataclass(frozen=True, slots=True)
+class SetSlippingContacts:
+    """Name all contacts that slip; their friction is reduced, and recovers slowly after the slip."""
+
+    contacts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class SetExternalWrench:
     """Set the known external wrench at a frame, (6,) in N and N·m, world axes."""
 
@@ -88,4 +95,13 @@ class WalkFootsteps:
 
 #: Changes for the walker.
 WalkingChange = Walk | WalkTo | WalkFootsteps
-Change = SetSetpoint | SetTrajectory | SetWeight | EnableTask | EnableContact | SetExternalWrench | WalkingChange
+Change = (
+    SetSetpoint
+    | SetTrajectory
+    | SetWeight
+    | EnableTask
+    | EnableContact
+    | SetSlippingContacts
+    | SetExternalWrench
+    | WalkingChange
+)

@@ -118,6 +118,10 @@ class StatusSummary:
             yield
             contradiction = last.solution.residuals.get("contact_motion", 0.0)
         values |= _check_values(last)
+        friction = {} if last.result.references is None else last.result.references.friction
+        values |= {
+            f"friction/{name}": f"{share:.2f} of the configured one" for name, share in friction.items() if share < 1
+        }
         warnings = [
             f"relaxed {what} in {count} of {window.count} cycles" for what, count in sorted(window.relaxed.items())
         ]

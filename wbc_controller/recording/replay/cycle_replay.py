@@ -157,7 +157,7 @@ def _convert_memory(controller: ControlCycle, memory: Mapping[str, object]) -> d
             taken = own
         elif name == "_trajectories":  # empty before the first cycle; new tasks get theirs when enabled
             taken = {task: taken[task] for task in plans if task in taken}
-        elif isinstance(own, dict) and name in ("_weight_ramps", "_contact_ramps", "_enabled"):
+        elif isinstance(own, dict) and name in ("_weight_ramps", "_contact_ramps", "_friction_ramps", "_enabled"):
             taken = {key: taken.get(key, value) for key, value in own.items()}
         board[name] = taken
     ramps = board["_weight_ramps"]

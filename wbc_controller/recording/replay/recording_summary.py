@@ -15,6 +15,7 @@ from wbc_controller.inverse_dynamics.references.changes import (
     EnableTask,
     SetExternalWrench,
     SetSetpoint,
+    SetSlippingContacts,
     SetTrajectory,
     SetWeight,
     Walk,
@@ -154,6 +155,8 @@ def describe_change(change: object) -> str:
         return f"task {change.task} {'on' if change.enabled else 'off'}"
     if isinstance(change, EnableContact):
         return f"contact {change.contact} {'on' if change.enabled else 'off'}"
+    if isinstance(change, SetSlippingContacts):
+        return f"slipping contacts: {', '.join(change.contacts) or 'none'}"
     if isinstance(change, SetExternalWrench):
         return f"external wrench at {change.frame}: {np.array2string(change.wrench, precision=3)}"
     if isinstance(change, Walk):
