@@ -152,7 +152,6 @@ class Struct(_Proxy):
 
     @classmethod
     def _allocator(cls) -> Any:
-        """Return the compiled function that allocates a struct from its fields."""
         if cls._allocate is None:
             name, fields = f"allocate_{cls.__name__}", ", ".join(cls._fields)
             lines = [f"def {name}({fields}):", "    struct = new(kind)"]
@@ -171,7 +170,6 @@ def _numba_type(annotation: Any) -> Any:
 
 
 def _require_array(name: str, array: Any, kind: Any) -> None:
-    """Raise a TypeError if an array does not have the type of a field."""
     found = isinstance(array, np.ndarray) and array.ndim == kind.ndim and array.dtype == str(kind.dtype)
     if not (found and (kind.layout == "A" or array.flags.c_contiguous) and (array.flags.writeable or not kind.mutable)):
         layout = "strided" if kind.layout == "A" else "contiguous"
@@ -268,6 +266,5 @@ def _log_wait() -> None:
 
 @cache
 def _total() -> int:
-    """Return the number of kernels and structs in the package."""
     texts = [path.read_text(encoding="utf-8") for path in _PACKAGE.rglob("*_kernels.py")]
     return sum(text.count("\n@compiled\n") + text.count("(Struct):\n") for text in texts)

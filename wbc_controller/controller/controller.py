@@ -286,7 +286,6 @@ class Controller(ControlCycle):
         )
 
     def _state(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> RobotState:
-        """Copy a state and check its shape."""
         stamp = round(1.0e9 * number(t, "t", -_LATEST, _LATEST))
         return RobotState(stamp, frozen(sized(q, self.model.nq, "q")), frozen(sized(v, self.model.nv, "v")))
 
@@ -309,7 +308,6 @@ class Controller(ControlCycle):
         return self._time
 
     def _command(self, change: Change) -> None:
-        """Check a change, and apply it in the next cycle."""
         check_change(change, self.qp.tasks, self.model)
         self.board.check(change, self.qp.dynamics, self._now())
         self._commands.append(change)
@@ -328,7 +326,6 @@ class Controller(ControlCycle):
         return self.qp.tasks[require_choice(name, self.qp.tasks, "task")]
 
     def _joint_positions(self, task: str, given: Mapping[str, float]) -> Array:
-        """Return the present reference of a joint task with changed positions of some joints."""
         joints: tuple[str, ...] | None = getattr(self.qp.tasks[task], "joints", None)
         if joints is None:
             raise InputRefused(f"task {task!r} has no joints; its position must be an array")
@@ -346,7 +343,6 @@ class Controller(ControlCycle):
 
 
 def _finite(values: npt.ArrayLike | None, size: int, subject: str) -> Array:
-    """Return a finite array of a size; zeros for None."""
     return finite(sized(np.zeros(size) if values is None else values, size, subject), subject)
 
 

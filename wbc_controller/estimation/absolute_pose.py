@@ -204,7 +204,6 @@ class AbsolutePoses:
         return z, H, noise, p
 
     def _correct(self, sample: PoseSample, *, controlled: bool) -> str:
-        """Apply one pose; return a reason for its rejection."""
         found = self._filter
         z, H, noise, p = self.innovation(sample)
         S = H @ found.P @ H.T + noise

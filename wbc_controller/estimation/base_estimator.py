@@ -356,7 +356,6 @@ class _RunningEstimate:
         )
 
     def _compare_turns(self, active_contacts: tuple[str, ...], *, known_wrong: bool = False) -> str | None:
-        """Compare the gyroscope with the legs until they agree about all axes."""
         elapsed, self._compared = self.stamp - self._compared, self.stamp
         turned, self._turned = self._turned, np.zeros(3)
         if self._agreed or not active_contacts:

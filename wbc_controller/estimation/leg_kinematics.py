@@ -172,7 +172,6 @@ class LegKinematics:
         return self._merged[contacts]
 
     def _points(self, point_set: _PointSet) -> Array:
-        """Return the points in base axes, (k, 3) in m."""
         placements = self._data.oMi
         return np.array(
             [

@@ -238,7 +238,6 @@ class WholeBodyQP:
         return Answer(None, relaxed.status, relaxed.iterations)
 
     def _is_solution(self, answer: Answer, layout: Layout, tolerance: float) -> bool:
-        """Return True if no constraint is violated; complete residuals and cost."""
         if answer.x is None:
             return False
         if answer.residuals is None:

@@ -93,7 +93,6 @@ def _require_world_frame(content: Any, what: str) -> None:
 
 
 def _require_reference_frame(vocabulary: Vocabulary, task: str, content: Any) -> None:
-    """Refuse a trajectory outside the task's reference frame."""
     wanted = vocabulary.reference_frames.get(task)
     if wanted is None:
         _require_world_frame(content, "a trajectory")
@@ -105,7 +104,6 @@ def _require_reference_frame(vocabulary: Vocabulary, task: str, content: Any) ->
 
 
 def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str = "frame_id") -> str:
-    """Return the frame of a setpoint for `SetSetpoint` (empty: the task's reference frame); refuse an invalid frame."""
     home = vocabulary.reference_frames.get(task)
     if frame == home or (home is None and frame in WORLD_FRAMES):
         return ""
@@ -164,7 +162,6 @@ def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "th
 
 
 def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Return the values of all joints of the task in its order."""
     _require_equal_sizes(names, values, what)
     order = _joint_order(joints, names, what)
     return np.asarray(finite(values, what)[order])
@@ -191,7 +188,6 @@ def _require_joints(joints: Sequence[str], names: Sequence[str]) -> None:
 
 
 def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
-    """Return the index of each joint of the task in the names of a message, (k,)."""
     _require_joints(joints, names)
     places = {name: i for i, name in enumerate(names)}
     missing = [name for name in joints if name not in places]
@@ -295,7 +291,6 @@ _UPDATE_SETTINGS = ("control", "limits", "safety")  # with settings only
 
 
 def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:
-    """Read several changes; one refusal refuses all."""
     if len(content.data) > _MAX_UPDATE:
         raise InputRefused(f"update has {len(content.data)} characters (limit {_MAX_UPDATE})")
     try:

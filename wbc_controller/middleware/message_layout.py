@@ -83,7 +83,6 @@ class Template:
 
 
 def _as_slice(index: np.ndarray) -> slice:
-    """Return consecutive indices, (k,), as a slice; raises `ValueError` for other indices."""
     start, stop = int(index[0]), int(index[-1]) + 1
     if not np.array_equal(index, np.arange(start, stop)):
         raise ValueError(f"the fields of a group must be consecutive; their indices are {index.tolist()}")
@@ -117,7 +116,6 @@ def _numbers(content: Any, path: str = "") -> Iterator[tuple[str, int]]:
 
 
 def _filled(content: Any, byte: int) -> Any:
-    """Return a copy of a message with one value in every byte of every number."""
     whole, number = (np.frombuffer(bytes([byte]) * 8, dtype=kind)[0].item() for kind in ("<u4", "<f8"))
     changed: dict[str, Any] = {}
     for field in dataclasses.fields(content):

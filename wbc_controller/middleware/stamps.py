@@ -93,7 +93,6 @@ class StampTracker:
         return reason
 
     def _too_early(self, stamp: int, arrival: float) -> str | None:
-        """Return the reason for a timestamp ahead of a known clock, or None."""
         if self._clock_offset is None:
             return None
         early = stamp * 1.0e-9 - (arrival + self._clock_offset())
@@ -105,7 +104,6 @@ class StampTracker:
         )
 
     def _contradiction(self, stamp: int, arrival: float) -> str | None:
-        """Return the reason for a timestamp that contradicts the accepted ones without a new time, or None."""
         if self._arrival == -math.inf:
             return None
         step, passed = (stamp - self._stamp) * 1.0e-9, arrival - self._arrival
@@ -123,7 +121,6 @@ class StampTracker:
         return f"header.stamp is {step - passed:.3f} s ahead of the previous messages"
 
     def _accept(self, stamp: int, arrival: float) -> None:
-        """Update the clock offset."""
         self._may_rise = min(self._may_rise + _MAX_CLOCK_SLOWDOWN * (arrival - self._arrival), _GAP)
         rise = min(max((stamp - self._stamp) * 1.0e-9, 0.0), self._may_rise)
         self._may_rise -= rise

@@ -174,7 +174,6 @@ class ContactForceReader(StateReader):
 
 
 def _check_measured(what: str, values: Array, covariance: Array, limit: float, unit: str) -> None:
-    """Raise `InputRefused` for a quantity without measurement, a value that is not finite, or one above the limit."""
     if covariance[0] == -1.0:
         raise InputRefused(f"{what}_covariance begins with -1: the IMU does not measure {what}")
     finite(values, what)

@@ -168,7 +168,6 @@ def make_loop(
 
 
 def _prepare(controller: Controller, change: Change | ChangeSettings) -> None:
-    """Validate a change on the request thread, without access to data of the cycle."""
     if isinstance(change, ChangeSettings):
         controller.live.prepare(change.settings, "update")
     else:

@@ -115,7 +115,6 @@ class GuardService:
         self.watch = GraphWatch(transport, watched.values(), self._update_publishers)
 
     def _process_newest(self) -> None:
-        """Process the newest command and mode on this thread, unless a callback has done so."""
         newest = {key: payload for key, stream in self._streams.items() for payload in stream.take()}
         unread = {key: payload for key, payload in newest.items() if payload != self._processed.get(key)}
         if "controller_state" in unread:
@@ -172,7 +171,6 @@ class GuardService:
             _log.warning("%s refused: %s", topic, reason)
 
     def _update_publishers(self, others: OtherPublishers) -> None:
-        """Report topics of the controller with several publishers, on the thread of the watch."""
         shared = {key: ", ".join(names) for key, names in others.items() if len(names) > 1}
         for key, names in shared.items():
             _log.warning(
@@ -201,7 +199,6 @@ class GuardService:
             )
 
     def _velocity_in(self, payload: bytes) -> Array:
-        """Return the measured or differentiated joint velocities, (nj,) in rad/s."""
         joints = self._states.read(payload)
         if self._velocity_filter is None:
             return joints.velocity

@@ -52,8 +52,6 @@ _MIN_DELAY = 0.01  # smallest reported transit time, s
 
 @dataclass(slots=True)
 class _Queue:
-    """Pending messages of one topic."""
-
     endpoint: Endpoint
     stream: Stream
     pending: deque[tuple[float, bytes]]  # arrival, s, and serialized message
@@ -163,7 +161,6 @@ class Inputs:
         self._trigger.stream.wake()
 
     def _collect(self, queue: _Queue) -> None:
-        """Take the messages of a topic with their arrival, and drop oversized ones."""
         taken = queue.stream.take()
         self._clock.refresh()  # after the states, because a simulator publishes the time first
         now = self._clock.now()
@@ -276,12 +273,10 @@ class Inputs:
             self._poses.append(PoseSample(1.0e-9 * newest.stamp, newest.pose, newest.covariance))
 
     def _publishers_note(self, topic: str) -> str:
-        """Return a note on a topic with several publishers, or an empty text."""
         names = self.shared().get(topic)
         return f"; {topic} has several publishers: {names}" if names else ""
 
     def _newest_base(self) -> tuple[()] | tuple[Array, Array] | None:
-        """Return pose, (7,), and twist, (6,), of a floating base, () for a fixed base, or None if still unknown."""
         if self.estimator is not None:
             return self._base
         if not self._model.floating_base:

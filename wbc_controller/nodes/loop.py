@@ -165,7 +165,6 @@ class ControlLoop:
         return report
 
     def _clock_stall(self, stall: float, timeout: float) -> str:
-        """Return the clock fault for a stall of the clock, s, that exceeds the limit of the ages, s."""
         step = self._clock.resolution()
         if stall <= 2.0 * step < math.inf:  # the next clock message may be late
             return _coarse_clock_message(step, timeout, "state_timeout")
@@ -208,7 +207,6 @@ class ControlLoop:
         return requests, ()
 
     def _log_changes(self, report: CycleReport, now: float) -> None:
-        """Log refusals (recurring ones once per second), a fault once, and modes."""
         if any(not (0.0 <= now - at < _WARNING_PERIOD) for at in self._logged.values()):
             self._logged = {topic: at for topic, at in self._logged.items() if 0.0 <= now - at < _WARNING_PERIOD}
         for refused in report.refused:
@@ -324,7 +322,6 @@ class ControlLoop:
             stop.wait(period)
 
     def _guarded_cycle(self) -> None:
-        """Run one cycle; an exception leads to zero torques, then damping with a fault."""
         try:
             self.cycle()
         except Exception as error:
@@ -337,7 +334,6 @@ class ControlLoop:
 
 
 def _coarse_clock_message(step: float, limit: float, key: str) -> str:
-    """Return the message for a clock step above a limit, s."""
     return (
         f"the clock advances in steps of {1e3 * step:.0f} ms, too coarse for ages up to {1e3 * limit:.0f} ms "
         f"(safety.{key}): publish it at the rate of the states"

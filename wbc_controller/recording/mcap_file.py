@@ -216,7 +216,6 @@ def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
-    """Yield the records of a file of `size` bytes and of its chunks; an oversized chunk raises `ValueError`."""
     expanded = 0
     reader = StreamReader(file, skip_magic=True, emit_chunks=True, validate_crcs=True, record_size_limit=size)
     for record in reader.records:

@@ -247,7 +247,6 @@ class Recorder:
             self._record_memory(controller)
 
     def _send(self) -> None:
-        """Send the cycles and messages since the last call, and the JSON frames."""
         batch: list[bytes] = []
         cycles, self._cycles = self._cycles, []
         begin, number = 0, self._number
@@ -290,7 +289,6 @@ class Recorder:
         self._number += 1
 
     def _count_dropped(self, cycles: int) -> None:
-        """Count dropped cycles; a replay resumes at the next memory."""
         self._dropped_cycles += cycles
         now = time.monotonic()
         if now - self._warned_at >= _WARNING_PERIOD:
@@ -391,7 +389,6 @@ def recording(settings: Settings, file: Path | None, *, name: str = "") -> Itera
 
 
 def _array_prefix(slots: Sequence[Slot]) -> bytes:
-    """Return a serialized array of the slots without its numbers."""
     labels = [message("std_msgs/msg/MultiArrayDimension", label=s.name, size=s.size, stride=s.size) for s in slots]
     layout = message("std_msgs/msg/MultiArrayLayout", dim=labels, data_offset=0)
     count = sum(slot.size for slot in slots)

@@ -246,7 +246,6 @@ class Recording:
 
 
 def _checked_head(head: Array) -> int:
-    """Return the number of a cycle from its `HEAD`; a number out of range raises `ValueError`."""
     numbers = dict(zip(HEAD, head.tolist(), strict=True))
     largest = {"number": 2**53, "stamp_seconds": 2**32, "stamp_nanoseconds": 10**9, "mode": len(MODES) - 1}
     for name, limit in largest.items():
@@ -266,13 +265,11 @@ def _cycle_of_memory(text: str) -> int:
 
 
 def _kind(topic: Topic) -> str:
-    """Return the name of a topic of the recorder, or an empty text."""
     before, _, name = topic.name.rpartition("/")
     return name if before.endswith(f"/{OWN}") else ""
 
 
 def _numbers(payload: bytes, count: int, size: int) -> Array:
-    """Return the first `count` numbers of a serialized array of `size` doubles."""
     at = len(payload) - 8 * size
     if at < 0:
         raise ValueError("a cycle has fewer numbers than its layout")

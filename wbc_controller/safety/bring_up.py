@@ -95,7 +95,6 @@ class BringUpWatch:
         return solution.v_dot + np.array(changes)
 
     def _is_at_stop(self, state: RobotState) -> bool:
-        """Return True if a joint is beyond a position limit: its stop exerts unknown forces."""
         positions = state.q[self._model.q_places]
         return not all_true((positions >= self._model.position_lower) & (positions <= self._model.position_upper))
 

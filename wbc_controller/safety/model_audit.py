@@ -115,7 +115,6 @@ class ModelAudit:
         return self._report
 
     def _mechanical_energy(self, dynamics: Dynamics) -> float:
-        """Return T + V = ½ vᵀM v - m gᵀc, J."""
         return float(0.5 * dynamics.v @ dynamics.M @ dynamics.v - self._gravity @ dynamics.com)
 
     def _add(
@@ -220,7 +219,6 @@ class ModelAudit:
 
 
 def _powers(solution: Solution, dynamics: Dynamics) -> list[float]:
-    """Return the power of each known external wrench of a solution, W."""
     return [
         float(dynamics.external_force(frame, wrench) @ dynamics.v)
         for frame, wrench in solution.external_wrenches.items()

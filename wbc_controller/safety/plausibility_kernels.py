@@ -51,7 +51,6 @@ def _repeats(before: Array, now: Array, index: Indices) -> bool:
 
 @part
 def _repeats_in_motion(memory: StateMemory, q: Array, v: Array, q_index: Indices, v_index: Indices) -> bool:
-    """Return True if positions and velocities repeat, and a velocity is non-zero."""
     moves = False
     for i in v_index:
         moves = moves or v[i] != 0.0

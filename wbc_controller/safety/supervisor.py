@@ -283,7 +283,6 @@ class Supervisor:
         return JointCommand(seen.stamp, self._tau, made[positions], made[velocities])
 
     def _limited(self, tau: Array, available: tuple[Array, Array]) -> Array:
-        """Clamp torques by the rate limit, then by the available torques, (na,) each in N·m."""
         step = min(self._elapsed, self._period) * self._rate
         lower, upper = available
         limited = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
@@ -299,7 +298,6 @@ class Supervisor:
         return relaxed_for_too_long(tuple(self._relaxed), spent, limits.relax_time, limits.relax_window)
 
     def _hold(self, now: float, reason: Fault) -> None:
-        """Hold the last torques without a solution; damp after `hold_time`."""
         if self.mode is Mode.ACTIVE:
             self._enter(Mode.HOLDING, now, reason)
             self._held = self._tau
@@ -331,7 +329,6 @@ class Supervisor:
         return self._command(tau, state, joint_velocity)
 
     def _plausible_velocity(self, joint_velocity: Array) -> Array | None:
-        """Return the plausible joint velocities, (nj,); None if one is not finite."""
         if self._watch is not None:
             return self._watch.plausible_velocities(joint_velocity)
         return joint_velocity if all_finite(joint_velocity) else None
@@ -353,7 +350,6 @@ class Supervisor:
         return -(self._damping_matrix @ joint_velocity)
 
     def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
-        """Return lower and upper bounds of the torques, (na,) each in N·m."""
         if self._curve is None or joint_velocity is None:
             return self._effort_limits
         trusted = self._plausible_velocity(joint_velocity)

@@ -174,7 +174,6 @@ def _absolute(
 
 
 def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[ReadMessage], Any]]:
-    """Parse ``JOINT by 0.1`` or ``JOINT to 0.6``, one or several of the same kind."""
     keywords = set(words[1::3])
     if not words or len(words) % 3 or len(keywords) != 1 or not keywords <= {"by", "to"}:
         raise InputRefused(

@@ -316,7 +316,6 @@ class Session:
         return Answer(done, f"the controller is {self.mode()}")
 
     def _command_stamp(self) -> float:
-        """Return the stamp of the newest joint command, s; 0 before the first one."""
         payloads = self._messages["controller", "joint_commands", ""]
         return header_time(payloads[-1]) if payloads else 0.0
 

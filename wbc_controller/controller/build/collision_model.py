@@ -137,7 +137,6 @@ def _shapes(
 
 
 def _hull(points: Array) -> coal.ConvexBase | None:
-    """Return the convex hull of points, (n, 3) in m, or of extreme points; None without a usable hull."""
     if not (np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] > _THINNEST):
         return None  # Coal crashes with flat hulls
     hull = _convex(np.unique(points, axis=0))
@@ -147,7 +146,6 @@ def _hull(points: Array) -> coal.ConvexBase | None:
 
 
 def _convex(corners: Array) -> coal.ConvexBase | None:
-    """Return the convex hull of points, (n, 3) in m; None if Qhull or Coal fails."""
     vertices = coal.StdVec_Vec3s()
     vertices.extend(list(corners))
     try:
@@ -157,7 +155,6 @@ def _convex(corners: Array) -> coal.ConvexBase | None:
 
 
 def _extreme_points(points: Array) -> Array:
-    """Return the extreme points in evenly distributed directions, (k, 3)."""
     number = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * number / _DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * number
     across = np.sqrt(1.0 - z**2)

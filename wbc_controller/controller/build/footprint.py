@@ -140,14 +140,12 @@ def _touching(element: pin.GeometryObject, axes: Array) -> Array:
 
 
 def _centres(element: pin.GeometryObject) -> Array:
-    """Return the centres of a sphere, or of the ends of a capsule, (n, 3) in m."""
     half = element.geometry.halfLength if isinstance(element.geometry, coal.Capsule) else 0.0
     ends = [np.array([0.0, 0.0, side * half]) for side in ((1.0, -1.0) if half else (1.0,))]
     return np.array([element.placement.act(end) for end in ends])
 
 
 def _sphere() -> Array:
-    """Return points on the unit sphere with poles on z."""
     polar, turn = np.meshgrid(
         np.linspace(0.0, np.pi, _RINGS + 1), np.linspace(0.0, 2.0 * np.pi, _MERIDIANS, endpoint=False)
     )

@@ -126,7 +126,6 @@ def _compare_contact(
     contact: UnilateralContact,
     normal: Array,
 ) -> str | None:
-    """Compare one contact; None without shapes."""
     spec, model = settings.contacts[name], qp.model
     frame = model.frame_id(spec.frame, f"contacts.{name}.frame")
     body = qp.dynamics.placement(frame) * model.pinocchio.frames[frame].placement.inverse()
@@ -211,7 +210,6 @@ def _require_height(name: str, kind: str, height: float, translation: str) -> No
 
 
 def _require_size(name: str, spec: SurfaceSettings, region: Footprint) -> None:
-    """Refuse a support with a large overhang."""
     corners = np.array(spec.corners)
     allowed = min(_OVERHANG, _OVERHANG_SHARE * float(region.size.min()))
     overhang = float(region.outside(corners).max())

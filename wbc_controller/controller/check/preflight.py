@@ -194,7 +194,6 @@ def _placements(qp: WholeBodyQP) -> Array:
 
 
 def _uncontrolled_joints(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
-    """Report joints in the null space of all enabled tasks and contacts."""
     model, dynamics = qp.model, qp.dynamics
     tasks = [
         task.jacobian(dynamics)[task.rows]
@@ -209,7 +208,6 @@ def _uncontrolled_joints(settings: Settings, qp: WholeBodyQP, active: Sequence[s
 
 
 def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
-    """Return True if an enabled task controls the orientation of the base."""
     frames, model = qp.model.pinocchio.frames, qp.model
     base = frames[model.frame_id(model.base_link, "base")].parentJoint
     return any(
@@ -221,7 +219,6 @@ def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
 
 
 def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
-    """Report constrained contact directions without joint mobility."""
     contacts = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     if not contacts:
         return []
@@ -294,7 +291,6 @@ def support_margin(points: Array, position: Array) -> float:
 def _static(
     qp: WholeBodyQP, state: RobotState, references: References, active: list[str], normal: Array
 ) -> list[Finding]:
-    """Find torques and contact forces at rest."""
     model = qp.model
     layout = qp.formulation.build(state, references).snapshot()
     problem = layout.problem

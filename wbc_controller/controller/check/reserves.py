@@ -129,8 +129,6 @@ def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequ
 
 
 class _MotionWithContacts:
-    """Motion of a robot with contacts fixed at their present poses."""
-
     def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], margin: float) -> None:
         self.qp, self.bearing = qp, bearing
         model = qp.model

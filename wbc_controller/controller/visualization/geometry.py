@@ -137,7 +137,6 @@ def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.N
 
 
 def _points(shape: coal.CollisionGeometry) -> Array | None:
-    """Return points that span the convex hull of a shape, (n, 3) in m; None for unsupported shapes."""
     corners = np.array(list(product((-1.0, 1.0), repeat=3)))
     angles = np.arange(20) * 2.0 * np.pi / 20
     ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(20)])
@@ -157,7 +156,6 @@ def _points(shape: coal.CollisionGeometry) -> Array | None:
 
 
 def _embedded(part: Part, other: Part) -> bool:
-    """Return True if a part lies (almost) within another part of its joint."""
     if part is other or part.joint != other.joint:
         return False
     equations = ConvexHull(other.vertices).equations
@@ -167,7 +165,6 @@ def _embedded(part: Part, other: Part) -> bool:
 
 
 def _sphere() -> Array:
-    """Return 60 points of the unit sphere: a Fibonacci spiral and the ends of the axes."""
     k = np.arange(54)
     z = 1.0 - (2.0 * k + 1.0) / 54
     angle = k * np.pi * (3.0 - np.sqrt(5.0))

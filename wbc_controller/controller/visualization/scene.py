@@ -149,7 +149,6 @@ def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array)
 
 
 def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
-    """Return centre of mass, its projection onto the ground, and capture point."""
     com = np.array(dynamics.com)
     below = np.array([com[0], com[1], ground])
     shapes = [_shape("com", 0, SPHERE_LIST, 0.04, [com, below]), _shape("com", 1, LINE_LIST, 0.004, [com, below])]
@@ -161,7 +160,6 @@ def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
 
 
 def _point_and_reference(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
-    """Return the positions of a task's point and of its reference in the world; empty without a point."""
     wanted = reference.position
     if isinstance(task, ComTask | FramePositionTask | FramePoseTask):
         return [task.position(dynamics)[:3], wanted[:3]]
@@ -178,7 +176,6 @@ def _point_and_reference(task: Task, dynamics: Dynamics, reference: Reference, g
 
 
 def _supports(contact: Contact) -> bool:
-    """Return True for unilateral contacts with the world."""
     return isinstance(contact, UnilateralContact) and not contact.internal
 
 

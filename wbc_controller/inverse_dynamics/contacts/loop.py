@@ -84,7 +84,6 @@ class LoopClosure(Contact):
         return a.actInv(dynamics.placement(self._b) * self._placements[1])
 
     def _a_to_b(self, dynamics: Dynamics) -> Array:
-        """Return X, (6, 6), from a twist of the link of A to frame B."""
         b = dynamics.placement(self._b) * self._placements[1]
         change: Array = b.actInv(dynamics.placement(self._a)).toActionMatrix()
         return change

@@ -131,7 +131,6 @@ def support_polygon(points: Array) -> Array:
 
 
 def _is_outside_hull(others: Array, point: Array, least: float) -> bool:
-    """Return True if a point is outside the convex hull of the others by more than `least`."""
     try:
         hull = ConvexHull(others)
     except QhullError:

@@ -154,7 +154,6 @@ class Formulation:
         return float(mobilities(layout.J, layout.metric, self.dynamics)[0].min(initial=math.inf))
 
     def _separate_contacts(self, layout: Layout) -> None:
-        """Move redundant directions of the contacts from A and b to the cost."""
         nf, nv = layout.J.shape
         hard, soft = separate_redundant_rows(layout.J, layout.contact_motion, layout.metric, self.dynamics)
         layout.contact_rows = np.column_stack([layout.J, layout.contact_motion])

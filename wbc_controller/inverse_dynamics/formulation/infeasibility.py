@@ -285,7 +285,6 @@ def _widened(rows: Array, columns: int) -> Array:
 
 
 def _largest_violation(constraint: Constraint, x: Array) -> tuple[float, str, str]:
-    """Return the largest violation at x, its unit, and a phrase for it."""
     value = constraint.rows @ x
     above, below = value - constraint.upper, constraint.lower - value
     beyond = np.maximum(above, below)

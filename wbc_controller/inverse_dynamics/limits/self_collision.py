@@ -159,7 +159,6 @@ class SelfCollisionLimit(RowLimit):
         return pin.computeDistance(self._geometry, self._data, pair)
 
     def _compute_near_distances(self, dynamics: Dynamics, ahead: float) -> np.ndarray:
-        """Compute the distances of pairs that may need a row, and return these pairs."""
         table = self._bind(dynamics)
         count = near_pairs(table, dynamics.q, dynamics.v, self.acceleration, ahead, self.margin + ROW_ERROR)
         self.computed, near = count, self._near[:count]

@@ -187,7 +187,6 @@ class ReferenceBoard:
             self._wrenches[change.frame] = change.wrench
 
     def _anchor(self, name: str, dynamics: Dynamics) -> None:
-        """Anchor a contact at its present pose; earlier samples keep their anchors."""
         contact = self.contact_plans[name].anchored
         if contact is not None:
             self._anchors = frozen_mapping({**self._anchors, name: anchor_of(contact, dynamics)})

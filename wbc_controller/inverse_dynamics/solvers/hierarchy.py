@@ -205,7 +205,6 @@ def _reduced_problem(
 
 
 def _solution_and_null_space(A: Array, b: Array) -> tuple[Array, Array]:
-    """Return the smallest x with A x = b, and a basis of the null space of A."""
     Q, R, order, rank = _pivoted_qr(A)
     # A[order] = (Q R)ᵀ: with x = Q[:, :rank] y, the first `rank` rows are R₁ᵀ y = b.
     y = np.linalg.solve(R[:rank, :rank].T, b[order[:rank]]) if rank else np.zeros(0)

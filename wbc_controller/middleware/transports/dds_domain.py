@@ -123,7 +123,6 @@ def _names_interfaces(uri: str) -> bool:
 
 
 def _refuse_security(environment: Mapping[str, str]) -> None:
-    """Refuse enforced security, and warn of permissive security."""
     if environment.get("ROS_SECURITY_ENABLE") != "true":
         return
     if environment.get("ROS_SECURITY_STRATEGY") == "Enforce":

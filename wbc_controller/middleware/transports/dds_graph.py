@@ -126,7 +126,6 @@ class Graph:
 
 
 def _announced_writers(payload: bytes) -> Iterator[tuple[bytes, str]]:
-    """Yield GUID and node of each writer in an announcement."""
     try:
         announcement = decode(payload, _TYPE)
     except InputRefused:  # not a ROS 2 node

@@ -88,7 +88,6 @@ class CompatibilityWatch:
                 _log.exception("the check of publishers for compatible type and quality of service has ended")
 
     def _check(self, subscription: Any, message_type: str) -> None:
-        """Check the publishers of one topic, and warn once of each incompatible one."""
         topic = subscription.topic_name
         before, checks = self._checks.get(topic, {}), {}
         for info in self._node.get_publishers_info_by_topic(topic):

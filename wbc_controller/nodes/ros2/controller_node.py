@@ -147,7 +147,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return self._attempt("process the error", self._clean_up)
 
     def _value(self, name: str) -> Any:
-        """Return the value of an own parameter; errors as for `own_values`."""
         return own_values(values(self), {name: _PARAMETERS[name][0]}, self.get_fully_qualified_name())[name]
 
     def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
@@ -253,7 +252,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             self._outcomes.end("the control loop has ended")
 
     def _after_failure(self) -> None:
-        """Leave the active state by error processing."""
         if self._gate is not None and self._gate.open:
             self.trigger_deactivate()
 
@@ -289,7 +287,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return _set_response(response, *await future)
 
     def _on_record(self, request: Any, response: Any) -> Any:
-        """Request a recording of the last seconds at the next cycle."""
         gate, recorder = self._gate, self._recorder
         if recorder is None and gate is not None:
             return _set_response(response, False, NOT_RECORDED)

@@ -129,5 +129,4 @@ class LiveParameters:
 
 
 def _plain(value: Any) -> Any:
-    """Convert arrays of a parameter to lists."""
     return list(value) if isinstance(value, Sequence) and not isinstance(value, (str, bytes)) else value

@@ -96,7 +96,6 @@ def security_policy(
 
 
 def _is_used(endpoint: Endpoint, node: str, settings: Settings, model: RobotModel) -> bool:
-    """Return True if a node opens a topic of its table with these settings."""
     if endpoint.direction is Direction.IN and endpoint.key in ("odom", "imu"):
         return model.floating_base and (node == ESTIMATOR_NODE or endpoint.key == settings.estimation.base_state)
     if endpoint.key in CONTACT_SENSORS and node == CONTROLLER:

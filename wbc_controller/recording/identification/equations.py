@@ -155,7 +155,6 @@ def _null_space(J: Array) -> Array:
 
 
 def _link(model: RobotModel, joint: int) -> str:
-    """Return the name of the first link on a joint of Pinocchio's model."""
     robot = model.pinocchio
     frames = [f.name for f in robot.frames if f.type == pin.BODY and f.parentJoint == joint]
     return str(frames[0]) if frames else str(robot.names[joint])

@@ -103,7 +103,6 @@ class Replay:
             yield ReplayedCycle(cycle, result, exact)
 
     def _restore_memory(self, number: int) -> bool:
-        """Restore the memory before a cycle; return True if it is complete."""
         content = self.recorded.memory_of(number)
         memory = content["memory"]
         with self.recorded.translated_errors(f"the memory before cycle {number}"):

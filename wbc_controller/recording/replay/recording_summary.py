@@ -115,7 +115,6 @@ def clock_time(time: int) -> str:
 
 
 def _history(recorded: Recording) -> list[str]:
-    """Return one line per cycle with a request, refusal, fault, or new mode."""
     lines, mode = [], ""
     for number, event in sorted(recorded.events.items()):
         words = [f"{kind} {text}" for kind, text in _event_texts(event) if kind != "problem"]

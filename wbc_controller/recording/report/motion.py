@@ -114,7 +114,6 @@ def encode_poses(poses: Array) -> dict[str, Any]:
 
 
 def _size(parts: Sequence[Part], pose: Array, joints: Sequence[int]) -> float:
-    """Return the diagonal of the robot's bounding box, m."""
     points = []
     for part in parts:
         placement = pin.XYZQUATToSE3(np.array(pose[joints.index(part.joint)]))

@@ -169,7 +169,6 @@ def _task_errors(cycles: Mapping[str, Array], tasks: Mapping[str, Task], dynamic
 
 
 def _requests_and_faults(recording: Recording) -> Iterator[tuple[int, str]]:
-    """Yield times, ns, and names of phases that begin with a request or fault."""
     for _, event in sorted(recording.events.items()):
         words = [str(word) for word in event.get("requests", ())]
         if event.get("fault") is not None:
@@ -179,6 +178,5 @@ def _requests_and_faults(recording: Recording) -> Iterator[tuple[int, str]]:
 
 
 def _modes(modes: Array, time: Array) -> tuple[tuple[float, str], ...]:
-    """Return the start, s, and name of each mode."""
     changes = np.flatnonzero(np.append(True, modes[1:] != modes[:-1])).tolist()
     return tuple((max(0.0, float(time[i])), str(modes[i])) for i in changes)

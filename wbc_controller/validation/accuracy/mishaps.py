@@ -153,7 +153,6 @@ def run_mishap(
 
 
 def _drag(trial: EstimationTrial, frame: str, speed: float) -> None:
-    """Push a foot forward for one cycle, towards a speed in m/s."""
     model, (q, v) = trial.controller.model, trial.mock.plant.state()
     data, index = model.pinocchio.createData(), model.frame_id(frame, "the mishap")
     pin.forwardKinematics(model.pinocchio, data, q, v)

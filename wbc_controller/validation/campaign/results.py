@@ -111,7 +111,6 @@ def version_of(robot: str) -> str:
 
 
 def _sources(package: Path) -> Iterator[Path]:
-    """Yield the files of code that can change an outcome, without reports."""
     shown = {Path(__file__).with_name(f"{name}.py") for name in ("results", "campaign_report", "campaign_plots", "run")}
     return (path for path in sorted(package.rglob("*.py")) if path not in shown and path.parent.name != "demo")
 

@@ -82,7 +82,6 @@ class EstimatorTarget(Target):
         self._cycle(what)
 
     def _cycle(self, what: str) -> int:
-        """Run a cycle, check its outputs, and return the number of estimates."""
         self.clear_outputs()
         with time_limit(CYCLE_LIMIT, what):
             self._node.cycle()

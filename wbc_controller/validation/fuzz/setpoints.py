@@ -122,7 +122,6 @@ def _centre(controller: Controller, rng: np.random.Generator) -> None:
 
 
 def _squat(controller: Controller, rng: np.random.Generator) -> None:
-    """Move the centre of mass down by 30 to 70 % of its height."""
     com = np.array(controller.dynamics.com)
     controller.follow("com", [rng.uniform(0.2, 1.0)], [com - [0.0, 0.0, com[2] * rng.uniform(0.3, 0.7)]])
 
@@ -140,7 +139,6 @@ def _poses(controller: Controller, rng: np.random.Generator) -> None:
 
 
 def _turned(rng: np.random.Generator, most: float) -> np.ndarray:
-    """Return a quaternion (x, y, z, w) with random roll, pitch and yaw of up to `most` rad."""
     return quaternion_of(pin.rpy.rpyToMatrix(*rng.uniform(-most, most, 3)))
 
 
@@ -158,7 +156,6 @@ def _posture(controller: Controller, rng: np.random.Generator) -> None:
 
 
 def _weights(controller: Controller, rng: np.random.Generator) -> None:
-    """Scale all weights by 10⁻² to 10², and move the centre of mass."""
     for name, task in controller.config.settings.tasks.items():
         controller.set_weight(name, float(task.weight * 10.0 ** rng.uniform(-2.0, 2.0)))
     (_squat if rng.random() < 0.5 else _centre)(controller, rng)
