@@ -11,8 +11,8 @@ A kernel is a function in a file `*_kernels.py`, compiled for the types of its a
     @compiled
     def clip(bounds: Bounds, values: Vector, out: OutVector) -> None: ...
 
-Kernels are compiled on import; a call with other types raises a TypeError. Of concurrent processes one compiles a
-kernel and the others wait. Without ``fastmath`` all runs give the same bits.
+Kernels are compiled on import; a call with other types raises a TypeError. Of concurrent processes one compiles.
+Without ``fastmath`` all runs give the same bits.
 
 ``NUMBA_DISABLE_JIT=1`` turns kernels into Python functions, for breakpoints and coverage. ``NUMBA_BOUNDSCHECK=1`` adds
 bounds checks. ``NUMBA_CACHE_DIR`` is the cache folder; default: the package's ``__pycache__``, or the user's cache

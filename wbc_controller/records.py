@@ -148,7 +148,7 @@ class Solution(NamedTuple):
     """Solution of the quadratic program."""
 
     v_dot: Array  # generalized acceleration, (nv,)
-    tau: Array  # torques of the actuators in the order of the command, (na,) in N·m
+    tau: Array  # in the order of the command, (na,) in N·m
     details: Details  # contact forces, residuals and more, also available as attributes of the solution
     #: relaxed groups of constraints, and lower priority levels without a solution; normally empty
     relaxed: tuple[str, ...] = ()
@@ -229,7 +229,7 @@ class JointCommand(NamedTuple):
     """Command to the joints, created only by `safety.supervisor.Supervisor`."""
 
     stamp: int  # timestamp of the state that it answers, ns
-    tau: Array  # torques of the actuators, in the order of the command, (na,) in N·m
+    tau: Array  # in the order of the command, (na,) in N·m
     q_desired: Array  # predicted joint positions after one period, (nj,) in rad; NaN without a prediction
     v_desired: Array  # predicted joint velocities after one period, (nj,) in rad/s; NaN without a prediction
 

@@ -48,8 +48,8 @@ class Controller(ControlCycle):
         while True:
             result = controller.step(q, v, t)     # result.tau: torques
 
-    The supervisor ramps and limits torques, and damps the robot on faults (docs/safety.md). States have Pinocchio's
-    form (`wbc_controller.records`); `state_from_joints` and `MujocoInterface` convert other forms.
+    The supervisor ramps and limits torques, and damps the robot on faults (docs/safety.md). `state_from_joints` and
+    `MujocoInterface` make states in Pinocchio's form (`wbc_controller.records`).
     """
 
     _time: float | None = None  # time of the last step or reset
@@ -126,8 +126,7 @@ class Controller(ControlCycle):
         Args:
             position: in the form of the task (docs/tasks.md); joint tasks accept a dictionary of some joints, pose
                 tasks a `pinocchio.SE3`.
-            velocity: feed-forward, one value per axis of the task; world axes, linear part first.
-            acceleration: feed-forward, in the same form.
+            velocity, acceleration: feed-forward, one value per axis of the task; world axes, linear part first.
             duration: time to reach the position, s; by default the task's ``setpoint_duration``.
 
         Raises:
@@ -167,8 +166,7 @@ class Controller(ControlCycle):
         Args:
             times: increasing times of the points from now, (n,) in s.
             positions: n positions, each as in `set`.
-            velocities: velocities at the points, (n, m); by default zero.
-            accelerations: accelerations at the points, (n, m); by default zero.
+            velocities, accelerations: at the points, (n, m); by default zero.
 
         Raises:
             InputRefused: if the task is unknown or a value is invalid.

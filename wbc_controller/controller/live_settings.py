@@ -53,8 +53,7 @@ class LiveSettings:
     def check(self, change: Mapping[str, Any], source: str) -> None:
         """Check a change: part of a configuration, nested as in the file.
 
-        Raises:
-            ConfigurationError: if the change is invalid; the message begins with the source.
+        Raises: ConfigurationError: with the source.
         """
         self._validated(change, source)
 

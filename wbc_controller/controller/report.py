@@ -25,7 +25,7 @@ class UserRequests(NamedTuple):
 class LatchedInputs:
     """Inputs latched at the start of one cycle."""
 
-    #: newest state; None until all parts have arrived (joint states; for a floating base odometry or IMU)
+    #: newest state; None until all parts have arrived
     state: RobotState | None
     joint_velocity: Array | None  # newest joint velocities, (nj,) in rad/s; None before the first message
     ages: Mapping[str, float]  # age of each part of the state, s; infinite before the first message

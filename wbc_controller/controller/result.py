@@ -164,7 +164,6 @@ def plot(results: Sequence[CycleResult]) -> Any:
 
     Raises:
         ConfigurationError: if plotly is not installed.
-        InputRefused: if `results` is empty or invalid.
     """
     from wbc_controller.controller.visualization.plots import Line, Panel, line_panels
 

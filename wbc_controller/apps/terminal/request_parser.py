@@ -53,8 +53,8 @@ class Request:
     key: str  # key of the topic in the node's table
     subject: str  # task or contact of the topic; empty for other topics
     summary: str  # effect in words, without a full stop
-    make: Callable[[ReadMessage], Any]  # makes the message; it may read messages of the nodes
-    #: Frame of the robot to be checked by the sender, because the mock robot only logs an error; or empty.
+    make: Callable[[ReadMessage], Any]  # may read messages of the nodes
+    #: Frame to be checked by the sender, as the mock robot only logs an error; or empty.
     frame: str = ""
 
 

@@ -213,8 +213,7 @@ class Session:
     def find_controller(self) -> None:
         """Wait until DDS has discovered the publisher of the controller's state, before the first subscription.
 
-        Fast DDS delays latched messages by up to 3 s for a reader that was announced before the discovery of the
-        writer.
+        Fast DDS delays latched messages by up to 3 s for a reader announced before the writer's discovery.
 
         Raises:
             NoAnswer: if no publisher is discovered in time.

@@ -63,10 +63,9 @@ def build_collision_model(
 
     Args:
         margin: smallest distance, m.
-        srdf: text of the SRDF.
         pairs: pairs ``<link>/<link>``; empty for the default.
-        visual: links with visual elements used as collision elements.
-        folder: folder of meshes with relative paths.
+        visual: links with visual as collision elements.
+        folder: of relative mesh paths.
     """
     elements = read_collision_elements(model, with_visuals(model.urdf, visual), "limits.self_collision", folder)
     joints = {model.pinocchio.frames[frame].name: model.pinocchio.frames[frame].parentJoint for frame in elements}

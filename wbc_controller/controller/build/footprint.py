@@ -38,7 +38,7 @@ class Footprint:
 
     polygon: Array  # corners of the convex footprint, counterclockwise, (n, 2) in m; also a point or a line
     height: float  # height of the body's lowest point above the plane, m
-    #: angle between the plane and the largest flat face of the underside, rad; None without a flat face
+    #: angle between plane and largest flat face of the underside, rad; None without one
     tilt: float | None
 
     @property
@@ -69,10 +69,9 @@ def footprint(
     """Return the footprint on a plane of all links moved by one joint; None without collision elements.
 
     Args:
-        elements: collision elements by frame number, from `read_collision_elements`.
-        joint: joint number in the Pinocchio model.
-        plane: placement of the plane in the joint's frame; its z axis is the normal towards the body.
-        layer: thickness of the layer above the body's lowest point, m.
+        elements: by frame number, from `read_collision_elements`.
+        plane: placement in the joint's frame; z is the normal towards the body.
+        layer: thickness above the lowest point, m.
     """
     shapes = [
         element

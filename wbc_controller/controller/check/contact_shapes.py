@@ -19,7 +19,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings import SurfaceContact as SurfaceSettings
 from wbc_controller.settings.resources import locate
 
-#: Largest distance between a contact and the lowest point of its body's shapes, m: padded shapes differ by less.
+#: Largest distance between a contact and the lowest point of its body's shapes, m.
 _HEIGHT = 0.02
 #: Reported distance, m.
 _REPORTED_HEIGHT = 0.005
@@ -60,7 +60,7 @@ def upside_down_message(name: str) -> str:
 def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> list[Finding]:
     """Compare soles, and enabled balls and wheels, with collision shapes in the nominal posture.
 
-    `normal` is the floor's, (3,) in the world. Large differences raise `ConfigurationError`.
+    Large differences raise `ConfigurationError`.
     """
     model, path = qp.model, settings.robot.urdf
     contacts = {

@@ -51,8 +51,7 @@ def _links(urdf: str) -> Iterator[_Link]:
 def require_inertia(model: RobotModel) -> None:
     """Refuse moving bodies without mass or inertia except `massless_links`, and implausible distances between joints.
 
-    Raises:
-        ConfigurationError: if a body has no inertia, or a distance is too large.
+    Raises: ConfigurationError: with the bodies or joints.
     """
     links = {link.name: link for link in _links(model.urdf)}
     bodies: dict[int, list[_Link]] = {joint: [] for joint in range(1, model.pinocchio.njoints)}

@@ -90,9 +90,7 @@ def _floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> di
 def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
     """Build all objects of a configuration, compare it with URDF and meshes, and check that the robot can stand.
 
-    Raises:
-        ConfigurationError: if the configuration is invalid, the robot cannot stand still in its nominal posture, or
-            contacts differ from the URDF's shapes.
+    Raises: ConfigurationError: if one of these fails.
     """
     config = load(config, urdf=urdf)
     settings = config.settings

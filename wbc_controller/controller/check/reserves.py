@@ -144,7 +144,7 @@ class _MotionWithContacts:
         """Move the centre of mass to a goal, (3,) in m, by Newton's method.
 
         Args:
-            weights: weights of centre of mass and base orientation, (6,); 1 if required.
+            weights: of centre of mass and base orientation, (6,); 1 if required.
 
         Returns:
             The configuration, also of the dynamics, and the limiting cause, or "" if the goal is reached.
@@ -204,13 +204,9 @@ def com_distance(
     most: float,
     margin: float = 0.0,
 ) -> ComDistance | None:
-    """Return the distance that the centre of mass can move on a line at rest, with level base and fixed contacts.
+    """Return the distance, at most `most` in m, that the centre of mass can move along a unit vector at rest.
 
-    None for robots with closed loops. Other arguments as in `reserves`.
-
-    Args:
-        direction: unit vector in the world, (3,).
-        most: largest distance, m.
+    Base level, contacts fixed. None for robots with closed loops. Other arguments as in `reserves`.
     """
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]

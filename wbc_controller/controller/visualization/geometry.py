@@ -68,7 +68,6 @@ def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]
     folders = _package_folders(model.urdf)
     urdf, bare_links = _without_missing_meshes(model.urdf, folders)
     try:
-        # Frames of a reduced model are placed on the remaining joints, also behind locked joints.
         geometry = pin.buildGeomFromUrdfString(
             model.pinocchio, urdf, pin.VISUAL, package_dirs=[str(folder) for folder in folders]
         )

@@ -70,9 +70,7 @@ def line_panels(
     """Return a figure of panels below each other, with thinned lines.
 
     Args:
-        height: pixels.
-        axis: title of the x axis.
-        marks: times of events by name, s.
+        marks: times by name, s.
         shaded: shaded intervals, s.
     """
     _, make_subplots = _plotly()

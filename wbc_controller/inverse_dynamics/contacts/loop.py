@@ -48,7 +48,6 @@ class LoopClosure(Contact):
         """Make a loop closure.
 
         Args:
-            frames: URDF frames of the two links.
             placements: of A and B in these frames.
             mask: held axes of A: along x, y, z, about x, y, z.
             stiffness: K, 1/s².

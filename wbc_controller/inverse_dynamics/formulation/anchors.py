@@ -18,7 +18,7 @@ def anchor_feedback(
 
     If dependent contacts cannot reach all anchors, `formulation.redundancy` gives the nearest acceleration.
 
-    `rows` is nf, `anchored` contains the contacts with a stiffness and their rows of J.
+    `rows` is nf; `anchored`: contacts with a stiffness, and their rows of J.
 
     Raises:
         ConfigurationError: for a contact with a stiffness and without an anchor.

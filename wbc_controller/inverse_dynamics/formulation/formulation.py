@@ -37,8 +37,8 @@ from wbc_controller.records import Array, References, RobotState, Tuning
 class Formulation:
     """Quadratic program of a state and references; `inverse_dynamics.whole_body_qp` solves it.
 
-    Two caches: the structure has all arrays for one set of active contacts and tasks. The parameters (weights,
-    activations, gains, limits) are written to them after changes. State and references are filled in every cycle.
+    The structure has the arrays for one set of active contacts and tasks. Parameters (weights, gains, limits) are
+    written after changes, state and references in every cycle.
 
     Attributes:
         task_errors: of each level in the last cycle.

@@ -5,7 +5,7 @@ Linear programs over the constraints of the failed problem:
 1. Elastic phase one: minimize Σ σ_g with a slack σ_g ≥ 0 of every named constraint g (Chinneck, "Feasibility and
   infeasibility in optimization", Springer 2008). The constraints with slack are one side of the conflict.
 2. Deletion filter: enforce the constraints with the smallest slack, while the total slack of the others grows by at
-  most `SLACK_GROWTH`. They do not belong to the conflict.
+  most `SLACK_GROWTH`. They are not in the conflict.
 3. Repeat with each kind of that side enforced: constraints of other kinds with slack are the next side, up to
   `REMOTE_COST_RATIO` times the smallest cost, and twice the number.
 4. Repeat with the named constraints enforced: other constraints up to `EQUAL_COST_RATIO` times the smallest cost also

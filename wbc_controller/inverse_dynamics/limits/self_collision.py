@@ -45,14 +45,13 @@ class SelfCollisionLimit(RowLimit):
     `_LARGEST_DEMAND` A.
 
     Distances are computed only if a pair could not brake within a lower bound: the last distance minus possible joint
-    motion, and the distance of enclosing spheres. The rows are the same as with all distances. With more pairs than
-    rows, the largest required d̈ have rows.
+    motion, and the distance of enclosing spheres. With more pairs than rows, the largest required d̈ have rows.
 
     Attributes:
         margin: least distance, m.
         acceleration: A, m/s².
         horizon: lower bound of T, s.
-        computed: number of distances computed in the last cycle.
+        computed: number of distances in the last cycle.
     """
 
     kind = "self_collision"

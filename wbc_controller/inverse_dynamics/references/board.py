@@ -129,10 +129,9 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes at the last snapshot, and at a time in s on the clock of the states.
+        """Apply a set of changes at the last snapshot, and at a time, s.
 
-        Raises:
-            InputRefused: as `check`; no change is applied then.
+        Raises: InputRefused: as `check`, without any change.
         """
         changes = tuple(changes)
         for change in changes:

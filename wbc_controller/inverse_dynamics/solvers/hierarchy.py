@@ -33,8 +33,7 @@ class Hierarchy:
     subject to the inequality constraints. Then its rows reduce N, and its rows with a tolerance become inequality
     constraints, widened by the slack s.
 
-    Without tolerances and effort tasks, the active sets of the last problem are tried first (`ActiveSet`). The kept
-    rows of the levels above are equality constraints there.
+    Without tolerances and effort tasks, the active sets of the last problem are tried first (`ActiveSet`).
     """
 
     def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
@@ -70,9 +69,8 @@ class Hierarchy:
         """Solve all levels under the constraints of a problem.
 
         Returns:
-            The solution, with multipliers from the first level in which a constraint binds. x is None if the first
-            level fails. A failed lower level keeps the solution of the levels above, with the least slack; `relaxed`
-            names it.
+            The solution, with multipliers from the first level in which a constraint binds; x is None if the first
+            level fails. A failed lower level, named in `relaxed`, keeps the solution of the levels above.
         """
         answer = self._solve_warm(problem, levels)
         if answer is not None:
