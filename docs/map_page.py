@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +33,9 @@ def _summary(node: Any, name: str) -> str:
     return text.split("\n\n")[0].replace("\n", " ")
 
 
-def _rows(files: list[Path], folder: Path) -> str:
-    def link(path: Path) -> str:
-        return f"[`{path.name}`](../wbc_controller/{path.relative_to(_PACKAGE).as_posix()})"
-
-    rows = [f"- {link(path)}: {first_line(path)}\n" for path in sorted(files) if path.name != "__init__.py"]
+def _rows(files: Iterable[Path]) -> str:
+    """Return a list of files."""
+    rows = [f"- `{path.name}`: {first_line(path)}\n" for path in sorted(files) if path.name != "__init__.py"]
     return "\n" + "".join(rows) if rows else ""
 
 
@@ -48,13 +47,13 @@ def _path_rows() -> str:
         node: Any = ast.parse((_PACKAGE / file).read_text(encoding="utf-8"))
         for part in name.split("."):
             node = next(each for each in ast.iter_child_nodes(node) if getattr(each, "name", "") == part)
-        rows.append(f"{number}. [`{name}`](../wbc_controller/{file}): {_summary(node, call)}\n")
+        rows.append(f"{number}. `{name}` ({file}): {_summary(node, call)}\n")
     return "\n" + "".join(rows)
 
 
 def map_page() -> str:
     """Return the page as Markdown."""
-    parts = [_HEAD, "\n## Top of the package\n", _rows(list(_PACKAGE.glob("*.py")), _PACKAGE)]
+    parts = [_HEAD, "\n## Top of the package\n", _rows(_PACKAGE.glob("*.py"))]
     tops = list(dict.fromkeys(room.split("/")[0] for room in ROOMS))
     order = [room for room in ROOMS if "/" in room]
     for top in tops:
@@ -64,5 +63,5 @@ def map_page() -> str:
         for folder in folders:
             level = "##" if folder == _PACKAGE / top else "###"
             parts.append(f"\n{level} `{names[folder]}/`\n\n{first_line(folder / '__init__.py')}\n")
-            parts.append(_rows(list(folder.glob("*.py")), folder))
+            parts.append(_rows(folder.glob("*.py")))
     return "".join([*parts, "\n## The path of a joint state\n\n", DEFINITION, "\n", _path_rows()])

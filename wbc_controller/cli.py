@@ -1,4 +1,4 @@
-"""Command line `wbc`: table of commands, each imported when used."""
+"""Command line `wbc`: table of commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Optional libraries, and the errors that name the extra that installs each of them."""
+"""Optional libraries and their extras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Detection of two Pinocchio installations in one process: the wheel's, and the one of a sourced ROS 2 or of apt."""
+"""Detection of two Pinocchio installations in one process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whole-body controller of one robot for Python users."""
+"""Controller of one robot for Python users."""
 
 from __future__ import annotations
 

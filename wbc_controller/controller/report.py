@@ -1,4 +1,4 @@
-"""Records of one control cycle: latched inputs, controller inputs, report."""
+"""Records of one control cycle: inputs and report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Correction of the base filter by absolute poses of a robot frame F, with latency and outliers.
+"""Correction of the base filter by absolute poses of a frame F.
 
 A pose from time t is y = p_F + n and Y = exp(n_R) R_F. With the filter's error X̂ X⁻¹ = exp(ξ), to first order
 

@@ -1,4 +1,4 @@
-"""World frame fixed to the feet, for robots with unobservable position and heading.
+"""World frame fixed to the feet, if position and heading are unobservable.
 
 References in the drifting world of the filter would push a robot off its feet. Therefore the base is reported in a
 frame F, in which points get an anchor aᵢ after `_CONTACT_TIME`. The transform from the filter's world, a rotation ψ

@@ -1,4 +1,4 @@
-"""Comparison of two measurements of one motion, and the axis or unit errors that explain a difference.
+"""Axis and unit errors that explain the difference of two measurements.
 
 Two sensors measure a and b = C a, (3,). C is 1, or with an error a rotation about one axis, a signed permutation, the
 rotation to the world, or the factor from rad to degrees. C explains the contradiction E(1) if E(C) is a small share of

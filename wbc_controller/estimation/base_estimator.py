@@ -1,4 +1,4 @@
-"""Estimator of the base pose and twist from an IMU, the joints and the active contacts."""
+"""Estimator of base pose and twist from IMU, joints and contacts."""
 
 from __future__ import annotations
 

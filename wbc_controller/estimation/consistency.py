@@ -1,4 +1,4 @@
-"""Consistency of the estimate with the contacts: at least one contact is at rest.
+"""Consistency of the estimate with contacts at rest.
 
 By the filter's R, v, b_g, a contact point at y from the IMU moves in the world with
 

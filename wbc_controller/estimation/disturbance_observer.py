@@ -1,4 +1,4 @@
-"""Disturbance observer: slow generalized forces outside the model (friction, weak motors, wrong masses).
+"""Disturbance observer: slow generalized forces outside the model.
 
 With d, (nv,), the QP has the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. The prediction error corrects d,
 

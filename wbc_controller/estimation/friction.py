@@ -1,4 +1,4 @@
-"""Compensation of known dry friction c and viscous friction b of the joints.
+"""Compensation of known dry friction c and viscous friction b.
 
 The torque is
 

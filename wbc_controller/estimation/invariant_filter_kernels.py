@@ -1,4 +1,4 @@
-"""Kernels of the invariant filter: propagation and correction (symbols: `estimation.invariant_filter`)."""
+"""Kernels of `estimation.invariant_filter`: propagation and correction."""
 
 from __future__ import annotations
 

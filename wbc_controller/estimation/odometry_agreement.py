@@ -1,4 +1,4 @@
-"""Agreement of odometry with itself and with the legs: gravity before the activation, the twist in the first motion."""
+"""Agreement of odometry with itself and with the legs."""
 
 from __future__ import annotations
 

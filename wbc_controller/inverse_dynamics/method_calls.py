@@ -1,4 +1,4 @@
-"""Checked calls of user-defined methods of tasks, contacts and limits.
+"""Checked calls of user-defined methods.
 
 A wrong shape would make compiled code write outside its memory. All functions raise `MethodError` with class, method
 and problem.

@@ -1,4 +1,4 @@
-"""Version counter for parameters of tasks, contacts and limits."""
+"""Version counter of parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Codec of ROS 2 messages for all transports: dataclasses of `rosbags` to little-endian CDR and back."""
+"""Codec of ROS 2 messages: dataclasses of `rosbags` to little-endian CDR and back."""
 
 from __future__ import annotations
 

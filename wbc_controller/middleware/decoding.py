@@ -1,4 +1,4 @@
-"""Decoders of users' messages into changes of references and settings."""
+"""Decoders of users' messages."""
 
 from __future__ import annotations
 

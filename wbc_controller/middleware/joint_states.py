@@ -1,4 +1,4 @@
-"""Decoder of joint states, and base class of the decoders of measured states."""
+"""Decoder of joint states, and its base class."""
 
 from __future__ import annotations
 

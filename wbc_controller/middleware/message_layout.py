@@ -1,4 +1,4 @@
-"""Byte offsets of numbers in serialized messages, to read and write them without the codec.
+"""Byte offsets of numbers in serialized messages.
 
 Messages of a stream differ only in their numbers: timestamp, floating-point fields and arrays. All other bytes (text
 and array sizes) form the layout.

@@ -1,4 +1,4 @@
-"""Messages of the base pose: odometry, absolute poses, and transforms."""
+"""Messages of the base: odometry, absolute poses, transforms."""
 
 from __future__ import annotations
 

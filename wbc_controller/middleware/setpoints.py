@@ -1,4 +1,4 @@
-"""Setpoint messages of references: the inverse of the decoders in `decoding`."""
+"""Setpoint messages: the inverse of `decoding`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Timestamps of messages: validity, and age of the newest message on the local clock."""
+"""Timestamps: validity, and age on the local clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decoders of measured states: odometry, IMU data, absolute poses and forces at contacts."""
+"""Decoders of odometry, IMU data, absolute poses and contact forces."""
 
 from __future__ import annotations
 

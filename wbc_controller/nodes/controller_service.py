@@ -1,4 +1,4 @@
-"""The controller as a service, on any transport."""
+"""The controller as a service."""
 
 from __future__ import annotations
 

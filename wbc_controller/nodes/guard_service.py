@@ -1,4 +1,4 @@
-"""The guard as a node: `safety.guard.Guard` on the topics of `middleware.topics.GUARD_TOPICS`, on any transport.
+"""The guard as a service.
 
 The guard's process survives the death of the controller. It imports neither Pinocchio nor a solver, for reliability and
 a third of the memory; a temporary process computes its damping from the robot's model.

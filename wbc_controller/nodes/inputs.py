@@ -1,4 +1,4 @@
-"""The inputs of one control cycle: received messages, decoded, checked and latched.
+"""Inputs of one control cycle: decoded, checked and latched.
 
 - States wait in the transport until the loop's thread takes them, so that their arrival wakes no other thread. Requests
   pass `nodes.requests`. Messages above their size limit are counted and dropped.
@@ -161,6 +161,7 @@ class Inputs:
         self._trigger.stream.wake()
 
     def _collect(self, queue: _Queue) -> None:
+        """Take the messages of a topic, and drop oversized ones."""
         taken = queue.stream.take()
         self._clock.refresh()  # after the states, because a simulator publishes the time first
         now = self._clock.now()

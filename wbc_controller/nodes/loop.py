@@ -1,4 +1,4 @@
-"""The control loop: latches the inputs, runs the controller and publishes the result in each cycle."""
+"""The control loop: inputs, controller, outputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outgoing messages: commands, contact wrenches, the mode, diagnostics, task states and markers.
+"""Outgoing messages.
 
 Diagnostics and markers take longer than a period. They are composed in pieces, one per cycle, after the torques were
 sent. Contact wrenches, task states and markers are composed only for subscriptions; diagnostics without a subscription

@@ -1,4 +1,4 @@
-"""Node processes of one robot on one DDS domain, and their memory and processor time from /proc (Linux)."""
+"""Processes of a robot's nodes, their memory and processor time (Linux)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Real-time scheduling, processors and locked memory of the controller's process, by `control.realtime` (Linux).
+"""Real-time scheduling, processors and locked memory, by `control.realtime` (Linux).
 
 Scheduling class and processors apply to all present and later threads, because the loop waits for the receiving thread
 and for the holder of the interpreter's lock: preemption of either would delay the loop.

@@ -1,4 +1,4 @@
-"""Queue of users' requests: stored as bytes on arrival, decoded on a separate thread, taken by a cycle.
+"""Queue of users' requests, decoded on a thread.
 
 Callbacks on the transport's thread recognize an emergency stop, so that no queue delays it. The thread `reader` decodes
 and validates requests with a limited share of the processor; in lockstep the cycle decodes them.

@@ -1,4 +1,4 @@
-"""Simulated time, read from the clock topic by the control loop."""
+"""Simulated time from the clock topic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The URDF of a node, from a file or a topic."""
+"""URDF of a node, from a file or topic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Layout of a recorded cycle: slots of numbers in groups, each group a topic with an array of doubles."""
+"""Layout of a recorded cycle: groups of numbers, each a topic with an array of doubles."""
 
 from __future__ import annotations
 

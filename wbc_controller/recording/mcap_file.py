@@ -1,4 +1,4 @@
-"""MCAP files: complete after every chunk, and readable up to their first damage.
+"""MCAP files, readable up to their first damage.
 
 The package `mcap` (https://mcap.dev/spec) writes the end of a file only on closing. `McapFile` writes an end after each
 chunk, so that a killed process leaves a complete file; closing adds the index of chunks. The module has few imports for

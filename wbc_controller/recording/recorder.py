@@ -1,4 +1,4 @@
-"""The flight recorder: inputs, decisions and outputs of every cycle, sent to a writer process.
+"""The flight recorder, with a writer process.
 
 The loop's thread sends numbers and messages in batches through a pipe. A separate thread converts rare events and the
 controller's memory (every two seconds) to JSON.

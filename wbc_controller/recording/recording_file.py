@@ -1,4 +1,4 @@
-"""Reader of recordings: configuration, cycles and events."""
+"""Reader of recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The writer process of recordings, with frames of the loop's process from a pipe.
+"""The writer process of recordings.
 
 It shares neither the interpreter's lock nor memory with the loop, and outlives a killed loop to write the last seconds
 and close the files. It has few imports for a fast start, and prints its messages to standard output, one per line.

@@ -1,4 +1,4 @@
-"""Start of the writer process, and its pipe on the side of the loop."""
+"""Start of the writer process, and its pipe."""
 
 from __future__ import annotations
 

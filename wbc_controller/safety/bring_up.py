@@ -1,4 +1,4 @@
-"""Watch of the first seconds of control: joint motion that the torques sent do not explain.
+"""Watch of the first seconds: joint motion unexplained by the torques.
 
 Torques at wrong joints let them run away within a few cycles. As damping would act on wrong joints too, the response is
 zero torque. The unexplained velocity of each joint decays, and gains Δv - v̇ Δt per step. v̇ is that of the solution

@@ -1,4 +1,4 @@
-"""Safety checks as pure functions that return a fault or None; NaN fails every comparison."""
+"""Safety checks that return a fault or None; NaN fails."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Largest joint damping that is stable in discrete time in every posture."""
+"""Largest joint damping stable in discrete time."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Decisions of the guard, which commands torques only after the controller has stopped commanding.
+"""Decisions of the guard: torques after the controller has stopped.
 
 ::
 

@@ -1,4 +1,4 @@
-"""Plausibility of states, detection of falls, and time budgets, by comparison with previous states (NaN fails)."""
+"""Plausibility of states, falls, and time budgets (NaN fails)."""
 
 import math
 from collections import deque

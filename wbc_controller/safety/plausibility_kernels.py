@@ -1,4 +1,4 @@
-"""Comparison of a state with the previous one: jumps, frozen and implausible values (`safety.plausibility`)."""
+"""Kernels of `safety.plausibility`: jumps, frozen and implausible values."""
 
 import math
 

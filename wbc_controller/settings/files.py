@@ -1,4 +1,4 @@
-"""Configuration files: search, reading, validation with one message line per mistake."""
+"""Configuration files: reading and validation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nested dictionaries of settings: from dotted keys, and merged."""
+"""Nested dictionaries: from dotted keys, and merged."""
 
 from __future__ import annotations
 

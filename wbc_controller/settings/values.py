@@ -1,4 +1,4 @@
-"""Types of values with ranges, and the base class of sections."""
+"""Types of values, and the base class of sections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Page of `wbc check --html`: the robot in its configured stance, its support, and the findings."""
+"""Page of `wbc check --html`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that read configurations: `wbc check`, `new`, `identify` and `security-policy`."""
+"""Commands `wbc check`, `new`, `identify` and `security-policy`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parser of quantities and directions: ``+0.02 forward``, ``20mm up``, ``10deg left``."""
+"""Parser of ``+0.02 forward``, ``20mm up``, ``10deg left``."""
 
 from __future__ import annotations
 

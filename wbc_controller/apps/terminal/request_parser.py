@@ -1,4 +1,4 @@
-"""Parser of the requests of `wbc send`: words become one message on one topic."""
+"""Parser of `wbc send`: words to one message on one topic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connection of a user to the nodes of one robot: newest messages, and requests with their outcomes."""
+"""Connection of a user to a robot's nodes: newest messages, requests and outcomes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Construction of a robot's objects from its settings.
+"""Construction of objects from settings.
 
 Invalid settings raise `ConfigurationError`.
 """

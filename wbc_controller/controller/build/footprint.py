@@ -1,4 +1,4 @@
-"""Footprint of a body: contact region of its collision shapes on a plane, such as a sole on the floor."""
+"""Footprint of a body: contact region of its shapes on a plane."""
 
 from __future__ import annotations
 

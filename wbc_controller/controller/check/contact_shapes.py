@@ -1,4 +1,4 @@
-"""Comparison of configured contacts with collision shapes of the URDF."""
+"""Comparison of contacts with collision shapes."""
 
 from __future__ import annotations
 

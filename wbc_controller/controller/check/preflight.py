@@ -1,4 +1,4 @@
-"""Pre-flight check, `wbc check`: model, contacts and stance of a configuration."""
+"""Pre-flight check, `wbc check`: model, contacts and stance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reserves of a standing robot: largest push, sway and squat at rest, with fixed contacts."""
+"""Reserves of a standing robot: largest push, sway and squat."""
 
 from __future__ import annotations
 

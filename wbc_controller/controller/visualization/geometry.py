@@ -1,4 +1,4 @@
-"""Visual geometry of a robot: visuals of the URDF, and simplified convex hulls for browsers without a GPU."""
+"""Visual geometry: URDF visuals, and convex hulls for browsers without a GPU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reports as self-contained HTML pages with verdict, 3-D motion, table and plots."""
+"""Reports as self-contained HTML pages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plotly figures: lines in panels, series by category, one cycle in 3-D.
+"""Plotly figures: panels of lines, series by category, one cycle in 3-D.
 
 Without plotly the functions raise `ConfigurationError`.
 """

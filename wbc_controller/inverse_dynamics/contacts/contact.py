@@ -1,4 +1,4 @@
-"""Base classes of contacts: motion constraint, force bounds and force cone."""
+"""Base classes: motion constraint, force bounds and cone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact with bilateral forces and without a cone."""
+"""Contact with bilateral forces."""
 
 from __future__ import annotations
 

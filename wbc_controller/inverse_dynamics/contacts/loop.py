@@ -1,4 +1,4 @@
-"""Closure of a kinematic loop by a joint outside the kinematic tree."""
+"""Kinematic loop closed by a joint outside the tree."""
 
 from __future__ import annotations
 

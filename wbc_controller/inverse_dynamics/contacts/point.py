@@ -1,4 +1,4 @@
-"""Contact of a ball or point with a three-dimensional force."""
+"""Contact of a ball or point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Support polygons of contacts, and their friction and wrench cones."""
+"""Support polygons, friction and wrench cones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Position feedback of contacts to their anchors (`contacts.AnchoredContact`)."""
+"""Position feedback of contacts to their anchors."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""Fast formulation: fills the quadratic program of `plain_qp` with kernels, in persistent arrays."""
+"""Fast formulation: fills the program of `plain_qp` with kernels."""
 
 import math
 from collections.abc import Mapping, Sequence

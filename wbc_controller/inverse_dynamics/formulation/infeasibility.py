@@ -1,4 +1,4 @@
-"""Diagnosis of infeasibility: conflicting named constraints, and the smallest slack for feasibility.
+"""Diagnosis of infeasibility: conflicting constraints, and the smallest slack.
 
 Linear programs over the constraints of the failed problem:
 

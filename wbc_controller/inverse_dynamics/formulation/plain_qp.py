@@ -1,4 +1,4 @@
-"""The quadratic program of one cycle in plain NumPy: the definition of H, g, A, b, C and the bounds.
+"""Definition of the quadratic program in plain NumPy: H, g, A, b, C and bounds.
 
 Start reading here: `Formulation` computes the same with kernels and caches; tests compare both.
 

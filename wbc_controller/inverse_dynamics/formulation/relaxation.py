@@ -1,4 +1,4 @@
-"""Relaxation of limits that cannot be met together, and the cost of violations."""
+"""Relaxation of conflicting limits, and the cost of violations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solution from the minimizer of the quadratic program."""
+"""Solution from the minimizer."""
 
 import math
 from collections.abc import Mapping, Sequence

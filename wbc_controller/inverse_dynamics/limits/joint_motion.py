@@ -1,4 +1,4 @@
-"""Bounds of joint accelerations that keep positions, velocities and accelerations within limits."""
+"""Bounds of joint accelerations from joint limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernel for the viability bounds of joint accelerations; `limits.joint_motion` has the equations."""
+"""Kernel of `limits.joint_motion`."""
 
 from __future__ import annotations
 

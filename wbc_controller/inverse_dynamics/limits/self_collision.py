@@ -1,4 +1,4 @@
-"""Minimum distance between links of the robot."""
+"""Minimum distance between links."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels for near pairs of shapes and the rates of their distances; `limits.self_collision` has the equations."""
+"""Kernels of `limits.self_collision`: near pairs and rates of distances."""
 
 from __future__ import annotations
 

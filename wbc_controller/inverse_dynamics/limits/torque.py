@@ -1,4 +1,4 @@
-"""Bounds of the actuator torques: effort limits, torque-speed curve and torque rate limit."""
+"""Bounds of torques: effort limits, torque-speed curve, rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reference board: stores commanded changes, and samples the references."""
+"""Reference board: commanded changes and sampled references."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Setpoints relative to the task's reference, the robot's heading, or a frame of the robot."""
+"""Setpoints relative to reference, heading, or a robot frame."""
 
 from __future__ import annotations
 

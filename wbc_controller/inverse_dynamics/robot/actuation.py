@@ -1,4 +1,4 @@
-"""Actuation: generalized force of the actuators, and its elimination from the equations of motion."""
+"""Generalized force of the actuators, and its elimination."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid-body dynamics at one state, shared by tasks, contacts and limits."""
+"""Rigid-body dynamics at one state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels for the contact and task rows J v̇ = b; motions as in `LinkMotion`."""
+"""Kernels for contact and task rows J v̇ = b."""
 
 from __future__ import annotations
 

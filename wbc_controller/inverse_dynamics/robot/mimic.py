@@ -1,4 +1,4 @@
-"""Mimic joints, which follow other joints by ``<mimic>`` in the URDF.
+"""Mimic joints, which follow other joints.
 
 They keep their coordinates, as most algorithms of Pinocchio 4.1 refuse them; the coupling force is eliminated with the
 torques (`Actuation`).

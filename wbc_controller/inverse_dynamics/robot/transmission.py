@@ -1,4 +1,4 @@
-"""Drive of the joints: motors and transmissions. The guard loads this module without Pinocchio."""
+"""Motors and transmissions; loaded by the guard without Pinocchio."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warm start with the active set of the previous problem: one linear solve."""
+"""Warm start with the active set of the previous problem."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernel for the condensed quadratic program of a known active set (`solvers.active_set`)."""
+"""Kernel of `solvers.active_set`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""DAQP, a dual active-set solver; the active set of the last problem is tried first."""
+"""DAQP, a dual active-set solver."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,4 +1,4 @@
-"""Strict priorities: one quadratic program per level, each in the null space of the levels above."""
+"""Strict priorities: one quadratic program per level."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""Least-distance programming: quadratic programs with inequalities by non-negative least squares."""
+"""Least-distance programming, by non-negative least squares."""
 
 import numpy as np
 from scipy.linalg import LinAlgError, solve_triangular

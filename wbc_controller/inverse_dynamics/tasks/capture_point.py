@@ -1,4 +1,4 @@
-"""Task on the capture point, for balance."""
+"""Capture point task."""
 
 from __future__ import annotations
 

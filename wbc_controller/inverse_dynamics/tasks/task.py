@@ -1,4 +1,4 @@
-"""Base classes of tasks: weighted rows of the least-squares cost."""
+"""Base classes: rows of the least-squares cost."""
 
 from __future__ import annotations
 

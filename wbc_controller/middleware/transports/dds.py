@@ -1,4 +1,4 @@
-"""Transport on CycloneDDS from PyPI, with ROS 2's topic names, types and serialized messages but without ROS 2."""
+"""Transport on CycloneDDS from PyPI, compatible with ROS 2."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Domain and discovery of a DDS participant, by ROS 2's environment variables (Iron and newer).
+"""Domain and discovery by ROS 2's environment variables (Iron and newer).
 
 LOCALHOST and SUBNET discover each other on one host; between hosts both must be SUBNET. The default differs from ROS 2:
 LOCALHOST, so that other computers cannot command the robot.

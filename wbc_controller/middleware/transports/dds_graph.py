@@ -1,4 +1,4 @@
-"""Nodes of DDS readers and writers: own announcements for `ros2 topic info -v`, and names of other nodes."""
+"""Node names of DDS readers and writers."""
 
 from __future__ import annotations
 

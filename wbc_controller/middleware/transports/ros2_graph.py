@@ -1,4 +1,4 @@
-"""Publishers in ROS 2's graph: node names, and warnings of incompatible types and quality of service.
+"""Publishers in ROS 2's graph: names, and incompatible types or quality of service.
 
 rclpy's own warnings need an event handler per subscription, which on Fast DDS wakes the executor with every message.
 """

@@ -1,4 +1,4 @@
-"""Readers of raw subscriptions without rclpy's executor: on a separate thread, or by hand."""
+"""Readers of raw subscriptions without rclpy's executor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interface of all transports, with common error translation and one message type per topic."""
+"""Interface of all transports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The controller as a managed lifecycle node: the executable `wbc_controller`."""
+"""The managed lifecycle node `wbc_controller`."""
 
 from __future__ import annotations
 

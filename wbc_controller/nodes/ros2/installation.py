@@ -1,4 +1,4 @@
-"""Detection of two ROS 2 in one process: the wheels of the extra ``ros2``, and a sourced installation."""
+"""Detection of two ROS 2 installations in one process."""
 
 from __future__ import annotations
 

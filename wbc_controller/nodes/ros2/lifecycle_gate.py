@@ -1,4 +1,4 @@
-"""Transport of a managed node, with message delivery only in the active state."""
+"""Message delivery only in the active state."""
 
 from __future__ import annotations
 

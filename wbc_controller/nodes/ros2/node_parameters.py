@@ -1,4 +1,4 @@
-"""Parameters of a node: its own, and the live settings of its controller."""
+"""Parameters of a node: its own, and live settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The executables `mock_robot`, `guard` and `base_estimator`, each a service on a plain node."""
+"""The executables `mock_robot`, `guard` and `base_estimator`."""
 
 from __future__ import annotations
 

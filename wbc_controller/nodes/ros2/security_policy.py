@@ -1,4 +1,4 @@
-"""SROS 2 policy with least privilege, generated from the topic table.
+"""SROS 2 policy with least privilege, from the topic table.
 
 Format: policy schema 0.2.0 (design article "ROS 2 Access Control Policies"). DDS enforces permissions per enclave, so
 every node has its own enclave.

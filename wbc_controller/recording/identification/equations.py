@@ -1,4 +1,4 @@
-"""Equations of motion of a recording, linear in masses, frictions and armature.
+"""Equations of motion, linear in masses, friction and armature.
 
     M v̇ + h = Sᵀτ + Jᵀf - c sign(v) - b v (S1)
 

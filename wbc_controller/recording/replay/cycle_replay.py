@@ -1,4 +1,4 @@
-"""Replay of the cycles of a recording, bit for bit."""
+"""Replay of cycles, bit for bit."""
 
 from __future__ import annotations
 

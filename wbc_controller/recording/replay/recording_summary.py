@@ -1,4 +1,4 @@
-"""Texts about a recording: its summary, and the explanation of one cycle."""
+"""Summary of a recording, and explanation of one cycle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motion of a run for the 3-D view of a page: bodies, poses, forces, centre of mass."""
+"""Motion for the 3-D view of a page."""
 
 from __future__ import annotations
 

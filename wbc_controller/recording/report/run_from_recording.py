@@ -1,4 +1,4 @@
-"""Data of a report from a recording of a real robot, a simulation, or the demo."""
+"""Data of a report, from a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robot without odometry on simulated time: controller, sensors, physics, and the truth for comparison."""
+"""Robot without odometry on simulated time, with the truth."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

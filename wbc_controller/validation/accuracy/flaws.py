@@ -1,4 +1,4 @@
-"""Errors of the centre of mass without odometry, caused by flaws of robot, sensors and ground."""
+"""Errors of the centre of mass by flaws of robot, sensors and ground."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

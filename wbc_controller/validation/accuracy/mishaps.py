@@ -1,4 +1,4 @@
-"""Faults of contacts and sensors without odometry: the estimate survives, or a fault damps the robot."""
+"""Faults of contacts and sensors without odometry."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Errors of the estimate of a standing robot, compared with the truth and the filter's covariance."""
+"""Errors of the estimate of a standing robot."""
 
 import math
 from collections.abc import Sequence

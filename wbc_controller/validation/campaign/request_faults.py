@@ -1,4 +1,4 @@
-"""Faults of requests: messages of other programs on the controller's topics."""
+"""Faults of requests by other programs."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""File of a campaign, one line of JSON per trial; a campaign can be stopped and resumed at any time."""
+"""File of a campaign, resumable: one line of JSON per trial."""
 
 import dataclasses
 import hashlib

@@ -1,4 +1,4 @@
-"""Execution of a campaign: parallel trials on this machine or a cluster."""
+"""Execution of a campaign, on this machine or a cluster."""
 
 import contextlib
 import multiprocessing

@@ -1,4 +1,4 @@
-"""One trial: a standing and moving robot, a fault at a random time, and the outcome.
+"""One trial: a moving robot, a fault, the outcome.
 
 Controller, physics and user run in one thread on simulated time. Odd seeds set `safety.synchronized_clocks`; with even
 seeds the controller learns the offset of its clock.

@@ -1,4 +1,4 @@
-"""Controller as a target of the fuzzer: the service's loop in lockstep with a mock robot on the hoist."""
+"""Controller in lockstep with a mock robot, as a target of the fuzzer."""
 
 import dataclasses
 from collections.abc import Collection, Mapping

@@ -1,4 +1,4 @@
-"""Base estimator as a target of the fuzzer."""
+"""Base estimator as a target."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Fuzzer of configurations, URDFs and recordings: each file is read, or refused with one message.
+"""Fuzzer of configurations, URDFs and recordings.
 
 Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, or with ``robot.mcap``, determined by
 seed and number. A child process reads it as `wbc check`, `run`, `guard`, `mock` and `replay`, so that crashes are

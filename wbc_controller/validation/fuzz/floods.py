@@ -1,4 +1,4 @@
-"""Floods: another participant fills an input of the controller, and an emergency stop must pass."""
+"""Floods of one input; an emergency stop must pass."""
 
 import math
 import multiprocessing

@@ -1,4 +1,4 @@
-"""Fuzzer of user classes: a task, contact or limit with a hostile attribute or method."""
+"""Fuzzer of user-defined tasks, contacts and limits."""
 
 from __future__ import annotations
 

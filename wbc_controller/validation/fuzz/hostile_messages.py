@@ -1,4 +1,4 @@
-"""Fuzzer of messages: every input of every node gets random, mutated and hostile messages.
+"""Fuzzer of messages to every node.
 
 Each episode begins with a fresh node, and is determined by seed, node and number. Messages that break a node are
 written to a file, with the required messages before them.

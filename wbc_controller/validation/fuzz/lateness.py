@@ -1,4 +1,4 @@
-"""Measurement of the machine's lateness: sleeps on each processor, and waiting threads of processes."""
+"""Measurement of the machine's lateness."""
 
 import os
 import threading

@@ -1,4 +1,4 @@
-"""Fuzzer of setpoints: joints stay within their limits with any setpoint and relaxation.
+"""Fuzzer of setpoints: joints stay within their limits.
 
 Each trial sends infeasible setpoints to a standing robot, until the end of the time or of the active mode. Excesses
 after an impact on the floor are counted separately, because no torque can prevent them.

@@ -1,4 +1,4 @@
-"""Latency from joint state to torques between two processes, compared with a bare echo of the same bytes.
+"""Latency from joint state to torques between two processes.
 
 Controller and guard are processes. This process is the robot, and sends states to the controller and the echo in turn.
 """

@@ -1,4 +1,4 @@
-"""Measurement of the time from each state to its torques at a transport, and statistics."""
+"""Time from each state to its torques at a transport."""
 
 import functools
 import time
