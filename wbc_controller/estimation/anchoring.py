@@ -6,7 +6,7 @@ about the vertical and a translation t, follows
 
     min over ψ, t of  Σᵢ |R_z(ψ) dᵢ + t - aᵢ|²
 
-with a time constant, without jumps. During walking F drifts with the filter.
+with a time constant, without jumps.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ class AxesComparison:
 
         Args:
             a: reference rotation and displacement, (n, 3) in rad and m; b is from the tested sensor.
-            world: rotation to the world, (3, 3), if b could be in world axes.
+            world: rotation to the world, (3, 3), or None.
             known_wrong: True lowers the limits.
         """
         c = np.concatenate([a, b], axis=1)

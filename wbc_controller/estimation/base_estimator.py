@@ -46,7 +46,7 @@ class Sensors:
     noise: ImuNoise
     accelerometer_bias: float  # standard deviation of the initial bias, m/s²
     settling: float  # duration of the initial rest, s
-    stillness: float  # largest standard deviation of the angular velocity at rest, rad/s
+    stillness: float  # of the angular velocity at rest, rad/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,6 @@ class BaseEstimator:
         Args:
             samples: IMU samples by increasing stamp.
             q: joint positions, (nj,) in rad; velocities v in rad/s.
-            active_contacts: names; contacts without points are ignored.
         """
         self._kinematics.update(q, v)
         active = [name for name in self._kinematics.points if name in active_contacts]

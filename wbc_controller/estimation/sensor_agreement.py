@@ -101,7 +101,7 @@ class SensorAgreement:
 
         Args:
             steps: measured rotation and displacement since then in sensor axes, (n, 3) in rad and m.
-            world: rotation from sensor axes to the world, (3, 3), if its data could be in world axes.
+            world: rotation from sensor axes to the world, (3, 3), or None.
             known_wrong: True lowers the limits.
         """
         before, self._places = self._places, self._kinematics.positions(active_contacts)

@@ -181,10 +181,7 @@ def _holonomic(jacobian: Array, drift: Array, velocity: Array, position: Array) 
 class PointContact(Constraint):
     """Point of a link fixed to a point of a support (three rows, world axes; (30), holonomic); λ is the force, N.
 
-    Attributes:
-        frame: frame of the link.
-        offset: point in this frame, (3,) in m.
-        target: point in the support's frame, (3,) in m.
+    Attributes: offset: point in the frame of the link, (3,) in m. target: point in the support's frame, (3,) in m.
         support: motion of the support.
     """
 
@@ -210,8 +207,7 @@ class SurfaceContact(Constraint):
     """Frame of a link fixed to a support (six rows, axes of the contact frame; (30), holonomic); λ is the wrench.
 
     Attributes:
-        frame: frame of the link.
-        placement: contact frame in this frame.
+        placement: contact frame in the frame of the link.
         target: contact frame in the support's frame.
         support: motion of the support.
     """
@@ -284,10 +280,7 @@ class PinnedFrames(Constraint):
     """Two coincident points of two links (three rows, world axes; (30)); λ is the force on the first link, N.
 
     Attributes:
-        first: frame of the first link.
-        second: frame of the second link.
-        first_offset: point in the first frame, (3,) in m.
-        second_offset: point in the second frame, (3,) in m.
+        first_offset: point in the first frame, (3,) in m. second_offset: likewise.
     """
 
     first: str
@@ -307,10 +300,7 @@ class WeldedFrames(Constraint):
     """Two coincident frames of two links (six rows, axes of the first; (30), holonomic); λ is the wrench on the first.
 
     Attributes:
-        first: frame of the first link.
-        second: frame of the second link.
-        first_placement: welded frame in the first frame.
-        second_placement: welded frame in the second frame.
+        first_placement: welded frame in the first frame. second_placement: likewise.
     """
 
     first: str

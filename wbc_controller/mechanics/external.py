@@ -29,7 +29,6 @@ class ExternalWrench:
 
     Raises:
         ConfigurationError: if `axes` is unknown.
-        InputRefused: if an array is invalid.
     """
 
     frame: str
@@ -54,11 +53,7 @@ class ExternalWrench:
 def generalized_force(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Return the generalized force Σ Jᵀw of external wrenches (equation (22)), (nv,) in N and N·m.
-
-    Raises:
-        ConfigurationError: if a frame is unknown.
-    """
+    """Return the generalized force Σ Jᵀw of external wrenches (equation (22)), (nv,) in N and N·m."""
     data = data if data is not None else model.createData()
     total = np.zeros(model.nv)
     wrenches = tuple(wrenches)
@@ -74,11 +69,7 @@ def generalized_force(
 def world_wrench(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Return the sum of external wrenches of (22) about the world's origin, (6,) in N and N·m, world axes.
-
-    Raises:
-        ConfigurationError: if a frame is unknown.
-    """
+    """Return the sum of external wrenches of (22) about the world's origin, (6,) in N and N·m, world axes."""
     data = data if data is not None else model.createData()
     pin.framesForwardKinematics(model, data, q)
     total = np.zeros(6)

@@ -58,8 +58,7 @@ def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, valu
 
     Args:
         level: 0 (OK), 1 (WARN) or 2 (ERROR).
-        name: ``node: subject``, for the grouping by diagnostic aggregators.
-        hardware: name of the robot.
+        name: ``node: subject``.
     """
     status = message(
         "diagnostic_msgs/msg/DiagnosticStatus",

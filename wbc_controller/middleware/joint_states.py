@@ -36,8 +36,8 @@ class JointStates(NamedTuple):
 class StateReader(ABC):
     """Decoder of one state topic.
 
-    The codec decodes the first message of each layout (text and array sizes). Its number offsets hold for all later
-    messages of this layout, so that only their numbers are read and checked.
+    The codec decodes the first message of each layout (text and array sizes); of later messages only the numbers are
+    read and checked.
     """
 
     type: str

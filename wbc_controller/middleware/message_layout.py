@@ -57,7 +57,7 @@ class Template:
     """Serializer of messages with variable timestamp and numbers.
 
     Args:
-        content: message of the layout, with the constant values of other fields.
+        content: message with the constant values of other fields.
         fields: groups of numbers for `write`, each with the paths of consecutive fields.
     """
 
@@ -71,7 +71,7 @@ class Template:
     def write(self, nanoseconds: int, *values: Array) -> bytes:
         """Serialize a message with a timestamp (ignored without a header) and the numbers of each group.
 
-        A different number of groups, or size of a group, raises `ValueError`.
+        Raises `ValueError` for a wrong number or size of groups.
         """
         if self._stamp is not None:
             _STAMP.pack_into(self._payload, self._stamp, *divmod(nanoseconds, 1_000_000_000))

@@ -58,7 +58,7 @@ class StampTracker:
         clock_stall: advance of the timestamps, including refused ones, during a stall of the local clock, s.
 
     Args:
-        clock_offset: returns the sender's clock minus the local clock, s; None to estimate the offset.
+        clock_offset: returns sender's minus local clock, s; None to estimate it.
         tolerance: largest lead of a timestamp over a known clock, s.
     """
 

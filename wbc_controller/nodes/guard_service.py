@@ -1,7 +1,7 @@
 """The guard as a service.
 
-The guard's process survives the death of the controller. It imports neither Pinocchio nor a solver, for reliability and
-a third of the memory; a temporary process computes its damping from the robot's model.
+The guard's process survives the death of the controller. It imports neither Pinocchio nor a solver; a temporary process
+computes its damping from the robot's model.
 """
 
 from __future__ import annotations

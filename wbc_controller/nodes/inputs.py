@@ -72,14 +72,10 @@ class Inputs:
     """Subscriptions of all incoming topics, latched at the start of each cycle.
 
     Args:
-        clock: clock of the arrivals.
         prepare: validates a change; raises `ConfigurationError` or `InputRefused`.
         clock_tolerance: largest lead of a timestamp over the clock, s; None without synchronized clocks.
-        estimator: estimator of the floating base, or None for odometry.
-        agreement: comparison of odometry with the legs, or None.
-        sensing: contact sensors of the estimate, or None.
-        velocity_filter: differentiator of joint positions, or None for measured velocities.
-        plausibility: limits of plausible joint states and odometry, or None.
+        estimator: None for odometry.
+        velocity_filter: None for measured velocities.
 
     Attributes:
         shared: returns the publishers of inputs with several, by topic name, for messages.

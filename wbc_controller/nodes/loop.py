@@ -254,8 +254,7 @@ class ControlLoop:
 
         Args:
             period: time between cycles, s.
-            triggered: True for one cycle per joint state, and one per period after they are stale; False for absolute
-                deadlines.
+            triggered: one cycle per joint state, and one per period after they are stale; else absolute deadlines.
             activate: activate without a command when the inputs are fresh and the robot has no other owner.
         """
         self._activate_when_fresh = activate

@@ -60,11 +60,10 @@ class Outputs:
     """Publisher of the results of a cycle.
 
     Args:
-        contacts: contacts with published forces.
+        contacts: with published forces.
         diagnostics_period: of diagnostics and task states, s.
         markers_period: s; inf for none.
         node: name with namespace.
-        scheduling: for diagnostics.
         recorder: returns diagnostics of inputs and recorder.
     """
 

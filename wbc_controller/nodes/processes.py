@@ -38,8 +38,7 @@ class Processes:
         Args:
             robot: shipped robot, or path of a configuration.
             folder: folder of configuration and logs, created if missing.
-            domain: DDS domain.
-            changes: changed settings by dotted key.
+            changes: settings by dotted key.
             own_sessions: one session per process, for isolation from Ctrl-C and fair shares beside a busy browser.
         """
         config = load(robot).replace(changes or {})

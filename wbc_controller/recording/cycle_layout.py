@@ -89,7 +89,7 @@ class CycleRow:
         """Return the row of a cycle.
 
         Args:
-            report: report of the loop; None for a cycle that was repeated before its command was sent.
+            report: None for a cycle that was repeated before its command was sent.
             same: True if the state is the object of the previous cycle.
             event: True if an event follows, which a killed process may not record.
         """

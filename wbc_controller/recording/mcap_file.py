@@ -1,8 +1,7 @@
 """MCAP files, readable up to their first damage.
 
 The package `mcap` (https://mcap.dev/spec) writes the end of a file only on closing. `McapFile` writes an end after each
-chunk, so that a killed process leaves a complete file; closing adds the index of chunks. The module has few imports for
-a fast start of the writer process.
+chunk, so that a killed process leaves a complete file; closing adds the index of chunks.
 """
 
 from __future__ import annotations

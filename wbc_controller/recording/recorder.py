@@ -90,7 +90,7 @@ class Recorder:
     """Recorder of the cycles of one loop.
 
     Args:
-        file: file of the whole run; None for the last seconds only.
+        file: of the whole run; None for the last seconds only.
         patient: wait for the process instead of dropping cycles, in simulated time.
     """
 

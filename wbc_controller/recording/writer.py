@@ -1,7 +1,7 @@
 """The writer process of recordings.
 
-It shares neither the interpreter's lock nor memory with the loop, and outlives a killed loop to write the last seconds
-and close the files. It has few imports for a fast start, and prints its messages to standard output, one per line.
+It outlives a killed loop, to write the last seconds and close the files. It has few imports for a fast start, and
+prints its messages to standard output.
 """
 
 from __future__ import annotations

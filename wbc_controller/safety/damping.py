@@ -92,7 +92,7 @@ class _Search:
 
 
 def stable_damping(model: RobotModel, damping: float, period: float) -> Array:
-    """Compute the damping D of each joint, (nj,): as wanted, or less if a posture makes it unstable.
+    """Compute the damping of each joint, (nj,), less than wanted if a posture makes it unstable.
 
     D is reduced until searches from the nominal and random postures find no T λ above 0.9 (`_Search`). `damping` is in
     N·m·s/rad; `period` T includes the delay of the velocities, s.

@@ -88,10 +88,7 @@ class ModelAudit:
     def check(
         self, state: RobotState, dynamics: Dynamics, solution: Solution | None, command: JointCommand | None
     ) -> AuditReport | None:
-        """Compare this state with the previous one; return the report of the last span, or None.
-
-        Without a solution, or if the controller is not active, `solution` is None.
-        """
+        """Compare this state with the previous one; return the report of the last span, or None."""
         before = self._before
         if solution is None or command is None:
             if before is not None:

@@ -24,7 +24,7 @@ from wbc_controller.safety.plausibility_kernels import MEMORY as MEMORY  # re-ex
 
 #: Speed times time below which repeated values belong to a robot at rest, rad or m.
 REST = 1.0e-6
-#: Lower bound of velocity limits, rad/s, and the limit of joints without one; URDFs often contain zeros.
+#: Lower bound of velocity limits, rad/s; URDFs often contain zeros.
 LEAST_LIMIT, UNLIMITED = 1.0, 1.0e3
 #: Time between two checks of the base's height, s.
 HEIGHT_PERIOD = 0.01
@@ -249,7 +249,7 @@ class FallLimits:
     """Limits of a fall of a floating base."""
 
     tilt: float  # largest tilt since the activation, rad
-    height: float  # least height above the lowest end of a limb, as a share of that at the activation
+    height: float  # least height, as a share of that at the activation
 
 
 class FallWatch:

@@ -9,8 +9,7 @@
        └─────────────── from damping, stopped and fault
 
 From every mode `estop` leads to fault, and the end of the process to stopped, both with zero torques at once, as does
-unexplained motion (`bring_up`). In inactive nothing is published after zero torques. Damping without velocities is a
-ramp to zero. A fault is latched until `reset`.
+unexplained motion (`bring_up`). Damping without velocities is a ramp to zero. A fault is latched until `reset`.
 """
 
 import math
@@ -140,8 +139,7 @@ class Supervisor:
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
         """Process a request, one of `REQUESTS`; return True if it activates the controller.
 
-        Raises InputRefused if the request is unknown or not possible now, also due to `problem`, the fault of the
-        inputs.
+        Raises InputRefused if the request is unknown or impossible now, also due to `problem`, the fault of the inputs.
         """
         if word not in REQUESTS:
             raise InputRefused(f"command {word!r} is unknown; {valid_choices(word, REQUESTS)}")

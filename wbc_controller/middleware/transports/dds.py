@@ -94,7 +94,6 @@ class DdsTransport:
         """Open a topic, send one message, and wait for the acknowledgment of its readers.
 
         Args:
-            endpoint: topic.
             found_within: timeout for a reader, s.
             patience: timeout for the acknowledgment, s; then `TransportError`.
 

@@ -201,7 +201,7 @@ _open_lock = threading.Lock()
 
 
 def open_domain(settings: DomainSettings) -> None:
-    """Open a domain, or share an open one, because a process can create each domain only once.
+    """Open a domain, or share an open one.
 
     Raises:
         TransportError: if the domain cannot be opened, or is open with other settings.

@@ -32,8 +32,8 @@ def node_name(info: Any) -> str:
 def publisher_names(node: Any, topic: str) -> list[str]:
     """Return the name of the node of each publisher on a topic, sorted; `UNNAMED` if it is not known.
 
-    Fast DDS 3 (Kilted) requires each endpoint to announce its participant, which CycloneDDS omits (RTPS 2.3, 9.6.2.2),
-    so that rmw_fastrtps does not know the nodes of CycloneDDS' endpoints. It knows the topics of each of these nodes.
+    Endpoints of CycloneDDS do not announce their participant (RTPS 2.3, 9.6.2.2), as Fast DDS 3 (Kilted) requires:
+    rmw_fastrtps knows the topics of their nodes, but not the reverse.
     """
     names = [node_name(info) for info in node.get_publishers_info_by_topic(topic)]
     for name, namespace in node.get_node_names_and_namespaces() if UNNAMED in names else ():

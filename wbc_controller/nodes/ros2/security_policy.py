@@ -1,7 +1,6 @@
 """SROS 2 policy with least privilege, from the topic table.
 
-Format: policy schema 0.2.0 (design article "ROS 2 Access Control Policies"). DDS enforces permissions per enclave, so
-every node has its own enclave.
+Format: policy schema 0.2.0 (design article "ROS 2 Access Control Policies"), with one enclave per node.
 """
 
 from __future__ import annotations

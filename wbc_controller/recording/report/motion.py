@@ -132,8 +132,8 @@ def _force_lines(wrench: Array, pose: Array, placement: pin.SE3) -> Array:
 
     Args:
         wrench: in the contact's frame, (frames, 6), or force along the world's axes, (frames, 3).
-        pose: pose of the joint of the contact, (frames, 7).
-        placement: placement of the contact on that joint.
+        pose: of the contact's joint, (frames, 7).
+        placement: of the contact on that joint.
     """
     lines = np.empty((len(wrench), 6))
     for frame, (values, where) in enumerate(zip(wrench, pose, strict=True)):

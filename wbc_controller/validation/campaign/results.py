@@ -28,7 +28,7 @@ class Results:
 
     Attributes:
         outcomes: newest outcomes of this version of code and configuration.
-        repeated: earlier outcomes of repeated trials.
+        repeated: earlier outcomes.
         other_versions: number of unused lines of other versions.
     """
 

@@ -46,9 +46,9 @@ def run_campaign(
     """Run the missing trials of a folder, and write the report of all; return True without violations.
 
     Args:
-        jobs: parallel trials; -1 for one per processor.
-        address: address of the scheduler or cluster of the backend.
-        recordings: folder of fault recordings, which are checked.
+        jobs: -1 for one per processor.
+        address: of the scheduler or cluster.
+        recordings: folder of checked fault recordings.
 
     Raises:
         ConfigurationError: if a name is unknown, a file cannot be used, or the backend is not installed.

@@ -56,9 +56,9 @@ def run_trial(
     """Run one trial; the seed determines start, duration and parameters of the fault.
 
     Args:
-        parameters: parameters of the fault that replace random ones.
-        prepare: function for tests, called with the controller before the trial.
-        recordings: folder of fault recordings, which are checked.
+        parameters: of the fault, in place of random ones.
+        prepare: for tests.
+        recordings: folder of checked fault recordings.
 
     Raises:
         ConfigurationError: if the kind is unknown or the configuration invalid.

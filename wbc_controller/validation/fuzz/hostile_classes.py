@@ -112,7 +112,7 @@ class HostileClass:
 
     Attributes:
         after: number of normal calls of a method.
-        value: value of the attribute or result of the method; exceptions are raised.
+        value: of attribute or method; exceptions are raised.
     """
 
     kind: str

@@ -71,7 +71,7 @@ def measure_latency(
 
     Args:
         rate: states and cycles per second; by default as configured.
-        seconds: duration for each, s.
+        seconds: for each, s.
         transport: ``dds`` or ``rclpy``.
         mock: use the mock robot with its physics, in one block.
         progress: receives the measured time, s, and the round trips of each block.

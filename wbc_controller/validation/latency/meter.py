@@ -66,7 +66,7 @@ def round_trips(
         states: send time, s, and stamp, ns.
         efforts: arrival times of torques, s, ascending.
         commands: arrival time, s, ascending, and stamp, ns.
-        period: period of the states, s.
+        period: of the states, s.
     """
     arrivals: dict[int, float] = {}
     times, before = np.array(efforts), -np.inf
