@@ -86,12 +86,12 @@ _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 _SCALARS = {float: types.float64, int: types.int64, bool: types.boolean}
-#: Compilation time from which a function is logged as a warning, s.
+#: Compilation time that causes a warning, s.
 _SLOW = 1.0
 #: Compiled or loaded functions.
 _compiled_names: list[str] = []
 
-#: Decorator of a function that is compiled as a part of the kernels that call it.
+#: Decorator of a function compiled into its callers.
 part: Callable[[_Function], _Function] = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
@@ -188,7 +188,6 @@ def describe(array: Any) -> str:
 
 
 def _compile(function: Any, signature: list[Any]) -> Any:
-    """Compile a function for one signature, or load it from the cache."""
     folder = _cache_folder()
     with _compilation_lock(folder, function.__name__):
         started, former = time.monotonic(), numba.config.CACHE_DIR

@@ -149,7 +149,7 @@ class Solution(NamedTuple):
 
     v_dot: Array  # generalized acceleration, (nv,)
     tau: Array  # in the order of the command, (na,) in N·m
-    details: Details  # contact forces, residuals and more, also available as attributes of the solution
+    details: Details  # also available as attributes of the solution
     #: relaxed groups of constraints, and lower priority levels without a solution; normally empty
     relaxed: tuple[str, ...] = ()
     iterations: int = 0  # iterations of the solver
@@ -230,8 +230,8 @@ class JointCommand(NamedTuple):
 
     stamp: int  # timestamp of the state that it answers, ns
     tau: Array  # in the order of the command, (na,) in N·m
-    q_desired: Array  # predicted joint positions after one period, (nj,) in rad; NaN without a prediction
-    v_desired: Array  # predicted joint velocities after one period, (nj,) in rad/s; NaN without a prediction
+    q_desired: Array  # after one period, (nj,) in rad; NaN without a prediction
+    v_desired: Array  # after one period, (nj,) in rad/s; NaN without a prediction
 
 
 @dataclass(frozen=True, slots=True)

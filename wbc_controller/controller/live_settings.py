@@ -113,7 +113,6 @@ def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[t
 
 
 def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
-    """Yield a sentence for each changed value outside its live range."""
     for name in type(new).model_fields:
         parts = getattr(configured, name), getattr(old, name), getattr(new, name)
         if all(isinstance(part, BaseModel) for part in parts):

@@ -25,7 +25,7 @@ _CONTACT_TIME = 1.0
 _TIME_CONSTANT = 0.2
 #: Time between two updates, s.
 _PERIOD = 0.02
-#: Smallest RMS distance of the points from their mean that determines a heading, m.
+#: Smallest RMS distance of points from their mean for a heading, m.
 _LEAST_SPREAD = 0.02
 
 

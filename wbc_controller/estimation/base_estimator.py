@@ -35,7 +35,7 @@ _SETTLED = 0.9
 _INITIAL_VELOCITY_VARIANCE = 1.0e-4
 #: Largest gap between two IMU samples, s.
 _GAP = 0.1
-#: Variance of the initial position and heading, m² and rad²; they define the world.
+#: Variance of the initial position and heading, m² and rad².
 _INITIAL_POSE_VARIANCE = 1.0e-8
 
 

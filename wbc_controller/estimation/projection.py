@@ -38,7 +38,6 @@ def mobility(M: Array, J: Array) -> Array:
 
 
 def _delassus(J: Array, spread: Array) -> Array:
-    """Return the regularized Delassus matrix J M⁻¹ Jᵀ, (k, k)."""
     A = np.asarray(J @ spread)
     A[np.diag_indices(len(A))] += _RIDGE * float(np.trace(A)) / len(A)
     return A

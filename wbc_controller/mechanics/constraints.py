@@ -23,7 +23,6 @@ from wbc_controller.records import Array
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return a × b; faster than `numpy.cross`."""
     return np.asarray(pin.skew(a) @ b)
 
 
@@ -366,7 +365,6 @@ class Rolling(Constraint):
         )
 
     def _arm(self, normal: Array, R: Array, omega: Array) -> tuple[Array, Array]:
-        """Return the vector from the centre to the lowest point and its rate, (3,), world axes."""
         if self.axis is None:
             return -self.radius * normal, np.zeros(3)
         axle = R @ _unit("axis", self.axis)

@@ -82,7 +82,7 @@ def _quaternion(quaternion: Any) -> Array:
 
 
 WORLD_FRAMES = ("", "world", "odom", "map")  # of the world in headers
-#: Kinds of task with points, poses or directions as references, which may be given in a frame of the robot.
+#: Kinds of task with references that may be given in a frame of the robot.
 _WORLD_KINDS = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
 
 
@@ -154,7 +154,6 @@ def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Cha
 
 
 def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "the position") -> Array:
-    """Read a position in the task's reference form, without additional coordinates."""
     values = finite(_xyz(vector)[: form.vector], what)
     if form.direction:
         values = unit_vector(values, what)
@@ -261,7 +260,6 @@ def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> t
 
 
 def _read_velocity(twist: Any) -> tuple[Change, ...]:
-    """Return the command to walk at a velocity, or to stop at zero velocity."""
     unused = twist.linear.z, twist.angular.x, twist.angular.y
     velocity = finite([twist.linear.x, twist.linear.y, twist.angular.z], "the velocity")
     if any(unused):

@@ -18,7 +18,7 @@ from wbc_controller.records import Array
 
 _STAMP = struct.Struct("<iI")
 _START = 4  # bytes of the encapsulation header; CDR aligns the numbers after it to multiples of eight
-_FILLINGS = (0x11, 0x22)  # two values for all bytes of numbers, which mark them as differing bytes
+_FILLINGS = (0x11, 0x22)  # two values for all bytes of numbers
 
 
 class MessageLayout:

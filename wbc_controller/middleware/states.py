@@ -182,7 +182,6 @@ def _check_measured(what: str, values: Array, covariance: Array, limit: float, u
 
 
 def _checked_covariance(rows: Array) -> Array:
-    """Return the symmetric part of a covariance, (6, 6), from its rows, (36,); refuse invalid values."""
     C = finite(rows, "the covariance").reshape(6, 6)
     C += C.T.copy()
     C *= 0.5

@@ -135,7 +135,6 @@ class GuardService:
             self._refused.pop("joint_commands", None)
 
     def _torques_of(self, effort: Array) -> Array:
-        """Convert torques from the joints, (nj,), to the actuators, (na,), in N·m; refuse torques above a limit."""
         tau, limits = self._drive.from_joints(effort), self.guard.limits.effort
         within = np.abs(tau) <= _LARGEST_TORQUE * limits
         if not within.all():

@@ -60,8 +60,6 @@ class _Queue:
 
 @dataclass(slots=True)
 class _Source:
-    """Decoder of one state topic, its timestamp tracker, and its newest accepted message."""
-
     reader: StateReader
     stamps: StampTracker
     check: SampleCheck | None = None  # plausibility of the samples
@@ -368,7 +366,6 @@ class Inputs:
         return notes
 
     def _pose_notes(self) -> dict[str, str]:
-        """Return diagnostics of absolute poses by key: age, and results of the corrections."""
         if self.estimator is None or "pose" not in self._sources:
             return {}
         age = self._sources["pose"].stamps.age(self._clock.now())

@@ -171,7 +171,6 @@ class ControlLoop:
         return f"the clock stopped for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
 
     def _coarse_clock(self, stall: float, timeout: float) -> str | None:
-        """Return the reason if the clock's steps are too coarse, or unknown during a stall; None otherwise."""
         step, limit, key = self._clock.resolution(), timeout, "state_timeout"
         tolerance = self._inputs.clock_tolerance  # stamps lead a synchronized clock by up to one step
         if tolerance is not None and tolerance < timeout:
@@ -184,7 +183,6 @@ class ControlLoop:
         return _coarse_clock_message(step, limit, key) if limit + _ROUNDING < step < math.inf else None
 
     def _accepts_reset(self, requests: tuple[str, ...]) -> bool:
-        """Return True if the supervisor is not in control at the first 'reset' of the requests, and accepts it."""
         return self.controller.mode not in _UNDER_CONTROL or "damp" in requests[: requests.index("reset")]
 
     def _filter_requests(
@@ -313,7 +311,6 @@ class ControlLoop:
             deadline += period
 
     def _guarded_wait(self, stop: threading.Event, period: float) -> None:
-        """Wait for the next joint state; a failure of the transport leads to damping."""
         try:
             self._inputs.wait(self._wait_time(period))
         except TransportError as error:

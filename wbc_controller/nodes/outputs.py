@@ -209,7 +209,6 @@ class Outputs:
             self.compose()
 
     def _begin(self, key: str, content: Generator[None, None, Any]) -> None:
-        """Begin a message; complete an unfinished one with the same key first."""
         for _ in self._composed.pop(key, ()):
             pass
         self._composed[key] = self._compose_and_send(key, content)

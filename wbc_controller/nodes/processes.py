@@ -102,7 +102,6 @@ class Processes:
 
 
 def _end_with_parent() -> None:
-    """Let the kernel end this process with its parent thread."""
     _C.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 

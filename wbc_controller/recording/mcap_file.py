@@ -186,7 +186,6 @@ class McapFile:
         self.end += len(data)
 
     def _write_at_end(self, data: bytes) -> None:
-        """Replace the end records by `data`; restore them on an error."""
         self._file.seek(self.end)
         view = memoryview(data)
         try:

@@ -277,7 +277,6 @@ class Recorder:
             batch.append(frame(topic, at if stamp is None else stamp, payload))
 
     def _add_cycle(self, batch: list[bytes], taped: CycleRecord, report: CycleReport | None, at: int) -> None:
-        """Add the frames of one cycle; only the last cycle of a loop's cycle has a report."""
         same, self._state = taped.inputs.state is not None and taped.inputs.state is self._state, taped.inputs.state
         event = self._add_event(taped, report, at)
         row = self._row.write(self._number, taped, report, same=same, event=event)
@@ -335,7 +334,6 @@ class Recorder:
         self._jobs.put(lambda: frame(self._memories, at, _string(to_json(self._with_yaml(content)))))
 
     def _with_yaml(self, content: Mapping[str, Any]) -> dict[str, Any]:
-        """Replace settings by YAML; empty for the settings of the start."""
         settings = content.get("settings")
         if settings is None:
             return dict(content)

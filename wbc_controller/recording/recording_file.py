@@ -257,7 +257,6 @@ def _checked_head(head: Array) -> int:
 
 
 def _cycle_of_memory(text: str) -> int:
-    """Return the cycle at the start of a memory, without parsing all of it."""
     found = _BEGIN_OF_MEMORY.match(text)
     if found is None:
         raise ValueError(f"a memory must begin with its cycle, not with {text[:40]!r}")

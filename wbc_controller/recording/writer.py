@@ -169,7 +169,6 @@ class Writer:
         self._disk.join()
 
     def _write_last_seconds(self, reason: str) -> None:
-        """Write the last and next seconds to a new file, or continue the present one."""
         if self._plan["folder"] is None:
             return
         now = time.monotonic()

@@ -26,7 +26,7 @@ _MEMORY = 0.1
 _LARGEST_GAP = 3.5
 #: Speed of a prismatic joint equivalent to 1 rad/s, m/s.
 _PRISMATIC = 0.2
-#: Factor of the limit for joints between the base and an active contact, which move if the contact is lost.
+#: Factor of the limit for joints of a leg in contact, which move if the contact is lost.
 _LOADED = 3.0
 #: Negligible missing torques, as a share of the effort limits.
 _NEGLIGIBLE = 0.02

@@ -12,7 +12,7 @@ from wbc_controller.records import Array
 
 #: Largest T λ; a sampled loop is stable below 2, with one more period of delay below 1.
 _LARGEST_RATE = 0.9
-#: Tolerance of a search, as a share: searches end near a maximum.
+#: Tolerance of a search, as a share.
 _TOLERANCE = 0.02
 #: Consecutive searches without a reduction, and their number if no rate is near the largest.
 _SEARCHES, _FEW_SEARCHES = 6, 2

@@ -190,7 +190,6 @@ class ModelAudit:
         return AuditReport(self._energy, self._throughput, force, torques, warnings)
 
     def _persistent(self, now: float, lasted: float, wrong: Mapping[str, bool]) -> list[str]:
-        """Return the residuals above their limit for longer than `patience`."""
         found = []
         for name, is_wrong in wrong.items():
             if not is_wrong:

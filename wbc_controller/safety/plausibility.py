@@ -22,7 +22,7 @@ from wbc_controller.safety.plausibility_kernels import (
 )
 from wbc_controller.safety.plausibility_kernels import MEMORY as MEMORY  # re-exported
 
-#: Speed times time below which repeated values belong to a robot at rest, rad or m.
+#: Speed times time of a robot at rest, rad or m.
 REST = 1.0e-6
 #: Lower bound of velocity limits, rad/s; URDFs often contain zeros.
 LEAST_LIMIT, UNLIMITED = 1.0, 1.0e3
@@ -304,7 +304,6 @@ class FallWatch:
         return None
 
     def _height_of(self, state: RobotState) -> float:
-        """Return the height of the base above the lowest end of a limb, m; -inf without limbs."""
         pin.forwardKinematics(self._pin, self._data, state.q)
         ends = (self._data.oMi[joint].act(end)[2] for joint, end in self._limbs)
         return float(state.q[2]) - min(ends, default=math.inf)

@@ -70,7 +70,6 @@ def _is_out_of_range(memory: StateMemory, q: Array, v: Array) -> bool:
 
 @part
 def _rests(memory: StateMemory, q: Array, v: Array) -> bool:
-    """Return True if values and velocities are at rest, and no mismatch is left."""
     squares = 0.0
     for i in range(len(v)):
         if v[i] != 0.0 or memory.v_before[i] != 0.0:

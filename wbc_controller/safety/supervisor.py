@@ -332,7 +332,6 @@ class Supervisor:
         return joint_velocity if all_finite(joint_velocity) else None
 
     def _holding_torques(self, state: RobotState | None, joint_velocity: Array | None) -> Array:
-        """Return the torques held, (na,) in N·m, without torques that drive a joint into its stop."""
         model = self._model
         if state is None or joint_velocity is None:
             return self._held

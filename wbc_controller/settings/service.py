@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from wbc_controller.settings.contacts import Direction
 from wbc_controller.settings.values import NonNegative, Positive, Section
 
-#: Joint damping, N·m·s/rad. Larger values are likely in another unit.
+#: Joint damping, N·m·s/rad.
 Damping = Annotated[NonNegative, Field(le=100.0)]
 
 #: Name of a ROS 2 node, with or without its namespace.

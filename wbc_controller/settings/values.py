@@ -56,5 +56,5 @@ class Section(BaseModel):
 
     #: Keys that may change while the controller runs.
     live: ClassVar[tuple[str, ...]] = ()
-    #: Smaller ranges of live keys while the controller runs. None is the configured value, which is always valid.
+    #: Smaller ranges of live keys while the controller runs; None is the configured value.
     live_ranges: ClassVar[Mapping[str, tuple[float | None, float | None]]] = {}

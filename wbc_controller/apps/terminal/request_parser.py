@@ -29,7 +29,7 @@ from wbc_controller.records import REQUESTS, Array
 from wbc_controller.settings import Settings
 
 ReadMessage = Callable[[str, str, str], Any]  # waits for the newest message of a topic, given by node, key and subject
-#: First words of requests other than setpoints, with the form of the arguments.
+#: First words of other requests than setpoints, with their arguments.
 FORMS = {
     **dict.fromkeys(REQUESTS, ""),
     "release": "",

@@ -33,7 +33,7 @@ class CollisionModel:
 
     geometry: pin.GeometryModel  # shapes, named after their links, and pairs
     near: tuple[tuple[str, str], ...]  # excluded pairs, nearer than the margin in the nominal posture
-    replaced: tuple[str, ...] = ()  # links with a bounding box in place of an unusable convex hull
+    replaced: tuple[str, ...] = ()  # links with a bounding box in place of a hull
 
     @property
     def summary(self) -> str:
@@ -171,7 +171,6 @@ def _distance_outside_hull(points: Array, corners: Array) -> float:
 
 
 def _are_connected(model: RobotModel, a: int, b: int) -> bool:
-    """Return True if two joints are equal, or connected by one or two joints in series."""
     parents = model.pinocchio.parents
     carriers = [(link, parents[link], parents[parents[link]]) for link in (a, b)]
     return bool(b in carriers[0] or a in carriers[1])

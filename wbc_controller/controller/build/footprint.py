@@ -36,7 +36,7 @@ _CANDIDATES = 50
 class Footprint:
     """Contact region of a body on a plane, moved along its normal until they touch."""
 
-    polygon: Array  # corners of the convex footprint, counterclockwise, (n, 2) in m; also a point or a line
+    polygon: Array  # counterclockwise corners, (n, 2) in m; also a point or a line
     height: float  # height of the body's lowest point above the plane, m
     #: angle between plane and largest flat face of the underside, rad; None without one
     tilt: float | None

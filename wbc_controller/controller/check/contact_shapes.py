@@ -25,7 +25,7 @@ _HEIGHT = 0.02
 _REPORTED_HEIGHT = 0.005
 #: Largest angle between a sole and the flat underside of its shapes, rad: 5°.
 _TILT = 0.0873
-#: Largest overhang of a support, m, and as a share of its smaller side: beyond it the robot would fall.
+#: Largest overhang of a support, m, and as a share of its smaller side.
 _OVERHANG, _OVERHANG_SHARE = 0.01, 0.1
 #: Reported overhang, m: feet tip on the edge of the true sole.
 _REPORTED_OVERHANG = 0.001
@@ -35,7 +35,7 @@ _TREAD = 0.002
 _LONGEST = 0.3
 #: Largest horizontal distance of a point contact from the footprint of its body, m.
 _SIDE_OFFSET = 0.03
-#: Cosine of the smallest angle between contact normal and floor normal of an upside-down contact, 120°.
+#: Cosine of the smallest angle between contact and floor normal of an upside-down contact, 120°.
 _UPSIDE_DOWN = -0.5
 
 

@@ -25,7 +25,7 @@ _ONE_PLACE = 1.0e-3
 _NOTICED_MASS = 0.05
 #: Largest plausible distance between joints, m.
 _LARGEST_LINK = 20.0
-#: Largest plausible effort limit, in weight times size of the robot; strong motors reach about 1.
+#: Largest plausible effort limit, in weight times size; strong motors reach 1.
 _STRONGEST = 10.0
 #: Largest plausible velocity limit, rad/s or m/s; fast joints reach 40.
 _FASTEST = 300.0

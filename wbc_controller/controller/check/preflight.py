@@ -44,7 +44,7 @@ from wbc_controller.settings.config import Config, load
 
 #: Largest height difference of floor contacts with an upright base, m, and as a share of the centre of mass' height.
 _LEVEL, _LEVEL_SHARE = 0.01, 0.02
-#: Cosine of the largest angle between floor normal and contact normal of a floor contact, 60°.
+#: Cosine of the largest angle between floor and contact normal, 60°.
 _FLOOR = 0.5
 #: Largest position error of a loop in the nominal posture, m or rad.
 _CLOSED = 1.0e-3
@@ -155,7 +155,6 @@ def _floor(settings: Settings) -> Array:
 
 
 def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Finding]:
-    """Report positions of base and centre of mass, and tilts of the soles."""
     dynamics, link = qp.dynamics, qp.model.base_link
     base = dynamics.placement(qp.model.frame_id(link, "base")).translation
     findings = [
@@ -355,7 +354,6 @@ def unsupported_passive_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[i
 
 
 def _balance(qp: WholeBodyQP, hanging: list[int]) -> list[Finding]:
-    """Report unsupported passive joints out of balance, with the `rest` that balances them."""
     model, found = qp.model, []
     torques = model.joint_forces(qp.dynamics.h)  # at rest: gravity minus the springs
     for i in hanging:

@@ -122,7 +122,7 @@ def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequ
     if result.x is None:
         return _LoadLimit(0.0, None)
     most, torques = float(result.x[-1]), slice(len(J), len(J) + model.na)
-    # The torques are not unique: a limit is the cause only if its multiplier is not zero.
+    # The torques are not unique: only a limit with a multiplier is the cause.
     worth = (np.abs(result.lower.marginals) + np.abs(result.upper.marginals))[torques] * model.effort_limits
     worst = int(np.argmax(worth))
     return _LoadLimit(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)

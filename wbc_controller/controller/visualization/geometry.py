@@ -29,7 +29,7 @@ TOLERANCE = 2.0e-4
 #: Thickness of bars in place of missing meshes, m.
 BONE = 0.03
 
-#: Parts that protrude less from another part of the joint, m, are omitted: they flicker.
+#: Parts that protrude less from another part of the joint, m, are omitted.
 BADGE = 0.015
 
 #: Default color, red, green and blue.

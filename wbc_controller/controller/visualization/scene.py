@@ -127,7 +127,6 @@ def _shape(group: str, number: int, kind: str, size: float, points: Sequence[Arr
 
 
 def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array) -> tuple[list[Array], list[Array]]:
-    """Return the force arrow at the centre of pressure, and the edges of the friction pyramid."""
     weight, centre = dynamics.model.mass * dynamics.model.gravity, corners.mean(axis=0)
     wrench = array_from(contact, "wrench_in_world", (6,), dynamics, force)
     if not isinstance(contact, UnilateralContact):

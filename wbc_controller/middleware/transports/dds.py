@@ -271,8 +271,6 @@ class _Stream:
 
 
 class _Dispatcher:
-    """Thread that waits for all readers and calls their callbacks."""
-
     def __init__(self, participant: Any, name: str) -> None:
         self._triggers = dds_raw.Triggers(participant)
         self._stop = GuardCondition(participant)

@@ -41,7 +41,7 @@ _ANNOUNCEMENTS = "<SPDPInterval>1 s</SPDPInterval>"
 
 #: - HeartbeatInterval: delay of the retransmission of dropped packets (default 100 ms, fifty control cycles).
 #: - SocketReceiveBufferSize: prevents dropped packets; the kernel's limit is net.core.rmem_max.
-#: - MultipleReceiveThreads: one thread per socket saves a system call per packet.
+#: - MultipleReceiveThreads: saves a system call per packet.
 #: - GenerateKeyhash: without it Fast DDS removes closed entities only after their lease of 10 s.
 _INTERNAL = (
     '<Internal><HeartbeatInterval>10 ms</HeartbeatInterval><SocketReceiveBufferSize min="0 B" max="16 MiB"/>'

@@ -150,7 +150,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return own_values(values(self), {name: _PARAMETERS[name][0]}, self.get_fully_qualified_name())[name]
 
     def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
-        """Run a transition and log its outcome, because rclpy drops errors."""
         try:
             transition()
         except WbcError as error:

@@ -110,7 +110,6 @@ class LiveParameters:
             _log.error("%s", error)
 
     def _on_change(self) -> None:
-        """Update the parameters after ``~/update``; any thread may call it."""
         executor = self._node.executor
         if executor is not None:
             executor.create_task(self._update_parameters)

@@ -131,8 +131,6 @@ def node_without_services(name: str, domain: int) -> Iterator[Ros2Transport]:
 
 
 class _RosLog(logging.Handler):
-    """Handler that forwards this package's log to a node's log."""
-
     def __init__(self, logger: Any) -> None:
         super().__init__()
         self._logger = logger

@@ -145,7 +145,6 @@ def _read_other_topics(recording: Recording, settings: Settings, model: RobotMod
 
 
 def _latest(stamps: Array, values: Array, time: Array) -> Array:
-    """Return the latest value up to each time, s, (n, k); NaN before the first."""
     order = np.argsort(stamps, kind="stable")
     index = np.searchsorted(stamps[order], time + 1.0e-9, side="right") - 1
     latest: Array = values[order][np.maximum(index, 0)]
@@ -154,7 +153,6 @@ def _latest(stamps: Array, values: Array, time: Array) -> Array:
 
 
 def _task_errors(cycles: Mapping[str, Array], tasks: Mapping[str, Task], dynamics: Dynamics) -> dict[str, Array]:
-    """Return the norm of each task's error, (n,); NaN without weight or reference."""
     absent = np.full(len(cycles["q"]), np.nan)
     errors = {name: absent.copy() for name, task in tasks.items() if isinstance(task, AccelerationTask)}
     for i, (q, v) in enumerate(zip(cycles["q"], cycles["v"], strict=True)):

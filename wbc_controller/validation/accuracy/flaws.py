@@ -127,7 +127,6 @@ def measure_flaw(
 
 
 def _error(trial: EstimationTrial, points: Array, torques: list[Array]) -> float:
-    """Return the largest error of the true centre of mass during a motion, m."""
     errors = [0.0]
     times = _BEAT * np.arange(1, len(points) + 1)
     trial.follow(times.tolist(), list(trial.origin + points))

@@ -163,7 +163,6 @@ def _drag(trial: EstimationTrial, frame: str, speed: float) -> None:
 
 
 def _recovery(trial: EstimationTrial) -> float:
-    """Return the time from 'reset' on the hoist to an active controller, s; infinite if refused."""
     trial.mock.plant.hold(True)
     for _ in range(round(_LIFT_TIME * trial.settings.control.rate)):
         trial.cycle()

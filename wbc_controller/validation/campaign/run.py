@@ -126,7 +126,7 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
             # Single trials, so that each outcome is stored at once.
             streamed = "generator_unordered" if backend == "loky" else "list"
             parallel = joblib.Parallel(return_as=streamed, batch_size=1 if backend == "loky" else "auto")
-            # A cluster returns outcomes in batches; each complete batch is stored.
+            # A cluster returns outcomes in batches.
             size = len(keys) or 1 if backend == "loky" else 10 * _PROGRESS_EVERY
             for i in range(0, len(keys), size):
                 yield from parallel(joblib.delayed(trial)(*key) for key in keys[i : i + size])
@@ -160,7 +160,6 @@ def _cluster(backend: str, address: str | None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _progress(console: Console, total: int) -> Iterator[Any]:
-    """Yield a function that shows the progress, as a bar in a terminal and as lines otherwise."""
     count = {"survived": 0, "damped": 0, "violation": 0}
 
     def progress_text() -> str:

@@ -232,7 +232,6 @@ class _Trial(Lockstep):
 
 @contextlib.contextmanager
 def _frozen_objects() -> Iterator[None]:
-    """Keep garbage collections as short as in the service's loop, which freezes its initial objects."""
     gc.collect()
     gc.freeze()
     try:

@@ -21,7 +21,7 @@ from wbc_controller.validation.fuzz.target import (
 )
 
 _SETTLING = 0.1  # of the estimator, s; short for short episodes
-#: Time between two states during the first absolute poses, s; long for the same reason, but below IMU gaps.
+#: Time between two states during the first absolute poses, s; below IMU gaps.
 _POSE_PERIOD = 0.05
 
 

@@ -21,7 +21,7 @@ from wbc_controller.simulation.simulation import Simulation
 
 DURATION = 2.0  # s
 MAX_EXCESS = 0.02  # largest excess over a position limit, rad or m
-#: Time after an impact on the floor without a check, s: a wrist at 23 rad/s moves 0.3 rad and deflects its stops.
+#: Time after an impact on the floor without a check, s.
 _IMPACT_TIME = 0.02
 _IN_CONTROL = (Mode.ACTIVE, Mode.HOLDING)  # modes with torques from solutions
 
@@ -116,7 +116,6 @@ def run_trial(simulation: Simulation, robot: str, seed: int, number: int) -> Set
 
 
 def _centre(controller: Controller, rng: np.random.Generator) -> None:
-    """Move the centre of mass by up to half its height in any direction."""
     com = np.array(controller.dynamics.com)
     controller.follow("com", [rng.uniform(0.2, 1.0)], [com + com[2] * rng.uniform(-0.5, 0.5, 3)])
 
@@ -143,7 +142,6 @@ def _turned(rng: np.random.Generator, most: float) -> np.ndarray:
 
 
 def _posture(controller: Controller, rng: np.random.Generator) -> None:
-    """Move a third of the joints up to 0.5 rad beyond their limits, with any weight."""
     model = controller.model
     controller.set_weight("posture", 10.0 ** rng.uniform(-2.0, 2.0))
     excess = np.where(

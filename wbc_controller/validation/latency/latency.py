@@ -253,7 +253,6 @@ class _Bench:
 
 @contextlib.contextmanager
 def _running(robot: _Robot) -> Iterator[None]:
-    """Run a robot on a thread of low priority; its exception is raised at the end."""
     stop = threading.Event()
     with concurrent.futures.ThreadPoolExecutor(1, "robot", lower_thread_priority) as pool:
         running = pool.submit(robot.run, stop)
