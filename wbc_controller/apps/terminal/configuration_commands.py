@@ -70,8 +70,8 @@ def new(urdf: str, srdf: str | None, base: Any, feet: tuple[str, ...]) -> None:
     """Print a first configuration of a robot, and check it: `wbc new ROBOT.urdf > robot.yaml`.
 
     ROBOT.urdf and FILE are paths or package:// addresses. The configuration has comments on measured, guessed and
-    missing values; these and the findings of the check go to stderr. The exit status is 2 if the robot cannot stand
-    with the configuration yet.
+    missing values; guesses, missing values and the findings of the check go to stderr. The exit status is 2 if the
+    robot cannot stand with the configuration yet.
     """
     from wbc_controller.apps.new.draft import TITLE, new_configuration
     from wbc_controller.controller.check.preflight import check as find
