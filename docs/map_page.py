@@ -47,7 +47,7 @@ def _path_rows() -> str:
         node: Any = ast.parse((_PACKAGE / file).read_text(encoding="utf-8"))
         for part in name.split("."):
             node = next(each for each in ast.iter_child_nodes(node) if getattr(each, "name", "") == part)
-        rows.append(f"{number}. `{name}` (`{file}`): {_summary(node, call)}\n")
+        rows.append(f"{number}. `{name}` (`{file[:-3]}`): {_summary(node, call)}\n")
     return "\n" + "".join(rows)
 
 
