@@ -28,9 +28,9 @@ def configuration_page() -> str:
         _GENERATED + "# Configuration\n\n",
         "Keys of a robot's configuration, a ROS 2 parameter file such as `config/g1.yaml`, in SI units. Check it by "
         "`wbc check FILE`. *Live* keys can be changed while the controller runs, by `~/update`, as parameters of the "
-        "ROS 2 node, or by `Controller.update`; other keys are read when the controller is configured. An interval is the "
-        "range of a number; the default – is none or empty. *Per axis*: one number, or a list with one per axis.\n\n"
-        "```yaml\nwbc_controller:\n  ros__parameters:\n    robot: …\n```\n",
+        "ROS 2 node, or by `Controller.update`; other keys are read when the controller is configured. An interval is "
+        "the range of a number; the default – is none or empty. *Per axis*: one number, or a list with one per axis."
+        "\n\n```yaml\nwbc_controller:\n  ros__parameters:\n    robot: …\n```\n",
     ]
     for name, field in Settings.model_fields.items():
         if name in ("tasks", "contacts"):

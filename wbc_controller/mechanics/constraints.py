@@ -23,6 +23,7 @@ from wbc_controller.records import Array
 
 
 def _cross(a: Array, b: Array) -> Array:
+    """Return a × b; faster than `numpy.cross`."""
     return np.asarray(pin.skew(a) @ b)
 
 
@@ -180,7 +181,10 @@ def _holonomic(jacobian: Array, drift: Array, velocity: Array, position: Array) 
 class PointContact(Constraint):
     """Point of a link fixed to a point of a support (three rows, world axes; (30), holonomic); λ is the force, N.
 
-    Attributes: offset: point in the frame of the link, (3,) in m. target: point in the support's frame, (3,) in m.
+    Attributes:
+        frame: frame of the link.
+        offset: point in this frame, (3,) in m.
+        target: point in the support's frame, (3,) in m.
         support: motion of the support.
     """
 
@@ -206,7 +210,8 @@ class SurfaceContact(Constraint):
     """Frame of a link fixed to a support (six rows, axes of the contact frame; (30), holonomic); λ is the wrench.
 
     Attributes:
-        placement: contact frame in the frame of the link.
+        frame: frame of the link.
+        placement: contact frame in this frame.
         target: contact frame in the support's frame.
         support: motion of the support.
     """
@@ -279,7 +284,10 @@ class PinnedFrames(Constraint):
     """Two coincident points of two links (three rows, world axes; (30)); λ is the force on the first link, N.
 
     Attributes:
-        first_offset: point in the first frame, (3,) in m. second_offset: likewise.
+        first: frame of the first link.
+        second: frame of the second link.
+        first_offset: point in the first frame, (3,) in m.
+        second_offset: point in the second frame, (3,) in m.
     """
 
     first: str
@@ -299,7 +307,10 @@ class WeldedFrames(Constraint):
     """Two coincident frames of two links (six rows, axes of the first; (30), holonomic); λ is the wrench on the first.
 
     Attributes:
-        first_placement: welded frame in the first frame. second_placement: likewise.
+        first: frame of the first link.
+        second: frame of the second link.
+        first_placement: welded frame in the first frame.
+        second_placement: welded frame in the second frame.
     """
 
     first: str
@@ -365,6 +376,7 @@ class Rolling(Constraint):
         )
 
     def _arm(self, normal: Array, R: Array, omega: Array) -> tuple[Array, Array]:
+        """Return the vector from the centre to the lowest point and its rate, (3,), world axes."""
         if self.axis is None:
             return -self.radius * normal, np.zeros(3)
         axle = R @ _unit("axis", self.axis)

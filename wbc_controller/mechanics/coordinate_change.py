@@ -24,6 +24,7 @@ class CoordinateChange:
     """Second model of a robot, and the map φ of Lemma 1 (equation (14)) from the original to the new coordinates.
 
     Attributes:
+        original: original model.
         model: new model with the same names.
         root: original joint of the new base link; 0 for a fixed base.
         signs: 1, or -1 for flipped joints, by name.
@@ -89,7 +90,7 @@ def change_coordinates(
         model: robot; all joints except a floating base have one degree of freedom.
         root: joint of the new base link; None for the same base.
         flip: joints with reversed direction.
-        shuffle: seed of a random joint order.
+        shuffle: seed of a random joint order, or None.
 
     Raises:
         ConfigurationError: if a joint is unknown or unsupported, or the base is fixed and `root` is given.

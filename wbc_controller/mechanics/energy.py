@@ -89,7 +89,10 @@ def energy_residual(
 
     Args:
         force: constant generalized force Sᵀτ, (nv,) in N and N·m.
-        wrenches: all others that do work.
+        wrenches: all other forces that do work.
+
+    Raises:
+        InputRefused: if the second state is not later, or the force is invalid.
     """
     seconds = duration(before, after)
     data = data if data is not None else model.createData()

@@ -70,6 +70,9 @@ def equations_of_motion_residual(
     Args:
         force: applied generalized force f = Sᵀτ + Jᵀw, (nv,).
         constraint_force: f_c = Aᵀλ, (nv,).
+
+    Raises:
+        InputRefused: if a force is invalid.
     """
     n = len(h)
     applied, constraint = as_array("force", force, (n,)), as_array("constraint_force", constraint_force, (n,))

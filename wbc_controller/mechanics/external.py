@@ -29,6 +29,7 @@ class ExternalWrench:
 
     Raises:
         ConfigurationError: if `axes` is unknown.
+        InputRefused: if an array is invalid.
     """
 
     frame: str
@@ -53,7 +54,11 @@ class ExternalWrench:
 def generalized_force(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Return the generalized force Σ Jᵀw of external wrenches (equation (22)), (nv,) in N and N·m."""
+    """Return the generalized force Σ Jᵀw of external wrenches (equation (22)), (nv,) in N and N·m.
+
+    Raises:
+        ConfigurationError: if a frame is unknown.
+    """
     data = data if data is not None else model.createData()
     total = np.zeros(model.nv)
     wrenches = tuple(wrenches)
@@ -69,7 +74,11 @@ def generalized_force(
 def world_wrench(
     model: pin.Model, q: Array, wrenches: Iterable[ExternalWrench], *, data: pin.Data | None = None
 ) -> Array:
-    """Return the sum of external wrenches of (22) about the world's origin, (6,) in N and N·m, world axes."""
+    """Return the sum of external wrenches of (22) about the world's origin, (6,) in N and N·m, world axes.
+
+    Raises:
+        ConfigurationError: if a frame is unknown.
+    """
     data = data if data is not None else model.createData()
     pin.framesForwardKinematics(model, data, q)
     total = np.zeros(6)

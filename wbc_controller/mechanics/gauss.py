@@ -99,8 +99,9 @@ def _multipliers(split: _Decomposition, force: Array) -> tuple[Array, Array]:
 def gauss(M: Array, v_dot_u: Array, A: Array, b: Array) -> ConstrainedMotion:
     """Solve Gauss's problem (31), v̇* = argmin ½‖v̇ - v̇ᵤ‖²_M subject to A v̇ = b, (nv,) in m/s² and rad/s².
 
-    Conditions (32): M(v̇ - v̇ᵤ) - Aᵀλ = 0 and A v̇ = b. With a basis N of the null space of A: v̇ = A⁺b + N z with (NᵀM
-    N) z = NᵀM(v̇ᵤ - A⁺b); λ is the least-norm solution of Aᵀλ = M(v̇ - v̇ᵤ). Redundant rows change neither v̇ nor Aᵀλ.
+    Conditions (32): M(v̇ - v̇ᵤ) - Aᵀλ = 0 and A v̇ = b. With a basis N of the null space of A: v̇ = A⁺b + N z with
+    (NᵀM N) z = NᵀM(v̇ᵤ - A⁺b); λ is the least-norm solution of Aᵀλ = M(v̇ - v̇ᵤ). v̇ and Aᵀλ are unique for redundant
+    rows, too.
 
     Raises:
         InputRefused: if an array is invalid, or M is not positive definite.
@@ -133,6 +134,9 @@ def udwadia_kalaba(M: Array, v_dot_u: Array, A: Array, b: Array) -> Array:
     """Return v̇ = v̇ᵤ + M^-½ (A M^-½)⁺ (b - A v̇ᵤ), the explicit solution of (31), (nv,) in m/s² and rad/s².
 
     Udwadia and Kalaba, "Analytical Dynamics: A New Approach" (1996); for comparison with `gauss`.
+
+    Raises:
+        InputRefused: if an array is invalid.
     """
     M, v_dot_u, A, b = _check(M, v_dot_u, A, b)
     values, vectors = np.linalg.eigh(M)
@@ -153,6 +157,9 @@ def admissible_directions(A: Array) -> Array:
     """Return an orthonormal basis N of the virtual displacements A δq = 0 of (17) and (19), (nv, nv - rank), no units.
 
     Constraint forces do no work along them: f_cᵀ δq = λᵀA δq = 0 (d'Alembert; S3).
+
+    Raises:
+        InputRefused: if a value is not finite.
     """
     array = np.asarray(A, dtype=np.float64)
     return _decompose(as_array("A", array, array.shape)).N

@@ -74,6 +74,9 @@ def rod_constraints(
 
     Args:
         time_constant: time constant of Baumgarte's stabilization, s.
+
+    Raises:
+        InputRefused: if an array is invalid.
     """
     n = len(system.masses)
     x, x_dot = as_array("x", x, (n, 3)), as_array("x_dot", x_dot, (n, 3))

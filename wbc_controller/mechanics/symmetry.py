@@ -26,6 +26,9 @@ def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Per
     """Return the first-order change δL under q → q ⊕ ε δq(q), per ε, in J, of equations (23) and (24).
 
     The velocity changes by the tangent map, from Pinocchio's derivatives of ⊕. Accurate to about 1e-8 of the energies.
+
+    Raises:
+        InputRefused: if the perturbation is invalid.
     """
     data = model.createData()
 
@@ -44,7 +47,11 @@ def lagrangian_variation(model: pin.Model, q: Array, v: Array, perturbation: Per
 
 
 def conserved_quantity(model: pin.Model, q: Array, v: Array, perturbation: Perturbation) -> float:
-    """Return pᵀδq(q) of equation (28), N·s or N·m·s: d/dt(pᵀδq) = δL + δqᵀf with other generalized forces f."""
+    """Return pᵀδq(q) of equation (28), N·s or N·m·s: d/dt(pᵀδq) = δL + δqᵀf with other generalized forces f.
+
+    Raises:
+        InputRefused: if the perturbation is invalid.
+    """
     return float(generalized_momentum(model, q, v) @ as_array("δq(q)", perturbation(q), (model.nv,)))
 
 
@@ -71,6 +78,9 @@ def check_symmetry(
     Args:
         states: pairs of q (nq,) and v (nv,), in m/s and rad/s.
         tolerance: largest relative |δL|.
+
+    Raises:
+        InputRefused: if the perturbation is invalid.
     """
     worst = 0.0
     for q, v in states:
@@ -98,6 +108,7 @@ def translation(model: pin.Model, direction: npt.ArrayLike) -> Perturbation:
 
     Raises:
         ConfigurationError: if the base is not floating.
+        InputRefused: if the direction is invalid.
     """
     _require_free_flyer(model)
     world = as_array("direction", direction, (3,))
@@ -119,6 +130,7 @@ def rotation(model: pin.Model, axis: npt.ArrayLike, point: npt.ArrayLike = (0.0,
 
     Raises:
         ConfigurationError: if the base is not floating.
+        InputRefused: if an array is invalid.
     """
     _require_free_flyer(model)
     turn, through = as_array("axis", axis, (3,)), as_array("point", point, (3,))

@@ -127,7 +127,6 @@ class Requests:
         return UserRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
 
     def _run_reader(self) -> None:
-        """Decode requests within the time share of the thread."""
         while True:
             with self._waiting:
                 self._waiting.wait_for(lambda: self._requests or self._ended)

@@ -219,7 +219,6 @@ class Writer:
         self._jobs.put(job)
 
     def _start_of_file(self, at: int) -> PackedChunk | None:
-        """Return the messages at the start of every file, at a time in ns."""
         builder = ChunkBuilder()
         for topic, payload in self._first_messages.items():
             builder.add(topic, at, payload)

@@ -75,7 +75,6 @@ class WriterProcess:
         return True
 
     def _write(self, data: memoryview) -> memoryview | None:
-        """Write as much as possible, and return the rest."""
         try:
             while data:
                 data = data[os.write(self._pipe, data) :]

@@ -197,7 +197,6 @@ def _disabled_pairs(srdf: str) -> set[frozenset[str]]:
 
 
 def _remove_near_pairs(model: RobotModel, geometry: pin.GeometryModel, margin: float) -> tuple[tuple[str, str], ...]:
-    """Remove the pairs nearer than the margin in the nominal posture; return their names."""
     data, placements = model.pinocchio.createData(), geometry.createData()
     pin.updateGeometryPlacements(model.pinocchio, data, geometry, placements, model.configuration(model.posture))
     every = [(pair.first, pair.second) for pair in geometry.collisionPairs]  # the pairs are views

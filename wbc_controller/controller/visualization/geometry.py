@@ -182,7 +182,6 @@ def _package_folders(urdf: str) -> list[Path]:
 
 
 def _without_missing_meshes(urdf: str, folders: list[Path]) -> tuple[str, list[str]]:
-    """Remove visuals with missing meshes from a URDF; return its text and the affected links."""
     root = ElementTree.fromstring(urdf)  # noqa: S314  # Pinocchio has read this text before
     bare = []
     for link in root.iter("link"):

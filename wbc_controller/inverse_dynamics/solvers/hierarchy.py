@@ -117,7 +117,6 @@ class Hierarchy:
         )
 
     def _search(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
-        """Solve each level in the null space of the levels above, and adopt the active sets."""
         n = problem.n
         x, free = _solution_and_null_space(problem.A, problem.b)
         if not (np.max(np.abs(problem.A @ x - problem.b), initial=0.0) <= _CONSISTENT):

@@ -101,7 +101,6 @@ class CompatibilityWatch:
 
 
 def _problem(info: Any, qos: Any, message_type: str, topic: str) -> str:
-    """Return incompatibility and remedy of a publisher, or an empty text."""
     if info.topic_type != message_type:
         return f"type {info.topic_type}; publish {message_type}"
     compatibility, reasons = qos_check_compatible(info.qos_profile, qos)

@@ -103,7 +103,6 @@ def case_folder(folder: Path, kind: str, number: int) -> Path:
 
 
 def _results(child: Any, ours: Connection, number: int) -> Iterator[tuple[int, str]]:
-    """Yield number and result of each case; after a crash, the last one describes it."""
     if not ours.poll(_START_TIMEOUT) or ours.recv() != _READY:
         raise WbcError(f"the child process is not ready after {_START_TIMEOUT:g} s")
     while True:
