@@ -88,7 +88,8 @@ class Recording:
                 if kind == "cycle":
                     if not self.about:
                         raise ValueError(f"the topic …/{OWN}/start is missing before the cycles")
-                    cycle = _checked_head(_numbers(payload, len(HEAD), self._cycle_size()))
+                    size = sum(slot.size for slot in self._groups["cycle"])
+                    cycle = _checked_head(_numbers(payload, len(HEAD), size))
                     if self.first < 0:
                         self.first, self.start = cycle, time
                     self.last, self.end, self.count = cycle, time, self.count + 1
@@ -165,9 +166,6 @@ class Recording:
             content = from_json(self.memories[cycle])
             require_types(content, _MEMORY, "it")
         return dict(content)
-
-    def _cycle_size(self) -> int:
-        return sum(slot.size for slot in self._groups["cycle"])
 
     def messages(self) -> Iterator[tuple[Topic, int, bytes]]:
         """Return an iterator of topic, time of arrival in ns, and serialized message."""

@@ -140,10 +140,6 @@ def build_model(
     return result
 
 
-def _joints_of(full: pin.Model) -> list[str]:
-    return [str(name) for name in full.names[1:] if name != _FREE_FLYER]
-
-
 def _refuse_virtual_motors(tree: ElementTree.Element, joints: Sequence[str]) -> None:
     listed = [name for name in virtual_joints(tree) if name in joints]
     if listed:
@@ -180,7 +176,7 @@ def _check_names(
 
 
 def _require_own_coordinate(full: pin.Model, name: str, key: str, mimics: Mapping[str, Mimic]) -> None:
-    own = _joints_of(full)
+    own = [str(joint) for joint in full.names[1:] if joint != _FREE_FLYER]
     if name not in own:
         raise ConfigurationError(f"{key}: {name!r} is not a joint of the URDF; {valid_choices(name, own)}")
     if name in mimics:
