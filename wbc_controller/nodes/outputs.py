@@ -64,6 +64,7 @@ class Outputs:
         diagnostics_period: of diagnostics and task states, s.
         markers_period: s; inf for none.
         node: name with namespace.
+        scheduling: for diagnostics.
         recorder: returns diagnostics of inputs and recorder.
     """
 

@@ -1,7 +1,7 @@
 """Real-time scheduling, processors and locked memory, by `control.realtime` (Linux).
 
 Scheduling class and processors apply to all present and later threads, because the loop waits for the receiving thread
-and for the holder of the interpreter's lock: preemption of either would delay the loop.
+and for the holder of the interpreter's lock.
 """
 
 from __future__ import annotations

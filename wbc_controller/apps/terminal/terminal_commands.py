@@ -1,4 +1,4 @@
-"""Commands `wbc send`, `echo`, `status` and `topics`."""
+"""Commands on the topics of running nodes: `wbc send`, `echo`, `status` and `topics`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes of one cycle for markers and plots."""
+"""Shapes of one cycle for markers and plots: contacts, forces, support, centre of mass, references."""
 
 from __future__ import annotations
 

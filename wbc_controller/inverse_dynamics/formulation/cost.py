@@ -161,6 +161,7 @@ class LevelCost:
 
 
 def _on_diagonal(tasks: Sequence[Task], nv: int) -> list[tuple[PostureTask, Instruction]]:
+    """Return the posture tasks with compiled targets on separate joints."""
     found, free = [], np.ones(nv, dtype=np.bool_)
     for task in tasks:
         instruction = task.instruction() if isinstance(task, PostureTask) and task.tolerance is None else None

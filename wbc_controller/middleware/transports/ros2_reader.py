@@ -31,8 +31,7 @@ class ReaderGroup(ReentrantCallbackGroup):  # type: ignore[misc]  # rclpy has no
 class Reader:
     """Thread that passes messages to their callbacks, one at a time.
 
-    Its persistent wait set takes a twentieth of the time of rclpy's executor, which builds a wait set of all entities
-    before each callback.
+    Its persistent wait set takes a twentieth of the time of rclpy's executor.
     """
 
     def __init__(self, context: Any) -> None:
