@@ -53,7 +53,6 @@ def restore_state(owner: Any, memory: Mapping[str, Any]) -> None:
 
 
 def _require_record(name: str, present: Any, value: Any) -> None:
-    """Raise a TypeError if a record, also within a mapping, would get a value of another type."""
     if isinstance(present, Mapping) and isinstance(value, Mapping):
         for key in present.keys() & value.keys():
             _require_record(f"{name}[{key!r}]", present[key], value[key])

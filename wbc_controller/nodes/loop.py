@@ -188,7 +188,6 @@ class ControlLoop:
     def _filter_requests(
         self, requests: tuple[str, ...], problem: Fault | None
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return the requests for the controller, and a sentence for each refusal because of another owner."""
         if self._activate_when_fresh and any(word != "activate" for word in requests):
             _log.warning("command %r cancels the activation at the start", requests[0])
             self._activate_when_fresh = False

@@ -295,7 +295,6 @@ class Recorder:
             _log.warning("the recorder is too slow: %d cycles were dropped", self._dropped_cycles)
 
     def _add_event(self, taped: CycleRecord, report: CycleReport | None, at: int) -> bool:
-        """Pass the event of a cycle to the thread; return True if there is one."""
         result, inputs = taped.result, taped.inputs
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live

@@ -148,14 +148,12 @@ class ModelAudit:
         return force
 
     def _add_wrenches(self, before: list[float], after: list[float], gap: float) -> None:
-        """Add the work of known external wrenches from their powers in W, by the trapezoidal rule."""
         for start, end in zip(before, after, strict=True):
             work = 0.5 * gap * (start + end)
             self._memory.totals[1] += work
             self._memory.totals[2] += abs(work)
 
     def _finish_span(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
-        """Filter the sums of a span, and start the next one."""
         lasted, self._lasted = self._lasted, 0.0
         sums, limits = self._memory, self._limits
         duration, work, throughput = sums.totals.tolist()

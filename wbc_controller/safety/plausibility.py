@@ -210,8 +210,6 @@ _STUCK = "{name}: the position is constant, but the integrated velocity is {valu
 
 
 class _Names:
-    """Names of the generalized velocities in messages."""
-
     def __init__(self, names: dict[int, str], joints: frozenset[int]) -> None:
         self.joints = joints
         self._names = names

@@ -118,7 +118,6 @@ def with_visuals(urdf: str, links: Sequence[str]) -> str:
 def _shapes(
     model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]]
 ) -> tuple[pin.GeometryModel, tuple[str, ...]]:
-    """Return a convex shape per link, and the links with a bounding box in place of their hull."""
     geometry, replaced = pin.GeometryModel(), []
     for frame_id, own in elements.items():
         frame = model.pinocchio.frames[frame_id]

@@ -94,7 +94,6 @@ def massless_links(model: RobotModel) -> list[str]:
 
 
 def _moments_in_simulator(moments: Array) -> Array:
-    """Return the moments for a simulator: the mean for all three if they are impossible."""
     return moments if are_possible_moments(moments) else np.full(3, moments.mean())
 
 

@@ -200,7 +200,6 @@ class Formulation:
         return structure
 
     def _structure_for(self, parameters: Parameters) -> Structure:
-        """Return the structure for active contacts and tasks."""
         weights, activations, last = parameters.weights, parameters.activations, self.structure
         # A NaN weight is active, for the check for finite values.
         tasks = tuple(name for name in self.tasks if not weights.get(name, 0.0) <= 0.0)
@@ -260,7 +259,6 @@ class Formulation:
         np.divide(upper, FORCE_UNIT, out=place.upper)
 
     def _fill_contacts(self, layout: Layout, references: References) -> None:
-        """Fill the contacts that are evaluated in Python, and the anchor feedback."""
         for place in layout.python_contacts:
             place.J[:], place.acceleration[:] = motion_of(place.contact, self.dynamics)
             self._bound_force(place, references.contacts)

@@ -169,8 +169,6 @@ def explain(
 
 @dataclass(frozen=True, slots=True)
 class _Side:
-    """Relaxation that makes the problem feasible."""
-
     x: Array
     total: float
     slack: dict[str, float]

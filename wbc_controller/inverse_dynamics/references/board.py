@@ -226,7 +226,6 @@ class ReferenceBoard:
         self._ramp_weight(task, time)
 
     def _is_inactive(self, task: str, time: float) -> bool:
-        """Return True for a disabled task with weight 0; its reference is then out of date."""
         return not self._enabled[task] and self._weight_ramps[task].sample(time) <= 0.0
 
     def _ramp_weight(self, task: str, time: float) -> None:

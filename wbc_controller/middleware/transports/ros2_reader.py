@@ -77,7 +77,6 @@ class Reader:
                 _log.exception("the reader thread failed: no more messages will arrive")
 
     def _read(self, callbacks: dict[Any, Callable[[bytes], None]]) -> None:
-        """Read subscriptions until their list changes or the reader is closed."""
         by_pointer = {subscription.handle.pointer: (subscription, call) for subscription, call in callbacks.items()}
         handles = [subscription.handle for subscription in callbacks]
         wait_set = rclpy_implementation.WaitSet(len(handles), 1, 0, 0, 0, 0, self._context.handle)

@@ -79,7 +79,6 @@ class LiveParameters:
         self._declared = {}
 
     def _declarable(self, live: LiveSettings) -> list[tuple[str, Any, str]]:
-        """Return the settings, without the section `robot` if it is also a parameter (`ros2 param dump`)."""
         named = self._node.has_parameter(ROBOT)
         return [each for each in flatten(live.settings) if not (named and each[0].startswith(f"{ROBOT}."))]
 

@@ -138,7 +138,6 @@ def _state(cycle: RecordedCycle) -> RobotState | None:
 
 
 def _convert_memory(controller: ControlCycle, memory: Mapping[str, object]) -> dict[str, object]:
-    """Convert a memory for another configuration, with its weights and gains."""
     fresh, plans = controller.memory(), controller.live.newest.board.tasks
     board = {}
     for name, own in fresh["board"].items():

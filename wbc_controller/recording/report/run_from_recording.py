@@ -41,8 +41,6 @@ def truth_topics(settings: Settings) -> list[Endpoint]:
 
 @dataclass
 class _OtherTopics:
-    """Truth of a simulation and phases of a demo in a recording."""
-
     #: Stamps, s, and true wrenches, (6,) in N and N·m, by contact.
     wrenches: dict[str, tuple[list[float], list[list[float]]]] = field(default_factory=dict)
     bases: dict[int, Array] = field(default_factory=dict)  # true poses of the base, (7,), by stamp, ns

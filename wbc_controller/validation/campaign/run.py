@@ -99,7 +99,6 @@ def run_campaign(
 
 
 def _repeat_stalls(results: Results, requested: Sequence[TrialKey], trial: Callable[..., Outcome]) -> None:
-    """Repeat trials with a stall in a new process: stalls of the host or kernel do not recur."""
     for key in requested:
         if "stall" in results.outcomes[key].violations and key not in results.repeated:
             results.add(_in_new_process(key, trial))

@@ -150,7 +150,6 @@ def _check_log(errors: list[str]) -> None:
 
 
 def _reduced(key: str, robot: str, messages: list[Message], error: Exception) -> Failure | None:
-    """Return the failure with the fewest last messages; slowness that does not recur is ignored."""
     for length in sorted({min(length, len(messages)) for length in (1, 2, 4, 16, 64, _EPISODE_LENGTH)}):
         why = replay(key, robot, messages[-length:])
         if why is not None:

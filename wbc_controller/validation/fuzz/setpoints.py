@@ -126,7 +126,6 @@ def _squat(controller: Controller, rng: np.random.Generator) -> None:
 
 
 def _poses(controller: Controller, rng: np.random.Generator) -> None:
-    """Move enabled frames by up to 1.5 m and rotate them; rotate the base of a robot without them."""
     settings = controller.config.settings.tasks
     reached = [name for name, task in settings.items() if isinstance(task, FramePoseTask) and not task.enabled]
     for name in reached:
