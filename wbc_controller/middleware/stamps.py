@@ -46,12 +46,12 @@ def _checked(seconds: int, nanoseconds: int, what: str) -> int:
 class StampTracker:
     """Check of the timestamps of one stream, and age of its newest message.
 
-    - Lag: arrival on the local clock minus timestamp. The smallest lag is the clock offset plus the shortest latency; a
-      larger lag is transit time, for example in the queue of a stopped process.
+    - Lag: arrival on the local clock minus timestamp. The smallest lag is the clock offset plus the shortest latency;
+      the excess is transit time.
     - The offset rises at most by half of the time between arrivals and by the advance of the timestamps. Thereby a
-      drifting clock or a slow simulator is not mistaken for latency, and messages that waited together do not raise it.
-    - A constant latency cannot be distinguished from a clock offset. With synchronized clocks the offset is known, and
-      timestamps ahead of the local clock by more than the tolerance are refused.
+      drifting clock or a slow simulator is not mistaken for latency.
+    - With synchronized clocks the offset is known, and timestamps ahead of the local clock by more than the tolerance
+      are refused.
     - Timestamps must increase by limited steps. Others are refused; after `_REBASE` they count as a new time.
 
     Attributes:

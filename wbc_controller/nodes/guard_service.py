@@ -56,7 +56,7 @@ class GuardService:
 
     Callbacks of the transport decode commands and modes and store joint states; the rest runs on the thread of `cycle`.
     Before a takeover this thread also reads the newest command and mode, since callbacks may be late. Commands of any
-    publisher count, because messages do not name their sender; `watch` reports a second publisher.
+    publisher count; `watch` reports a second publisher.
     """
 
     def __init__(

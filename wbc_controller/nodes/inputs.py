@@ -3,7 +3,7 @@
 - States wait in the transport until the loop's thread takes them, so that their arrival wakes no other thread. Requests
   pass `nodes.requests`. Messages above their size limit are counted and dropped.
 - A cycle decodes the newest joint state and odometry and a bounded number of requests. For an estimated base it decodes
-  at most `_MAX_IMU_SAMPLES` IMU samples, `_MAX_POSES` absolute poses, and the newest message of each contact sensor.
+  bounded numbers of IMU samples and absolute poses, and the newest message of each contact sensor.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Outgoing messages.
 
-Diagnostics and markers take longer than a period. They are composed in pieces, one per cycle, after the torques were
-sent. Contact wrenches, task states and markers are composed only for subscriptions; diagnostics without a subscription
-once per second, for the recorder.
+Diagnostics and markers take longer than a period: they are composed in pieces, after the torques were sent. Contact
+wrenches, task states and markers are composed only for subscriptions; diagnostics without a subscription once per
+second, for the recorder.
 """
 
 from __future__ import annotations

@@ -114,7 +114,7 @@ def until(
 ) -> None:
     """Wait for a condition; after `patience` seconds raise `WbcError` with the description `what` and the details.
 
-    `retry` is called four times per second, because a node may miss a message just after its discovery.
+    `retry` is called four times per second.
     """
     deadline, due = time.monotonic() + patience, 0.0
     while not condition():

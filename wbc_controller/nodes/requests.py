@@ -1,7 +1,7 @@
 """Queue of users' requests, decoded on a thread.
 
 Callbacks on the transport's thread recognize an emergency stop, so that no queue delays it. The thread `reader` decodes
-and validates requests with a limited share of the processor; in lockstep the cycle decodes them.
+and validates requests; in lockstep the cycle does.
 """
 
 from __future__ import annotations

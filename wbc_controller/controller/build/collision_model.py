@@ -57,9 +57,7 @@ def build_collision_model(
 ) -> CollisionModel:
     """Build the collision model of a robot.
 
-    The shape of a link is its single convex element, or the convex hull of all its elements, or their bounding box. By
-    default the pairs are all pairs of links except links connected by one or two joints, disabled pairs of the SRDF,
-    and pairs nearer than the margin in the nominal posture.
+    docs/limits.md describes the shapes and the default pairs.
 
     Args:
         margin: smallest distance, m.

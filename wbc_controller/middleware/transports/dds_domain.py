@@ -1,7 +1,6 @@
 """Domain and discovery by ROS 2's environment variables (Iron and newer).
 
-LOCALHOST and SUBNET discover each other on one host; between hosts both must be SUBNET. The default differs from ROS 2:
-LOCALHOST, so that other computers cannot command the robot.
+The default differs from ROS 2: LOCALHOST, so that other computers cannot command the robot (docs/ros2.md).
 """
 
 from __future__ import annotations

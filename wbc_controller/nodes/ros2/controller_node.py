@@ -57,9 +57,7 @@ _PARAMETERS: dict[str, tuple[Any, str]] = {
 class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     """The controller as a managed node.
 
-    Configuring builds the model, the topics and the loop. Activating starts the loop, and the supervisor waits for the
-    command ``activate``. Deactivating ends the loop with zero torques. `leave` receives the exit status of a failed
-    autostart.
+    Transitions: docs/ros2.md. `leave` receives the exit status of a failed autostart.
     """
 
     def __init__(

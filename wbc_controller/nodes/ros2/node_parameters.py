@@ -44,7 +44,7 @@ class LiveParameters:
     """Synchronization of a node's parameters with the settings of its controller.
 
     With a controller, a new value is checked against the schema and adopted by the loop between two cycles. Without a
-    controller any value may be set; configuring the node checks it. `own` are the node's own parameters.
+    controller any value may be set; configuring the node checks it.
     """
 
     def __init__(self, node: Any, own: Sequence[str]) -> None:

@@ -1,7 +1,6 @@
 """The process of a node: signals, log, and threads.
 
-The main thread waits for a signal (and runs the mock robot's physics). Further threads are the executor for services,
-timers and parameters, the transport's reader, and the control loop.
+The main thread waits for a signal (and runs the mock robot's physics). Other threads: docs/architecture.md.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Fuzzer of configurations, URDFs and recordings.
 
-Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, or with ``robot.mcap``, determined by
-seed and number. A child process reads it as `wbc check`, `run`, `guard`, `mock` and `replay`.
+Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, or with ``robot.mcap``; a child
+process reads it (docs/robustness.md).
 """
 
 import contextlib

@@ -1,7 +1,6 @@
 """Fuzzer of messages to every node.
 
-Each episode begins with a fresh node, and is determined by seed, node and number. Messages that break a node are
-written to a file, with the required messages before them.
+Each episode begins with a fresh node, and is determined by seed, node and number.
 """
 
 import base64

@@ -1,7 +1,6 @@
 """Fuzzer of setpoints: joints stay within their limits.
 
-Each trial sends infeasible setpoints to a standing robot, until the end of the time or of the active mode. Excesses
-after an impact on the floor are counted separately.
+docs/robustness.md describes the trials.
 """
 
 import logging

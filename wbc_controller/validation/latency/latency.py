@@ -1,6 +1,6 @@
 """Latency from joint state to torques between two processes.
 
-Controller and guard are processes. This process is the robot, and sends states to the controller and the echo in turn.
+This process is the robot, and sends states to the controller and the echo in turn.
 """
 
 import concurrent.futures
