@@ -4,11 +4,10 @@ from __future__ import annotations
 
 #: Definition of the path, for `docs/map.md` and `test/integration/test_data_path.py`.
 DEFINITION = """\
-In each cycle, `ControlLoop.cycle` passes the joint state through the following calls, from the message of the transport
-to the serialized torques. A function is on the path if it receives the joint state or derived data, and returns or
-stores derived data, or calls such a function. Checks (they return a flag, a number or a fault), compiled kernels and
-constructors of records are not listed. `test/integration/test_data_path.py` records the path of an active robot with
-odometry, and compares it with `docs/data_path.py`."""
+In each cycle, `ControlLoop.cycle` passes the joint state through these calls, from the message of the transport to the
+serialized torques: functions that receive the joint state or derived data, and return or store derived data, or call
+such a function. Checks, compiled kernels and constructors of records are not listed.
+`test/integration/test_data_path.py` compares the list with an active robot with odometry."""
 #: Largest number of calls on the path.
 MOST_CALLS = 20
 #: File and qualified name of each function, in the order of first calls.

@@ -28,9 +28,9 @@ def configuration_page() -> str:
         _GENERATED + "# Configuration\n\n",
         "Keys of a robot's configuration, a ROS 2 parameter file such as `config/g1.yaml`, in SI units. Check it by "
         "`wbc check FILE`. *Live* keys can be changed while the controller runs, by `~/update`, as parameters of the "
-        "ROS 2 node, or by `Controller.update`; other keys are read when the controller is configured. *Per axis*: one "
-        "number, or a list with one number per axis.\n\n"
-        "```yaml\nwbc_controller:\n  ros__parameters:\n    robot: …\n```\n",
+        "ROS 2 node, or by `Controller.update`; other keys are read when the controller is configured. An interval is "
+        "the range of a number; the default – is none or empty. *Per axis*: one number, or a list with one per axis."
+        "\n\n```yaml\nwbc_controller:\n  ros__parameters:\n    robot: …\n```\n",
     ]
     for name, field in Settings.model_fields.items():
         if name in ("tasks", "contacts"):
@@ -121,7 +121,7 @@ def _kind(field: FieldInfo) -> str:
     if choices:
         return ", ".join(f"`{choice}`" for choice in choices)
     name, interval = _name(annotation), _interval([*field.metadata, *_bounds(annotation)])
-    return f"{name} {interval}" if interval else name
+    return " ".join(part for part in ("" if name == "number" and interval else name, interval) if part)
 
 
 def _members(annotation: Any) -> list[Any]:
@@ -177,13 +177,13 @@ def _interval(metadata: Iterable[Any]) -> str:
 
 def _default(field: FieldInfo) -> str:
     if field.default_factory is not None:
-        return "empty"
+        return "–"
     if field.default is PydanticUndefined:
         return "required"
-    if field.default is None:
-        return "none"
-    if field.default == "":
-        return "empty"
+    if field.default is None or field.default == "":
+        return "–"
+    if isinstance(field.default, list) and all(value is True for value in field.default):
+        return "all"
     return f"`{json.dumps(field.default)}`"
 
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 #: Version of the package, its wheel and its recordings; package.xml and CITATION.cff repeat it.
 __version__ = "0.1.0"
 
-#: Module of each public name. It is imported on first use: the command line starts faster, and MuJoCo is optional.
+#: Module of each public name, imported on first use: MuJoCo is optional.
 _PUBLIC = {
     "AnchoredContact": "inverse_dynamics.contacts",
     "Config": "settings.config",

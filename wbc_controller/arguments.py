@@ -1,4 +1,4 @@
-"""Argument checks of public functions; invalid arguments raise `InputRefused`."""
+"""Argument checks of public functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Command line `wbc`: table of commands, each imported when used."""
+"""Command line `wbc`: table of commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wbc_controller.errors import WbcError
 from wbc_controller.extras import optional_libraries
 from wbc_controller.pinocchio_libraries import two_installations
 
-#: Module of each command. The attribute has the name of the command, with underscores.
+#: Module of each command.
 COMMANDS = {
     "accuracy": "validation.accuracy.accuracy_commands",
     "bench": "validation.latency.latency_commands",

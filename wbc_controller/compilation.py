@@ -1,4 +1,4 @@
-"""Compilation of kernels with Numba: types from annotations, structs of arrays, cache on disk.
+"""Compilation of kernels with Numba: typed functions, structs, cache on disk.
 
 A kernel is a function in a file `*_kernels.py`, compiled for the types of its annotations:
 
@@ -11,8 +11,8 @@ A kernel is a function in a file `*_kernels.py`, compiled for the types of its a
     @compiled
     def clip(bounds: Bounds, values: Vector, out: OutVector) -> None: ...
 
-Kernels are compiled on import; a call with other types raises a TypeError. Of concurrent processes one compiles a
-kernel and the others wait. Without ``fastmath`` all runs give the same bits.
+Kernels are compiled on import; a call with other types raises a TypeError. Of concurrent processes one compiles.
+Without ``fastmath`` all runs give the same bits.
 
 ``NUMBA_DISABLE_JIT=1`` turns kernels into Python functions, for breakpoints and coverage. ``NUMBA_BOUNDSCHECK=1`` adds
 bounds checks. ``NUMBA_CACHE_DIR`` is the cache folder; default: the package's ``__pycache__``, or the user's cache
@@ -86,12 +86,12 @@ _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).resolve().parent
 _SCALARS = {float: types.float64, int: types.int64, bool: types.boolean}
-#: Compilation time from which a function is logged as a warning, s.
+#: Compilation time that causes a warning, s.
 _SLOW = 1.0
 #: Compiled or loaded functions.
 _compiled_names: list[str] = []
 
-#: Decorator of a function that is compiled as a part of the kernels that call it.
+#: Decorator of a function compiled into its callers.
 part: Callable[[_Function], _Function] = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
@@ -152,7 +152,6 @@ class Struct(_Proxy):
 
     @classmethod
     def _allocator(cls) -> Any:
-        """Return the compiled function that allocates a struct from its fields."""
         if cls._allocate is None:
             name, fields = f"allocate_{cls.__name__}", ", ".join(cls._fields)
             lines = [f"def {name}({fields}):", "    struct = new(kind)"]
@@ -171,7 +170,6 @@ def _numba_type(annotation: Any) -> Any:
 
 
 def _require_array(name: str, array: Any, kind: Any) -> None:
-    """Raise a TypeError if an array does not have the type of a field."""
     found = isinstance(array, np.ndarray) and array.ndim == kind.ndim and array.dtype == str(kind.dtype)
     if not (found and (kind.layout == "A" or array.flags.c_contiguous) and (array.flags.writeable or not kind.mutable)):
         layout = "strided" if kind.layout == "A" else "contiguous"
@@ -190,7 +188,6 @@ def describe(array: Any) -> str:
 
 
 def _compile(function: Any, signature: list[Any]) -> Any:
-    """Compile a function for one signature, or load it from the cache."""
     folder = _cache_folder()
     with _compilation_lock(folder, function.__name__):
         started, former = time.monotonic(), numba.config.CACHE_DIR
@@ -268,6 +265,5 @@ def _log_wait() -> None:
 
 @cache
 def _total() -> int:
-    """Return the number of kernels and structs in the package."""
     texts = [path.read_text(encoding="utf-8") for path in _PACKAGE.rglob("*_kernels.py")]
     return sum(text.count("\n@compiled\n") + text.count("(Struct):\n") for text in texts)

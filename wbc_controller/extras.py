@@ -1,4 +1,4 @@
-"""Optional libraries, and the errors that name the extra that installs each of them."""
+"""Optional libraries and their extras."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EXTRAS = {
 
 
 def require_libraries(*names: str) -> None:
-    """Check that libraries are installed, without importing them: before work that would be lost otherwise.
+    """Check that libraries are installed, without importing them.
 
     Raises:
         ConfigurationError: if some are missing, with the command that installs them.
@@ -39,7 +39,7 @@ def optional_libraries() -> Iterator[None]:
     """Replace the error of a missing optional library.
 
     Raises:
-        ConfigurationError: in place of a ModuleNotFoundError of such a library, with the command that installs it.
+        ConfigurationError: with the command that installs it.
     """
     try:
         yield

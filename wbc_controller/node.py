@@ -56,7 +56,6 @@ def _run(module: str, function: str, instead: str) -> NoReturn:
 
 
 def _report_missing_ros2(instead: str, error: ImportError) -> int:
-    """Print a remedy for missing ROS 2, and return the exit status."""
     version = ".".join(map(str, sys.version_info[:2]))
     warning = two_installations()
     if warning:

@@ -1,4 +1,4 @@
-"""Detection of two Pinocchio installations in one process: the wheel's, and the one of a sourced ROS 2 or of apt."""
+"""Detection of two Pinocchio installations in one process."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def warn_of_two_installations() -> None:
 def two_installations() -> str:
     """Return a warning if this process has loaded, or may load, two installations of Pinocchio; empty if not.
 
-    A sourced ROS 2 has ``PYTHONPATH`` and ``LD_LIBRARY_PATH``. The former precedes the packages of the virtual
-    environment, the latter the libraries beside the wheel (its RUNPATH). A mixture of both has undefined behaviour.
+    ``PYTHONPATH`` of a sourced ROS 2 precedes the virtual environment, ``LD_LIBRARY_PATH`` the libraries beside the
+    wheel (its RUNPATH). A mixture has undefined behaviour.
     """
     loaded = _prefixes(_loaded())
     if len(loaded) > 1:

@@ -1,4 +1,4 @@
-"""Immutable records passed between the stages of a control cycle.
+"""Immutable records passed between the stages of a cycle.
 
 Conventions of the package: SI units; quaternions (x, y, z, w); twists and wrenches with the linear part first. For a
 floating base ``q = [base position in world, base quaternion, joints]`` and
@@ -150,8 +150,8 @@ class Solution(NamedTuple):
     """Solution of the quadratic program."""
 
     v_dot: Array  # generalized acceleration, (nv,)
-    tau: Array  # torques of the actuators in the order of the command, (na,) in N·m
-    details: Details  # contact forces, residuals and more, also available as attributes of the solution
+    tau: Array  # in the order of the command, (na,) in N·m
+    details: Details  # also available as attributes of the solution
     #: relaxed groups of constraints, and lower priority levels without a solution; normally empty
     relaxed: tuple[str, ...] = ()
     iterations: int = 0  # iterations of the solver
@@ -231,9 +231,9 @@ class JointCommand(NamedTuple):
     """Command to the joints, created only by `safety.supervisor.Supervisor`."""
 
     stamp: int  # timestamp of the state that it answers, ns
-    tau: Array  # torques of the actuators, in the order of the command, (na,) in N·m
-    q_desired: Array  # predicted joint positions after one period, (nj,) in rad; NaN without a prediction
-    v_desired: Array  # predicted joint velocities after one period, (nj,) in rad/s; NaN without a prediction
+    tau: Array  # in the order of the command, (na,) in N·m
+    q_desired: Array  # after one period, (nj,) in rad; NaN without a prediction
+    v_desired: Array  # after one period, (nj,) in rad/s; NaN without a prediction
 
 
 @dataclass(frozen=True, slots=True)

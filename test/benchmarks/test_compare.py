@@ -1,8 +1,10 @@
 """Comparison of `make bench`, with our own cycle in place of the rivals."""
 
+import contextlib
 import os
 import re
 import subprocess
+import sys
 from types import SimpleNamespace
 
 import compare
@@ -136,16 +138,32 @@ def test_robot_of_the_rivals_has_contact_frames(name, tmp_path):
         assert np.linalg.norm((dynamics.com - feet[0])[:2]) < 0.01
 
 
-def test_older_code_and_services_are_timed(capsys, monkeypatch):
-    """The present commit is also the older one."""
+@pytest.fixture(scope="module")
+def commit() -> str:
+    """The present commit."""
+    head = subprocess.run(["git", "-C", str(contestants.ROOT), "rev-parse", "HEAD"], capture_output=True, text=True)
+    if head.returncode:
+        pytest.skip("not a git checkout: there is no older commit to compare with")
+    return head.stdout.strip()[:9]
+
+
+def test_files_of_a_commit_are_importable(commit):
+    """Without compiled kernels."""
+    with contestants.code_of(commit) as folder:
+        command = [sys.executable, "-c", "import wbc_controller.controller.controller as c; print(c.__file__)"]
+        environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_DISABLE_JIT": "1"}
+        said = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True).stdout
+        assert said.startswith(str(folder))
+    assert not folder.exists()
+
+
+def test_older_code_and_services_are_timed(capsys, monkeypatch, commit):
+    """The older code is this folder, with its compiled kernels."""
+    monkeypatch.setattr(contestants, "code_of", lambda of: contextlib.nullcontext(contestants.ROOT))
     monkeypatch.setattr(compare, "WARM", 30)
     monkeypatch.setattr(compare, "FILLING", 10)
     monkeypatch.setattr(compare, "COLD", 5)
     allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
-    head = subprocess.run(["git", "-C", str(contestants.ROOT), "rev-parse", "HEAD"], capture_output=True, text=True)
-    if head.returncode:
-        pytest.skip("not a git checkout: there is no older commit to compare with")
-    commit = head.stdout.strip()[:9]
     compare.main(["--against", commit, "--cases", "go2-four", "g1-service", "--rivals", "none", "--blocks", "1"])
     assert allowed is None or os.sched_getaffinity(0) == allowed
     said = capsys.readouterr().out

@@ -10,7 +10,8 @@ pytestmark = pytest.mark.live
 
 
 def test_loop_is_measured_with_and_without_the_page(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(page, "LOADING", 2.0)
+    monkeypatch.setattr(page, "LOADING", 1.0)
+    monkeypatch.setattr(page, "BLOCK", 1.2)
     found = dict(page.measure("go2", 4 * page.BLOCK / 60.0, 3, "other", tmp_path))
     said = capsys.readouterr().out
     assert "3 browsers" in said

@@ -14,15 +14,16 @@ from wbc_controller.recording.recording_file import Recording
 SCRIPT = """
 import sys
 from pathlib import Path
-from wbc_controller.apps.demo import scenario
-from wbc_controller.apps.demo.run import run_demo
+from wbc_controller.apps.demo import director, run, scenario
+director._SETTLING_TIME = 0.6
+run.write_run_report = lambda *arguments, **options: None  # not compared
 scenario.SCENARIOS["go2"] = scenario.Scenario(
     stand=0.2,
     moves=(scenario.Move("sway", ((0.3, (0.0, 0.02, 0.0)), (0.6, (0.0, 0.0, 0.0))), 0.005),),
     shoves=(scenario.Shove("shove left", (0.0, 5.0, 0.0)),),
     recovery=0.3,
 )
-run_demo("go2", Path(sys.argv[1]), lockstep=True, sensors="good")
+run.run_demo("go2", Path(sys.argv[1]), lockstep=True, sensors="good")
 """
 
 

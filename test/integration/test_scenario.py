@@ -13,11 +13,9 @@ def test_stand_move_and_change_by_topics(user, make):
     user.wait_for_service()
     assert user.mode == "inactive"
     user.activate()
-    user.run(1.2)
+    user.run(0.6)
     user.send("mock", "hold", make.bool(False))
-    user.run(1.0)
-
-    user.run(1.0)  # stand
+    user.run(1.2)  # stand
     for owner in ("controller", "mock"):
         force = user.vertical_force(owner, 0.5)
         assert len(force) > 20
@@ -26,7 +24,7 @@ def test_stand_move_and_change_by_topics(user, make):
     start = user.com()
     target = start + np.array([0.0, 0.02, 0.0])
     user.send("controller", "setpoint", make.point(target), "com")
-    user.run(2.0)
+    user.run(1.2)
     assert np.linalg.norm(user.com() - target) < 0.003
 
     # Several changes at once: back again, with other weights.
@@ -34,14 +32,14 @@ def test_stand_move_and_change_by_topics(user, make):
     tasks = f"{{com: {{weight: 40, setpoint: [{x:.6f}, {y:.6f}, {z:.6f}]}}, posture: {{weight: 0.004}}}}"
     update = f"{{tasks: {tasks}, contacts: {{rear_right_foot: {{enabled: true}}}}}}"
     user.send("controller", "update", make.string(update))
-    user.run(2.0)
+    user.run(1.2)
     assert np.linalg.norm(user.com() - [x, y, z]) < 0.003
 
     # The centre of mass is over the other three legs.
     user.send("controller", "weight", make.float64(45.0), "com")
     user.send("controller", "task_enable", make.bool(False), "base")
     user.send("controller", "contact_enable", make.bool(False), "front_left_foot")
-    user.run(1.0)
+    user.run(0.6)
     place = "controller", "contact_wrench", "front_left_foot"
     count = len(user.arrivals[place])
     user.run(0.2)
@@ -49,7 +47,7 @@ def test_stand_move_and_change_by_topics(user, make):
     assert np.linalg.norm(user.com() - [x, y, z]) < 0.005
     user.send("controller", "task_enable", make.bool(True), "base")
     user.send("controller", "contact_enable", make.bool(True), "front_left_foot")
-    user.run(1.0)
+    user.run(0.6)
     assert len(user.arrivals[place]) > count
     assert user.last(*place).wrench.force.z > 1.0
     assert np.linalg.norm(user.com() - [x, y, z]) < 0.003

@@ -1,1 +1,1 @@
-"""Programs for users: terminal commands, the browser page, drafts of configurations, the demo."""
+"""Programs for users: terminal commands, browser page, drafts of configurations, demo."""

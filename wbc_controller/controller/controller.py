@@ -1,4 +1,4 @@
-"""Whole-body controller of one robot for Python users."""
+"""Controller of one robot for Python users."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ class Controller(ControlCycle):
         while True:
             result = controller.step(q, v, t)     # result.tau: torques
 
-    The supervisor ramps and limits torques, and damps the robot on faults (docs/safety.md). States have Pinocchio's
-    form (`wbc_controller.records`); `state_from_joints` and `MujocoInterface` convert other forms.
+    The supervisor ramps and limits torques, and damps the robot on faults (docs/safety.md). `state_from_joints` and
+    `MujocoInterface` make states in Pinocchio's form (`wbc_controller.records`).
     """
 
     _time: float | None = None  # time of the last step or reset
@@ -129,8 +129,7 @@ class Controller(ControlCycle):
         Args:
             position: in the form of the task (docs/tasks.md); joint tasks accept a dictionary of some joints, pose
                 tasks a `pinocchio.SE3`.
-            velocity: feed-forward, one value per axis of the task; world axes, linear part first.
-            acceleration: feed-forward, in the same form.
+            velocity, acceleration: feed-forward, one value per axis of the task; world axes, linear part first.
             duration: time to reach the position, s; by default the task's ``setpoint_duration``.
 
         Raises:
@@ -170,8 +169,7 @@ class Controller(ControlCycle):
         Args:
             times: increasing times of the points from now, (n,) in s.
             positions: n positions, each as in `set`.
-            velocities: velocities at the points, (n, m); by default zero.
-            accelerations: accelerations at the points, (n, m); by default zero.
+            velocities, accelerations: at the points, (n, m); by default zero.
 
         Raises:
             InputRefused: if the task is unknown or a value is invalid.
@@ -310,7 +308,6 @@ class Controller(ControlCycle):
         )
 
     def _state(self, q: npt.ArrayLike, v: npt.ArrayLike, t: float) -> RobotState:
-        """Copy a state and check its shape."""
         stamp = round(1.0e9 * number(t, "t", -_LATEST, _LATEST))
         return RobotState(stamp, frozen(sized(q, self.model.nq, "q")), frozen(sized(v, self.model.nv, "v")))
 
@@ -333,7 +330,6 @@ class Controller(ControlCycle):
         return self._time
 
     def _command(self, change: Change) -> None:
-        """Check a change, and apply it in the next cycle."""
         check_change(change, self.qp.tasks, self.model)
         self.board.check(change, self.qp.dynamics, self._now())
         self._commands.append(change)
@@ -352,7 +348,6 @@ class Controller(ControlCycle):
         return self.qp.tasks[require_choice(name, self.qp.tasks, "task")]
 
     def _joint_positions(self, task: str, given: Mapping[str, float]) -> Array:
-        """Return the present reference of a joint task with changed positions of some joints."""
         joints: tuple[str, ...] | None = getattr(self.qp.tasks[task], "joints", None)
         if joints is None:
             raise InputRefused(f"task {task!r} has no joints; its position must be an array")
@@ -370,7 +365,6 @@ class Controller(ControlCycle):
 
 
 def _finite(values: npt.ArrayLike | None, size: int, subject: str) -> Array:
-    """Return a finite array of a size; zeros for None."""
     return finite(sized(np.zeros(size) if values is None else values, size, subject), subject)
 
 

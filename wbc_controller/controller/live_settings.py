@@ -53,8 +53,7 @@ class LiveSettings:
     def check(self, change: Mapping[str, Any], source: str) -> None:
         """Check a change: part of a configuration, nested as in the file.
 
-        Raises:
-            ConfigurationError: if the change is invalid; the message begins with the source.
+        Raises: ConfigurationError: with the source.
         """
         self._validated(change, source)
 
@@ -114,7 +113,6 @@ def _differences(old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[t
 
 
 def _out_of_live_range(configured: BaseModel, old: BaseModel, new: BaseModel, prefix: str = "") -> Iterator[str]:
-    """Yield a sentence for each changed value outside its live range."""
     for name in type(new).model_fields:
         parts = getattr(configured, name), getattr(old, name), getattr(new, name)
         if all(isinstance(part, BaseModel) for part in parts):

@@ -1,4 +1,4 @@
-"""State of a controller between cycles: saved in recordings, restored for replay.
+"""State of a controller between cycles, for recordings and replay.
 
 ``STATE_FIELDS`` of a class lists its state attributes, recursively. Read-only arrays are replaced. Writable arrays are
 restored in place, as compiled code may be bound to them, and must not be shared by attributes.
@@ -53,7 +53,6 @@ def restore_state(owner: Any, memory: Mapping[str, Any]) -> None:
 
 
 def _require_record(name: str, present: Any, value: Any) -> None:
-    """Raise a TypeError if a record, also within a mapping, would get a value of another type."""
     if isinstance(present, Mapping) and isinstance(value, Mapping):
         for key in present.keys() & value.keys():
             _require_record(f"{name}[{key!r}]", present[key], value[key])

@@ -1,4 +1,4 @@
-"""Records of one control cycle: latched inputs, controller inputs, report."""
+"""Records of one control cycle: inputs and report."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class UserRequests(NamedTuple):
 class LatchedInputs:
     """Inputs latched at the start of one cycle."""
 
-    #: newest state; None until all parts have arrived (joint states; for a floating base odometry or IMU)
+    #: newest state; None until all parts have arrived
     state: RobotState | None
-    joint_velocity: Array | None  # newest joint velocities, (nj,) in rad/s; None before the first message
+    joint_velocity: Array | None  # newest, (nj,) in rad/s; None before the first message
     ages: Mapping[str, float]  # age of each part of the state, s; infinite before the first message
     clock_stall: float = 0.0  # advance of the timestamps during a clock stall, s
     refused_states: tuple[str, ...] = ()  # one sentence per refused sensor message

@@ -31,7 +31,7 @@ class CycleResult:
     Without a solution of the quadratic program, its values are empty or NaN.
     """
 
-    qp: WholeBodyQP  # quadratic program with model, tasks and contacts; its dynamics are those of the newest cycle
+    qp: WholeBodyQP  # with model, tasks and contacts; dynamics of the newest cycle
     time: float  # time of the state, s
     mode: Mode  # mode of the supervisor after the cycle
     fault: Fault | None  # latched fault, or None
@@ -164,7 +164,6 @@ def plot(results: Sequence[CycleResult]) -> Any:
 
     Raises:
         ConfigurationError: if plotly is not installed.
-        InputRefused: if `results` is empty or invalid.
     """
     from wbc_controller.controller.visualization.plots import Line, Panel, line_panels
 

@@ -1,4 +1,4 @@
-"""Correction of the base filter by absolute poses of a robot frame F, with latency and outliers.
+"""Correction of the base filter by absolute poses of a frame F.
 
 A pose from time t is y = p_F + n and Y = exp(n_R) R_F. With the filter's error X̂ X⁻¹ = exp(ξ), to first order
 
@@ -6,8 +6,7 @@ A pose from time t is y = p_F + n and Y = exp(n_R) R_F. With the filter's error 
                                                          |   zᵀ    0  0  0 |
 
 **Latency.** The correction X ← T X rotates the world about gravity and translates it. Dynamics and contacts preserve
-such a ξ, so that z of time t corrects the present estimate; n grows by creep and gyroscope noise since t. The full gain
-P Hᵀ S⁻¹ would oscillate at 0.2 s of latency.
+such a ξ, so that z of time t corrects the present estimate; n grows by creep and gyroscope noise since t.
 
 **Jumps.** `PlanarTransform`s map the filter's world to `odometry`, which no correction moves, and to `smoothed`, which
 follows at a bounded rate.
@@ -34,7 +33,7 @@ from wbc_controller.records import Array
 
 #: Age of the oldest stored estimate, s; older poses are refused.
 HISTORY = 0.5
-#: Largest advance of a pose's stamp over the IMU's, s; a larger one indicates another clock.
+#: Largest advance of a pose's stamp over the IMU's, s.
 LARGEST_ADVANCE = 0.1
 #: Largest number of poses that wait for the IMU.
 _MOST_WAITING = 20
@@ -204,7 +203,6 @@ class AbsolutePoses:
         return z, H, noise, p
 
     def _correct(self, sample: PoseSample, *, controlled: bool) -> str:
-        """Apply one pose; return a reason for its rejection."""
         found = self._filter
         z, H, noise, p = self.innovation(sample)
         S = H @ found.P @ H.T + noise

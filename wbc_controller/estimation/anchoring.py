@@ -1,4 +1,4 @@
-"""World frame fixed to the feet, for robots with unobservable position and heading.
+"""World frame fixed to the feet, if position and heading are unobservable.
 
 References in the drifting world of the filter would push a robot off its feet. Therefore the base is reported in a
 frame F, in which points get an anchor aᵢ after `_CONTACT_TIME`. The transform from the filter's world, a rotation ψ
@@ -6,7 +6,7 @@ about the vertical and a translation t, follows
 
     min over ψ, t of  Σᵢ |R_z(ψ) dᵢ + t - aᵢ|²
 
-with a time constant, without jumps. During walking F drifts with the filter.
+with a time constant, without jumps.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _CONTACT_TIME = 1.0
 _TIME_CONSTANT = 0.2
 #: Time between two updates, s.
 _PERIOD = 0.02
-#: Smallest RMS distance of the points from their mean that determines a heading, m.
+#: Smallest RMS distance of points from their mean for a heading, m.
 _LEAST_SPREAD = 0.02
 
 

@@ -1,4 +1,4 @@
-"""Comparison of two measurements of one motion, and the axis or unit errors that explain a difference.
+"""Axis and unit errors that explain the difference of two measurements.
 
 Two sensors measure a and b = C a, (3,). C is 1, or with an error a rotation about one axis, a signed permutation, the
 rotation to the world, or the factor from rad to degrees. C explains the contradiction E(1) if E(C) is a small share of
@@ -73,7 +73,7 @@ class AxesComparison:
 
         Args:
             a: reference rotation and displacement, (n, 3) in rad and m; b is from the tested sensor.
-            world: rotation to the world, (3, 3), if b could be in world axes.
+            world: rotation to the world, (3, 3), or None.
             known_wrong: True lowers the limits.
         """
         c = np.concatenate([a, b], axis=1)

@@ -1,4 +1,4 @@
-"""Estimator of the base pose and twist from an IMU, the joints and the active contacts."""
+"""Estimator of base pose and twist from IMU, joints and contacts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _SETTLED = 0.9
 _INITIAL_VELOCITY_VARIANCE = 1.0e-4
 #: Largest gap between two IMU samples, s.
 _GAP = 0.1
-#: Variance of the initial position and heading, m² and rad²; they define the world.
+#: Variance of the initial position and heading, m² and rad².
 _INITIAL_POSE_VARIANCE = 1.0e-8
 
 
@@ -46,7 +46,7 @@ class Sensors:
     noise: ImuNoise
     accelerometer_bias: float  # standard deviation of the initial bias, m/s²
     settling: float  # duration of the initial rest, s
-    stillness: float  # largest standard deviation of the angular velocity at rest, rad/s
+    stillness: float  # of the angular velocity at rest, rad/s
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,6 @@ class BaseEstimator:
         Args:
             samples: IMU samples by increasing stamp.
             q: joint positions, (nj,) in rad; velocities v in rad/s.
-            active_contacts: names; contacts without points are ignored.
         """
         self._kinematics.update(q, v)
         active = [name for name in self._kinematics.points if name in active_contacts]
@@ -356,7 +355,6 @@ class _RunningEstimate:
         )
 
     def _compare_turns(self, active_contacts: tuple[str, ...], *, known_wrong: bool = False) -> str | None:
-        """Compare the gyroscope with the legs until they agree about all axes."""
         elapsed, self._compared = self.stamp - self._compared, self.stamp
         turned, self._turned = self._turned, np.zeros(3)
         if self._agreed or not active_contacts:

@@ -1,4 +1,4 @@
-"""Consistency of the estimate with the contacts: at least one contact is at rest.
+"""Consistency of the estimate with contacts at rest.
 
 By the filter's R, v, b_g, a contact point at y from the IMU moves in the world with
 
@@ -42,8 +42,7 @@ class ContactConsistency:
     def update(self, active_contacts: tuple[str, ...], R: Array, velocity: Array, omega: Array, elapsed: float) -> None:
         """Average the contact velocities, from zero for a new contact.
 
-        R is from IMU to world, `velocity` of the IMU in the world, (3,) in m/s, `omega` without bias in IMU axes, (3,)
-        in rad/s.
+        R is from IMU to world; `velocity` in the world, m/s, `omega` without bias in IMU axes, rad/s, (3,) each.
         """
         if active_contacts != self._contacts:
             self._choose(active_contacts)

@@ -1,4 +1,4 @@
-"""Contact detection from force sensors and contact switches, with planned contacts as the fallback."""
+"""Contact detection from force sensors and switches, else planned contacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Detection of unloaded contacts from torques and motion: the momentum observer of robot arms, applied to legs.
+"""Detection of unloaded contacts from torques: the momentum observer of robot arms.
 
 The QP predicts an acceleration from the torques sent and its contact forces f. An unloaded contact deviates by its
 missing force (De Luca, Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005):

@@ -1,6 +1,6 @@
-"""Disturbance observer: slow generalized forces outside the model (friction, weak motors, wrong masses).
+"""Disturbance observer: slow generalized forces outside the model.
 
-With d, (nv,), the QP has the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. The prediction error corrects d,
+With d, (nv,), the QP has the equations of motion M v̇ + h = Sᵀτ + Σ Jᵢᵀfᵢ + d. The prediction error corrects d
 
     ḋ = Nᵀ M (v̇_measured - v̇_predicted) / T - d / (25 T),      N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J,
 

@@ -1,4 +1,4 @@
-"""Compensation of known dry friction c and viscous friction b of the joints.
+"""Compensation of known dry friction c and viscous friction b.
 
 The torque is
 
@@ -8,8 +8,8 @@ The intended velocity w of a stuck joint grows to T_w v̇_QP, which compensates 
 otherwise w = v (Armstrong-Hélouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and compensation
 methods for the control of machines with friction", Automatica 1994).
 
-With an overestimated c, a joint accelerates at the rate c / (w₀ I), which must stay below the loop's bandwidth: w₀ ≥ c
-τ / I, with the effective inertia I = 1 / (M⁻¹ - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J M⁻¹)ⱼⱼ on the active contacts.
+The rate c / (w₀ I) must stay below the loop's bandwidth if c is overestimated: w₀ ≥ c τ / I, with the effective inertia
+I = 1 / (M⁻¹ - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J M⁻¹)ⱼⱼ on the active contacts.
 """
 
 from __future__ import annotations

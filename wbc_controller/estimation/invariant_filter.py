@@ -107,10 +107,9 @@ class InvariantFilter:
         LinAlgError if S is not positive definite.
 
         Args:
-            names: names of k points of the filter.
             positions: y, (k, 3) in m in IMU axes.
             covariance: of y, (3 k, 3 k) in m².
-            ends: index after each group's last point, (c,).
+            ends: index after each group, (c,).
             limits: largest squares, (c,).
         """
         ends = np.array([len(names)]) if ends is None else ends
@@ -130,8 +129,8 @@ class InvariantFilter:
         """Correct heading and origin of the world, X ← T X; return rotation, rad, and shift, m, of T.
 
         T rotates by w_ψ about the vertical and moves x (`at`) to x + w, with (w, w_ψ) = H P Hᵀ S⁻¹ z. The gain is K = G
-        H P Hᵀ S⁻¹, where G ∈ R^{n×4} are these unobservable motions as errors, H G = I. The gyroscope's bias about the
-        vertical uses its rows of P Hᵀ S⁻¹. P ← (I - K H) P (I - K H)ᵀ + K N Kᵀ for any K.
+        H P Hᵀ S⁻¹, where G ∈ R^{n×4} are these unobservable motions as errors, H G = I. P ← (I - K H) P (I - K H)ᵀ + K
+        N Kᵀ for any K.
 
         Args:
             H: z = -H ξ + noise, (4, 15 + 3 N).

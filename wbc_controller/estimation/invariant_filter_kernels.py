@@ -1,4 +1,4 @@
-"""Kernels of the invariant filter: propagation and correction (symbols: `estimation.invariant_filter`)."""
+"""Kernels of `estimation.invariant_filter`: propagation and correction."""
 
 from __future__ import annotations
 
@@ -32,7 +32,6 @@ def _turned(w: Vector3, a: float, b: float, x: Vector3) -> Vector3:
 
 @part
 def _require_state(R: Array, columns: Array, gyroscope_bias: Array, accelerometer_bias: Array, P: Array) -> None:
-    """Raise ValueError if the sizes of a filter state do not agree."""
     size = 9 + 3 * columns.shape[1]
     if not (R.shape == (3, 3) and columns.shape[0] == 3 and columns.shape[1] >= 2 and P.shape == (size, size)):
         raise ValueError("invariant filter: the sizes of R, columns and P do not agree")

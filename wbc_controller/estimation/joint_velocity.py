@@ -1,4 +1,4 @@
-"""Joint velocities from stamped positions, for joint states without velocities.
+"""Joint velocities from stamped positions.
 
 The g-h filter with fading memory (Brookner, "Tracking and Kalman Filtering Made Easy", 1998, section 1.3),
 

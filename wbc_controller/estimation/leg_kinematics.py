@@ -1,4 +1,4 @@
-"""Kinematics of the contact points relative to the IMU."""
+"""Kinematics of contact points relative to the IMU."""
 
 from __future__ import annotations
 
@@ -61,10 +61,9 @@ class LegKinematics:
     """Forward kinematics from the IMU to contact points in the world; wheels and internal contacts have none.
 
     Attributes:
-        imu_frame: name of the IMU's frame.
-        points: names of the points, by contact.
+        points: names by contact.
         rolling: vector from contact point to centre of each ball in the world, (3,) in m; the centre is tracked.
-        soles: names of contacts with soles.
+        soles: names of contacts.
         imu_rotation: from IMU to base axes, (3, 3).
         imu_position: of the IMU in base axes, (3,) in m.
         imu_motion: twist of the IMU relative to the base in base axes, (6,) in m/s and rad/s.
@@ -172,7 +171,6 @@ class LegKinematics:
         return self._merged[contacts]
 
     def _points(self, point_set: _PointSet) -> Array:
-        """Return the points in base axes, (k, 3) in m."""
         placements = self._data.oMi
         return np.array(
             [

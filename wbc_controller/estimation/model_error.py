@@ -1,4 +1,4 @@
-"""Generalized forces outside the model: known joint friction and the estimate of the disturbance observer."""
+"""Generalized forces outside the model: known friction and estimated disturbance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Agreement of odometry with itself and with the legs: gravity before the activation, the twist in the first motion."""
+"""Agreement of odometry with itself and with the legs."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class OdometryAgreement:
     ) -> None:
         """Process the newest odometry and joints; the vertical is compared until the robot is `controlled`.
 
-        `base` is pose, (7,), and twist in base axes, (6,); `joints` positions and velocities, (nj,) each.
+        `base`: pose, (7,), and twist in base axes, (6,); `joints`: q and v, (nj,) each.
         """
         dt, self._stamp = stamp - self._stamp, stamp
         if not dt > 0.0 or self._is_twist_wrong or (controlled and self._agreed):

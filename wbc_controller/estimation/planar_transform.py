@@ -1,4 +1,4 @@
-"""Transforms between worlds with a common vertical: a rotation about z and a translation.
+"""Transforms between worlds with common vertical.
 
 Worlds without absolute poses differ by such a transform, as heading and position are unobservable.
 """

@@ -1,4 +1,4 @@
-"""Projection of forces onto the motions that the contacts allow, and mobility of the joints on the contacts.
+"""Projection of forces onto motions that the contacts allow.
 
 With N = I - M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹ J, a force r accelerates a robot on its contacts by N M⁻¹ r = M⁻¹ Nᵀ r (Gauss's
 principle, equation (31) of the note; S8).
@@ -38,7 +38,6 @@ def mobility(M: Array, J: Array) -> Array:
 
 
 def _delassus(J: Array, spread: Array) -> Array:
-    """Return the regularized Delassus matrix J M⁻¹ Jᵀ, (k, k)."""
     A = np.asarray(J @ spread)
     A[np.diag_indices(len(A))] += _RIDGE * float(np.trace(A)) / len(A)
     return A

@@ -1,4 +1,4 @@
-"""Agreement of the base's sensors with the legs: gravity at rest, rotations and displacements in the first motion.
+"""Agreement of the base's sensors with the legs.
 
 If the contacts hold, a rotation θ and a displacement p of the sensor move the contact points y, all in its axes, by
 
@@ -101,7 +101,7 @@ class SensorAgreement:
 
         Args:
             steps: measured rotation and displacement since then in sensor axes, (n, 3) in rad and m.
-            world: rotation from sensor axes to the world, (3, 3), if its data could be in world axes.
+            world: rotation from sensor axes to the world, (3, 3), or None.
             known_wrong: True lowers the limits.
         """
         before, self._places = self._places, self._kinematics.positions(active_contacts)

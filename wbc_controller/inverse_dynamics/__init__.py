@@ -1,1 +1,1 @@
-"""Inverse dynamics: model, tasks, contacts, limits and the quadratic program; without ROS, simulator and clock."""
+"""Inverse dynamics by a quadratic program, without ROS, simulator and clock."""

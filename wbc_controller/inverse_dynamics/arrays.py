@@ -1,4 +1,4 @@
-"""Fast equivalents of NumPy functions for small arrays; ``python benchmarks/small_arrays.py`` compares them."""
+"""Fast NumPy equivalents for small arrays; ``benchmarks/small_arrays.py`` compares them."""
 
 import math
 from typing import Any

@@ -1,7 +1,7 @@
-"""Checked calls of user-defined methods of tasks, contacts and limits.
+"""Checked calls of user-defined methods.
 
-A wrong shape would be broadcast, or make compiled code write outside its memory. All functions raise `MethodError` with
-the class, the method and the problem: an exception, a wrong number, type or shape of arrays, NaN or infinity.
+A wrong shape would make compiled code write outside its memory. All functions raise `MethodError` with class, method
+and problem.
 """
 
 import math
@@ -66,7 +66,7 @@ def arrays_of(owner: Named, method: str, values: Any, shapes: Sequence[Shape]) -
 def bounds_of(owner: Named, method: str, bounds: Any, size: int) -> tuple[Array, Array]:
     """Check bounds (size,) returned by a method: lower ≤ upper, possibly infinite.
 
-    Bounds that need no conversion are returned as the same object, for recognition in the next cycle.
+    Bounds without conversion are returned as the same object.
     """
     if not isinstance(bounds, tuple | list) or len(bounds) != 2:
         raise MethodError(f"{_title(owner, method)} returned {_short(bounds)}, expected lower and upper bounds")

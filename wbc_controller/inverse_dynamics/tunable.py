@@ -1,4 +1,4 @@
-"""Version counter for parameters of tasks, contacts and limits."""
+"""Version counter of parameters."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 class Tunable:
     """Base class that counts attribute changes, e.g. of gains between two cycles.
 
-    Arrays of the quadratic program are reused until a version changes (`formulation.structure`). Changes in place, e.g.
-    ``task.stiffness[0] = 1.0``, are not counted: assign the attribute.
+    Arrays are reused until a version changes (`formulation.structure`). Changes in place, e.g. ``task.stiffness[0] =
+    1.0``, are not counted: assign the attribute.
 
     Attributes:
         version: number of assignments to public attributes.

@@ -1,4 +1,4 @@
-"""Whole-body controller: accelerations, torques and contact forces from a state and references."""
+"""Whole-body controller: accelerations, torques and forces from state and references."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -51,7 +51,7 @@ class WholeBodyQP:
         """Make a controller.
 
         Args:
-            timer: clock for the stage times, s; by default they are 0.
+            timer: clock for stage times, s.
 
         Raises:
             ConfigurationError: if the solver is missing, or too inaccurate for the tasks' priorities.
@@ -178,14 +178,14 @@ class WholeBodyQP:
     ) -> Solution:
         """Compute the solution of one cycle.
 
-        If the problem is infeasible, limits become soft: first the torque rate, then also row limits and joint motion.
-        In the second case, contacts are released that slip or prevent a joint from stopping at its position limit.
-        `Solution.relaxed` names the groups with violated bounds.
+        If the problem is infeasible, limits become soft: first the torque rate, then also row limits and joint motion,
+        with release of contacts that slip or prevent a joint from stopping. `Solution.relaxed` names the groups with
+        violated bounds.
 
         Args:
-            tau_before: present torques of the actuators (na,), N·m; None for no torque rate limit.
-            explained: find the conflicting constraints if there is no solution. This takes several periods;
-                `NoSolution.explained` does it later.
+            tau_before: present torques, (na,) in N·m; None for no rate limit.
+            explained: find the conflicting constraints, which takes several periods; `NoSolution.explained` does it
+                later.
 
         Raises:
             NoSolution: if equations of motion, contacts and torque limits conflict, or a value is not finite.
@@ -273,7 +273,6 @@ class WholeBodyQP:
         return Answer(None, relaxed.status, relaxed.iterations)
 
     def _is_solution(self, answer: Answer, layout: Layout, tolerance: float) -> bool:
-        """Return True if no constraint is violated; complete residuals and cost."""
         if answer.x is None:
             return False
         if answer.residuals is None:
@@ -308,7 +307,7 @@ class WholeBodyQP:
     ) -> Infeasibility | None:
         """Find the conflicting constraints, including limits that `solve` would relax; takes several periods.
 
-        Returns None for a feasible problem, or a value that is not finite; `tau_before` as in `solve`.
+        Returns None for a feasible problem, or a value that is not finite.
         """
         layout = self.formulation.build(state, references, tau_before)
         if not layout.problem.is_finite:

@@ -1,4 +1,4 @@
-"""Equations S1 to S11 of Nathan Ratliff's note "Analytical Dynamics and Contact Analysis" as functions.
+"""Equations S1 to S11 of Nathan Ratliff's note "Analytical Dynamics and Contact Analysis".
 
 The functions take Pinocchio models and arrays, return new arrays, and do not depend on the controller. Numbers in
 parentheses are equations of the note (docs/mechanics.md). Common arguments:

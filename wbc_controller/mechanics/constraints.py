@@ -1,4 +1,4 @@
-"""Constraints A(q, v, t) v̇ = b (equation (30); S7): contacts, couplings, closed loops, rolling, moving supports.
+"""Constraints A(q, v, t) v̇ = b (equation (30); S7).
 
 A constraint keeps a position g(q, t) (holonomic) or a velocity γ(q, v, t) (non-holonomic) at zero. Baumgarte
 ("Stabilization of constraints and integrals of motion in dynamical systems", 1972): with the time constant T, errors

@@ -1,4 +1,4 @@
-"""Floating-base dynamics with constraints, M v̇ + h = Sᵀτ + Aᵀλ and A v̇ = b (section 4.2.2; S10)."""
+"""Floating-base dynamics with constraints (section 4.2.2; S10)."""
 
 from __future__ import annotations
 

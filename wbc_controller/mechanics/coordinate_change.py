@@ -1,4 +1,4 @@
-"""Change of coordinates of a robot: other root link, other order and direction of joints (Lemma 1, 2.1.2; S2)."""
+"""Change of root link, order and direction of joints (Lemma 1, 2.1.2; S2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equations of motion M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ: terms, forward and inverse dynamics (S1, S11)."""
+"""M(q) v̇ + h(q, v) = Sᵀτ + Σ Jᵢᵀfᵢ: forward and inverse dynamics (S1, S11)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gauss's principle of least constraint for any M, A and b (section 4.1, equations (30)–(32); S3, S8)."""
+"""Gauss's principle of least constraint (section 4.1, equations (30)–(32); S3, S8)."""
 
 from __future__ import annotations
 

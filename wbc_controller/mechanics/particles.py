@@ -1,4 +1,4 @@
-"""Particles connected by rigid rods, with structure A_s ẍ = b_s and contact A_c ẍ = b_c (33) (section 4.2.1; S9)."""
+"""Particles connected by rigid rods, with contacts (33) (section 4.2.1; S9)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Symmetries of the Lagrangian and conserved quantities (section 3.1, equations (23)–(28); S5)."""
+"""Symmetries and conserved quantities (section 3.1, equations (23)–(28); S5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Codec of ROS 2 messages for all transports: dataclasses of `rosbags` to little-endian CDR and back."""
+"""Codec of ROS 2 messages: dataclasses of `rosbags` to little-endian CDR and back."""
 
 from __future__ import annotations
 
@@ -58,8 +58,7 @@ def diagnostics(wall: int, level: int, name: str, text: str, hardware: str, valu
 
     Args:
         level: 0 (OK), 1 (WARN) or 2 (ERROR).
-        name: ``node: subject``, for the grouping by diagnostic aggregators.
-        hardware: name of the robot.
+        name: ``node: subject``.
     """
     status = message(
         "diagnostic_msgs/msg/DiagnosticStatus",

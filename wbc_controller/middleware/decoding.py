@@ -1,4 +1,4 @@
-"""Decoders of users' messages into changes of references and settings."""
+"""Decoders of users' messages."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _quaternion(quaternion: Any) -> Array:
 
 
 WORLD_FRAMES = ("", "world", "odom", "map")  # of the world in headers
-#: Kinds of task with points, poses or directions as references, which may be given in a frame of the robot.
+#: Kinds of task with references that may be given in a frame of the robot.
 _WORLD_KINDS = ("com", "frame_position", "frame_orientation", "frame_pose", "axis_alignment", "gaze", "capture_point")
 
 
@@ -96,7 +96,6 @@ def _require_world_frame(content: Any, what: str) -> None:
 
 
 def _require_reference_frame(vocabulary: Vocabulary, task: str, content: Any) -> None:
-    """Refuse a trajectory outside the task's reference frame."""
     wanted = vocabulary.reference_frames.get(task)
     if wanted is None:
         _require_world_frame(content, "a trajectory")
@@ -108,7 +107,6 @@ def _require_reference_frame(vocabulary: Vocabulary, task: str, content: Any) ->
 
 
 def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str = "frame_id") -> str:
-    """Return the frame of a setpoint for `SetSetpoint` (empty: the task's reference frame); refuse an invalid frame."""
     home = vocabulary.reference_frames.get(task)
     if frame == home or (home is None and frame in WORLD_FRAMES):
         return ""
@@ -159,7 +157,6 @@ def _read_setpoint(vocabulary: Vocabulary, task: str, content: Any) -> tuple[Cha
 
 
 def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "the position") -> Array:
-    """Read a position in the task's reference form, without additional coordinates."""
     values = finite(_xyz(vector)[: form.vector], what)
     if form.direction:
         values = unit_vector(values, what)
@@ -167,7 +164,6 @@ def _position(form: ReferenceForm, vector: Any, quaternion: Any, what: str = "th
 
 
 def _joint_values(joints: Sequence[str], names: Sequence[str], values: Any, what: str) -> Array:
-    """Return the values of all joints of the task in its order."""
     _require_equal_sizes(names, values, what)
     order = _joint_order(joints, names, what)
     return np.asarray(finite(values, what)[order])
@@ -194,7 +190,6 @@ def _require_joints(joints: Sequence[str], names: Sequence[str]) -> None:
 
 
 def _joint_order(joints: Sequence[str], names: Sequence[str], what: str) -> np.ndarray:
-    """Return the index of each joint of the task in the names of a message, (k,)."""
     _require_joints(joints, names)
     places = {name: i for i, name in enumerate(names)}
     missing = [name for name in joints if name not in places]
@@ -268,7 +263,6 @@ def _read_external_wrench(vocabulary: Vocabulary, frame: str, content: Any) -> t
 
 
 def _read_velocity(twist: Any) -> tuple[Change, ...]:
-    """Return the command to walk at a velocity, or to stop at zero velocity."""
     unused = twist.linear.z, twist.angular.x, twist.angular.y
     velocity = finite([twist.linear.x, twist.linear.y, twist.angular.z], "the velocity")
     if any(unused):
@@ -327,7 +321,6 @@ _UPDATE_SETTINGS = ("control", "limits", "safety")  # with settings only
 
 
 def _read_update(vocabulary: Vocabulary, subject: str, content: Any) -> tuple[Change | ChangeSettings, ...]:
-    """Read several changes; one refusal refuses all."""
     if len(content.data) > _MAX_UPDATE:
         raise InputRefused(f"update has {len(content.data)} characters (limit {_MAX_UPDATE})")
     try:

@@ -1,4 +1,4 @@
-"""Decoder of joint states, and base class of the decoders of measured states."""
+"""Decoder of joint states, and its base class."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class JointStates(NamedTuple):
 class StateReader(ABC):
     """Decoder of one state topic.
 
-    The codec decodes the first message of each layout (text and array sizes). Its number offsets hold for all later
-    messages of this layout, so that only their numbers are read and checked.
+    The codec decodes the first message of each layout (text and array sizes); of later messages only the numbers are
+    read and checked.
     """
 
     type: str
@@ -70,7 +70,6 @@ class StateReader(ABC):
         return header_stamp(payload), numbers.take(self._index)
 
     def _index_in(self, layout: MessageLayout, content: Any) -> np.ndarray:
-        """Return the index of each value in the numbers of a layout, (n,)."""
         return np.concatenate([layout.index_of(path) for path in self.paths])
 
 
@@ -111,7 +110,6 @@ class JointStateReader(StateReader):
         return np.concatenate([layout.index_of(path)[order] for path in self.paths])
 
     def _joint_indices(self, names: Sequence[str]) -> np.ndarray:
-        """Return the index of each joint of the robot in the names of a message, (nj,)."""
         require_unique(names)
         missing = [name for name in self._joints if name not in names]
         if missing:

@@ -1,4 +1,4 @@
-"""Rate limit of log messages about incoming messages."""
+"""Rate limit of log messages."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""Byte offsets of numbers in serialized messages, to read and write them without the codec.
+"""Byte offsets of numbers in serialized messages.
 
 Messages of a stream differ only in their numbers: timestamp, floating-point fields and arrays. All other bytes (text
 and array sizes) form the layout.
@@ -18,7 +18,7 @@ from wbc_controller.records import Array
 
 _STAMP = struct.Struct("<iI")
 _START = 4  # bytes of the encapsulation header; CDR aligns the numbers after it to multiples of eight
-_FILLINGS = (0x11, 0x22)  # two values for all bytes of numbers, which mark them as differing bytes
+_FILLINGS = (0x11, 0x22)  # two values for all bytes of numbers
 
 
 class MessageLayout:
@@ -57,7 +57,7 @@ class Template:
     """Serializer of messages with variable timestamp and numbers.
 
     Args:
-        content: message of the layout, with the constant values of other fields.
+        content: message with the constant values of other fields.
         fields: groups of numbers for `write`, each with the paths of consecutive fields.
     """
 
@@ -71,7 +71,7 @@ class Template:
     def write(self, nanoseconds: int, *values: Array) -> bytes:
         """Serialize a message with a timestamp (ignored without a header) and the numbers of each group.
 
-        A different number of groups, or size of a group, raises `ValueError`.
+        Raises `ValueError` for a wrong number or size of groups.
         """
         if self._stamp is not None:
             _STAMP.pack_into(self._payload, self._stamp, *divmod(nanoseconds, 1_000_000_000))
@@ -83,7 +83,6 @@ class Template:
 
 
 def _as_slice(index: np.ndarray) -> slice:
-    """Return consecutive indices, (k,), as a slice; raises `ValueError` for other indices."""
     start, stop = int(index[0]), int(index[-1]) + 1
     if not np.array_equal(index, np.arange(start, stop)):
         raise ValueError(f"the fields of a group must be consecutive; their indices are {index.tolist()}")
@@ -117,7 +116,6 @@ def _numbers(content: Any, path: str = "") -> Iterator[tuple[str, int]]:
 
 
 def _filled(content: Any, byte: int) -> Any:
-    """Return a copy of a message with one value in every byte of every number."""
     whole, number = (np.frombuffer(bytes([byte]) * 8, dtype=kind)[0].item() for kind in ("<u4", "<f8"))
     changed: dict[str, Any] = {}
     for field in dataclasses.fields(content):

@@ -1,4 +1,4 @@
-"""Messages of the base pose: odometry, absolute poses, and transforms."""
+"""Messages of the base: odometry, absolute poses, transforms."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ def odometry(
     """Make a nav_msgs/Odometry with a stamp in ns.
 
     Args:
-        frame: frame of the pose.
-        base: link of the base, with the axes of the twist.
+        base: link with the axes of the twist.
         pose: position in m and quaternion x, y, z, w, (7,).
         twist: linear and angular velocity, (6,) in m/s and rad/s.
         covariances: of position and rotations about the axes of `frame`, and of the twist, (6, 6); None for zeros.

@@ -1,4 +1,4 @@
-"""Setpoint messages of references: the inverse of the decoders in `decoding`."""
+"""Setpoint messages: the inverse of `decoding`."""
 
 from __future__ import annotations
 
@@ -34,9 +34,8 @@ def setpoint_message(
     Args:
         type_name: type of `TASK_TYPES`.
         position: in the task's reference form; missing coordinates become 0.
-        frame: frame of the header.
-        stamp: stamp of the header, ns.
-        joints: joint names of a joint task.
+        stamp: ns.
+        joints: names, for a joint task.
     """
     values = np.asarray(position, dtype=np.float64)
     top = header(stamp, frame)

@@ -1,4 +1,4 @@
-"""Timestamps of messages: validity, and age of the newest message on the local clock."""
+"""Timestamps: validity, and age on the local clock."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ def _checked(seconds: int, nanoseconds: int, what: str) -> int:
 class StampTracker:
     """Check of the timestamps of one stream, and age of its newest message.
 
-    - Lag: arrival on the local clock minus timestamp. The smallest lag is the clock offset plus the shortest latency; a
-      larger lag is transit time, for example in the queue of a stopped process.
+    - Lag: arrival on the local clock minus timestamp. The smallest lag is the clock offset plus the shortest latency;
+      the excess is transit time.
     - The offset rises at most by half of the time between arrivals and by the advance of the timestamps. Thereby a
-      drifting clock or a slow simulator is not mistaken for latency, and messages that waited together do not raise it.
-    - A constant latency cannot be distinguished from a clock offset. With synchronized clocks the offset is known, and
-      timestamps ahead of the local clock by more than the tolerance are refused.
+      drifting clock or a slow simulator is not mistaken for latency.
+    - With synchronized clocks the offset is known, and timestamps ahead of the local clock by more than the tolerance
+      are refused.
     - Timestamps must increase by limited steps. Others are refused; after `_REBASE` they count as a new time.
 
     Attributes:
         clock_stall: advance of the timestamps, including refused ones, during a stall of the local clock, s.
 
     Args:
-        clock_offset: returns the sender's clock minus the local clock, s; None to estimate the offset.
+        clock_offset: returns sender's minus local clock, s; None to estimate it.
         tolerance: largest lead of a timestamp over a known clock, s.
     """
 
@@ -93,7 +93,6 @@ class StampTracker:
         return reason
 
     def _too_early(self, stamp: int, arrival: float) -> str | None:
-        """Return the reason for a timestamp ahead of a known clock, or None."""
         if self._clock_offset is None:
             return None
         early = stamp * 1.0e-9 - (arrival + self._clock_offset())
@@ -105,7 +104,6 @@ class StampTracker:
         )
 
     def _contradiction(self, stamp: int, arrival: float) -> str | None:
-        """Return the reason for a timestamp that contradicts the accepted ones without a new time, or None."""
         if self._arrival == -math.inf:
             return None
         step, passed = (stamp - self._stamp) * 1.0e-9, arrival - self._arrival
@@ -123,7 +121,6 @@ class StampTracker:
         return f"header.stamp is {step - passed:.3f} s ahead of the previous messages"
 
     def _accept(self, stamp: int, arrival: float) -> None:
-        """Update the clock offset."""
         self._may_rise = min(self._may_rise + _MAX_CLOCK_SLOWDOWN * (arrival - self._arrival), _GAP)
         rise = min(max((stamp - self._stamp) * 1.0e-9, 0.0), self._may_rise)
         self._may_rise -= rise

@@ -1,4 +1,4 @@
-"""Decoders of measured states: odometry, IMU data, absolute poses and forces at contacts."""
+"""Decoders of odometry, IMU data, absolute poses and contact forces."""
 
 from __future__ import annotations
 
@@ -174,7 +174,6 @@ class ContactForceReader(StateReader):
 
 
 def _check_measured(what: str, values: Array, covariance: Array, limit: float, unit: str) -> None:
-    """Raise `InputRefused` for a quantity without measurement, a value that is not finite, or one above the limit."""
     if covariance[0] == -1.0:
         raise InputRefused(f"{what}_covariance begins with -1: the IMU does not measure {what}")
     finite(values, what)
@@ -183,7 +182,6 @@ def _check_measured(what: str, values: Array, covariance: Array, limit: float, u
 
 
 def _checked_covariance(rows: Array) -> Array:
-    """Return the symmetric part of a covariance, (6, 6), from its rows, (36,); refuse invalid values."""
     C = finite(rows, "the covariance").reshape(6, 6)
     C += C.T.copy()
     C *= 0.5

@@ -1,4 +1,4 @@
-"""The table of topics as Markdown, for `wbc topics` and docs/topics.md."""
+"""The table of topics as Markdown."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The controller and the guard as services on any transport: inputs, the control loop, outputs."""
+"""Controller and guard as services on any transport."""

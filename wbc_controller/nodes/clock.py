@@ -1,4 +1,4 @@
-"""Clocks of the loop: the computer's monotonic clock, and a manual clock for tests."""
+"""Clocks of the loop: monotonic, and manual for tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Force sensors and switches at the contacts, as inputs of the contact detection."""
+"""Force sensors and switches at contacts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The controller as a service, on any transport."""
+"""The controller as a service."""
 
 from __future__ import annotations
 
@@ -169,7 +169,6 @@ def make_loop(
 
 
 def _prepare(controller: Controller, change: Change | ChangeSettings) -> None:
-    """Validate a change on the request thread, without access to data of the cycle."""
     if isinstance(change, ChangeSettings):
         controller.live.prepare(change.settings, "update")
     else:

@@ -1,4 +1,4 @@
-"""The base estimator as a node: odometry from an IMU and leg kinematics (`estimation.base_estimator`).
+"""The base estimator as a service.
 
 With `estimation.base_state: imu` the controller estimates its base itself, without this node.
 """

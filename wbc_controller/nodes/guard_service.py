@@ -1,7 +1,7 @@
-"""The guard as a node: `safety.guard.Guard` on the topics of `middleware.topics.GUARD_TOPICS`, on any transport.
+"""The guard as a service.
 
-The guard's process survives the death of the controller. It imports neither Pinocchio nor a solver, for reliability and
-a third of the memory; a temporary process computes its damping from the robot's model.
+The guard's process survives the death of the controller. It imports neither Pinocchio nor a solver; a temporary process
+computes its damping from the robot's model.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class GuardService:
 
     Callbacks of the transport decode commands and modes and store joint states; the rest runs on the thread of `cycle`.
     Before a takeover this thread also reads the newest command and mode, since callbacks may be late. Commands of any
-    publisher count, because messages do not name their sender; `watch` reports a second publisher.
+    publisher count; `watch` reports a second publisher.
     """
 
     def __init__(
@@ -115,7 +115,6 @@ class GuardService:
         self.watch = GraphWatch(transport, watched.values(), self._update_publishers)
 
     def _process_newest(self) -> None:
-        """Process the newest command and mode on this thread, unless a callback has done so."""
         newest = {key: payload for key, stream in self._streams.items() for payload in stream.take()}
         unread = {key: payload for key, payload in newest.items() if payload != self._processed.get(key)}
         if "controller_state" in unread:
@@ -136,7 +135,6 @@ class GuardService:
             self._refused.pop("joint_commands", None)
 
     def _torques_of(self, effort: Array) -> Array:
-        """Convert torques from the joints, (nj,), to the actuators, (na,), in N·m; refuse torques above a limit."""
         tau, limits = self._drive.from_joints(effort), self.guard.limits.effort
         within = np.abs(tau) <= _LARGEST_TORQUE * limits
         if not within.all():
@@ -172,7 +170,6 @@ class GuardService:
             _log.warning("%s refused: %s", topic, reason)
 
     def _update_publishers(self, others: OtherPublishers) -> None:
-        """Report topics of the controller with several publishers, on the thread of the watch."""
         shared = {key: ", ".join(names) for key, names in others.items() if len(names) > 1}
         for key, names in shared.items():
             _log.warning(
@@ -201,7 +198,6 @@ class GuardService:
             )
 
     def _velocity_in(self, payload: bytes) -> Array:
-        """Return the measured or differentiated joint velocities, (nj,) in rad/s."""
         joints = self._states.read(payload)
         if self._velocity_filter is None:
             return joints.velocity

@@ -1,9 +1,9 @@
-"""The inputs of one control cycle: received messages, decoded, checked and latched.
+"""Inputs of one control cycle: decoded, checked and latched.
 
 - States wait in the transport until the loop's thread takes them, so that their arrival wakes no other thread. Requests
   pass `nodes.requests`. Messages above their size limit are counted and dropped.
 - A cycle decodes the newest joint state and odometry and a bounded number of requests. For an estimated base it decodes
-  at most `_MAX_IMU_SAMPLES` IMU samples, `_MAX_POSES` absolute poses, and the newest message of each contact sensor.
+  bounded numbers of IMU samples and absolute poses, and the newest message of each contact sensor.
 """
 
 from __future__ import annotations
@@ -52,8 +52,6 @@ _MIN_DELAY = 0.01  # smallest reported transit time, s
 
 @dataclass(slots=True)
 class _Queue:
-    """Pending messages of one topic."""
-
     endpoint: Endpoint
     stream: Stream
     pending: deque[tuple[float, bytes]]  # arrival, s, and serialized message
@@ -62,8 +60,6 @@ class _Queue:
 
 @dataclass(slots=True)
 class _Source:
-    """Decoder of one state topic, its timestamp tracker, and its newest accepted message."""
-
     reader: StateReader
     stamps: StampTracker
     check: SampleCheck | None = None  # plausibility of the samples
@@ -74,14 +70,10 @@ class Inputs:
     """Subscriptions of all incoming topics, latched at the start of each cycle.
 
     Args:
-        clock: clock of the arrivals.
         prepare: validates a change; raises `ConfigurationError` or `InputRefused`.
         clock_tolerance: largest lead of a timestamp over the clock, s; None without synchronized clocks.
-        estimator: estimator of the floating base, or None for odometry.
-        agreement: comparison of odometry with the legs, or None.
-        sensing: contact sensors of the estimate, or None.
-        velocity_filter: differentiator of joint positions, or None for measured velocities.
-        plausibility: limits of plausible joint states and odometry, or None.
+        estimator: None for odometry.
+        velocity_filter: None for measured velocities.
 
     Attributes:
         shared: returns the publishers of inputs with several, by topic name, for messages.
@@ -163,7 +155,7 @@ class Inputs:
         self._trigger.stream.wake()
 
     def _collect(self, queue: _Queue) -> None:
-        """Take the messages of a topic with their arrival, and drop oversized ones."""
+        """Take the messages of a topic, and drop oversized ones."""
         taken = queue.stream.take()
         self._clock.refresh()  # after the states, because a simulator publishes the time first
         now = self._clock.now()
@@ -277,12 +269,10 @@ class Inputs:
             self._poses.append(PoseSample(1.0e-9 * newest.stamp, newest.pose, newest.covariance))
 
     def _publishers_note(self, topic: str) -> str:
-        """Return a note on a topic with several publishers, or an empty text."""
         names = self.shared().get(topic)
         return f"; {topic} has several publishers: {names}" if names else ""
 
     def _newest_base(self) -> tuple[()] | tuple[Array, Array] | None:
-        """Return pose, (7,), and twist, (6,), of a floating base, () for a fixed base, or None if still unknown."""
         if self.estimator is not None:
             return self._base
         if not self._model.floating_base:
@@ -377,7 +367,6 @@ class Inputs:
         return notes
 
     def _pose_notes(self) -> dict[str, str]:
-        """Return diagnostics of absolute poses by key: age, and results of the corrections."""
         if self.estimator is None or "pose" not in self._sources:
             return {}
         age = self._sources["pose"].stamps.age(self._clock.now())

@@ -1,4 +1,4 @@
-"""The control loop: latches the inputs, runs the controller and publishes the result in each cycle."""
+"""The control loop: inputs, controller, outputs."""
 
 from __future__ import annotations
 
@@ -175,14 +175,12 @@ class ControlLoop:
         return () if slipping == self.controller.board.slipping else ((SetSlippingContacts(slipping),),)
 
     def _clock_stall(self, stall: float, timeout: float) -> str:
-        """Return the clock fault for a stall of the clock, s, that exceeds the limit of the ages, s."""
         step = self._clock.resolution()
         if stall <= 2.0 * step < math.inf:  # the next clock message may be late
             return _coarse_clock_message(step, timeout, "state_timeout")
         return f"the clock stopped for {1e3 * stall:.0f} ms of the states' time (limit {1e3 * timeout:.0f} ms)"
 
     def _coarse_clock(self, stall: float, timeout: float) -> str | None:
-        """Return the reason if the clock's steps are too coarse, or unknown during a stall; None otherwise."""
         step, limit, key = self._clock.resolution(), timeout, "state_timeout"
         tolerance = self._inputs.clock_tolerance  # stamps lead a synchronized clock by up to one step
         if tolerance is not None and tolerance < timeout:
@@ -195,13 +193,11 @@ class ControlLoop:
         return _coarse_clock_message(step, limit, key) if limit + _ROUNDING < step < math.inf else None
 
     def _accepts_reset(self, requests: tuple[str, ...]) -> bool:
-        """Return True if the supervisor is not in control at the first 'reset' of the requests, and accepts it."""
         return self.controller.mode not in _UNDER_CONTROL or "damp" in requests[: requests.index("reset")]
 
     def _filter_requests(
         self, requests: tuple[str, ...], problem: Fault | None
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Return the requests for the controller, and a sentence for each refusal because of another owner."""
         if self._activate_when_fresh and any(word != "activate" for word in requests):
             _log.warning("command %r cancels the activation at the start", requests[0])
             self._activate_when_fresh = False
@@ -218,7 +214,6 @@ class ControlLoop:
         return requests, ()
 
     def _log_changes(self, report: CycleReport, now: float) -> None:
-        """Log refusals (recurring ones once per second), a fault once, and modes."""
         if any(not (0.0 <= now - at < _WARNING_PERIOD) for at in self._logged.values()):
             self._logged = {topic: at for topic, at in self._logged.items() if 0.0 <= now - at < _WARNING_PERIOD}
         for refused in report.refused:
@@ -266,8 +261,7 @@ class ControlLoop:
 
         Args:
             period: time between cycles, s.
-            triggered: True for one cycle per joint state, and one per period after they are stale; False for absolute
-                deadlines.
+            triggered: one cycle per joint state, and one per period after they are stale; else absolute deadlines.
             activate: activate without a command when the inputs are fresh and the robot has no other owner.
         """
         self._activate_when_fresh = activate
@@ -326,7 +320,6 @@ class ControlLoop:
             deadline += period
 
     def _guarded_wait(self, stop: threading.Event, period: float) -> None:
-        """Wait for the next joint state; a failure of the transport leads to damping."""
         try:
             self._inputs.wait(self._wait_time(period))
         except TransportError as error:
@@ -334,7 +327,6 @@ class ControlLoop:
             stop.wait(period)
 
     def _guarded_cycle(self) -> None:
-        """Run one cycle; an exception leads to zero torques, then damping with a fault."""
         try:
             self.cycle()
         except Exception as error:
@@ -347,7 +339,6 @@ class ControlLoop:
 
 
 def _coarse_clock_message(step: float, limit: float, key: str) -> str:
-    """Return the message for a clock step above a limit, s."""
     return (
         f"the clock advances in steps of {1e3 * step:.0f} ms, too coarse for ages up to {1e3 * limit:.0f} ms "
         f"(safety.{key}): publish it at the rate of the states"

@@ -1,8 +1,8 @@
-"""Outgoing messages: commands, contact wrenches, the mode, diagnostics, task states and markers.
+"""Outgoing messages.
 
-Diagnostics and markers take longer than a period. They are composed in pieces, one per cycle, after the torques were
-sent. Contact wrenches, task states and markers are composed only for subscriptions; diagnostics without a subscription
-once per second, for the recorder.
+Diagnostics and markers take longer than a period: they are composed in pieces, after the torques were sent. Contact
+wrenches, task states and markers are composed only for subscriptions; diagnostics without a subscription once per
+second, for the recorder.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Outputs:
     """Publisher of the results of a cycle.
 
     Args:
-        contacts: contacts with published forces.
+        contacts: with published forces.
         diagnostics_period: of diagnostics and task states, s.
         markers_period: s; inf for none.
         node: name with namespace.
@@ -224,7 +224,6 @@ class Outputs:
             self.compose()
 
     def _begin(self, key: str, content: Generator[None, None, Any]) -> None:
-        """Begin a message; complete an unfinished one with the same key first."""
         for _ in self._composed.pop(key, ()):
             pass
         self._composed[key] = self._compose_and_send(key, content)

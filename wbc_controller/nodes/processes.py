@@ -1,4 +1,4 @@
-"""Node processes of one robot on one DDS domain, and their memory and processor time from /proc (Linux)."""
+"""Processes of a robot's nodes, their memory and processor time (Linux)."""
 
 from __future__ import annotations
 
@@ -38,8 +38,7 @@ class Processes:
         Args:
             robot: shipped robot, or path of a configuration.
             folder: folder of configuration and logs, created if missing.
-            domain: DDS domain.
-            changes: changed settings by dotted key.
+            changes: settings by dotted key.
             own_sessions: one session per process, for isolation from Ctrl-C and fair shares beside a busy browser.
         """
         config = load(robot).replace(changes or {})
@@ -103,7 +102,6 @@ class Processes:
 
 
 def _end_with_parent() -> None:
-    """Let the kernel end this process with its parent thread."""
     _C.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
@@ -116,7 +114,7 @@ def until(
 ) -> None:
     """Wait for a condition; after `patience` seconds raise `WbcError` with the description `what` and the details.
 
-    `retry` is called four times per second, because a node may miss a message just after its discovery.
+    `retry` is called four times per second.
     """
     deadline, due = time.monotonic() + patience, 0.0
     while not condition():

@@ -1,7 +1,7 @@
-"""Real-time scheduling, processors and locked memory of the controller's process, by `control.realtime` (Linux).
+"""Real-time scheduling, processors and locked memory, by `control.realtime` (Linux).
 
 Scheduling class and processors apply to all present and later threads, because the loop waits for the receiving thread
-and for the holder of the interpreter's lock: preemption of either would delay the loop.
+and for the holder of the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -128,7 +128,6 @@ def _limit_wakeup_latency(latency: int) -> None:
 
 
 def _holds_wakeup_latency(process: int | str) -> bool:
-    """Return True if a process holds the wake-up latency; False also if its files cannot be read."""
     with contextlib.suppress(OSError):
         for file in Path(f"/proc/{process}/fd").iterdir():
             with contextlib.suppress(OSError):  # just closed
@@ -153,7 +152,6 @@ def _lock_memory() -> None:
 
 
 def _locked_memory_limit() -> int | None:
-    """Return the limit of locked memory, bytes, or None."""
     import resource  # Windows has none
 
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
@@ -162,7 +160,6 @@ def _locked_memory_limit() -> int | None:
 
 
 def _mlockall(flags: int) -> int:
-    """Call mlockall(2); return 0 or the error number."""
     libc = ctypes.CDLL(None, use_errno=True)
     return ctypes.get_errno() if libc.mlockall(flags) else 0
 
@@ -172,7 +169,6 @@ def _threads() -> list[int]:
 
 
 def _status(field: str, process: int | str = "self") -> str:
-    """Return a field of /proc/<process>/status."""
     lines = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace").splitlines()
     return next((line.partition(":")[2].strip() for line in lines if line.startswith(f"{field}:")), "0")
 

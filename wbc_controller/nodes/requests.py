@@ -1,7 +1,7 @@
-"""Queue of users' requests: stored as bytes on arrival, decoded on a separate thread, taken by a cycle.
+"""Queue of users' requests, decoded on a thread.
 
 Callbacks on the transport's thread recognize an emergency stop, so that no queue delays it. The thread `reader` decodes
-and validates requests with a limited share of the processor; in lockstep the cycle decodes them.
+and validates requests; in lockstep the cycle does.
 """
 
 from __future__ import annotations
@@ -127,7 +127,6 @@ class Requests:
         return UserRequests(commands=tuple(commands), changes=tuple(changes), refused=tuple(refused), total=total)
 
     def _run_reader(self) -> None:
-        """Decode requests within the time share of the thread."""
         while True:
             with self._waiting:
                 self._waiting.wait_for(lambda: self._requests or self._ended)

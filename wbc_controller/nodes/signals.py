@@ -26,7 +26,7 @@ def exit_by_signals() -> None:
 def set_by_signals(stop: threading.Event) -> Iterator[None]:
     """Set an event on SIGINT, SIGTERM and SIGHUP (closed terminal; still ignored under ``nohup``).
 
-    A separate thread sets the event: a handler that interrupts the event's `wait` on the main thread would deadlock.
+    A separate thread sets the event: a handler would deadlock with the event's `wait`.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)

@@ -1,4 +1,4 @@
-"""Simulated time, read from the clock topic by the control loop."""
+"""Simulated time from the clock topic."""
 
 from __future__ import annotations
 
@@ -23,9 +23,8 @@ _DEPTH = 10  # of the queue, limits the reading time in a flood
 class SimulatedClock:
     """The newest time on the clock topic, constant between two messages.
 
-    A simulator publishes the time before the state with that stamp. The loop calls `refresh` after it has taken a
-    state, and so has its time on a busy computer too; the stamps of the states measure a late delivery. After a jump
-    back (a restart) the clock continues from its last time and reports the jump once.
+    The loop calls `refresh` after it has taken a state, as a simulator publishes the time before the state. After a
+    jump back (a restart) the clock continues from its last time and reports the jump once.
     """
 
     _CHECK_PERIOD = 0.05  # in `wait`, s wall time

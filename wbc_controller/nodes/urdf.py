@@ -1,4 +1,4 @@
-"""The URDF of a node, from a file or a topic."""
+"""URDF of a node, from a file or topic."""
 
 from __future__ import annotations
 
@@ -68,7 +68,6 @@ def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[
 
 
 def _missing_cause(transport: Transport, endpoint: Endpoint) -> str:
-    """Return the probable cause of a missing latched message."""
     names = transport.publishers(endpoint)
     if not names:
         return "no publisher"

@@ -1,4 +1,4 @@
-"""Endpoints of the controller for one robot, and the valid names in messages."""
+"""Endpoints of a controller, and valid names in messages."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The flight recorder: inputs and results of each cycle, for replay."""
+"""Flight recorder: inputs and results of each cycle, for replay."""

@@ -1,4 +1,4 @@
-"""Topics added to a recording after the run: true state of a simulation, phases of a demo."""
+"""Topics added after the run: true state of a simulation, phases of a demo."""
 
 from __future__ import annotations
 

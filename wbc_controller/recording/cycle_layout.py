@@ -1,4 +1,4 @@
-"""Layout of a recorded cycle: slots of numbers in groups, each group a topic with an array of doubles."""
+"""Layout of a recorded cycle: groups of numbers, each a topic with an array of doubles."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class CycleRow:
         """Return the row of a cycle.
 
         Args:
-            report: report of the loop; None for a cycle that was repeated before its command was sent.
+            report: None for a cycle that was repeated before its command was sent.
             same: True if the state is the object of the previous cycle.
             event: True if an event follows, which a killed process may not record.
         """

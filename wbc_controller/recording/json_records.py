@@ -1,4 +1,4 @@
-"""Records of the package as JSON and back, bit for bit: arrays as base64, records by name and field."""
+"""Records as JSON and back, bit for bit."""
 
 from __future__ import annotations
 

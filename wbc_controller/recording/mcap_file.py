@@ -1,8 +1,7 @@
-"""MCAP files: complete after every chunk, and readable up to their first damage.
+"""MCAP files, readable up to their first damage.
 
 The package `mcap` (https://mcap.dev/spec) writes the end of a file only on closing. `McapFile` writes an end after each
-chunk, so that a killed process leaves a complete file; closing adds the index of chunks. The module has few imports for
-a fast start of the writer process.
+chunk, so that a killed process leaves a complete file; closing adds the index of chunks.
 """
 
 from __future__ import annotations
@@ -187,7 +186,6 @@ class McapFile:
         self.end += len(data)
 
     def _write_at_end(self, data: bytes) -> None:
-        """Replace the end records by `data`; restore them on an error."""
         self._file.seek(self.end)
         view = memoryview(data)
         try:
@@ -216,7 +214,6 @@ def _end_of_file(data_size: int, *summary: McapRecord) -> bytes:
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
-    """Yield the records of a file of `size` bytes and of its chunks; an oversized chunk raises `ValueError`."""
     expanded = 0
     reader = StreamReader(file, skip_magic=True, emit_chunks=True, validate_crcs=True, record_size_limit=size)
     for record in reader.records:

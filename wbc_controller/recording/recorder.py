@@ -1,4 +1,4 @@
-"""The flight recorder: inputs, decisions and outputs of every cycle, sent to a writer process.
+"""The flight recorder, with a writer process.
 
 The loop's thread sends numbers and messages in batches through a pipe. A separate thread converts rare events and the
 controller's memory (every two seconds) to JSON.
@@ -90,7 +90,7 @@ class Recorder:
     """Recorder of the cycles of one loop.
 
     Args:
-        file: file of the whole run; None for the last seconds only.
+        file: of the whole run; None for the last seconds only.
         patient: wait for the process instead of dropping cycles, in simulated time.
     """
 
@@ -247,7 +247,6 @@ class Recorder:
             self._record_memory(controller)
 
     def _send(self) -> None:
-        """Send the cycles and messages since the last call, and the JSON frames."""
         batch: list[bytes] = []
         cycles, self._cycles = self._cycles, []
         begin, number = 0, self._number
@@ -278,7 +277,6 @@ class Recorder:
             batch.append(frame(topic, at if stamp is None else stamp, payload))
 
     def _add_cycle(self, batch: list[bytes], taped: CycleRecord, report: CycleReport | None, at: int) -> None:
-        """Add the frames of one cycle; only the last cycle of a loop's cycle has a report."""
         same, self._state = taped.inputs.state is not None and taped.inputs.state is self._state, taped.inputs.state
         event = self._add_event(taped, report, at)
         row = self._row.write(self._number, taped, report, same=same, event=event)
@@ -290,7 +288,6 @@ class Recorder:
         self._number += 1
 
     def _count_dropped(self, cycles: int) -> None:
-        """Count dropped cycles; a replay resumes at the next memory."""
         self._dropped_cycles += cycles
         now = time.monotonic()
         if now - self._warned_at >= _WARNING_PERIOD:
@@ -298,7 +295,6 @@ class Recorder:
             _log.warning("the recorder is too slow: %d cycles were dropped", self._dropped_cycles)
 
     def _add_event(self, taped: CycleRecord, report: CycleReport | None, at: int) -> bool:
-        """Pass the event of a cycle to the thread; return True if there is one."""
         result, inputs = taped.result, taped.inputs
         refused = result.refused if report is None else report.refused
         same = result.mode is self._mode and result.fault is self._fault and taped.live is self._live
@@ -337,7 +333,6 @@ class Recorder:
         self._jobs.put(lambda: frame(self._memories, at, _string(to_json(self._with_yaml(content)))))
 
     def _with_yaml(self, content: Mapping[str, Any]) -> dict[str, Any]:
-        """Replace settings by YAML; empty for the settings of the start."""
         settings = content.get("settings")
         if settings is None:
             return dict(content)
@@ -391,7 +386,6 @@ def recording(settings: Settings, file: Path | None, *, name: str = "") -> Itera
 
 
 def _array_prefix(slots: Sequence[Slot]) -> bytes:
-    """Return a serialized array of the slots without its numbers."""
     labels = [message("std_msgs/msg/MultiArrayDimension", label=s.name, size=s.size, stride=s.size) for s in slots]
     layout = message("std_msgs/msg/MultiArrayLayout", dim=labels, data_offset=0)
     count = sum(slot.size for slot in slots)

@@ -1,4 +1,4 @@
-"""Reader of recordings: configuration, cycles and events."""
+"""Reader of recordings."""
 
 from __future__ import annotations
 
@@ -88,7 +88,8 @@ class Recording:
                 if kind == "cycle":
                     if not self.about:
                         raise ValueError(f"the topic …/{OWN}/start is missing before the cycles")
-                    cycle = _checked_head(_numbers(payload, len(HEAD), self._cycle_size()))
+                    size = sum(slot.size for slot in self._groups["cycle"])
+                    cycle = _checked_head(_numbers(payload, len(HEAD), size))
                     if self.first < 0:
                         self.first, self.start = cycle, time
                     self.last, self.end, self.count = cycle, time, self.count + 1
@@ -165,9 +166,6 @@ class Recording:
             content = from_json(self.memories[cycle])
             require_types(content, _MEMORY, "it")
         return dict(content)
-
-    def _cycle_size(self) -> int:
-        return sum(slot.size for slot in self._groups["cycle"])
 
     def messages(self) -> Iterator[tuple[Topic, int, bytes]]:
         """Return an iterator of topic, time of arrival in ns, and serialized message."""
@@ -246,7 +244,6 @@ class Recording:
 
 
 def _checked_head(head: Array) -> int:
-    """Return the number of a cycle from its `HEAD`; a number out of range raises `ValueError`."""
     numbers = dict(zip(HEAD, head.tolist(), strict=True))
     largest = {"number": 2**53, "stamp_seconds": 2**32, "stamp_nanoseconds": 10**9, "mode": len(MODES) - 1}
     for name, limit in largest.items():
@@ -258,7 +255,6 @@ def _checked_head(head: Array) -> int:
 
 
 def _cycle_of_memory(text: str) -> int:
-    """Return the cycle at the start of a memory, without parsing all of it."""
     found = _BEGIN_OF_MEMORY.match(text)
     if found is None:
         raise ValueError(f"a memory must begin with its cycle, not with {text[:40]!r}")
@@ -266,13 +262,11 @@ def _cycle_of_memory(text: str) -> int:
 
 
 def _kind(topic: Topic) -> str:
-    """Return the name of a topic of the recorder, or an empty text."""
     before, _, name = topic.name.rpartition("/")
     return name if before.endswith(f"/{OWN}") else ""
 
 
 def _numbers(payload: bytes, count: int, size: int) -> Array:
-    """Return the first `count` numbers of a serialized array of `size` doubles."""
     at = len(payload) - 8 * size
     if at < 0:
         raise ValueError("a cycle has fewer numbers than its layout")

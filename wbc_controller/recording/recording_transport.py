@@ -13,8 +13,7 @@ class RecordingTransport:
 
     Args:
         add_topic: returns the number of a topic and type.
-        record_incoming: called with the number of the topic and the bytes of a message.
-        record_outgoing: called likewise.
+        record_incoming, record_outgoing: called with the number of the topic and the bytes of a message.
         whole_run: True to record topics without other subscriptions too.
     """
 

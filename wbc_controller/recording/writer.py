@@ -1,7 +1,7 @@
-"""The writer process of recordings, with frames of the loop's process from a pipe.
+"""The writer process of recordings.
 
-It shares neither the interpreter's lock nor memory with the loop, and outlives a killed loop to write the last seconds
-and close the files. It has few imports for a fast start, and prints its messages to standard output, one per line.
+It outlives a killed loop, to write the last seconds and close the files. It has few imports for a fast start, and
+prints its messages to standard output.
 """
 
 from __future__ import annotations
@@ -169,7 +169,6 @@ class Writer:
         self._disk.join()
 
     def _write_last_seconds(self, reason: str) -> None:
-        """Write the last and next seconds to a new file, or continue the present one."""
         if self._plan["folder"] is None:
             return
         now = time.monotonic()
@@ -220,7 +219,6 @@ class Writer:
         self._jobs.put(job)
 
     def _start_of_file(self, at: int) -> PackedChunk | None:
-        """Return the messages at the start of every file, at a time in ns."""
         builder = ChunkBuilder()
         for topic, payload in self._first_messages.items():
             builder.add(topic, at, payload)

@@ -1,4 +1,4 @@
-"""Start of the writer process, and its pipe on the side of the loop."""
+"""Start of the writer process, and its pipe."""
 
 from __future__ import annotations
 
@@ -75,7 +75,6 @@ class WriterProcess:
         return True
 
     def _write(self, data: memoryview) -> memoryview | None:
-        """Write as much as possible, and return the rest."""
         try:
             while data:
                 data = data[os.write(self._pipe, data) :]

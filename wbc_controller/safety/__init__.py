@@ -1,1 +1,1 @@
-"""Safety between controller and joints: checks, the supervisor of all commands, and the guard."""
+"""Safety: checks, supervisor of all commands, guard."""

@@ -1,4 +1,4 @@
-"""Watch of the first seconds of control: joint motion that the torques sent do not explain.
+"""Watch of the first seconds: joint motion unexplained by the torques.
 
 Torques at wrong joints let them run away within a few cycles. As damping would act on wrong joints too, the response is
 zero torque. The unexplained velocity of each joint decays, and gains Δv - v̇ Δt per step. v̇ is that of the solution
@@ -26,7 +26,7 @@ _MEMORY = 0.1
 _LARGEST_GAP = 3.5
 #: Speed of a prismatic joint equivalent to 1 rad/s, m/s.
 _PRISMATIC = 0.2
-#: Factor of the limit for joints between the base and an active contact, which move if the contact is lost.
+#: Factor of the limit for joints of a leg in contact, which move if the contact is lost.
 _LOADED = 3.0
 #: Negligible missing torques, as a share of the effort limits.
 _NEGLIGIBLE = 0.02
@@ -95,7 +95,6 @@ class BringUpWatch:
         return solution.v_dot + np.array(changes)
 
     def _is_at_stop(self, state: RobotState) -> bool:
-        """Return True if a joint is beyond a position limit: its stop exerts unknown forces."""
         positions = state.q[self._model.q_places]
         return not all_true((positions >= self._model.position_lower) & (positions <= self._model.position_upper))
 

@@ -1,4 +1,4 @@
-"""Safety checks as pure functions that return a fault or None; NaN fails every comparison."""
+"""Safety checks that return a fault or None; NaN fails."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 from wbc_controller.records import Array, Fault
 
-#: Share of an effort limit by which a solution may exceed the available torque; the supervisor clips the excess.
+#: Share of an effort limit by which a solution may exceed the available torque, before clipping.
 TORQUE_TOLERANCE = 0.01
 
 

@@ -1,4 +1,4 @@
-"""Largest joint damping that is stable in discrete time in every posture."""
+"""Largest joint damping stable in discrete time."""
 
 import math
 
@@ -12,7 +12,7 @@ from wbc_controller.records import Array
 
 #: Largest T λ; a sampled loop is stable below 2, with one more period of delay below 1.
 _LARGEST_RATE = 0.9
-#: Tolerance of a search, as a share: searches end near a maximum.
+#: Tolerance of a search, as a share.
 _TOLERANCE = 0.02
 #: Consecutive searches without a reduction, and their number if no rate is near the largest.
 _SEARCHES, _FEW_SEARCHES = 6, 2
@@ -92,7 +92,7 @@ class _Search:
 
 
 def stable_damping(model: RobotModel, damping: float, period: float) -> Array:
-    """Compute the damping D of each joint, (nj,): as wanted, or less if a posture makes it unstable.
+    """Compute the damping of each joint, (nj,), less than wanted if a posture makes it unstable.
 
     D is reduced until searches from the nominal and random postures find no T λ above 0.9 (`_Search`). `damping` is in
     N·m·s/rad; `period` T includes the delay of the velocities, s.

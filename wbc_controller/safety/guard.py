@@ -1,4 +1,4 @@
-"""Decisions of the guard, which commands torques only after the controller has stopped commanding.
+"""Decisions of the guard: torques after the controller has stopped.
 
 ::
 
@@ -6,7 +6,7 @@
       ^ <── the controller       ^                            │                          │                │
             has let go           └─────────────── a command comes, in any of these ──────┴────────────────┘
 
-In idle, watching and released the guard sends nothing, so that one topic never has two writers.
+In idle, watching and released the guard sends nothing.
 """
 
 import enum
@@ -39,7 +39,7 @@ class GuardLimits:
 
     patience: float  # largest delay of a command, s
     period: float  # time between the controller's commands, s
-    triggered: bool  # True if each joint state triggers a command, False for periodic commands
+    triggered: bool  # True if each joint state triggers a command
     state_timeout: float  # largest age of velocities for damping, and of joint states for a triggered controller, s
     damping: Array  # K of the damping torques -K v, (na, nj)
     damping_time: float  # time of damping before the torques are zero, s
@@ -53,7 +53,7 @@ class GuardInputs:
     """Latched messages of the guard; times are arrival times on its clock."""
 
     command_at: float  # newest command, s; -inf without any
-    torques: Array  # torques of the newest command, (na,) in N·m
+    torques: Array  # newest command, (na,) in N·m
     unanswered_at: float  # first joint state after the newest command, s; inf without any
     mode: Mode | None  # last reported mode of the controller, or None
     velocity: Array | None  # newest joint velocities, (nj,) in rad/s, or None
@@ -70,7 +70,7 @@ class Guard:
         self.limits = limits
         self._since = 0.0  # start of the present mode, s
         self._command_at = -math.inf  # arrival of the newest processed command, s
-        self._tau = np.zeros(len(limits.effort))  # last torques on the topic, the controller's or the guard's
+        self._tau = np.zeros(len(limits.effort))  # last torques on the topic
         self._tau_at = -math.inf  # their time, s
 
     @property

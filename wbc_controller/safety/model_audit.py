@@ -1,4 +1,4 @@
-"""Live audit: consistency of latched states and torques sent with the laws of motion.
+"""Live audit: consistency of states and torques with the laws of motion.
 
 Between two states, the energy changes by the work of the torques (equation (29) of the note; S6), the momentum by
 gravity and contact forces (equation (26); S5), and every joint accelerates by the equations of motion (S1). A residual
@@ -88,10 +88,7 @@ class ModelAudit:
     def check(
         self, state: RobotState, dynamics: Dynamics, solution: Solution | None, command: JointCommand | None
     ) -> AuditReport | None:
-        """Compare this state with the previous one; return the report of the last span, or None.
-
-        Without a solution, or if the controller is not active, `solution` is None.
-        """
+        """Compare this state with the previous one; return the report of the last span, or None."""
         before = self._before
         if solution is None or command is None:
             if before is not None:
@@ -115,7 +112,6 @@ class ModelAudit:
         return self._report
 
     def _mechanical_energy(self, dynamics: Dynamics) -> float:
-        """Return T + V = ½ vᵀM v - m gᵀc, J."""
         return float(0.5 * dynamics.v @ dynamics.M @ dynamics.v - self._gravity @ dynamics.com)
 
     def _add(
@@ -152,14 +148,12 @@ class ModelAudit:
         return force
 
     def _add_wrenches(self, before: list[float], after: list[float], gap: float) -> None:
-        """Add the work of known external wrenches from their powers in W, by the trapezoidal rule."""
         for start, end in zip(before, after, strict=True):
             work = 0.5 * gap * (start + end)
             self._memory.totals[1] += work
             self._memory.totals[2] += abs(work)
 
     def _finish_span(self, state: RobotState, dynamics: Dynamics) -> AuditReport:
-        """Filter the sums of a span, and start the next one."""
         lasted, self._lasted = self._lasted, 0.0
         sums, limits = self._memory, self._limits
         duration, work, throughput = sums.totals.tolist()
@@ -194,7 +188,6 @@ class ModelAudit:
         return AuditReport(self._energy, self._throughput, force, torques, warnings)
 
     def _persistent(self, now: float, lasted: float, wrong: Mapping[str, bool]) -> list[str]:
-        """Return the residuals above their limit for longer than `patience`."""
         found = []
         for name, is_wrong in wrong.items():
             if not is_wrong:
@@ -220,7 +213,6 @@ class ModelAudit:
 
 
 def _powers(solution: Solution, dynamics: Dynamics) -> list[float]:
-    """Return the power of each known external wrench of a solution, W."""
     return [
         float(dynamics.external_force(frame, wrench) @ dynamics.v)
         for frame, wrench in solution.external_wrenches.items()

@@ -1,4 +1,4 @@
-"""Sums of the audit over a span (equations: `safety.model_audit`)."""
+"""Kernels of `safety.model_audit`."""
 
 from wbc_controller.compilation import Matrix, OutVector, StridedMatrix, StridedVector, Struct, compiled
 

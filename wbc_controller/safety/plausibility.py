@@ -1,4 +1,4 @@
-"""Plausibility of states, detection of falls, and time budgets, by comparison with previous states (NaN fails)."""
+"""Plausibility of states, falls, and time budgets (NaN fails)."""
 
 import math
 from collections import deque
@@ -22,9 +22,9 @@ from wbc_controller.safety.plausibility_kernels import (
 )
 from wbc_controller.safety.plausibility_kernels import MEMORY as MEMORY  # re-exported
 
-#: Speed times time below which repeated values belong to a robot at rest, rad or m.
+#: Speed times time of a robot at rest, rad or m.
 REST = 1.0e-6
-#: Lower bound of velocity limits, rad/s, and the limit of joints without one; URDFs often contain zeros.
+#: Lower bound of velocity limits, rad/s; URDFs often contain zeros.
 LEAST_LIMIT, UNLIMITED = 1.0, 1.0e3
 #: Time between two checks of the base's height, s.
 HEIGHT_PERIOD = 0.01
@@ -210,8 +210,6 @@ _STUCK = "{name}: the position is constant, but the integrated velocity is {valu
 
 
 class _Names:
-    """Names of the generalized velocities in messages."""
-
     def __init__(self, names: dict[int, str], joints: frozenset[int]) -> None:
         self.joints = joints
         self._names = names
@@ -249,7 +247,7 @@ class FallLimits:
     """Limits of a fall of a floating base."""
 
     tilt: float  # largest tilt since the activation, rad
-    height: float  # least height above the lowest end of a limb, as a share of that at the activation
+    height: float  # least height, as a share of that at the activation
 
 
 class FallWatch:
@@ -304,7 +302,6 @@ class FallWatch:
         return None
 
     def _height_of(self, state: RobotState) -> float:
-        """Return the height of the base above the lowest end of a limb, m; -inf without limbs."""
         pin.forwardKinematics(self._pin, self._data, state.q)
         ends = (self._data.oMi[joint].act(end)[2] for joint, end in self._limbs)
         return float(state.q[2]) - min(ends, default=math.inf)

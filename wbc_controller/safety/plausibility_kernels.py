@@ -1,4 +1,4 @@
-"""Comparison of a state with the previous one: jumps, frozen and implausible values (`safety.plausibility`)."""
+"""Kernels of `safety.plausibility`: jumps, frozen and implausible values."""
 
 import math
 
@@ -51,7 +51,6 @@ def _repeats(before: Array, now: Array, index: Indices) -> bool:
 
 @part
 def _repeats_in_motion(memory: StateMemory, q: Array, v: Array, q_index: Indices, v_index: Indices) -> bool:
-    """Return True if positions and velocities repeat, and a velocity is non-zero."""
     moves = False
     for i in v_index:
         moves = moves or v[i] != 0.0
@@ -71,7 +70,6 @@ def _is_out_of_range(memory: StateMemory, q: Array, v: Array) -> bool:
 
 @part
 def _rests(memory: StateMemory, q: Array, v: Array) -> bool:
-    """Return True if values and velocities are at rest, and no mismatch is left."""
     squares = 0.0
     for i in range(len(v)):
         if v[i] != 0.0 or memory.v_before[i] != 0.0:

@@ -1,4 +1,4 @@
-"""Plausibility of single samples: reachable from the last accepted one; consecutive rejections are a fault."""
+"""Plausibility of single samples: reachable from the last accepted one."""
 
 from __future__ import annotations
 

@@ -9,8 +9,7 @@
        └─────────────── from damping, stopped and fault
 
 From every mode `estop` leads to fault, and the end of the process to stopped, both with zero torques at once, as does
-unexplained motion (`bring_up`). In inactive nothing is published after zero torques. Damping without velocities is a
-ramp to zero. A fault is latched until `reset`.
+unexplained motion (`bring_up`). Damping without velocities is a ramp to zero. A fault is latched until `reset`.
 """
 
 import math
@@ -140,8 +139,7 @@ class Supervisor:
     def request(self, word: str, now: float, problem: Fault | None) -> bool:
         """Process a request, one of `REQUESTS`; return True if it activates the controller.
 
-        Raises InputRefused if the request is unknown or not possible now, also due to `problem`, the fault of the
-        inputs.
+        Raises InputRefused if the request is unknown or impossible now, also due to `problem`, the fault of the inputs.
         """
         if word not in REQUESTS:
             raise InputRefused(f"command {word!r} is unknown; {valid_choices(word, REQUESTS)}")
@@ -283,7 +281,6 @@ class Supervisor:
         return JointCommand(seen.stamp, self._tau, made[positions], made[velocities])
 
     def _limited(self, tau: Array, available: tuple[Array, Array]) -> Array:
-        """Clamp torques by the rate limit, then by the available torques, (na,) each in N·m."""
         step = min(self._elapsed, self._period) * self._rate
         lower, upper = available
         limited = np.minimum(np.maximum(tau, self._tau - step), self._tau + step)
@@ -299,7 +296,6 @@ class Supervisor:
         return relaxed_for_too_long(tuple(self._relaxed), spent, limits.relax_time, limits.relax_window)
 
     def _hold(self, now: float, reason: Fault) -> None:
-        """Hold the last torques without a solution; damp after `hold_time`."""
         if self.mode is Mode.ACTIVE:
             self._enter(Mode.HOLDING, now, reason)
             self._held = self._tau
@@ -331,13 +327,11 @@ class Supervisor:
         return self._command(tau, state, joint_velocity)
 
     def _plausible_velocity(self, joint_velocity: Array) -> Array | None:
-        """Return the plausible joint velocities, (nj,); None if one is not finite."""
         if self._watch is not None:
             return self._watch.plausible_velocities(joint_velocity)
         return joint_velocity if all_finite(joint_velocity) else None
 
     def _holding_torques(self, state: RobotState | None, joint_velocity: Array | None) -> Array:
-        """Return the torques held, (na,) in N·m, without torques that drive a joint into its stop."""
         model = self._model
         if state is None or joint_velocity is None:
             return self._held
@@ -353,7 +347,6 @@ class Supervisor:
         return -(self._damping_matrix @ joint_velocity)
 
     def _available(self, joint_velocity: Array | None) -> tuple[Array, Array]:
-        """Return lower and upper bounds of the torques, (na,) each in N·m."""
         if self._curve is None or joint_velocity is None:
             return self._effort_limits
         trusted = self._plausible_velocity(joint_velocity)

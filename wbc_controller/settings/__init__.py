@@ -1,4 +1,4 @@
-"""Schema of a robot's configuration file: keys, types, units, ranges and defaults.
+"""Schema of a robot's configuration file.
 
 The file is a ROS 2 parameter file. Unknown keys are errors.
 """

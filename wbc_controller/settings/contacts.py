@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from wbc_controller.settings.values import Finite, Gain, NonNegative, Positive, Section, Vector3, axes_mask
 
-#: Half side or radius of a contact, m. Larger values are likely in another unit.
+#: Half side or radius of a contact, m.
 Length = Annotated[Positive, Field(le=1.0)]
 #: One coordinate of a corner, m.
 Coordinate = Annotated[Finite, Field(ge=-1.0, le=1.0)]

@@ -1,4 +1,4 @@
-"""Configuration files: search, reading, validation with one message line per mistake."""
+"""Configuration files: reading and validation."""
 
 from __future__ import annotations
 
@@ -68,7 +68,6 @@ def resolve_paths(path: Path, parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _resolve_path(value: Any, keys: Sequence[str], folder: Path) -> Any:
-    """Resolve the relative path at nested keys of a value."""
     if keys:
         if not isinstance(value, Mapping) or keys[0] not in value:
             return value
@@ -181,7 +180,6 @@ def read_parameters(text: str, source: str) -> Mapping[str, Any]:
 
 
 def _explain(problem: Any, source: str) -> str:
-    """Convert a pydantic error to one line: file, key, value, valid choices."""
     location = [part for part in problem["loc"] if part not in (NUMBER, LIST)]
     if len(location) > 2 and location[2] in _tags_of(str(location[0])):
         del location[2]  # pydantic's tag of the kind is not a key of the file
@@ -221,7 +219,6 @@ def _tags_of(section: str) -> set[str]:
 
 
 def _fields_at(location: tuple[Any, ...]) -> Mapping[str, Any]:
-    """Return the valid keys at the level of the last part of a location."""
     if len(location) == 1:
         return Settings.model_fields
     section = str(location[0])
@@ -241,7 +238,6 @@ def _fields_at(location: tuple[Any, ...]) -> Mapping[str, Any]:
 
 
 def _description(location: tuple[Any, ...]) -> str:
-    """Return the description of a key; for a list item that of the list."""
     keys = tuple(part for part in location if part not in (NUMBER, LIST))
     if keys and isinstance(keys[-1], int):
         keys = keys[:-1]

@@ -1,4 +1,4 @@
-"""Nested dictionaries of settings: from dotted keys, and merged."""
+"""Nested dictionaries: from dotted keys, and merged."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ def nested(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _insert(tree: dict[str, Any], branch: Mapping[str, Any], name: str, above: str = "") -> None:
-    """Insert a branch into a tree; existing values must not be replaced."""
     for key, value in branch.items():
         there = tree.get(key)
         if key not in tree:

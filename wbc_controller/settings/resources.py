@@ -1,4 +1,4 @@
-"""Files of robot models: search by path or package, reading."""
+"""Files of robot models: search and reading."""
 
 from __future__ import annotations
 

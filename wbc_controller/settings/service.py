@@ -1,4 +1,4 @@
-"""Settings of the service: loop, solver, safety, guard, audit, recorder, mock robot."""
+"""Settings of loop, solver, safety, guard, audit, recorder, mock robot."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from wbc_controller.settings.contacts import Direction
 from wbc_controller.settings.values import Name, NonNegative, Positive, Section, Vector3
 
-#: Joint damping, N·m·s/rad. Larger values are likely in another unit.
+#: Joint damping, N·m·s/rad.
 Damping = Annotated[NonNegative, Field(le=100.0)]
 
 #: Largest number of cells of a block of ground.

@@ -1,4 +1,4 @@
-"""Types of values with ranges, and the base class of sections."""
+"""Types of values, and the base class of sections."""
 
 from __future__ import annotations
 
@@ -56,5 +56,5 @@ class Section(BaseModel):
 
     #: Keys that may change while the controller runs.
     live: ClassVar[tuple[str, ...]] = ()
-    #: Smaller ranges of live keys while the controller runs. None is the configured value, which is always valid.
+    #: Smaller ranges of live keys while the controller runs; None is the configured value.
     live_ranges: ClassVar[Mapping[str, tuple[float | None, float | None]]] = {}

@@ -1,1 +1,1 @@
-"""Fault campaigns, fuzzers, accuracy of the estimator, latency."""
+"""Fault campaigns, fuzzers, accuracy, latency."""

@@ -1,4 +1,4 @@
-"""Collection of the errors that this package logs during a trial."""
+"""Collection of logged errors during a trial."""
 
 import contextlib
 import logging

@@ -1,4 +1,4 @@
-"""Controller, mock robot and user on one thread and simulated time, for trials in one process."""
+"""Controller, mock robot and user on one thread and simulated time."""
 
 from collections.abc import Mapping
 from typing import Any

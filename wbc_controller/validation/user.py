@@ -1,4 +1,4 @@
-"""User of a trial: sends requests by topics, and moves the robot."""
+"""User of a trial: requests by topics."""
 
 import dataclasses
 from collections.abc import Sequence

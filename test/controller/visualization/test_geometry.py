@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 from collections import Counter
 
 import numpy as np
@@ -35,6 +36,10 @@ PRIMITIVES = """
 """
 
 
+def moved(placement, points):
+    return np.asarray(points) @ placement.rotation.T + placement.translation
+
+
 def assert_closed(vertices, triangles):
     edges = Counter((t[i], t[(i + 1) % 3]) for t in triangles.tolist() for i in range(3))
     assert set(edges.values()) == {1}
@@ -45,10 +50,15 @@ def assert_closed(vertices, triangles):
     assert volume == pytest.approx(ConvexHull(vertices).volume, rel=1e-6)  # positive: triangles face outwards
 
 
+@functools.cache
+def parts_of(name):
+    return build_parts(robot(name)[1])
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_hulls_are_closed_and_small(name):
     _, model = robot(name)
-    parts = build_parts(model)
+    parts = parts_of(name)
     assert len(parts) > model.na
     for part in parts:
         assert len(part.triangles) <= TRIANGLES
@@ -67,13 +77,13 @@ def test_bounding_boxes_are_those_of_the_meshes(name):
     pin.updateGeometryPlacements(full, full_data, geometry, geometry_data, pin.neutral(full))
     pin.forwardKinematics(model.pinocchio, data, pin.neutral(model.pinocchio))
     checked = 0
-    for part in build_parts(model):
+    for part in parts_of(name):
         index = geometry.getGeometryId(part.name)
         shape = geometry.geometryObjects[index].geometry
         if not hasattr(shape, "vertices"):
             continue
-        mesh = np.array([geometry_data.oMg[index].act(point) for point in shape.vertices()])
-        hull = np.array([data.oMi[part.joint].act(point) for point in part.vertices])
+        mesh = moved(geometry_data.oMg[index], shape.vertices())
+        hull = moved(data.oMi[part.joint], part.vertices)
         size = np.ptp(mesh, axis=0)
         assert np.abs(hull.min(0) - mesh.min(0)).max() <= 0.1 * size.max(), part.name
         np.testing.assert_allclose(np.ptp(hull, axis=0), size, rtol=0.1, atol=2.0e-3, err_msg=part.name)

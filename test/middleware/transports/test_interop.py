@@ -37,10 +37,13 @@ def test_every_row_crosses(pair, eventually, example, table, to_dds):
     rows = endpoints(
         table, "node", task_kinds={kind: kind for kind in topics.TASK_TYPES}, contacts=("left",), frames=("pelvis",)
     )
+    opened = []  # all topics are discovered at the same time
     for row in (row for row in rows if not is_omitted(row)):
         received, payload = [], encode(example(row.type))
         reader.subscribe(row, received.append)
         publish = writer.advertise(dataclasses.replace(row, qos=dataclasses.replace(row.qos, reliable=True)))
+        opened.append((row, received, payload, publish))
+    for row, received, payload, publish in opened:
         eventually(lambda: received, lambda: publish(payload))  # noqa: B023  # called in this round only
         assert encode(decode(received[0], row.type)) == payload, row
 

@@ -1,4 +1,4 @@
-"""Page of `wbc check --html`: the robot in its configured stance, its support, and the findings."""
+"""Page of `wbc check --html`."""
 
 from __future__ import annotations
 
@@ -73,7 +73,6 @@ def write_check_page(config: Config, findings: Sequence[Finding], failure: str, 
 
 
 def _forces(config: Config, qp: WholeBodyQP, q: Array) -> Mapping[str, Array]:
-    """Return the contact forces of the first cycle at rest; zeros without a solution."""
     state = RobotState(0, frozen(q), frozen(np.zeros(qp.model.nv)))
     board = make_board(config.settings, qp)
     qp.dynamics.update(q, np.zeros(qp.model.nv))

@@ -1,4 +1,4 @@
-"""Arguments and options of several commands: CONFIG, --namespace, --remap."""
+"""Options of several commands: CONFIG, --namespace, --remap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that read configurations: `wbc check`, `new`, `identify` and `security-policy`."""
+"""Commands `wbc check`, `new`, `identify` and `security-policy`."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def new(urdf: str, srdf: str | None, base: Any, feet: tuple[str, ...]) -> None:
     """Print a first configuration of a robot, and check it: `wbc new ROBOT.urdf > robot.yaml`.
 
     ROBOT.urdf and FILE are paths or package:// addresses. The configuration has comments on measured, guessed and
-    missing values. Guesses, missing values and the findings of the check go to stderr. The exit status is 2 if the
+    missing values; guesses, missing values and the findings of the check go to stderr. The exit status is 2 if the
     robot cannot stand with the configuration yet.
     """
     from wbc_controller.apps.new.draft import TITLE, new_configuration

@@ -1,4 +1,4 @@
-"""Commands that run a node on DDS: `wbc run`, `mock`, `guard` and `estimate`."""
+"""Commands `wbc run`, `mock`, `guard` and `estimate`: nodes on DDS."""
 
 from __future__ import annotations
 

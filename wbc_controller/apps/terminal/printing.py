@@ -1,4 +1,4 @@
-"""Messages as text: one field per line in the form of YAML, numbers with six digits, arrays in one line."""
+"""Messages as YAML text, with six digits and arrays in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parser of quantities and directions: ``+0.02 forward``, ``20mm up``, ``10deg left``."""
+"""Parser of ``+0.02 forward``, ``20mm up``, ``10deg left``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEADINGS: Mapping[str, tuple[int, int, int]] = {
     "down": (0, 0, -1),
 }
 AXES: Mapping[str, tuple[int, int, int]] = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-#: Rotation axes of a lean in a direction, in the axes of the robot's heading.
+#: Rotation axes of a lean, in the axes of the robot's heading.
 LEANS: Mapping[str, tuple[int, int, int]] = {
     "forward": (0, 1, 0),
     "back": (0, -1, 0),

@@ -1,4 +1,4 @@
-"""Parser of the requests of `wbc send`: words become one message on one topic."""
+"""Parser of `wbc send`: words to one message on one topic."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from wbc_controller.records import REQUESTS, Array
 from wbc_controller.settings import Settings
 
 ReadMessage = Callable[[str, str, str], Any]  # waits for the newest message of a topic, given by node, key and subject
-#: First words of requests other than setpoints, with the form of the arguments.
+#: First words of other requests than setpoints, with their arguments.
 FORMS = {
     **dict.fromkeys(REQUESTS, ""),
     "release": "",
@@ -53,8 +53,8 @@ class Request:
     key: str  # key of the topic in the node's table
     subject: str  # task or contact of the topic; empty for other topics
     summary: str  # effect in words, without a full stop
-    make: Callable[[ReadMessage], Any]  # makes the message; it may read messages of the nodes
-    #: Frame of the robot to be checked by the sender, because the mock robot only logs an error; or empty.
+    make: Callable[[ReadMessage], Any]  # may read messages of the nodes
+    #: Frame to be checked by the sender, as the mock robot only logs an error; or empty.
     frame: str = ""
 
 
@@ -174,7 +174,6 @@ def _absolute(
 
 
 def _joints(task: str, words: list[str], field: str) -> tuple[str, Callable[[ReadMessage], Any]]:
-    """Parse ``JOINT by 0.1`` or ``JOINT to 0.6``, one or several of the same kind."""
     keywords = set(words[1::3])
     if not words or len(words) % 3 or len(keywords) != 1 or not keywords <= {"by", "to"}:
         raise InputRefused(

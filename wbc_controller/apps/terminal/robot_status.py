@@ -1,4 +1,4 @@
-"""Newest status of a robot's nodes, collected from their topics for `wbc status` and the page."""
+"""Newest status of a robot, from the topics of its nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connection of a user to the nodes of one robot: newest messages, and requests with their outcomes."""
+"""Connection of a user to a robot's nodes: newest messages, requests and outcomes."""
 
 from __future__ import annotations
 
@@ -245,8 +245,7 @@ class Session:
     def find_controller(self) -> None:
         """Wait until DDS has discovered the publisher of the controller's state, before the first subscription.
 
-        Fast DDS delays latched messages by up to 3 s for a reader that was announced before the discovery of the
-        writer.
+        Fast DDS delays latched messages by up to 3 s for a reader announced before the writer's discovery.
 
         Raises:
             NoAnswer: if no publisher is discovered in time.
@@ -348,7 +347,6 @@ class Session:
         return Answer(done, f"the controller is {self.mode()}")
 
     def _command_stamp(self) -> float:
-        """Return the stamp of the newest joint command, s; 0 before the first one."""
         payloads = self._messages["controller", "joint_commands", ""]
         return header_time(payloads[-1]) if payloads else 0.0
 

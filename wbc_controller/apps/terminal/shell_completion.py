@@ -1,4 +1,4 @@
-"""Shell completion of robots, words of requests, and topics."""
+"""Shell completion of robots, requests and topics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text of `wbc status`: mode, rates, ages, tasks, binding constraints, audit, and the next step after a fault."""
+"""Text of `wbc status`, with the next step after a fault."""
 
 from __future__ import annotations
 

@@ -223,7 +223,6 @@ def _split_requests(words: tuple[str, ...]) -> list[list[str]]:
 
 
 def _check_frame(settings: Settings, frame: str) -> None:
-    """Refuse an unknown frame, for which the mock robot would only log an error."""
     from wbc_controller.controller.build.robot import make_model
 
     make_model(settings).frame_id(frame, "at")

@@ -1,4 +1,4 @@
-"""Construction of a robot's objects from its settings.
+"""Construction of objects from settings.
 
-Invalid settings raise `ConfigurationError` with key, value and valid values.
+Invalid settings raise `ConfigurationError`.
 """

@@ -1,4 +1,4 @@
-"""Collision model from URDF and SRDF: shapes of the links and pairs of links."""
+"""Collision model from URDF and SRDF: shapes and pairs of links."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class CollisionModel:
 
     geometry: pin.GeometryModel  # shapes, named after their links, and pairs
     near: tuple[tuple[str, str], ...]  # excluded pairs, nearer than the margin in the nominal posture
-    replaced: tuple[str, ...] = ()  # links with a bounding box in place of an unusable convex hull
+    replaced: tuple[str, ...] = ()  # links with a bounding box in place of a hull
 
     @property
     def summary(self) -> str:
@@ -57,16 +57,13 @@ def build_collision_model(
 ) -> CollisionModel:
     """Build the collision model of a robot.
 
-    The shape of a link is its single convex element, or the convex hull of all its elements, or their bounding box. By
-    default the pairs are all pairs of links except links connected by one or two joints, disabled pairs of the SRDF,
-    and pairs nearer than the margin in the nominal posture.
+    docs/limits.md describes the shapes and the default pairs.
 
     Args:
         margin: smallest distance, m.
-        srdf: text of the SRDF.
         pairs: pairs ``<link>/<link>``; empty for the default.
-        visual: links with visual elements used as collision elements.
-        folder: folder of meshes with relative paths.
+        visual: links with visual as collision elements.
+        folder: of relative mesh paths.
     """
     elements = read_collision_elements(model, with_visuals(model.urdf, visual), "limits.self_collision", folder)
     joints = {model.pinocchio.frames[frame].name: model.pinocchio.frames[frame].parentJoint for frame in elements}
@@ -119,7 +116,6 @@ def with_visuals(urdf: str, links: Sequence[str]) -> str:
 def _shapes(
     model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]]
 ) -> tuple[pin.GeometryModel, tuple[str, ...]]:
-    """Return a convex shape per link, and the links with a bounding box in place of their hull."""
     geometry, replaced = pin.GeometryModel(), []
     for frame_id, own in elements.items():
         frame = model.pinocchio.frames[frame_id]
@@ -137,7 +133,6 @@ def _shapes(
 
 
 def _hull(points: Array) -> coal.ConvexBase | None:
-    """Return the convex hull of points, (n, 3) in m, or of extreme points; None without a usable hull."""
     if not (np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] > _THINNEST):
         return None  # Coal crashes with flat hulls
     hull = _convex(np.unique(points, axis=0))
@@ -147,7 +142,6 @@ def _hull(points: Array) -> coal.ConvexBase | None:
 
 
 def _convex(corners: Array) -> coal.ConvexBase | None:
-    """Return the convex hull of points, (n, 3) in m; None if Qhull or Coal fails."""
     vertices = coal.StdVec_Vec3s()
     vertices.extend(list(corners))
     try:
@@ -157,7 +151,6 @@ def _convex(corners: Array) -> coal.ConvexBase | None:
 
 
 def _extreme_points(points: Array) -> Array:
-    """Return the extreme points in evenly distributed directions, (k, 3)."""
     number = np.arange(_DIRECTIONS) + 0.5
     z, turn = 1.0 - 2.0 * number / _DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * number
     across = np.sqrt(1.0 - z**2)
@@ -175,7 +168,6 @@ def _distance_outside_hull(points: Array, corners: Array) -> float:
 
 
 def _are_connected(model: RobotModel, a: int, b: int) -> bool:
-    """Return True if two joints are equal, or connected by one or two joints in series."""
     parents = model.pinocchio.parents
     carriers = [(link, parents[link], parents[parents[link]]) for link in (a, b)]
     return bool(b in carriers[0] or a in carriers[1])
@@ -202,7 +194,6 @@ def _disabled_pairs(srdf: str) -> set[frozenset[str]]:
 
 
 def _remove_near_pairs(model: RobotModel, geometry: pin.GeometryModel, margin: float) -> tuple[tuple[str, str], ...]:
-    """Remove the pairs nearer than the margin in the nominal posture; return their names."""
     data, placements = model.pinocchio.createData(), geometry.createData()
     pin.updateGeometryPlacements(model.pinocchio, data, geometry, placements, model.configuration(model.posture))
     every = [(pair.first, pair.second) for pair in geometry.collisionPairs]  # the pairs are views

@@ -1,4 +1,4 @@
-"""Construction of the estimators: base, contacts, joint velocities, disturbance, friction."""
+"""Construction of the estimators."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Footprint of a body: contact region of its collision shapes on a plane, such as a sole on the floor."""
+"""Footprint of a body: contact region of its shapes on a plane."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ _CANDIDATES = 50
 class Footprint:
     """Contact region of a body on a plane, moved along its normal until they touch."""
 
-    polygon: Array  # corners of the convex footprint, counterclockwise, (n, 2) in m; also a point or a line
+    polygon: Array  # counterclockwise corners, (n, 2) in m; also a point or a line
     height: float  # height of the body's lowest point above the plane, m
-    #: angle between the plane and the largest flat face of the underside, rad; None without a flat face
+    #: angle between plane and largest flat face of the underside, rad; None without one
     tilt: float | None
 
     @property
@@ -69,10 +69,9 @@ def footprint(
     """Return the footprint on a plane of all links moved by one joint; None without collision elements.
 
     Args:
-        elements: collision elements by frame number, from `read_collision_elements`.
-        joint: joint number in the Pinocchio model.
-        plane: placement of the plane in the joint's frame; its z axis is the normal towards the body.
-        layer: thickness of the layer above the body's lowest point, m.
+        elements: by frame number, from `read_collision_elements`.
+        plane: placement in the joint's frame; z is the normal towards the body.
+        layer: thickness above the lowest point, m.
     """
     shapes = [
         element
@@ -140,14 +139,12 @@ def _touching(element: pin.GeometryObject, axes: Array) -> Array:
 
 
 def _centres(element: pin.GeometryObject) -> Array:
-    """Return the centres of a sphere, or of the ends of a capsule, (n, 3) in m."""
     half = element.geometry.halfLength if isinstance(element.geometry, coal.Capsule) else 0.0
     ends = [np.array([0.0, 0.0, side * half]) for side in ((1.0, -1.0) if half else (1.0,))]
     return np.array([element.placement.act(end) for end in ends])
 
 
 def _sphere() -> Array:
-    """Return points on the unit sphere with poles on z."""
     polar, turn = np.meshgrid(
         np.linspace(0.0, np.pi, _RINGS + 1), np.linspace(0.0, 2.0 * np.pi, _MERIDIANS, endpoint=False)
     )

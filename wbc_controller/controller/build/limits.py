@@ -1,4 +1,4 @@
-"""Construction of the torque-speed curve and of the self-collision limit."""
+"""Construction of torque-speed curve and self-collision limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Construction of the reference board and of the live tuning."""
+"""Construction of reference board and live tuning."""
 
 from __future__ import annotations
 

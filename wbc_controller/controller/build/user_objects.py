@@ -1,4 +1,4 @@
-"""Construction and checks of user-defined tasks, contacts and limits."""
+"""Construction of user-defined tasks, contacts and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comparison of configured contacts with collision shapes of the URDF."""
+"""Comparison of contacts with collision shapes."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings import SurfaceContact as SurfaceSettings
 from wbc_controller.settings.resources import locate
 
-#: Largest distance between a contact and the lowest point of its body's shapes, m: padded shapes differ by less.
+#: Largest distance between a contact and the lowest point of its body's shapes, m.
 _HEIGHT = 0.02
 #: Reported distance, m.
 _REPORTED_HEIGHT = 0.005
 #: Largest angle between a sole and the flat underside of its shapes, rad: 5°.
 _TILT = 0.0873
-#: Largest overhang of a support, m, and as a share of its smaller side: beyond it the robot would fall.
+#: Largest overhang of a support, m, and as a share of its smaller side.
 _OVERHANG, _OVERHANG_SHARE = 0.01, 0.1
 #: Reported overhang, m: feet tip on the edge of the true sole.
 _REPORTED_OVERHANG = 0.001
@@ -35,7 +35,7 @@ _TREAD = 0.002
 _LONGEST = 0.3
 #: Largest horizontal distance of a point contact from the footprint of its body, m.
 _SIDE_OFFSET = 0.03
-#: Cosine of the smallest angle between contact normal and floor normal of an upside-down contact, 120°.
+#: Cosine of the smallest angle between contact and floor normal of an upside-down contact, 120°.
 _UPSIDE_DOWN = -0.5
 
 
@@ -60,7 +60,7 @@ def upside_down_message(name: str) -> str:
 def compare_with_shapes(settings: Settings, qp: WholeBodyQP, normal: Array) -> list[Finding]:
     """Compare soles, and enabled balls and wheels, with collision shapes in the nominal posture.
 
-    `normal` is the floor's, (3,) in the world. Large differences raise `ConfigurationError`.
+    Large differences raise `ConfigurationError`.
     """
     model, path = qp.model, settings.robot.urdf
     contacts = {
@@ -126,7 +126,6 @@ def _compare_contact(
     contact: UnilateralContact,
     normal: Array,
 ) -> str | None:
-    """Compare one contact; None without shapes."""
     spec, model = settings.contacts[name], qp.model
     frame = model.frame_id(spec.frame, f"contacts.{name}.frame")
     body = qp.dynamics.placement(frame) * model.pinocchio.frames[frame].placement.inverse()
@@ -211,7 +210,6 @@ def _require_height(name: str, kind: str, height: float, translation: str) -> No
 
 
 def _require_size(name: str, spec: SurfaceSettings, region: Footprint) -> None:
-    """Refuse a support with a large overhang."""
     corners = np.array(spec.corners)
     allowed = min(_OVERHANG, _OVERHANG_SHARE * float(region.size.min()))
     overhang = float(region.outside(corners).max())

@@ -25,7 +25,7 @@ _ONE_PLACE = 1.0e-3
 _NOTICED_MASS = 0.05
 #: Largest plausible distance between joints, m.
 _LARGEST_LINK = 20.0
-#: Largest plausible effort limit, in weight times size of the robot; strong motors reach about 1.
+#: Largest plausible effort limit, in weight times size; strong motors reach 1.
 _STRONGEST = 10.0
 #: Largest plausible velocity limit, rad/s or m/s; fast joints reach 40.
 _FASTEST = 300.0
@@ -51,8 +51,7 @@ def _links(urdf: str) -> Iterator[_Link]:
 def require_inertia(model: RobotModel) -> None:
     """Refuse moving bodies without mass or inertia except `massless_links`, and implausible distances between joints.
 
-    Raises:
-        ConfigurationError: if a body has no inertia, or a distance is too large.
+    Raises: ConfigurationError: with the bodies or joints.
     """
     links = {link.name: link for link in _links(model.urdf)}
     bodies: dict[int, list[_Link]] = {joint: [] for joint in range(1, model.pinocchio.njoints)}
@@ -95,7 +94,6 @@ def massless_links(model: RobotModel) -> list[str]:
 
 
 def _moments_in_simulator(moments: Array) -> Array:
-    """Return the moments for a simulator: the mean for all three if they are impossible."""
     return moments if are_possible_moments(moments) else np.full(3, moments.mean())
 
 

@@ -1,4 +1,4 @@
-"""Pre-flight check, `wbc check`: model, contacts and stance of a configuration."""
+"""Pre-flight check, `wbc check`: model, contacts and stance."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from wbc_controller.settings.config import Config, load
 
 #: Largest height difference of floor contacts with an upright base, m, and as a share of the centre of mass' height.
 _LEVEL, _LEVEL_SHARE = 0.01, 0.02
-#: Cosine of the largest angle between floor normal and contact normal of a floor contact, 60°.
+#: Cosine of the largest angle between floor and contact normal, 60°.
 _FLOOR = 0.5
 #: Largest position error of a loop in the nominal posture, m or rad.
 _CLOSED = 1.0e-3
@@ -91,9 +91,7 @@ def _floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> di
 def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
     """Build all objects of a configuration, compare it with URDF and meshes, and check that the robot can stand.
 
-    Raises:
-        ConfigurationError: if the configuration is invalid, the robot cannot stand still in its nominal posture, or
-            contacts differ from the URDF's shapes.
+    Raises: ConfigurationError: if one of these fails.
     """
     config = load(config, urdf=urdf)
     settings = config.settings
@@ -159,7 +157,6 @@ def _floor(settings: Settings) -> Array:
 
 
 def _posture(settings: Settings, qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[Finding]:
-    """Report positions of base and centre of mass, and tilts of the soles."""
     dynamics, link = qp.dynamics, qp.model.base_link
     base = dynamics.placement(qp.model.frame_id(link, "base")).translation
     findings = [
@@ -196,7 +193,6 @@ def _placements(qp: WholeBodyQP) -> Array:
 
 
 def _uncontrolled_joints(settings: Settings, qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
-    """Report joints in the null space of all enabled tasks and contacts."""
     model, dynamics = qp.model, qp.dynamics
     tasks = [
         task.jacobian(dynamics)[task.rows]
@@ -211,7 +207,6 @@ def _uncontrolled_joints(settings: Settings, qp: WholeBodyQP, active: Sequence[s
 
 
 def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
-    """Return True if an enabled task controls the orientation of the base."""
     frames, model = qp.model.pinocchio.frames, qp.model
     base = frames[model.frame_id(model.base_link, "base")].parentJoint
     return any(
@@ -223,7 +218,6 @@ def _is_kept_level(settings: Settings, qp: WholeBodyQP) -> bool:
 
 
 def _redundant(qp: WholeBodyQP, active: Sequence[str]) -> list[Finding]:
-    """Report constrained contact directions without joint mobility."""
     contacts = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     if not contacts:
         return []
@@ -296,7 +290,6 @@ def support_margin(points: Array, position: Array) -> float:
 def _static(
     qp: WholeBodyQP, state: RobotState, references: References, active: list[str], normal: Array
 ) -> list[Finding]:
-    """Find torques and contact forces at rest."""
     model = qp.model
     layout = qp.formulation.build(state, references).snapshot()
     problem = layout.problem
@@ -363,7 +356,6 @@ def unsupported_passive_joints(qp: WholeBodyQP, active: Sequence[str]) -> list[i
 
 
 def _balance(qp: WholeBodyQP, hanging: list[int]) -> list[Finding]:
-    """Report unsupported passive joints out of balance, with the `rest` that balances them."""
     model, found = qp.model, []
     torques = model.joint_forces(qp.dynamics.h)  # at rest: gravity minus the springs
     for i in hanging:

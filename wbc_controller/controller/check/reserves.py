@@ -1,4 +1,4 @@
-"""Reserves of a standing robot: largest push, sway and squat at rest, with fixed contacts."""
+"""Reserves of a standing robot: largest push, sway and squat."""
 
 from __future__ import annotations
 
@@ -122,15 +122,13 @@ def _largest_multiple(qp: WholeBodyQP, bearing: Sequence[Contact], hanging: Sequ
     if result.x is None:
         return _LoadLimit(0.0, None)
     most, torques = float(result.x[-1]), slice(len(J), len(J) + model.na)
-    # The torques are not unique: a limit is the cause only if its multiplier is not zero.
+    # The torques are not unique: only a limit with a multiplier is the cause.
     worth = (np.abs(result.lower.marginals) + np.abs(result.upper.marginals))[torques] * model.effort_limits
     worst = int(np.argmax(worth))
     return _LoadLimit(most, model.actuators[worst] if worth[worst] > _MATTERS * most else None)
 
 
 class _MotionWithContacts:
-    """Motion of a robot with contacts fixed at their present poses."""
-
     def __init__(self, qp: WholeBodyQP, bearing: Sequence[AnchoredContact], margin: float) -> None:
         self.qp, self.bearing = qp, bearing
         model = qp.model
@@ -146,7 +144,7 @@ class _MotionWithContacts:
         """Move the centre of mass to a goal, (3,) in m, by Newton's method.
 
         Args:
-            weights: weights of centre of mass and base orientation, (6,); 1 if required.
+            weights: of centre of mass and base orientation, (6,); 1 if required.
 
         Returns:
             The configuration, also of the dynamics, and the limiting cause, or "" if the goal is reached.
@@ -206,13 +204,9 @@ def com_distance(
     most: float,
     margin: float = 0.0,
 ) -> ComDistance | None:
-    """Return the distance that the centre of mass can move on a line at rest, with level base and fixed contacts.
+    """Return the distance, at most `most` in m, that the centre of mass can move along a unit vector at rest.
 
-    None for robots with closed loops. Other arguments as in `reserves`.
-
-    Args:
-        direction: unit vector in the world, (3,).
-        most: largest distance, m.
+    Base level, contacts fixed. None for robots with closed loops. Other arguments as in `reserves`.
     """
     bearing = [contact for name, contact in qp.contacts.items() if name in active or contact.permanent]
     anchored = [contact for contact in bearing if isinstance(contact, AnchoredContact)]

@@ -1,1 +1,1 @@
-"""Tables, plots and pages of results; shapes and geometry of robots."""
+"""Tables, plots, pages, shapes and geometry."""

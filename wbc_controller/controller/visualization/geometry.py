@@ -1,4 +1,4 @@
-"""Visual geometry of a robot: visuals of the URDF, and simplified convex hulls for browsers without a GPU."""
+"""Visual geometry: URDF visuals, and convex hulls for browsers without a GPU."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TOLERANCE = 2.0e-4
 #: Thickness of bars in place of missing meshes, m.
 BONE = 0.03
 
-#: Parts that protrude less from another part of the joint, m, are omitted: they flicker.
+#: Parts that protrude less from another part of the joint, m, are omitted.
 BADGE = 0.015
 
 #: Default color, red, green and blue.
@@ -68,7 +68,6 @@ def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]
     folders = _package_folders(model.urdf)
     urdf, bare_links = _without_missing_meshes(model.urdf, folders)
     try:
-        # Frames of a reduced model are placed on the remaining joints, also behind locked joints.
         geometry = pin.buildGeomFromUrdfString(
             model.pinocchio, urdf, pin.VISUAL, package_dirs=[str(folder) for folder in folders]
         )
@@ -137,7 +136,6 @@ def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.N
 
 
 def _points(shape: coal.CollisionGeometry) -> Array | None:
-    """Return points that span the convex hull of a shape, (n, 3) in m; None for unsupported shapes."""
     corners = np.array(list(product((-1.0, 1.0), repeat=3)))
     angles = np.arange(20) * 2.0 * np.pi / 20
     ring = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(20)])
@@ -157,7 +155,6 @@ def _points(shape: coal.CollisionGeometry) -> Array | None:
 
 
 def _embedded(part: Part, other: Part) -> bool:
-    """Return True if a part lies (almost) within another part of its joint."""
     if part is other or part.joint != other.joint:
         return False
     equations = ConvexHull(other.vertices).equations
@@ -167,7 +164,6 @@ def _embedded(part: Part, other: Part) -> bool:
 
 
 def _sphere() -> Array:
-    """Return 60 points of the unit sphere: a Fibonacci spiral and the ends of the axes."""
     k = np.arange(54)
     z = 1.0 - (2.0 * k + 1.0) / 54
     angle = k * np.pi * (3.0 - np.sqrt(5.0))
@@ -186,7 +182,6 @@ def _package_folders(urdf: str) -> list[Path]:
 
 
 def _without_missing_meshes(urdf: str, folders: list[Path]) -> tuple[str, list[str]]:
-    """Remove visuals with missing meshes from a URDF; return its text and the affected links."""
     root = ElementTree.fromstring(urdf)  # noqa: S314  # Pinocchio has read this text before
     bare = []
     for link in root.iter("link"):

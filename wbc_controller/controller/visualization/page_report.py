@@ -1,4 +1,4 @@
-"""Reports as self-contained HTML pages with verdict, 3-D motion, table and plots."""
+"""Reports as self-contained HTML pages."""
 
 from __future__ import annotations
 
@@ -153,7 +153,6 @@ def _figure(plot: Plot) -> str:
 
 
 def _figure_data(plot: Plot) -> Any:
-    """Return a figure for JSON; the page sets colours and legend."""
     content = json.loads(plot.figure.to_json())
     content["layout"] |= {"template": None, "showlegend": False}
     return content

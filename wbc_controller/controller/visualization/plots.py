@@ -1,4 +1,4 @@
-"""Plotly figures: lines in panels, series by category, one cycle in 3-D.
+"""Plotly figures: panels of lines, series by category, one cycle in 3-D.
 
 Without plotly the functions raise `ConfigurationError`.
 """
@@ -72,9 +72,7 @@ def line_panels(
     """Return a figure of panels below each other, with thinned lines.
 
     Args:
-        height: pixels.
-        axis: title of the x axis.
-        marks: times of events by name, s.
+        marks: times by name, s.
         shaded: shaded intervals, s.
     """
     _, make_subplots = _plotly()

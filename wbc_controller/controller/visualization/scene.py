@@ -148,7 +148,6 @@ def _shape(group: str, number: int, kind: str, size: float, points: Sequence[Arr
 
 
 def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array) -> tuple[list[Array], list[Array]]:
-    """Return the force arrow at the centre of pressure, and the edges of the friction pyramid."""
     weight, centre = dynamics.model.mass * dynamics.model.gravity, corners.mean(axis=0)
     wrench = array_from(contact, "wrench_in_world", (6,), dynamics, force)
     if not isinstance(contact, UnilateralContact):
@@ -170,7 +169,6 @@ def _contact(dynamics: Dynamics, contact: Contact, force: Array, corners: Array)
 
 
 def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
-    """Return centre of mass, its projection onto the ground, and capture point."""
     com = np.array(dynamics.com)
     below = np.array([com[0], com[1], ground])
     shapes = [_shape("com", 0, SPHERE_LIST, 0.04, [com, below]), _shape("com", 1, LINE_LIST, 0.004, [com, below])]
@@ -182,7 +180,6 @@ def _balance(dynamics: Dynamics, ground: float) -> list[Shape]:
 
 
 def _point_and_reference(task: Task, dynamics: Dynamics, reference: Reference, ground: float) -> list[Array]:
-    """Return the positions of a task's point and of its reference in the world; empty without a point."""
     wanted = reference.position
     if isinstance(task, ComTask | FramePositionTask | FramePoseTask):
         return [task.position(dynamics)[:3], wanted[:3]]
@@ -199,7 +196,6 @@ def _point_and_reference(task: Task, dynamics: Dynamics, reference: Reference, g
 
 
 def _supports(contact: Contact) -> bool:
-    """Return True for unilateral contacts with the world."""
     return isinstance(contact, UnilateralContact) and not contact.internal
 
 

@@ -1,4 +1,4 @@
-"""Contacts: one file per kind, derived from the base classes in `contact`."""
+"""Contacts: one file per kind."""
 
 from wbc_controller.inverse_dynamics.contacts.contact import AnchoredContact, Contact, UnilateralContact
 from wbc_controller.inverse_dynamics.contacts.fixed import FixedContact

@@ -1,4 +1,4 @@
-"""Base classes of contacts: motion constraint, force bounds and force cone."""
+"""Base classes: motion constraint, force bounds and cone."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _TANGENTIAL = (0, 1, 5)
 
 
 class Contact(Tunable, ABC):
-    """Contact of a link with the environment or with another link of the robot.
+    """Contact of a link with the environment or with another link.
 
     An active contact constrains motion by J v̇ + J̇v = -D J v (equation (30) of the note; D damps the contact
-    velocity), and exerts the generalized force Jᵀf with bounds and the cone C f ≤ 0. Between two links, J v is their
-    relative velocity, and Jᵀf acts on both.
+    velocity), and exerts the generalized force Jᵀf with bounds and the cone C f ≤ 0. Between two links, J v is
+    relative, and Jᵀf acts on both.
 
     Settings override `enabled` and `ramp` for contacts of a configuration file. Constructors raise `ConfigurationError`
     for unknown frames, masks without held axis, and vectors of zero length.
@@ -33,14 +33,14 @@ class Contact(Tunable, ABC):
         wrench_frame: link with the contact frame of the wrench, or ``world``.
         cone: friction or wrench cone C, (rows, k).
         damping: D, 1/s.
-        internal: True between two links of the robot.
+        internal: True between two links.
         metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for forces, 1/ℓ² for moments, with ℓ the RMS
             lever of the sole's corners (1 m for a point).
-        permanent: True for a contact that is always active.
+        permanent: True if always active.
         bound_groups: bounded parts of f: name, first component, end.
         friction: Coulomb friction coefficient; 0 without a cone.
         min_normal_force: N; -inf if the contact can pull.
-        enabled: True if the contact is active at activation.
+        enabled: True if active at activation.
         ramp: duration of loading or unloading, s.
     """
 
@@ -139,7 +139,7 @@ class AnchoredContact(Contact):
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
         """Return the displacement e to the anchor along the axes of f, (k,) in m and rad.
 
-        To first order, J v = e for one second returns to the anchor. e is 0 along axes without a position.
+        To first order, J v = e for one second returns to the anchor; e is 0 along axes without a position.
         """
 
 

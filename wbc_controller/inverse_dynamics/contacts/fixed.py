@@ -1,4 +1,4 @@
-"""Contact with bilateral forces and without a cone."""
+"""Contact with bilateral forces."""
 
 from __future__ import annotations
 
@@ -41,10 +41,9 @@ class FixedContact(AnchoredContact):
         """Make a fixed contact.
 
         Args:
-            frame: URDF frame of the held link.
             placement: of the contact in that frame.
             mask: held axes of the contact frame: along x, y, z, about x, y, z.
-            against: URDF frame of the holding link; None for the world.
+            against: frame of the holding link; None for the world.
             max_force: along each axis, N.
             max_moment: about each axis, N·m.
             damping: D, 1/s.
@@ -124,8 +123,8 @@ class FixedContact(AnchoredContact):
 def _nonholonomic_axes(held: np.ndarray) -> list[str]:
     """Name the held axes along which sequences of motions along free axes can displace the link.
 
-    There are none if the twists along the free axes form a Lie algebra. Otherwise the constraint is nonholonomic: it
-    does not restrict the position, as for a parking car (Murray, Li and Sastry, 1994, section 7.2).
+    There are none if the twists along the free axes form a Lie algebra. Otherwise the constraint is nonholonomic, as
+    for a parking car (Murray, Li and Sastry, 1994, section 7.2).
     """
     free = [pin.Motion(axis) for i, axis in enumerate(np.eye(6)) if i not in held]
     brackets = np.array([a.cross(b).vector for a in free for b in free]).reshape(-1, 6)

@@ -1,4 +1,4 @@
-"""Closure of a kinematic loop by a joint outside the kinematic tree."""
+"""Kinematic loop closed by a joint outside the tree."""
 
 from __future__ import annotations
 
@@ -48,7 +48,6 @@ class LoopClosure(Contact):
         """Make a loop closure.
 
         Args:
-            frames: URDF frames of the two links.
             placements: of A and B in these frames.
             mask: held axes of A: along x, y, z, about x, y, z.
             stiffness: K, 1/s².
@@ -84,7 +83,6 @@ class LoopClosure(Contact):
         return a.actInv(dynamics.placement(self._b) * self._placements[1])
 
     def _a_to_b(self, dynamics: Dynamics) -> Array:
-        """Return X, (6, 6), from a twist of the link of A to frame B."""
         b = dynamics.placement(self._b) * self._placements[1]
         change: Array = b.actInv(dynamics.placement(self._a)).toActionMatrix()
         return change

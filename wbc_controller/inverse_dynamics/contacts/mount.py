@@ -1,4 +1,4 @@
-"""Placement of a contact on its link, and its motion relative to the world or another link."""
+"""Placement of a contact on its link, and its relative motion."""
 
 from __future__ import annotations
 

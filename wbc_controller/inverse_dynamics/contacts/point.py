@@ -1,4 +1,4 @@
-"""Contact of a ball or point with a three-dimensional force."""
+"""Contact of a ball or point."""
 
 from __future__ import annotations
 
@@ -65,11 +65,10 @@ class PointContact(UnilateralContact):
         """Make a point contact.
 
         Args:
-            frame: URDF frame of the touching link.
             translation: centre of the ball in that frame, (3,) in m.
-            radius: of the ball, m.
+            radius: m.
             normal: outward normal of the plane, (3,); in the world, or in `against`.
-            against: URDF frame of the touched link; None for the world.
+            against: frame of the touched link; None for the world.
             **limits: other keywords of `UnilateralContact`.
         """
         self._axes = axes_with_normal(unit(f"contacts.{name}.normal", np.asarray(normal)))

@@ -1,4 +1,4 @@
-"""Contact of a wheel that rolls without slipping, with a three-dimensional force."""
+"""Contact of a rolling wheel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Support polygons of contacts, and their friction and wrench cones."""
+"""Support polygons, friction and wrench cones."""
 
 from __future__ import annotations
 
@@ -131,7 +131,6 @@ def support_polygon(points: Array) -> Array:
 
 
 def _is_outside_hull(others: Array, point: Array, least: float) -> bool:
-    """Return True if a point is outside the convex hull of the others by more than `least`."""
     try:
         hull = ConvexHull(others)
     except QhullError:

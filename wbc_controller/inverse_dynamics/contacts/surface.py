@@ -1,4 +1,4 @@
-"""Contact of a flat rectangle or polygon with a six-dimensional wrench."""
+"""Contact of a rectangle or polygon, with six-dimensional wrench."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The quadratic program of one cycle: layout, cost, constraints, unpacking and infeasibility."""
+"""The quadratic program of one cycle."""

@@ -1,4 +1,4 @@
-"""Position feedback of contacts to their anchors (`contacts.AnchoredContact`)."""
+"""Position feedback of contacts to their anchors."""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,7 +18,7 @@ def anchor_feedback(
 
     If dependent contacts cannot reach all anchors, `formulation.redundancy` gives the nearest acceleration.
 
-    `rows` is nf, `anchored` contains the contacts with a stiffness and their rows of J.
+    `rows` is nf; `anchored`: contacts with a stiffness, and their rows of J.
 
     Raises:
         ConfigurationError: for a contact with a stiffness and without an anchor.

@@ -1,4 +1,4 @@
-"""Answer of a solver: minimizer, status, multipliers and residuals."""
+"""Answer of a solver."""
 
 from dataclasses import dataclass, field
 

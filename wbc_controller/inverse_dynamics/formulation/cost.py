@@ -1,4 +1,4 @@
-"""Cost of one priority level: weighted task rows and regularization, as a sum of squares."""
+"""Cost of one priority level, as a sum of squares."""
 
 from collections.abc import Mapping, Sequence
 
@@ -54,7 +54,7 @@ class LevelCost:
         self._rows_of = [(task.name, places[task.name]) for task in with_rows]
         end = sum(task.dimension for task in with_rows)
         count = end + base
-        # The first level precedes the equality constraints, for one kernel; redundant directions are above.
+        # The first level precedes the equality constraints; redundant directions are above.
         soft = len(layout.J) if first else 0
         top, bottom = problem.room - count, problem.room + len(problem.b)
         whole = problem.memory[top - soft : bottom] if first else np.zeros((count, n + 1))

@@ -1,4 +1,4 @@
-"""Fast formulation: fills the quadratic program of `plain_qp` with kernels, in persistent arrays."""
+"""Fast formulation: fills the program of `plain_qp` with kernels."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -37,8 +37,8 @@ from wbc_controller.records import Array, References, RobotState, Tuning
 class Formulation:
     """Quadratic program of a state and references; `inverse_dynamics.whole_body_qp` solves it.
 
-    Two caches: the structure has all arrays for one set of active contacts and tasks. The parameters (weights,
-    activations, gains, limits) are written to them after changes. State and references are filled in every cycle.
+    The structure has the arrays for one set of active contacts and tasks. Parameters (weights, gains, limits) are
+    written after changes, state and references in every cycle.
 
     Attributes:
         task_errors: of each level in the last cycle.
@@ -163,7 +163,6 @@ class Formulation:
         return float(mobilities(layout.J, layout.metric, self.dynamics)[0].min(initial=math.inf))
 
     def _separate_contacts(self, layout: Layout) -> None:
-        """Move redundant directions of the contacts from A and b to the cost."""
         nf, nv = layout.J.shape
         hard, soft = separate_redundant_rows(layout.J, layout.contact_motion, layout.metric, self.dynamics)
         layout.contact_rows = np.column_stack([layout.J, layout.contact_motion])
@@ -213,7 +212,6 @@ class Formulation:
         return structure
 
     def _structure_for(self, weights: Mapping[str, float], activations: Mapping[str, float]) -> Structure:
-        """Return the structure for active contacts and tasks; its layout may contain rows of other tasks before."""
         # A NaN weight is active, for the check for finite values.
         tasks = tuple(name for name in self.tasks if not weights.get(name, 0.0) <= 0.0)
         contacts = tuple(name for name, c in self.contacts.items() if c.permanent or activations.get(name, 0.0) > 0.0)
@@ -274,7 +272,6 @@ class Formulation:
         np.divide(upper, FORCE_UNIT, out=place.upper)
 
     def _fill_contacts(self, layout: Layout, references: References) -> None:
-        """Fill the contacts that are evaluated in Python, and the anchor feedback."""
         for place in layout.python_contacts:
             place.J[:], place.acceleration[:] = motion_of(place.contact, self.dynamics)
             self._bound_force(place, references.contacts)

@@ -1,11 +1,11 @@
-"""Diagnosis of infeasibility: conflicting named constraints, and the smallest slack for feasibility.
+"""Diagnosis of infeasibility: conflicting constraints, and the smallest slack.
 
 Linear programs over the constraints of the failed problem:
 
 1. Elastic phase one: minimize Σ σ_g with a slack σ_g ≥ 0 of every named constraint g (Chinneck, "Feasibility and
   infeasibility in optimization", Springer 2008). The constraints with slack are one side of the conflict.
 2. Deletion filter: enforce the constraints with the smallest slack, while the total slack of the others grows by at
-  most `SLACK_GROWTH`. They do not belong to the conflict.
+  most `SLACK_GROWTH`. They are not in the conflict.
 3. Repeat with each kind of that side enforced: constraints of other kinds with slack are the next side, up to
   `REMOTE_COST_RATIO` times the smallest cost, and twice the number.
 4. Repeat with the named constraints enforced: other constraints up to `EQUAL_COST_RATIO` times the smallest cost also
@@ -169,8 +169,6 @@ def explain(
 
 @dataclass(frozen=True, slots=True)
 class _Side:
-    """Relaxation that makes the problem feasible."""
-
     x: Array
     total: float
     slack: dict[str, float]
@@ -285,7 +283,6 @@ def _widened(rows: Array, columns: int) -> Array:
 
 
 def _largest_violation(constraint: Constraint, x: Array) -> tuple[float, str, str]:
-    """Return the largest violation at x, its unit, and a phrase for it."""
     value = constraint.rows @ x
     above, below = value - constraint.upper, constraint.lower - value
     beyond = np.maximum(above, below)

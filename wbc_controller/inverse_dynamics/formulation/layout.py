@@ -1,7 +1,6 @@
 """Rows and columns of the quadratic program.
 
-Decision variables: x = [v̇ (nv), f / FORCE_UNIT (nf)]. The torques τ = T (M v̇ + h - Jᵀ f) are eliminated
-(`actuation.Actuation`).
+Decision variables as in `plain_qp`.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ class Layout:
         torque: rows of C of the torque bounds.
         available: smallest and largest available torques, and effort limits, (3, na) in N·m.
         limits: rows of C of each row limit.
-        limit_parts: rows, lower and upper bounds of each row limit, as views.
+        limit_parts: views of rows and bounds of each row limit.
         joints: columns of the joint accelerations in x, (nj,).
         torque_bias: constant part of τ = C x + torque_bias, (na,) in N·m.
         levels: cost of each priority level, highest first.

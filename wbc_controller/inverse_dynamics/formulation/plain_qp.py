@@ -1,6 +1,6 @@
-"""The quadratic program of one cycle in plain NumPy: the definition of H, g, A, b, C and the bounds.
+"""Definition of the quadratic program in plain NumPy: H, g, A, b, C and bounds.
 
-Start reading here: `Formulation` computes the same numbers with kernels and caches, and tests compare both.
+Start reading here: `Formulation` computes the same with kernels and caches; tests compare both.
 
 Decision variables: x = [v̇ (nv), f / FORCE_UNIT (nf)], the accelerations and the forces of active contacts. The torques
 τ = T (M v̇ + h - Jᵀf) are eliminated (`robot.actuation`), so their bounds are rows of C.
@@ -23,7 +23,7 @@ from wbc_controller.inverse_dynamics.tasks.task import Efforts, equation_of
 from wbc_controller.inverse_dynamics.tasks.task import motion_of as task_motion
 from wbc_controller.records import Array, Reference, References
 
-ROTATION_LENGTH = 0.1  # scales rates of angular momentum to rates of linear momentum, m
+ROTATION_LENGTH = 0.1  # from angular to linear momentum, m
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,8 @@ def task_rows(
 ) -> tuple[Array, Array, Array] | None:
     """Return the rows R x = r of a task, R (k, n) and r (k,), and its error (k,); None for an inactive contact's force.
 
-    An acceleration task has rows J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`). An effort task has rows in x;
-    its error depends on the solution and is NaN here.
+    An acceleration task has rows J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`). The error of an effort task
+    depends on the solution and is NaN here.
     """
     if isinstance(task, EffortTask):
         equation = equation_of(task, efforts, reference, n)

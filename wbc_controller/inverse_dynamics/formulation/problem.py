@@ -1,4 +1,4 @@
-"""A quadratic program as data: `formulation` fills it, `solvers` solve it."""
+"""A quadratic program as data."""
 
 from __future__ import annotations
 

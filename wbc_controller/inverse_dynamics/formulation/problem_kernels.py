@@ -1,4 +1,4 @@
-"""Arrays of a quadratic program for kernels, and residuals of its constraints."""
+"""Arrays of a quadratic program, and residuals of its constraints."""
 
 import math
 

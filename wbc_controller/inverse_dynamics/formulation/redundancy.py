@@ -1,7 +1,7 @@
-"""Redundant contacts: dependent or nearly dependent rows of J v̇ = b become part of the cost.
+"""Redundant contacts: (nearly) dependent rows of J v̇ = b become part of the cost.
 
-Feet without ankle roll, or four points under one sole, constrain more directions than the robot can move along.
-Rounding, contact velocities (nᵀJ̇ v = -ṅᵀJ v) or anchors make such rows contradictory. The mobility of the contacts
+Feet without ankle roll, or four points under one sole, constrain more directions than the robot can move along;
+rounding, contact velocities (nᵀJ̇ v = -ṅᵀJ v) or anchors make such rows contradictory. The mobility of the contacts
 determines these directions independently of the coordinates (S2). It is the inverse of their operational-space inertia
 (Khatib, IEEE Journal on Robotics and Automation, 1987). With the metric W of the contact forces, and mimic joints,
 
@@ -12,7 +12,7 @@ a unit force along uᵢ accelerates the contacts along uᵢ by μᵢ. With the r
 
     ½ Σ wᵢ (uᵢᵀ W^-½ (J v̇ - b))²,    wᵢ = `REDUNDANT_WEIGHT` ρᵢ / (1 - ρᵢ)
 
-wᵢ grows continuously from 0 without bound, until the direction is a constraint.
+wᵢ grows continuously from 0, until the direction is a constraint.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Relaxation of limits that cannot be met together, and the cost of violations."""
+"""Relaxation of conflicting limits, and the cost of violations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wbc_controller.records import Array, References
 
 _VIOLATION_WEIGHT = 1.0e4  # (m/s²)⁻², or per squared effort limit
 _JOINT_WEIGHT = 1.0e2  # (rad/s²)⁻²: equivalent at a lever of 0.1 m
-_BRAKING_WEIGHT = 1.0  # of a joint that can still stop, (rad/s²)⁻²: similar to tasks, to keep balance
+_BRAKING_WEIGHT = 1.0  # of a joint that can still stop, (rad/s²)⁻²
 #: Speeds, m/s and rad/s, of a slipping contact, and of a contact that cannot stop a joint.
 _SLIP_SPEEDS, _LOOSE_SPEEDS = (1.0, 10.0), (0.5, 5.0)
 _VIOLATION_TOLERANCE = 1.0e-3  # rad/s², m/s² or effort limits
@@ -75,8 +75,7 @@ def contacts_preventing_stop(formulation: Formulation, layout: Layout, value: Ar
     """Return the contacts that prevent a joint from stopping at its position limit, from a relaxed [x; C x].
 
     A stance foot determines the motion of its leg: if the robot leaves the ground faster than the leg can extend, only
-    release of the foot stops the knee. Moving feet cannot stop a joint either. Contacts of other limbs keep the
-    balance.
+    release of the foot stops the knee. Other limbs keep their contacts.
     """
     most = formulation.motion_limit.acceleration
     needed, missed = _stopping_demand(formulation, layout, value)

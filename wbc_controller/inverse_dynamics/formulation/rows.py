@@ -1,4 +1,4 @@
-"""Compiled rows of contacts and tasks: constants, gains and references as arrays."""
+"""Compiled rows of contacts and tasks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

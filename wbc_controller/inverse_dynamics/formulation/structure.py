@@ -1,4 +1,4 @@
-"""Caches of the fast formulation: structure of the problem, and parameters written to it."""
+"""Caches of the fast formulation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Solution from the minimizer of the quadratic program."""
+"""Solution from the minimizer."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -116,7 +116,7 @@ def unpack(
 
 
 def _binding(labels: Sequence[tuple[str, str, float]], residuals: Residuals, multipliers: Array) -> dict[str, float]:
-    # Quick test for the usual case: the norm of all values bounds each value, and a bound close to it.
+    # Quick test: the norm bounds each value.
     value = residuals.value
     if residuals.least_room > 2.0 * _BINDING * (1.0 + math.sqrt(value.dot(value))):
         return {}

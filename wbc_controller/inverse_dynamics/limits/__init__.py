@@ -1,4 +1,4 @@
-"""Limits of torques, joint motion and distances: one file per kind."""
+"""Limits: one file per kind."""
 
 from wbc_controller.inverse_dynamics.limits.joint_motion import JointMotionLimit
 from wbc_controller.inverse_dynamics.limits.limit import RowLimit

@@ -1,4 +1,4 @@
-"""Bounds of joint accelerations that keep positions, velocities and accelerations within limits."""
+"""Bounds of joint accelerations from joint limits."""
 
 from __future__ import annotations
 
@@ -28,9 +28,8 @@ class JointMotionLimit(Tunable):
 
         q̇² / (2 q̈_max) + q̇ T / 2 ≤ q_max - q    for q̇ > 0, mirrored for q̇ < 0.
 
-    The left side is the braking distance, with the last period in its second term. Every period has to end in a viable
-    state. With the final velocity w = q̇ + T q̈, and the distance d = q_max - q - q̇ T/2 left after a stop within the
-    period,
+    The left side is the braking distance. Every period has to end in a viable state. With the final velocity w = q̇ + T
+    q̈, and the distance d = q_max - q - q̇ T/2 left after a stop within the period,
 
         w² / (2 q̈_max) + w T / 2 ≤ d - w T / 2,    so    q̈ ≤ (√(q̈_max² T² + 2 q̈_max d) - q̈_max T - q̇) / T.
 
@@ -46,7 +45,7 @@ class JointMotionLimit(Tunable):
     precede velocity limits.
 
     Attributes:
-        position_lower: (nj,) in rad, or None.
+        position_lower, position_upper: (nj,) in rad, or None.
         position_upper: (nj,) in rad, or None.
         velocity: largest speed, (nj,) in rad/s, or None.
         acceleration: q̈_max, rad/s².
@@ -126,10 +125,10 @@ class JointMotionLimit(Tunable):
     def stopping_bounds(self, q: Array, v: Array, bounds: Array, limits: tuple[Array, Array]) -> Array:
         """Return bounds with which a joint still stops if `bounds` cannot be met.
 
-        A joint that moves towards a limit must brake with a constant acceleration that stops it within
-        `STOPPING_DISTANCE` beyond the limit: q̈ ≤ -q̇² / (2 (q_max + STOPPING_DISTANCE - q)).
+        A joint must brake with the constant acceleration that stops it at most `STOPPING_DISTANCE` beyond the limit: q̈
+        ≤ -q̇² / (2 (q_max + STOPPING_DISTANCE - q)).
 
-        The returned bounds are not tighter than `bounds`, (2, nj); `limits` are position limits without the margin.
+        The result is not tighter than `bounds`, (2, nj); `limits` are without the margin.
         """
         if self.position_lower is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)

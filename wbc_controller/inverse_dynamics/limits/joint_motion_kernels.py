@@ -1,4 +1,4 @@
-"""Kernel for the viability bounds of joint accelerations; `limits.joint_motion` has the equations."""
+"""Kernel of `limits.joint_motion`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,6 @@ def clipped(value: float, lower: float, upper: float) -> float:
 
 @part
 def _position_bound(table: JointMotion, room: float, speed: float, fastest: float) -> float:
-    """Return the bound from a position limit at the distance `room`."""
     most, ahead = table.acceleration, table.ahead
     left = room - 0.5 * ahead * speed
     reach = most * ahead

@@ -1,4 +1,4 @@
-"""Minimum distance between links of the robot."""
+"""Minimum distance between links."""
 
 from __future__ import annotations
 
@@ -45,14 +45,13 @@ class SelfCollisionLimit(RowLimit):
     `_LARGEST_DEMAND` A.
 
     Distances are computed only if a pair could not brake within a lower bound: the last distance minus possible joint
-    motion, and the distance of enclosing spheres. The rows are the same as with all distances. With more pairs than
-    rows, the largest required d̈ have rows.
+    motion, and the distance of enclosing spheres. With more pairs than rows, the largest required d̈ have rows.
 
     Attributes:
         margin: least distance, m.
         acceleration: A, m/s².
         horizon: lower bound of T, s.
-        computed: number of distances computed in the last cycle.
+        computed: number of distances in the last cycle.
     """
 
     kind = "self_collision"
@@ -159,7 +158,6 @@ class SelfCollisionLimit(RowLimit):
         return pin.computeDistance(self._geometry, self._data, pair)
 
     def _compute_near_distances(self, dynamics: Dynamics, ahead: float) -> np.ndarray:
-        """Compute the distances of pairs that may need a row, and return these pairs."""
         table = self._bind(dynamics)
         count = near_pairs(table, dynamics.q, dynamics.v, self.acceleration, ahead, self.margin + ROW_ERROR)
         self.computed, near = count, self._near[:count]

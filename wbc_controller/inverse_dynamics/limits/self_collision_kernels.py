@@ -1,4 +1,4 @@
-"""Kernels for near pairs of shapes and the rates of their distances; `limits.self_collision` has the equations."""
+"""Kernels of `limits.self_collision`: near pairs and rates of distances."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ class ShapePairs(Struct):
 
     motion: LinkMotion  # of the links
     shape_links: Indices  # of each shape, (s,)
-    mounts: Matrix  # origin of each shape on its link, and radius of the enclosing sphere, (s, 4) in m
+    mounts: Matrix  # origin on the link and enclosing radius of each shape, (s, 4) in m
     pairs: IndexMatrix  # (k, 2)
-    starts: Indices  # first lever of each shape, and end, (s + 1,)
-    components: Indices  # component of v of each lever, from the link towards the root, (e,)
+    starts: Indices  # first lever of each shape, end, (s + 1,)
+    components: Indices  # component of v of each lever, from link to root, (e,)
     levers: Vector  # (e,)
     places: Indices  # index in q of each component of v, or -1, (nv,)
     ends: IndexMatrix  # indices in `sums` of the levers that can close each pair, (k, 2)
-    faster: float  # largest increase without a row, m/s
+    faster: float  # m/s
     normals: Matrix  # unit vectors from the first to the second shape, (k, 3)
     first: Matrix  # nearest points on the first shape, (k, 3) in m
     second: Matrix  # nearest points on the second shape, (k, 3) in m
     seen: OutVector  # in place: last configuration, (nq,); initially NaN
     least: OutVector  # in place: lower bounds of distances, (k,) in m, or NaN
-    sums: OutMatrix  # out: largest speed, and change since `seen`, by the first levers of a shape, (e + 1, 2)
+    sums: OutMatrix  # out: cumulative largest speed and change since `seen`, (e + 1, 2)
     near: OutIndices  # out: pairs that may need a row, (k,)
-    reach: OutVector  # out: distances below which they need a row, (k,) in m
+    reach: OutVector  # out: their largest distances for a row, (k,) in m
 
 
 @part
@@ -67,7 +67,7 @@ def _reach(closing: float, A: float, T: float, faster: float, margin: float) -> 
 def _closing_speed(line: Vector3, length: float, radii: float, velocity: Vector3) -> float:
     """Return the largest speed along any normal in the cone about the line of centres that contains two spheres.
 
-    `line` is from the first centre to the second, `radii` the sum of radii, `velocity` relative to the first sphere.
+    `line` points from the first centre to the second; `velocity` is relative to the first sphere.
     """
     if not length > radii:  # any normal is possible
         return math.sqrt(dot(velocity, velocity))

@@ -1,4 +1,4 @@
-"""Bounds of the actuator torques: effort limits, torque-speed curve and torque rate limit."""
+"""Bounds of torques: effort limits, torque-speed curve, rate."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from wbc_controller.records import Array
 class TorqueSpeedCurve:
     """Available torque of a motor at a speed.
 
-    τ_max is available up to the corner speed; above it, the torque falls linearly to 0 at the no-load speed, as the
-    back-EMF reduces the driving voltage. When braking, all of τ_max is available.
+    τ_max is available up to the corner speed and when braking; above, the torque falls linearly to 0 at the no-load
+    speed (back-EMF).
     """
 
     corner: Array  # (na,) in rad/s

@@ -1,1 +1,1 @@
-"""References of tasks and contacts: commanded changes, trajectories, ramps and their samples."""
+"""References: commanded changes, trajectories, ramps."""

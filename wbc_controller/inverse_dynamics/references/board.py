@@ -1,4 +1,4 @@
-"""Reference board: stores commanded changes, and samples the references."""
+"""Reference board: commanded changes and sampled references."""
 
 from __future__ import annotations
 
@@ -146,10 +146,9 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes at the last snapshot, and at a time in s on the clock of the states.
+        """Apply a set of changes at the last snapshot, and at a time, s.
 
-        Raises:
-            InputRefused: as `check`; no change is applied then.
+        Raises: InputRefused: as `check`, without any change.
         """
         changes = tuple(changes)
         for change in changes:
@@ -244,7 +243,6 @@ class ReferenceBoard:
             self._anchor(name, dynamics)
 
     def _anchor(self, name: str, dynamics: Dynamics) -> None:
-        """Anchor a contact at its present pose; earlier samples keep their anchors."""
         contact = self.contact_plans[name].anchored
         if contact is not None:
             self._anchors = frozen_mapping({**self._anchors, name: anchor_of(contact, dynamics)})
@@ -285,7 +283,6 @@ class ReferenceBoard:
         self._ramp_weight(task, time)
 
     def _is_inactive(self, task: str, time: float) -> bool:
-        """Return True for a disabled task with weight 0; its reference is then out of date."""
         return not self._enabled[task] and self._weight_ramps[task].sample(time) <= 0.0
 
     def _ramp_weight(self, task: str, time: float) -> None:

@@ -1,4 +1,4 @@
-"""Changes of references by commands, applied between two cycles."""
+"""Commanded changes of references."""
 
 from __future__ import annotations
 

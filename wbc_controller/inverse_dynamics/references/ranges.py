@@ -1,4 +1,4 @@
-"""Plausible ranges of references and external wrenches, from the robot's size, weight and limits.
+"""Plausible ranges of references and external wrenches.
 
 Values out of range are mistakes, e.g. in units. Values in range may still be unreachable.
 """

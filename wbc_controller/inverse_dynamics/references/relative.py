@@ -1,4 +1,4 @@
-"""Setpoints relative to the task's reference, the robot's heading, or a frame of the robot."""
+"""Setpoints relative to reference, heading, or a robot frame."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ def own_frames(task: str) -> tuple[str, str]:
 def in_world(task: str, frame: str, position: Array, goal: Array, form: ReferenceForm, dynamics: Dynamics) -> Array:
     """Transform a setpoint to the frame of the task's references.
 
-    `frame` is one of `own_frames` or a robot frame. For `own_frames`, a vector is added to the target `goal` of the
-    reference, and an orientation rotates it.
+    `frame` is one of `own_frames` or a robot frame. In `own_frames`, the setpoint is relative to the target `goal`.
     """
     n = form.vector
     reference, heading = own_frames(task)

@@ -1,1 +1,1 @@
-"""The robot: model from the URDF, actuation and dynamics."""
+"""Robot: model, actuation and dynamics."""

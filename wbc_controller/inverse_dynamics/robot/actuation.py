@@ -1,4 +1,4 @@
-"""Actuation: generalized force of the actuators, and its elimination from the equations of motion."""
+"""Generalized force of the actuators, and its elimination."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ class Actuation(Drive):
 
         M v̇ + h - Jᵀf = Sᵀτ + Cᵀλ    ⇔    τ = T (M v̇ + h - Jᵀf)  and  N (M v̇ + h - Jᵀf) = 0
 
-    where T contains the first na rows of (B Bᵀ)⁻¹ B, and N a basis of the null space of B. Without transmissions and
-    mimic joints, T and N only select rows.
+    where T contains the first na rows of (B Bᵀ)⁻¹ B, and N a basis of the null space of B.
 
     Attributes:
         S: actuation matrix, (na, nv).

@@ -1,4 +1,4 @@
-"""Mechanism of a URDF for Pinocchio and MuJoCo: links with inertias, and joints."""
+"""Mechanism of a URDF for Pinocchio and MuJoCo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid-body dynamics at one state, shared by tasks, contacts and limits."""
+"""Rigid-body dynamics at one state."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Dynamics:
         centroidal_drift: Ȧ_G v, (6,) in N and N·m.
         joint_jacobians: unit twists of the joints at the world origin, world axes, linear rows first, (6, nv).
         moves: 1 if a component of v moves a link, (links, nv); link 0 is the world.
-        motion: these arrays for `robot.link_motion_kernels.link_terms`.
+        motion: these arrays for `link_terms`.
         links: twist and drift of each link at the world origin, world axes, (links, 12).
         joints: placement of each link in the world: columns of the rotation, translation, (links, 12).
     """

@@ -1,4 +1,4 @@
-"""Kernel for the equations of motion in the quadratic program, and the torque bounds."""
+"""Kernel for equations of motion and torque bounds."""
 
 from __future__ import annotations
 

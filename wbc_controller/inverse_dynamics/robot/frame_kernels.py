@@ -1,4 +1,4 @@
-"""Kernels for the contact and task rows J v̇ = b; motions as in `LinkMotion`."""
+"""Kernels for contact and task rows J v̇ = b."""
 
 from __future__ import annotations
 
@@ -131,15 +131,12 @@ def _frame_rows(
     """Fill rows of a frame task in world axes: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v.
 
     Args:
-        motion: of the links.
-        link: of the frame.
         first: twist component: 0, or 3 for an orientation.
         size: number of twist components: 3 or 6.
         numbers: placement of the frame on its link, (12,); K, D; reference position, quaternion, or both; ẋ_ref, ẍ_ref.
         rows: selected components, (r,).
         out: [J, …, b], (r, …).
         error: out: task error, (r,).
-        memory: intermediate results, (≥ 5, 12).
     """
     at, twist, drift, wanted = memory[0], memory[1], memory[2], memory[3]
     place(motion.joints[link], numbers, at)

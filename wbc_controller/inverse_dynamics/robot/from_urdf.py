@@ -1,4 +1,4 @@
-"""Construction of the robot model from its URDF: moving, mimic and locked joints, and actuation."""
+"""Construction of the robot model from its URDF."""
 
 from __future__ import annotations
 
@@ -41,21 +41,20 @@ def build_model(
 ) -> RobotModel:
     """Build the model of a robot from its URDF.
 
-    Mimic joints follow their leader if it is in `joints`. All other joints outside `joints` are locked. Continuous
-    joints become revolute joints without position limits. Virtual joints of a floating base are removed.
+    Mimic joints follow their leader if it is in `joints`; all other joints outside `joints` are locked. Virtual joints
+    of a floating base are removed.
 
     Args:
         joints: moving and measured joints with one degree of freedom.
-        posture: nominal positions, rad.
-        floating_base: True if the root link moves freely.
+        posture: nominal, rad.
         armature: reflected rotor inertia of each joint with its own motor, kg·m².
         effort_limit_scale: usable share of the effort limits.
         actuators: in the order of the command: joints with their own motor, and transmissions; empty for one motor per
             joint that is not passive.
         transmission: actuators with ratios, by name.
         passive_joints: springs and dampers of joints without a motor, by name.
-        locked_joints: positions of locked joints, rad; 0 by default, or as determined by a locked leader.
-        joint_limits: replacements of the URDF's limits, by joint.
+        locked_joints: positions, rad; 0 by default, or given by a locked leader.
+        joint_limits: replacements by joint.
         commanded_by_joint: True if the command contains joint torques instead of actuator torques.
 
     Raises:
@@ -141,10 +140,6 @@ def build_model(
     return result
 
 
-def _joints_of(full: pin.Model) -> list[str]:
-    return [str(name) for name in full.names[1:] if name != _FREE_FLYER]
-
-
 def _refuse_virtual_motors(tree: ElementTree.Element, joints: Sequence[str]) -> None:
     listed = [name for name in virtual_joints(tree) if name in joints]
     if listed:
@@ -181,7 +176,7 @@ def _check_names(
 
 
 def _require_own_coordinate(full: pin.Model, name: str, key: str, mimics: Mapping[str, Mimic]) -> None:
-    own = _joints_of(full)
+    own = [str(joint) for joint in full.names[1:] if joint != _FREE_FLYER]
     if name not in own:
         raise ConfigurationError(f"{key}: {name!r} is not a joint of the URDF; {valid_choices(name, own)}")
     if name in mimics:

@@ -1,4 +1,4 @@
-"""Instructions to fill the rows of a task or contact by compiled code (`robot.frame_kernels.fill_rows`)."""
+"""Instructions for `robot.frame_kernels.fill_rows`."""
 
 from __future__ import annotations
 

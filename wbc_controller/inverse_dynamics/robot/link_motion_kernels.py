@@ -1,4 +1,4 @@
-"""Kernel for the motion of all links and of the centre of mass: twists, drifts and momentum rate.
+"""Kernel for twists and drifts of all links, and the momentum rate.
 
 Twists [linear, angular] are at the world origin in world axes; at a point p, the linear part is v₀ + ω × p. The same
 holds for spatial accelerations; the classical acceleration of p adds ω × v(p). Jacobian columns are twists.

@@ -1,7 +1,7 @@
-"""Mimic joints, which follow other joints by ``<mimic>`` in the URDF.
+"""Mimic joints, which follow other joints.
 
-Most algorithms of Pinocchio 4.1 refuse them. Here they keep their coordinates; the force of the coupling constraint is
-eliminated with the torques (`Actuation`).
+They keep their coordinates, as most algorithms of Pinocchio 4.1 refuse them; the coupling force is eliminated with the
+torques (`Actuation`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Robot model: a URDF with floating or fixed base, moving joints and actuation."""
+"""Robot model: base, moving joints and actuation."""
 
 from __future__ import annotations
 

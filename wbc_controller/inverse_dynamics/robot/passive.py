@@ -1,4 +1,4 @@
-"""Springs and dampers of passive joints, which have no motor."""
+"""Springs and dampers of passive joints."""
 
 from __future__ import annotations
 

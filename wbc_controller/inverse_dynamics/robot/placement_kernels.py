@@ -1,4 +1,4 @@
-"""Vectors, placements and motions in kernels.
+"""Vectors, placements and motions.
 
 A vector is a tuple of three numbers; a placement an array (12,) of the columns of the rotation R and the translation p;
 a motion [linear, angular] a pair of vectors or an array (6,).

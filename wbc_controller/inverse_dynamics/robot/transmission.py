@@ -1,4 +1,4 @@
-"""Drive of the joints: motors and transmissions. The guard loads this module without Pinocchio."""
+"""Motors and transmissions; loaded by the guard without Pinocchio."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def make_drive(
 ) -> Drive:
     """Make the drive of a robot from its settings, as in `from_urdf.build_model`.
 
-    `joint_efforts` are the URDF's effort limits, (nj,) in N·m; `passive` names joints without a motor.
+    `joint_efforts` are the URDF's limits, (nj,) in N·m.
 
     Raises:
         ConfigurationError: for an unknown name, a joint neither driven nor passive, or dependent actuators.

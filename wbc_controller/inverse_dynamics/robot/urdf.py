@@ -70,8 +70,8 @@ def parse_xml(text: str, key: str, kind: str) -> ElementTree.Element:
 def parse_urdf(urdf: str) -> ElementTree.Element:
     """Read and check a URDF.
 
-    Refuses invalid XML, invalid or too large numbers, joint axes of zero length, incomplete inertias, and negative
-    masses or principal moments. Also refuses too many links, and invalid structures (`check_structure`).
+    Refuses invalid XML, invalid or too large numbers, joint axes of zero length, incomplete inertias, negative masses
+    or principal moments, too many links, and invalid structures (`check_structure`).
     """
     tree = parse_xml(urdf, "robot.urdf", "URDF")
     for body in (*tree.findall("link"), *tree.findall("joint")):

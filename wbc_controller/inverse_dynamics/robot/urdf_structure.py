@@ -1,4 +1,4 @@
-"""Structure checks of a URDF: unique names, one tree of links, known joints, and shapes with sizes."""
+"""Structure checks: unique names, one tree of links, known joints, shapes with sizes."""
 
 from __future__ import annotations
 

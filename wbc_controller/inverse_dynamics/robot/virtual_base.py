@@ -1,4 +1,4 @@
-"""Virtual joints of a URDF, in place of a floating base."""
+"""Virtual joints in place of a floating base."""
 
 from __future__ import annotations
 

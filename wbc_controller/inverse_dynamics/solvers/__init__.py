@@ -1,4 +1,4 @@
-"""Solvers of the quadratic program: persistent back ends in one file each, others through qpsolvers."""
+"""Solvers of the quadratic program."""
 
 from wbc_controller.inverse_dynamics.solvers.factory import available_solvers, make_solver
 from wbc_controller.inverse_dynamics.solvers.solver import Solver

@@ -1,4 +1,4 @@
-"""Warm start with the active set of the previous problem: one linear solve."""
+"""Warm start with the active set of the previous problem."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class LevelWorkspace:
     Attributes:
         rows: N and s of x_base = s - N z, equality constraints in terms of z, and kept rows of the levels above, (m_eq
             + kept, n + 1 - base).
-        above: number of these rows without N; 0 before the first level.
+        above: number of these rows without N.
         multipliers: of the bounds of [x; C x], from the first level in which each is active.
         residuals: of the last level.
     """
@@ -49,7 +49,6 @@ class ActiveSet:
         | W  0   0  | | λ |   |  w |
 
     x is the minimizer if and only if it meets all inequality constraints and no multiplier λ has the wrong sign.
-    Otherwise a solver searches.
 
     Usually the system can be condensed: the cost is ½ Σ wᵢ (Rᵢ x - rᵢ)² + ½ Σ dᵢ (xᵢ - tᵢ)² (`LeastSquares`) with few
     rows R, and d > 0 except for the k base accelerations. `solve_condensed`:
@@ -61,7 +60,7 @@ class ActiveSet:
            z = t + D⁻¹ Bᵀp,    (B D⁻¹ Bᵀ + E) p = β - B t
 
     3. Factorize K = B D⁻¹ Bᵀ + E = UᵀU.
-    4. Solve for p and z, with up to two steps of iterative refinement.
+    4. Solve for p and z, with iterative refinement.
     5. Check the constraints and the signs of λ.
 
     For a level of strict priority (`hierarchy`), B also has the kept rows of the levels above.

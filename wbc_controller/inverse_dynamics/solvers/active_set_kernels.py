@@ -1,4 +1,4 @@
-"""Kernel for the condensed quadratic program of a known active set (`solvers.active_set`)."""
+"""Kernel of `solvers.active_set`."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def solve_condensed(
         value: out: [x; C x], (n + m_in,).
         multipliers: out: of active bounds not set by a higher level, (n + m_in,).
         room: out: distances of [x; C x] from lower and upper bounds, (2, n + m_in).
-        equalities: out: |A x - b|, (m_eq,).
+        equalities: out: as the next.
         outputs: out: C x + r of the first rows, (k,).
 
     Returns:

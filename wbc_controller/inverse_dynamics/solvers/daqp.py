@@ -1,4 +1,4 @@
-"""DAQP, a dual active-set solver; the active set of the last problem is tried first."""
+"""DAQP, a dual active-set solver."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -46,7 +46,7 @@ _STATUS = {
 class DaqpSolver(Solver):
     """DAQP, called if the active set of the previous problem is wrong.
 
-    It starts from that active set and has no other memory, so that recorded cycles can be reproduced exactly.
+    It has no other memory, so recorded cycles can be reproduced exactly.
 
     Source: Arnström, Bemporad, Axehill, IEEE Transactions on Automatic Control, 2022.
     """
@@ -95,8 +95,7 @@ def solve_carefully(problem: QuadraticProgram, soft: SoftConstraints | None = No
     The feasible point nearest to 0 decides about feasibility, independent of H; its active set starts the search.
 
     Returns:
-        The minimizer, with the multipliers of soft constraints added to those of their places; without x after a
-        failure, with the status `INFEASIBLE` if constraints conflict.
+        The minimizer, with the multipliers of soft constraints added to their places; without x after a failure.
     """
     n, m = problem.n, problem.bounds.shape[1]
     end = m + len(problem.b)

@@ -1,4 +1,4 @@
-"""Strict priorities: one quadratic program per level, each in the null space of the levels above."""
+"""Strict priorities: one quadratic program per level."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -33,8 +33,7 @@ class Hierarchy:
     subject to the inequality constraints. Then its rows reduce N, and its rows with a tolerance become inequality
     constraints, widened by the slack s.
 
-    Without tolerances and effort tasks, the active sets of the last problem are tried first (`ActiveSet`). The kept
-    rows of the levels above are equality constraints there.
+    Without tolerances and effort tasks, the active sets of the last problem are tried first (`ActiveSet`).
     """
 
     def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
@@ -70,9 +69,8 @@ class Hierarchy:
         """Solve all levels under the constraints of a problem.
 
         Returns:
-            The solution, with multipliers from the first level in which a constraint binds. x is None if the first
-            level fails. A failed lower level keeps the solution of the levels above, with the least slack; `relaxed`
-            names it.
+            The solution, with multipliers from the first level in which a constraint binds; x is None if the first
+            level fails. A failed lower level, named in `relaxed`, keeps the solution of the levels above.
         """
         answer = self._solve_warm(problem, levels)
         if answer is not None:
@@ -119,7 +117,6 @@ class Hierarchy:
         )
 
     def _search(self, problem: QuadraticProgram, levels: Sequence[Level]) -> Answer:
-        """Solve each level in the null space of the levels above, and adopt the active sets."""
         n = problem.n
         x, free = _solution_and_null_space(problem.A, problem.b)
         if not (np.max(np.abs(problem.A @ x - problem.b), initial=0.0) <= _CONSISTENT):
@@ -205,7 +202,6 @@ def _reduced_problem(
 
 
 def _solution_and_null_space(A: Array, b: Array) -> tuple[Array, Array]:
-    """Return the smallest x with A x = b, and a basis of the null space of A."""
     Q, R, order, rank = _pivoted_qr(A)
     # A[order] = (Q R)ᵀ: with x = Q[:, :rank] y, the first `rank` rows are R₁ᵀ y = b.
     y = np.linalg.solve(R[:rank, :rank].T, b[order[:rank]]) if rank else np.zeros(0)

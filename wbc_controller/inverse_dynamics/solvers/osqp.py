@@ -1,4 +1,4 @@
-"""OSQP, an operator-splitting solver: persistent, warm-started from the last solution."""
+"""OSQP, an operator-splitting solver."""
 
 from typing import Any
 

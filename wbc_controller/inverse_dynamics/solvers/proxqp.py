@@ -1,4 +1,4 @@
-"""ProxQP, an augmented-Lagrangian solver: persistent, warm-started from the last solution."""
+"""ProxQP, an augmented-Lagrangian solver."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Other solvers by name, through qpsolvers."""
+"""Other solvers, through qpsolvers."""
 
 import numpy as np
 import qpsolvers

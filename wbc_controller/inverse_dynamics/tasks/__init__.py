@@ -1,4 +1,4 @@
-"""Tasks: one file per kind, derived from the base classes in `task`."""
+"""Tasks: one file per kind."""
 
 from wbc_controller.inverse_dynamics.tasks.alignment import AxisAlignmentTask, GazeTask
 from wbc_controller.inverse_dynamics.tasks.capture_point import CapturePointTask

@@ -1,4 +1,4 @@
-"""Tasks that point an axis of a frame in a direction or at a point."""
+"""Tasks that point an axis in a direction or at a point."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class AxisAlignmentTask(_AlignmentTask):
     """Task that points an axis fixed in a frame in a direction of the world: two rows, rad.
 
     The reference is a direction r, (3,), of non-zero length, with ṙ and r̈ for a unit vector. Between directions, at
-    most 180° apart, it moves along their chord. `_AlignmentTask` documents the control law.
+    most 180° apart, it moves along their chord. Control law: `_AlignmentTask`.
     """
 
     unit = "rad"
@@ -133,8 +133,8 @@ class AxisAlignmentTask(_AlignmentTask):
 class GazeTask(_AlignmentTask):
     """Task that points an axis through a frame's origin o at a point p of the world: two rows, rad.
 
-    The reference is p, (3,) in m. The control law is that of `_AlignmentTask` with r = p - o, and includes the
-    acceleration J_o v̇ + J̇_o v of the origin:
+    The reference is p, (3,) in m. Control law: `_AlignmentTask` with r = p - o and the acceleration J_o v̇ + J̇_o v of
+    the origin:
 
         (T J_ω + T [r]× J_o / ‖r‖²) v̇ = ẍ_ref(v̇ = 0) + D (ẋ_ref - ẋ) + K e - T ω̇(v̇ = 0)
 

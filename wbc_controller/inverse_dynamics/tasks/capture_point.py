@@ -1,4 +1,4 @@
-"""Task on the capture point, for balance."""
+"""Capture point task."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ class CapturePointTask(RateTask):
 
         ξ = c + ċ / ω,   ω = √(g / (c_z - z_s))                             m, 1/s
 
-    diverges from the centre of pressure at the rate ω, while c converges to ξ: ċ = ω (ξ - c). Control of ξ is
-    sufficient for balance:
+    diverges from the centre of pressure, while c converges to ξ: ċ = ω (ξ - c). Control of ξ suffices for balance:
 
         ξ̇* = ξ̇_ref + k (ξ_ref - ξ)                                          m/s
 

@@ -1,4 +1,4 @@
-"""Task on a contact wrench."""
+"""Contact wrench task."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tasks on the pose, position or orientation of a frame."""
+"""Pose, position and orientation tasks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tasks on the linear and angular centroidal momentum."""
+"""Linear and angular momentum tasks."""
 
 from __future__ import annotations
 

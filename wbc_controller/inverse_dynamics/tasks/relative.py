@@ -1,4 +1,4 @@
-"""Task on the pose of one frame relative to another."""
+"""Task on the pose relative to another frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base classes of tasks: weighted rows of the least-squares cost."""
+"""Base classes: rows of the least-squares cost."""
 
 from __future__ import annotations
 
@@ -239,7 +239,7 @@ class EffortTask(Task):
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
         """Return the rows R x = r in the decision variables x: R (k, n), r (k,).
 
-        Return None if the quantity does not exist, e.g. the force of an inactive contact.
+        None for a missing quantity, e.g. the force of an inactive contact.
         """
 
 
@@ -311,7 +311,7 @@ class RateTask(AccelerationTask):
 
         ẋ* = ẋ_ref + k e
 
-    Undisturbed, e decays as exp(-k t). The reference acceleration is ignored.
+    Undisturbed, e decays as exp(-k t).
 
     Attributes:
         gain: k, 1/s, () or (size,).

@@ -1,4 +1,4 @@
-"""Transport on CycloneDDS from PyPI, with ROS 2's topic names, types and serialized messages but without ROS 2."""
+"""Transport on CycloneDDS from PyPI, compatible with ROS 2."""
 
 from __future__ import annotations
 
@@ -94,7 +94,6 @@ class DdsTransport:
         """Open a topic, send one message, and wait for the acknowledgment of its readers.
 
         Args:
-            endpoint: topic.
             found_within: timeout for a reader, s.
             patience: timeout for the acknowledgment, s; then `TransportError`.
 
@@ -272,8 +271,6 @@ class _Stream:
 
 
 class _Dispatcher:
-    """Thread that waits for all readers and calls their callbacks."""
-
     def __init__(self, participant: Any, name: str) -> None:
         self._triggers = dds_raw.Triggers(participant)
         self._stop = GuardCondition(participant)

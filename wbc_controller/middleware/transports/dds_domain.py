@@ -1,7 +1,6 @@
-"""Domain and discovery of a DDS participant, by ROS 2's environment variables (Iron and newer).
+"""Domain and discovery by ROS 2's environment variables (Iron and newer).
 
-LOCALHOST and SUBNET discover each other on one host; between hosts both must be SUBNET. The default differs from ROS 2:
-LOCALHOST, so that other computers cannot command the robot.
+The default differs from ROS 2: LOCALHOST, so that other computers cannot command the robot (docs/ros2.md).
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ _ANNOUNCEMENTS = "<SPDPInterval>1 s</SPDPInterval>"
 
 #: - HeartbeatInterval: delay of the retransmission of dropped packets (default 100 ms, fifty control cycles).
 #: - SocketReceiveBufferSize: prevents dropped packets; the kernel's limit is net.core.rmem_max.
-#: - MultipleReceiveThreads: one thread per socket saves a system call per packet.
+#: - MultipleReceiveThreads: saves a system call per packet.
 #: - GenerateKeyhash: without it Fast DDS removes closed entities only after their lease of 10 s.
 _INTERNAL = (
     '<Internal><HeartbeatInterval>10 ms</HeartbeatInterval><SocketReceiveBufferSize min="0 B" max="16 MiB"/>'
@@ -123,7 +122,6 @@ def _names_interfaces(uri: str) -> bool:
 
 
 def _refuse_security(environment: Mapping[str, str]) -> None:
-    """Refuse enforced security, and warn of permissive security."""
     if environment.get("ROS_SECURITY_ENABLE") != "true":
         return
     if environment.get("ROS_SECURITY_STRATEGY") == "Enforce":
@@ -202,7 +200,7 @@ _open_lock = threading.Lock()
 
 
 def open_domain(settings: DomainSettings) -> None:
-    """Open a domain, or share an open one, because a process can create each domain only once.
+    """Open a domain, or share an open one.
 
     Raises:
         TransportError: if the domain cannot be opened, or is open with other settings.

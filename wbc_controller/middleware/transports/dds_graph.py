@@ -1,4 +1,4 @@
-"""Nodes of DDS readers and writers: own announcements for `ros2 topic info -v`, and names of other nodes."""
+"""Node names of DDS readers and writers."""
 
 from __future__ import annotations
 
@@ -126,7 +126,6 @@ class Graph:
 
 
 def _announced_writers(payload: bytes) -> Iterator[tuple[bytes, str]]:
-    """Yield GUID and node of each writer in an announcement."""
     try:
         announcement = decode(payload, _TYPE)
     except InputRefused:  # not a ROS 2 node

@@ -1,7 +1,7 @@
-"""Serialized reads and writes with internal functions of cyclonedds (11.0), used only here.
+"""Serialized reads and writes with internal functions of cyclonedds (11.0).
 
-The public ``write`` and ``take`` convert messages in Python, at half the speed of our codec. ``WaitSet.wait`` returns
-only the number of triggered readers, which would require a check of all readers per message.
+The public ``write`` and ``take`` convert messages in Python, at half the speed of our codec; ``WaitSet.wait`` returns
+only the number of triggered readers.
 """
 
 from __future__ import annotations

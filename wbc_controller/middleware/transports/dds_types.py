@@ -1,4 +1,4 @@
-"""ROS 2 message types as DDS types from the codec's definitions, for the type information of DDS discovery."""
+"""ROS 2 message types as DDS types."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Periodic check for other publishers on some topics, on a separate thread."""
+"""Periodic check for other publishers, on a thread."""
 
 from __future__ import annotations
 

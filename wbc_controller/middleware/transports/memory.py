@@ -1,4 +1,4 @@
-"""In-process transport for tests and simulation, without middleware, threads or delays."""
+"""In-process transport for tests and simulation."""
 
 from __future__ import annotations
 

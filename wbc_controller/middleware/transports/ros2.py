@@ -90,7 +90,6 @@ class Ros2Transport:
         self._reader.add(self._subscription(endpoint), deliver)
 
     def _subscription(self, endpoint: Endpoint) -> Any:
-        """Subscribe without messages or events for the executor."""
         with self._lock:
             message_class = self._check(endpoint)
             with _translated(f"cannot subscribe to {endpoint.name}"):

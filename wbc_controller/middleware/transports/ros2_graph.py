@@ -1,4 +1,4 @@
-"""Publishers in ROS 2's graph: node names, and warnings of incompatible types and quality of service.
+"""Publishers in ROS 2's graph: names, and incompatible types or quality of service.
 
 rclpy's own warnings need an event handler per subscription, which on Fast DDS wakes the executor with every message.
 """
@@ -32,8 +32,8 @@ def node_name(info: Any) -> str:
 def publisher_names(node: Any, topic: str) -> list[str]:
     """Return the name of the node of each publisher on a topic, sorted; `UNNAMED` if it is not known.
 
-    Fast DDS 3 (Kilted) requires each endpoint to announce its participant, which CycloneDDS omits (RTPS 2.3, 9.6.2.2),
-    so that rmw_fastrtps does not know the nodes of CycloneDDS' endpoints. It knows the topics of each of these nodes.
+    Endpoints of CycloneDDS do not announce their participant (RTPS 2.3, 9.6.2.2), as Fast DDS 3 (Kilted) requires:
+    rmw_fastrtps knows the topics of their nodes, but not the reverse.
     """
     names = [node_name(info) for info in node.get_publishers_info_by_topic(topic)]
     for name, namespace in node.get_node_names_and_namespaces() if UNNAMED in names else ():
@@ -88,7 +88,6 @@ class CompatibilityWatch:
                 _log.exception("the check of publishers for compatible type and quality of service has ended")
 
     def _check(self, subscription: Any, message_type: str) -> None:
-        """Check the publishers of one topic, and warn once of each incompatible one."""
         topic = subscription.topic_name
         before, checks = self._checks.get(topic, {}), {}
         for info in self._node.get_publishers_info_by_topic(topic):
@@ -102,7 +101,6 @@ class CompatibilityWatch:
 
 
 def _problem(info: Any, qos: Any, message_type: str, topic: str) -> str:
-    """Return incompatibility and remedy of a publisher, or an empty text."""
     if info.topic_type != message_type:
         return f"type {info.topic_type}; publish {message_type}"
     compatibility, reasons = qos_check_compatible(info.qos_profile, qos)

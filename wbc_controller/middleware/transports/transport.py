@@ -1,4 +1,4 @@
-"""Interface of all transports, with common error translation and one message type per topic."""
+"""Interface of all transports."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNNAMED = "(a participant without a node name)"  # unknown node: not of ROS 2, o
 class Stream(Protocol):
     """Topic with a queue of its newest messages, read without a callback thread.
 
-    The methods raise `TransportError` if the transport is closed or the topic cannot be read.
+    The methods raise `TransportError`.
     """
 
     def take(self) -> list[bytes]:
@@ -39,8 +39,7 @@ class Stream(Protocol):
 class Transport(Protocol):
     """Transport of serialized ROS 2 messages (`middleware.codec`).
 
-    Callbacks run on the transport's thread: they must be short and must not raise. The methods raise `TransportError`
-    if the transport is closed, a topic cannot be opened, or the graph cannot be read.
+    Callbacks run on the transport's thread: they must be short and must not raise. The methods raise `TransportError`.
     """
 
     discovery_time: float  # of mutual discovery, s

@@ -1,1 +1,1 @@
-"""The ROS 2 side: nodes on rclpy, their parameters and their process. Importing a node requires ROS 2."""
+"""Nodes on rclpy, their parameters and process."""

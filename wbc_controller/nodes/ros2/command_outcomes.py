@@ -1,4 +1,4 @@
-"""Outcomes of service commands, from the reports of the cycles."""
+"""Outcomes of service commands."""
 
 from __future__ import annotations
 

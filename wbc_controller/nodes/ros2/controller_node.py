@@ -1,4 +1,4 @@
-"""The controller as a managed lifecycle node: the executable `wbc_controller`."""
+"""The managed lifecycle node `wbc_controller`."""
 
 from __future__ import annotations
 
@@ -57,9 +57,7 @@ _PARAMETERS: dict[str, tuple[Any, str]] = {
 class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     """The controller as a managed node.
 
-    Configuring builds the model, the topics and the loop. Activating starts the loop, and the supervisor waits for the
-    command ``activate``. Deactivating ends the loop with zero torques. `leave` receives the exit status of a failed
-    autostart.
+    Transitions: docs/ros2.md. `leave` receives the exit status of a failed autostart.
     """
 
     def __init__(
@@ -147,11 +145,9 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return self._attempt("process the error", self._clean_up)
 
     def _value(self, name: str) -> Any:
-        """Return the value of an own parameter; errors as for `own_values`."""
         return own_values(values(self), {name: _PARAMETERS[name][0]}, self.get_fully_qualified_name())[name]
 
     def _attempt(self, what: str, transition: Callable[[], None]) -> Any:
-        """Run a transition and log its outcome, because rclpy drops errors."""
         try:
             transition()
         except WbcError as error:
@@ -253,7 +249,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             self._outcomes.end("the control loop has ended")
 
     def _after_failure(self) -> None:
-        """Leave the active state by error processing."""
         if self._gate is not None and self._gate.open:
             self.trigger_deactivate()
 
@@ -289,7 +284,6 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
         return _set_response(response, *await future)
 
     def _on_record(self, request: Any, response: Any) -> Any:
-        """Request a recording of the last seconds at the next cycle."""
         gate, recorder = self._gate, self._recorder
         if recorder is None and gate is not None:
             return _set_response(response, False, NOT_RECORDED)

@@ -1,4 +1,4 @@
-"""Detection of two ROS 2 in one process: the wheels of the extra ``ros2``, and a sourced installation."""
+"""Detection of two ROS 2 installations in one process."""
 
 from __future__ import annotations
 
@@ -33,7 +33,6 @@ def refuse_mixed_installations() -> None:
 
 
 def _find_sourced(wheels: Path) -> Path | None:
-    """Return the folder of another ROS 2, from the environment or the location of rclpy, or None."""
     libraries = [Path(prefix, "lib") for prefix in _paths("AMENT_PREFIX_PATH")] + _paths("LD_LIBRARY_PATH")
     own = Path(sys.prefix, "lib").resolve()
     for folder in libraries:

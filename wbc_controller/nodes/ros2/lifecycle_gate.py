@@ -1,4 +1,4 @@
-"""Transport of a managed node, with message delivery only in the active state."""
+"""Message delivery only in the active state."""
 
 from __future__ import annotations
 
@@ -63,8 +63,6 @@ class LifecycleGate:
 
 
 class _GatedStream:
-    """Stream that drops messages while its gate is closed."""
-
     def __init__(self, stream: Stream, gate: LifecycleGate) -> None:
         self._stream, self._gate = stream, gate
         self.wait, self.wake = stream.wait, stream.wake

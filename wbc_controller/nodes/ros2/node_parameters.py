@@ -1,4 +1,4 @@
-"""Parameters of a node: its own, and the live settings of its controller."""
+"""Parameters of a node: its own, and live settings."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class LiveParameters:
     """Synchronization of a node's parameters with the settings of its controller.
 
     With a controller, a new value is checked against the schema and adopted by the loop between two cycles. Without a
-    controller any value may be set; configuring the node checks it. `own` are the node's own parameters.
+    controller any value may be set; configuring the node checks it.
     """
 
     def __init__(self, node: Any, own: Sequence[str]) -> None:
@@ -79,7 +79,6 @@ class LiveParameters:
         self._declared = {}
 
     def _declarable(self, live: LiveSettings) -> list[tuple[str, Any, str]]:
-        """Return the settings, without the section `robot` if it is also a parameter (`ros2 param dump`)."""
         named = self._node.has_parameter(ROBOT)
         return [each for each in flatten(live.settings) if not (named and each[0].startswith(f"{ROBOT}."))]
 
@@ -110,7 +109,6 @@ class LiveParameters:
             _log.error("%s", error)
 
     def _on_change(self) -> None:
-        """Update the parameters after ``~/update``; any thread may call it."""
         executor = self._node.executor
         if executor is not None:
             executor.create_task(self._update_parameters)
@@ -129,5 +127,4 @@ class LiveParameters:
 
 
 def _plain(value: Any) -> Any:
-    """Convert arrays of a parameter to lists."""
     return list(value) if isinstance(value, Sequence) and not isinstance(value, (str, bytes)) else value

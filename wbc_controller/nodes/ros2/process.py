@@ -1,7 +1,6 @@
 """The process of a node: signals, log, and threads.
 
-The main thread waits for a signal (and runs the mock robot's physics). Further threads are the executor for services,
-timers and parameters, the transport's reader, and the control loop.
+The main thread waits for a signal (and runs the mock robot's physics). Other threads: docs/architecture.md.
 """
 
 from __future__ import annotations
@@ -31,8 +30,7 @@ _PAUSE = 0.02  # between two waits, s
 class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
     """Pause of a node's executor between two waits.
 
-    rclpy visits all entities of the node before each wait, also inside `spin_once`, and blocks the control loop for
-    half a millisecond. The executor serves only services, timers, parameters and rclpy's clock.
+    rclpy visits all entities of the node before each wait, and blocks the control loop for half a millisecond.
     """
 
     def __init__(self) -> None:
@@ -132,8 +130,6 @@ def node_without_services(name: str, domain: int) -> Iterator[Ros2Transport]:
 
 
 class _RosLog(logging.Handler):
-    """Handler that forwards this package's log to a node's log."""
-
     def __init__(self, logger: Any) -> None:
         super().__init__()
         self._logger = logger

@@ -1,7 +1,6 @@
-"""SROS 2 policy with least privilege, generated from the topic table.
+"""SROS 2 policy with least privilege, from the topic table.
 
-Format: policy schema 0.2.0 (design article "ROS 2 Access Control Policies"). DDS enforces permissions per enclave, so
-every node has its own enclave.
+Format: policy schema 0.2.0 (design article "ROS 2 Access Control Policies"), with one enclave per node.
 """
 
 from __future__ import annotations
@@ -96,7 +95,6 @@ def security_policy(
 
 
 def _is_used(endpoint: Endpoint, node: str, settings: Settings, model: RobotModel) -> bool:
-    """Return True if a node opens a topic of its table with these settings."""
     if endpoint.direction is Direction.IN and endpoint.key in ("odom", "imu"):
         return model.floating_base and (node == ESTIMATOR_NODE or endpoint.key == settings.estimation.base_state)
     if endpoint.key in CONTACT_SENSORS and node == CONTROLLER:

@@ -1,1 +1,1 @@
-"""Identification of frictions, masses and armature from a recording: `wbc identify`."""
+"""Identification of friction, masses and armature: `wbc identify`."""

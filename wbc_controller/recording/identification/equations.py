@@ -1,4 +1,4 @@
-"""Equations of motion of a recording, linear in masses, frictions and armature.
+"""Equations of motion, linear in masses, friction and armature.
 
     M v̇ + h = Sᵀτ + Jᵀf - c sign(v) - b v (S1)
 
@@ -155,7 +155,6 @@ def _null_space(J: Array) -> Array:
 
 
 def _link(model: RobotModel, joint: int) -> str:
-    """Return the name of the first link on a joint of Pinocchio's model."""
     robot = model.pinocchio
     frames = [f.name for f in robot.frames if f.type == pin.BODY and f.parentJoint == joint]
     return str(frames[0]) if frames else str(robot.names[joint])

@@ -1,4 +1,4 @@
-"""`wbc identify`: fit to a recording, and its tables."""
+"""Tables of `wbc identify`."""
 
 from __future__ import annotations
 

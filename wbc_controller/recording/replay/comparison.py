@@ -1,4 +1,4 @@
-"""Comparison of two configurations: torques of each cycle in the recorded states."""
+"""Comparison of two configurations in the recorded states."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Replay of the cycles of a recording, bit for bit."""
+"""Replay of cycles, bit for bit."""
 
 from __future__ import annotations
 
@@ -106,7 +106,6 @@ class Replay:
             yield ReplayedCycle(cycle, result, exact)
 
     def _restore_memory(self, number: int) -> bool:
-        """Restore the memory before a cycle; return True if it is complete."""
         content = self.recorded.memory_of(number)
         memory = content["memory"]
         with self.recorded.translated_errors(f"the memory before cycle {number}"):
@@ -148,7 +147,6 @@ def _state(cycle: RecordedCycle) -> RobotState | None:
 
 
 def _convert_memory(controller: ControlCycle, memory: Mapping[str, object]) -> dict[str, object]:
-    """Convert a memory for another configuration, with its weights and gains."""
     fresh, plans = controller.memory(), controller.live.newest.board.tasks
     board = {}
     for name, own in fresh["board"].items():

@@ -1,4 +1,4 @@
-"""Texts about a recording: its summary, and the explanation of one cycle."""
+"""Summary of a recording, and explanation of one cycle."""
 
 from __future__ import annotations
 
@@ -118,7 +118,6 @@ def clock_time(time: int) -> str:
 
 
 def _history(recorded: Recording) -> list[str]:
-    """Return one line per cycle with a request, refusal, fault, or new mode."""
     lines, mode = [], ""
     for number, event in sorted(recorded.events.items()):
         words = [f"{kind} {text}" for kind, text in _event_texts(event) if kind != "problem"]

@@ -67,7 +67,6 @@ def report(file: Path, out: Path | None) -> None:
 
 
 def _solve(recorded: Recording) -> int:
-    """Replay all cycles, print the differences, and return the exit status."""
     from wbc_controller.recording.replay.cycle_replay import Replay
     from wbc_controller.recording.replay.recording_summary import elapsed
 

@@ -1,1 +1,1 @@
-"""Report of a run as a page, for `wbc report` and the demo."""
+"""Report of a run as a page."""

@@ -1,4 +1,4 @@
-"""Motion of a run for the 3-D view of a page: bodies, poses, forces, centre of mass."""
+"""Motion for the 3-D view of a page."""
 
 from __future__ import annotations
 
@@ -114,7 +114,6 @@ def encode_poses(poses: Array) -> dict[str, Any]:
 
 
 def _size(parts: Sequence[Part], pose: Array, joints: Sequence[int]) -> float:
-    """Return the diagonal of the robot's bounding box, m."""
     points = []
     for part in parts:
         placement = pin.XYZQUATToSE3(np.array(pose[joints.index(part.joint)]))
@@ -133,8 +132,8 @@ def _force_lines(wrench: Array, pose: Array, placement: pin.SE3) -> Array:
 
     Args:
         wrench: in the contact's frame, (frames, 6), or force along the world's axes, (frames, 3).
-        pose: pose of the joint of the contact, (frames, 7).
-        placement: placement of the contact on that joint.
+        pose: of the contact's joint, (frames, 7).
+        placement: of the contact on that joint.
     """
     lines = np.empty((len(wrench), 6))
     for frame, (values, where) in enumerate(zip(wrench, pose, strict=True)):

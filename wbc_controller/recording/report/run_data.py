@@ -1,4 +1,4 @@
-"""Data of a report: arrays over the samples of a run."""
+"""Data of a report: arrays over samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data of a report from a recording of a real robot, a simulation, or the demo."""
+"""Data of a report, from a recording."""
 
 from __future__ import annotations
 
@@ -41,8 +41,6 @@ def truth_topics(settings: Settings) -> list[Endpoint]:
 
 @dataclass
 class _OtherTopics:
-    """Truth of a simulation and phases of a demo in a recording."""
-
     #: Stamps, s, and true wrenches, (6,) in N and N·m, by contact.
     wrenches: dict[str, tuple[list[float], list[list[float]]]] = field(default_factory=dict)
     bases: dict[int, Array] = field(default_factory=dict)  # true poses of the base, (7,), by stamp, ns
@@ -145,7 +143,6 @@ def _read_other_topics(recording: Recording, settings: Settings, model: RobotMod
 
 
 def _latest(stamps: Array, values: Array, time: Array) -> Array:
-    """Return the latest value up to each time, s, (n, k); NaN before the first."""
     order = np.argsort(stamps, kind="stable")
     index = np.searchsorted(stamps[order], time + 1.0e-9, side="right") - 1
     latest: Array = values[order][np.maximum(index, 0)]
@@ -154,7 +151,6 @@ def _latest(stamps: Array, values: Array, time: Array) -> Array:
 
 
 def _task_errors(cycles: Mapping[str, Array], tasks: Mapping[str, Task], dynamics: Dynamics) -> dict[str, Array]:
-    """Return the norm of each task's error, (n,); NaN without weight or reference."""
     absent = np.full(len(cycles["q"]), np.nan)
     errors = {name: absent.copy() for name, task in tasks.items() if isinstance(task, AccelerationTask)}
     for i, (q, v) in enumerate(zip(cycles["q"], cycles["v"], strict=True)):
@@ -169,7 +165,6 @@ def _task_errors(cycles: Mapping[str, Array], tasks: Mapping[str, Task], dynamic
 
 
 def _requests_and_faults(recording: Recording) -> Iterator[tuple[int, str]]:
-    """Yield times, ns, and names of phases that begin with a request or fault."""
     for _, event in sorted(recording.events.items()):
         words = [str(word) for word in event.get("requests", ())]
         if event.get("fault") is not None:
@@ -179,6 +174,5 @@ def _requests_and_faults(recording: Recording) -> Iterator[tuple[int, str]]:
 
 
 def _modes(modes: Array, time: Array) -> tuple[tuple[float, str], ...]:
-    """Return the start, s, and name of each mode."""
     changes = np.flatnonzero(np.append(True, modes[1:] != modes[:-1])).tolist()
     return tuple((max(0.0, float(time[i])), str(modes[i])) for i in changes)

@@ -1,4 +1,4 @@
-"""Plots of a run: centre of mass, torques, contact forces, friction, task errors, audit, and cycle times."""
+"""Plots of a run."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Errors of the posture and the estimate of robots without odometry: `wbc accuracy`."""
+"""Errors of posture and estimate without odometry: `wbc accuracy`."""

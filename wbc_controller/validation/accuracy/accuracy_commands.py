@@ -1,4 +1,4 @@
-"""Commands of `wbc accuracy`, and their tables."""
+"""Commands of `wbc accuracy`."""
 
 import math
 import sys

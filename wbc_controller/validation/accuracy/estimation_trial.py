@@ -1,4 +1,4 @@
-"""Robot without odometry on simulated time: controller, sensors, physics, and the truth for comparison."""
+"""Robot without odometry on simulated time, with the truth."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ class EstimationTrial(Lockstep):
     """A mock robot standing on its estimate, and a user for motions of the centre of mass.
 
     Attributes:
-        faults: faults after the release of the base, besides sensor errors.
+        faults: after the release, besides sensor errors.
         true_state: true q and v of the last cycle; None before the first.
         origin: reference of the centre of mass while standing, (3,) in m; set by `stand`.
         shift: offset from the true world to the estimate's world at rest, (3,) in m.

@@ -1,4 +1,4 @@
-"""Errors of the centre of mass without odometry, caused by flaws of robot, sensors and ground."""
+"""Errors of the centre of mass by flaws of robot, sensors and ground."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -127,7 +127,6 @@ def measure_flaw(
 
 
 def _error(trial: EstimationTrial, points: Array, torques: list[Array]) -> float:
-    """Return the largest error of the true centre of mass during a motion, m."""
     errors = [0.0]
     times = _BEAT * np.arange(1, len(points) + 1)
     trial.follow(times.tolist(), list(trial.origin + points))

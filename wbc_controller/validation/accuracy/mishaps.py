@@ -1,4 +1,4 @@
-"""Faults of contacts and sensors without odometry: the estimate survives, or a fault damps the robot."""
+"""Faults of contacts and sensors without odometry."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -153,7 +153,6 @@ def run_mishap(
 
 
 def _drag(trial: EstimationTrial, frame: str, speed: float) -> None:
-    """Push a foot forward for one cycle, towards a speed in m/s."""
     model, (q, v) = trial.controller.model, trial.mock.plant.state()
     data, index = model.pinocchio.createData(), model.frame_id(frame, "the mishap")
     pin.forwardKinematics(model.pinocchio, data, q, v)
@@ -164,7 +163,6 @@ def _drag(trial: EstimationTrial, frame: str, speed: float) -> None:
 
 
 def _recovery(trial: EstimationTrial) -> float:
-    """Return the time from 'reset' on the hoist to an active controller, s; infinite if refused."""
     trial.mock.plant.hold(True)
     for _ in range(round(_LIFT_TIME * trial.settings.control.rate)):
         trial.cycle()

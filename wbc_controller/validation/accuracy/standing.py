@@ -1,4 +1,4 @@
-"""Errors of the estimate of a standing robot, compared with the truth and the filter's covariance."""
+"""Errors of the estimate of a standing robot."""
 
 import math
 from collections.abc import Sequence
@@ -124,7 +124,7 @@ def consistency(squares: Sequence[Array], freedom: int) -> tuple[float, float]:
 
     Args:
         squares: NEES of each run, (n,); the shortest run counts.
-        freedom: degrees of freedom; a mean above 1 means a covariance that is too small.
+        freedom: degrees of freedom.
     """
     length = min((len(each) for each in squares), default=0)
     if not length:

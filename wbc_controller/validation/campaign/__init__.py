@@ -1,1 +1,1 @@
-"""Fault campaigns: many simulated trials with one fault each, and their outcomes."""
+"""Fault campaigns: simulated trials with one fault each."""

@@ -1,4 +1,4 @@
-"""Plots of a campaign: outcomes by kind of fault, detection times, and motion of the robot."""
+"""Plots of a campaign."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report of a campaign: one row per kind of fault and robot, in the terminal and in files."""
+"""Report of a campaign: one row per kind of fault and robot."""
 
 import csv
 import io

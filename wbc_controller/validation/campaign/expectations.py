@@ -1,4 +1,4 @@
-"""Expected outcome of each kind of fault: survival, detection in time, or damping for a valid reason."""
+"""Expected outcome of each kind of fault."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

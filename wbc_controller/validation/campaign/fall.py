@@ -5,7 +5,7 @@ import math
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.simulation.plant import Plant
 
-#: Tilt of the base of a fallen robot, rad, and its height above the lowest foot as a share of the initial height.
+#: Tilt of a fallen base, rad, and its height above the lowest foot as a share of the initial height.
 _TILT, _HEIGHT = math.radians(75.0), 0.3
 
 

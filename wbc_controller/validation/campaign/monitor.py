@@ -1,4 +1,4 @@
-"""Check of the controller's outputs in a trial for violations of its guarantees."""
+"""Check of outputs for violations of the controller's guarantees."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Outcome of a trial, and the names of all violations."""
+"""Outcome of a trial, and names of violations."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

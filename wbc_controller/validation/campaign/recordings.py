@@ -1,4 +1,4 @@
-"""Check of fault recordings: the recording names its fault, and the replay is identical in every bit."""
+"""Check of fault recordings: named fault, identical replay."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

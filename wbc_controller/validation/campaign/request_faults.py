@@ -1,4 +1,4 @@
-"""Faults of requests: messages of other programs on the controller's topics."""
+"""Faults of requests by other programs."""
 
 import math
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from wbc_controller.records import Array
 from wbc_controller.simulation.faults.fault import Fault, number
 from wbc_controller.validation.user import User, com_trajectory
 
-#: Topics with a single number or switch, for which random bytes would be a valid request.
+#: Topics for which random bytes would be a valid request.
 _ANY_BYTES = ("weight", "task_enable", "contact_enable")
 
 

@@ -1,4 +1,4 @@
-"""File of a campaign, one line of JSON per trial; a campaign can be stopped and resumed at any time."""
+"""File of a campaign, resumable: one line of JSON per trial."""
 
 import dataclasses
 import hashlib
@@ -29,7 +29,7 @@ class Results:
 
     Attributes:
         outcomes: newest outcomes of this version of code and configuration.
-        repeated: earlier outcomes of repeated trials.
+        repeated: earlier outcomes.
         other_versions: number of unused lines of other versions.
     """
 
@@ -112,7 +112,6 @@ def version_of(robot: str) -> str:
 
 
 def _sources(package: Path) -> Iterator[Path]:
-    """Yield the files of code that can change an outcome, without reports."""
     shown = {Path(__file__).with_name(f"{name}.py") for name in ("results", "campaign_report", "campaign_plots", "run")}
     return (path for path in sorted(package.rglob("*.py")) if path not in shown and path.parent.name != "demo")
 

@@ -1,4 +1,4 @@
-"""Execution of a campaign: parallel trials on this machine or a cluster."""
+"""Execution of a campaign, on this machine or a cluster."""
 
 import contextlib
 import multiprocessing
@@ -48,9 +48,9 @@ def run_campaign(
 
     Args:
         walking: faults of walking robots.
-        jobs: parallel trials; -1 for one per processor.
-        address: address of the scheduler or cluster of the backend.
-        recordings: folder of fault recordings, which are checked.
+        jobs: -1 for one per processor.
+        address: of the scheduler or cluster.
+        recordings: folder of checked fault recordings.
 
     Raises:
         ConfigurationError: if a name is unknown, a file cannot be used, or the backend is not installed.
@@ -103,7 +103,6 @@ def run_campaign(
 
 
 def _repeat_stalls(results: Results, requested: Sequence[TrialKey], trial: Callable[..., Outcome]) -> None:
-    """Repeat trials with a stall in a new process: stalls of the host or kernel do not recur."""
     for key in requested:
         if "stall" in results.outcomes[key].violations and key not in results.repeated:
             results.add(_in_new_process(key, trial))
@@ -130,7 +129,7 @@ def _parallel(jobs: int, backend: str, address: str | None, trial: Callable[...,
             # Single trials, so that each outcome is stored at once.
             streamed = "generator_unordered" if backend == "loky" else "list"
             parallel = joblib.Parallel(return_as=streamed, batch_size=1 if backend == "loky" else "auto")
-            # A cluster returns outcomes in batches; each complete batch is stored.
+            # A cluster returns outcomes in batches.
             size = len(keys) or 1 if backend == "loky" else 10 * _PROGRESS_EVERY
             for i in range(0, len(keys), size):
                 yield from parallel(joblib.delayed(trial)(*key) for key in keys[i : i + size])
@@ -164,7 +163,6 @@ def _cluster(backend: str, address: str | None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _progress(console: Console, total: int) -> Iterator[Any]:
-    """Yield a function that shows the progress, as a bar in a terminal and as lines otherwise."""
     count = {"survived": 0, "damped": 0, "violation": 0}
 
     def progress_text() -> str:

@@ -1,4 +1,4 @@
-"""One trial: a standing and moving or a walking robot, a fault at a random time, and the outcome.
+"""One trial: a standing or walking robot, a fault, the outcome.
 
 Controller, physics and user run in one thread on simulated time. Odd seeds set `safety.synchronized_clocks`; with even
 seeds the controller learns the offset of its clock.
@@ -62,9 +62,9 @@ def run_trial(
 
     Args:
         walking: the fault starts during a step; else the standing robot sways.
-        parameters: parameters of the fault that replace random ones.
-        prepare: function for tests, called with the controller before the trial.
-        recordings: folder of fault recordings, which are checked.
+        parameters: of the fault, in place of random ones.
+        prepare: for tests.
+        recordings: folder of checked fault recordings.
 
     Raises:
         ConfigurationError: if the kind is unknown or the configuration invalid.
@@ -262,7 +262,6 @@ class _Trial(Lockstep):
 
 @contextlib.contextmanager
 def _frozen_objects() -> Iterator[None]:
-    """Keep garbage collections as short as in the service's loop, which freezes its initial objects."""
     gc.collect()
     gc.freeze()
     try:

@@ -1,7 +1,6 @@
-"""Fuzzer of clocks and load: with any clock and lateness, the robot stays upright or a fault gives the reason.
+"""Fuzzer of clocks and load.
 
-The controller uses /clock, a synchronized clock, or its own. Up to three faults of stamps, clocks and delivery begin
-before or after the activation; /clock may move in steps, and the controller may pause. Trials run on simulated time.
+docs/robustness.md describes trials and requirements.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Controller as a target of the fuzzer: the service's loop in lockstep with a mock robot on the hoist."""
+"""Controller in lockstep with a mock robot, as a target of the fuzzer."""
 
 import dataclasses
 from collections.abc import Collection, Mapping
@@ -31,8 +31,6 @@ _SETTLING_CYCLES = 8  # cycles from the activation to settled torques
 
 
 class _InputGate:
-    """Inputs with immediate reading; the fuzzer decides on the passing of each message."""
-
     def __init__(self, inputs: Inputs) -> None:
         self._inputs = inputs
         self.passed: list[LatchedInputs] = []

@@ -1,4 +1,4 @@
-"""Base estimator as a target of the fuzzer."""
+"""Base estimator as a target."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ from wbc_controller.validation.fuzz.target import (
 )
 
 _SETTLING = 0.1  # of the estimator, s; short for short episodes
-#: Time between two states during the first absolute poses, s; long for the same reason, but below IMU gaps.
+#: Time between two states during the first absolute poses, s; below IMU gaps.
 _POSE_PERIOD = 0.05
 
 
@@ -82,7 +82,6 @@ class EstimatorTarget(Target):
         self._cycle(what)
 
     def _cycle(self, what: str) -> int:
-        """Run a cycle, check its outputs, and return the number of estimates."""
         self.clear_outputs()
         with time_limit(CYCLE_LIMIT, what):
             self._node.cycle()

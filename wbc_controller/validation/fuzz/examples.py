@@ -40,7 +40,6 @@ def valid_message(type_name: str, names: Sequence[str], frame: str, stamp: int) 
 
 
 def _blank(type_name: str) -> Any:
-    """Return a message with zeros, empty texts and sequences, and unit quaternions."""
     values = {name: _zero(kind) for name, kind in TYPES.fielddefs[type_name][1]}
     if type_name == "geometry_msgs/msg/Quaternion":
         values["w"] = 1.0

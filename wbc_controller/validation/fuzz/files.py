@@ -1,8 +1,7 @@
-"""Fuzzer of configurations, URDFs and recordings: each file is read, or refused with one message.
+"""Fuzzer of configurations, URDFs and recordings.
 
-Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, or with ``robot.mcap``, determined by
-seed and number. A child process reads it as `wbc check`, `run`, `guard`, `mock` and `replay`, so that crashes are
-detected.
+Each case is a folder with ``robot.yaml`` and ``robot.urdf``, one of them changed, or with ``robot.mcap``; a child
+process reads it (docs/robustness.md).
 """
 
 import contextlib
@@ -103,7 +102,6 @@ def case_folder(folder: Path, kind: str, number: int) -> Path:
 
 
 def _results(child: Any, ours: Connection, number: int) -> Iterator[tuple[int, str]]:
-    """Yield number and result of each case; after a crash, the last one describes it."""
     if not ours.poll(_START_TIMEOUT) or ours.recv() != _READY:
         raise WbcError(f"the child process is not ready after {_START_TIMEOUT:g} s")
     while True:

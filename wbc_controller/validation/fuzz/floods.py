@@ -1,4 +1,4 @@
-"""Floods: another participant fills an input of the controller, and an emergency stop must pass."""
+"""Floods of one input; an emergency stop must pass."""
 
 import math
 import multiprocessing
@@ -111,7 +111,7 @@ def flood(kind: str, topic: Endpoint, payload: bytes, domain: int, running: Any,
     while count.value >= 0:
         if not running.wait(0.1):
             continue
-        # A temporary participant, because a permanent one would be a second publisher of the odometry.
+        # Temporary: a permanent participant would be a second publisher of the odometry.
         transport = DdsTransport(f"flood_{kind}", domain_id=domain, discovery_range="LOCALHOST")
         publish = transport.advertise(counterpart(topic))
         time.sleep(_DISCOVERY_TIME)
@@ -198,7 +198,6 @@ def _compared(
 
 
 def _gaps(recorded: Recording) -> list[tuple[int, int, int]]:
-    """Return the gaps of a recording: stamps of the cycles before and after, ns, and number of missing cycles."""
     known = [(each.number, each.stamp) for each in recorded.cycles()]
     return [
         (before, stamp, number - last - 1) for (last, before), (number, stamp) in pairwise(known) if number > last + 1

@@ -1,4 +1,4 @@
-"""Commands of `wbc fuzz`, with their progress and tables."""
+"""Commands of `wbc fuzz`."""
 
 import os
 import sys

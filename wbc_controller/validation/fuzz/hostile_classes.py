@@ -1,4 +1,4 @@
-"""Fuzzer of user classes: a task, contact or limit with a hostile attribute or method."""
+"""Fuzzer of user-defined tasks, contacts and limits."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class HostileClass:
 
     Attributes:
         after: number of normal calls of a method.
-        value: value of the attribute or result of the method; exceptions are raised.
+        value: of attribute or method; exceptions are raised.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""Hypothesis strategies of hostile configurations and URDFs, from the supplied ones."""
+"""Hypothesis strategies of configurations and URDFs."""
 
 import itertools
 import re

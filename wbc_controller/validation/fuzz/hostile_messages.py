@@ -1,7 +1,6 @@
-"""Fuzzer of messages: every input of every node gets random, mutated and hostile messages.
+"""Fuzzer of messages to every node.
 
-Each episode begins with a fresh node, and is determined by seed, node and number. Messages that break a node are
-written to a file, with the required messages before them.
+Each episode begins with a fresh node, and is determined by seed, node and number.
 """
 
 import base64
@@ -150,7 +149,6 @@ def _check_log(errors: list[str]) -> None:
 
 
 def _reduced(key: str, robot: str, messages: list[Message], error: Exception) -> Failure | None:
-    """Return the failure with the fewest last messages; slowness that does not recur is ignored."""
     for length in sorted({min(length, len(messages)) for length in (1, 2, 4, 16, 64, _EPISODE_LENGTH)}):
         why = replay(key, robot, messages[-length:])
         if why is not None:

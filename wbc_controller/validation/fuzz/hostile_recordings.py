@@ -1,4 +1,4 @@
-"""Recordings with valid checksums and hostile content, made from a short run."""
+"""Recordings with valid checksums and hostile content."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Kills of processes: the controller or the mock robot is killed, hung up or stopped temporarily.
+"""Kills, hang-ups and stops of processes.
 
-Checks: the guard's torques arrive within its bound, no torques result from a stale state, the robot can be reactivated.
+docs/robustness.md describes the requirements.
 """
 
 import signal

@@ -1,4 +1,4 @@
-"""Measurement of the machine's lateness: sleeps on each processor, and waiting threads of processes."""
+"""Measurement of the machine's lateness."""
 
 import os
 import threading
@@ -6,7 +6,7 @@ import time
 from collections import deque
 from pathlib import Path
 
-#: Smallest lateness, as a share of a fault's time limit, for which the machine counts as the fault's cause.
+#: Smallest lateness that counts as a fault's cause, as a share of its time limit.
 MACHINE = 0.5
 
 
@@ -21,7 +21,7 @@ class Lateness:
         self._processes = {os.getpid()}
         self._waited: dict[Path, deque[tuple[float, float]]] = {}
         self._ended = False
-        # One sleep per processor, because a single processor of a virtual machine may stall.
+        # A single processor of a virtual machine may stall.
         naps = [threading.Thread(target=self._nap, args=(cpu,), daemon=True) for cpu in os.sched_getaffinity(0)]
         self._threads = [*naps, threading.Thread(target=self._check_processes, name="lateness", daemon=True)]
         for thread in self._threads:

@@ -1,4 +1,4 @@
-"""Guard, mock robot and the wait for a URDF as targets of the fuzzer."""
+"""Guard, mock robot and wait for a URDF as targets."""
 
 import threading
 from typing import Any

@@ -1,4 +1,4 @@
-"""Fuzzer of quadratic programs: feasible ones are solved, and relaxation is minimal, compared with linear programs."""
+"""Fuzzer of quadratic programs, compared with linear programs."""
 
 import time
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Mock robot, controller and guard as processes in their own DDS domain, with a user, for live trials."""
+"""Mock robot, controller and guard as processes in their own DDS domain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Long run of controller, mock robot and guard: memory, faults and lateness of the machine."""
+"""Long run of controller, mock robot and guard."""
 
 import time
 from collections.abc import Callable

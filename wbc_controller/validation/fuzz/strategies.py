@@ -1,4 +1,4 @@
-"""Hypothesis strategies of hostile bytes, texts and messages, with reproducible draws."""
+"""Hypothesis strategies of bytes, texts and messages."""
 
 import copy
 import re

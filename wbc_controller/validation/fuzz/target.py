@@ -1,4 +1,4 @@
-"""Base class of the fuzzer's nodes under test: robot, counterparts of the topics, and checks of outputs."""
+"""Base class of the fuzzer's targets."""
 
 import contextlib
 import gc

@@ -60,7 +60,7 @@ ATTRIBUTES = (
     "fixed", "floating", "planar", "continuous", "revolute", "prismatic", "spherical", "&lt;", "../..", "%s", "٣",
 )  # fmt: skip
 
-#: Valid updates for a robot with these tasks, to be mutated.
+#: Valid updates to be mutated.
 UPDATES = (
     "{tasks: {com: {weight: 5.0, enabled: true, setpoint: [0.0, 0.0, 0.3]}}}",
     "{tasks: {com: {stiffness: 90.0, damping: [19.0, 19.0, 19.0], setpoint_duration: 2.0}, posture: {weight: 0.01}}}",

@@ -1,6 +1,6 @@
-"""Latency from joint state to torques between two processes, compared with a bare echo of the same bytes.
+"""Latency from joint state to torques between two processes.
 
-Controller and guard are processes. This process is the robot, and sends states to the controller and the echo in turn.
+This process is the robot, and sends states to the controller and the echo in turn.
 """
 
 import concurrent.futures
@@ -71,7 +71,7 @@ def measure_latency(
 
     Args:
         rate: states and cycles per second; by default as configured.
-        seconds: duration for each, s.
+        seconds: for each, s.
         transport: ``dds`` or ``rclpy``.
         mock: use the mock robot with its physics, in one block.
         progress: receives the measured time, s, and the round trips of each block.
@@ -253,7 +253,6 @@ class _Bench:
 
 @contextlib.contextmanager
 def _running(robot: _Robot) -> Iterator[None]:
-    """Run a robot on a thread of low priority; its exception is raised at the end."""
     stop = threading.Event()
     with concurrent.futures.ThreadPoolExecutor(1, "robot", lower_thread_priority) as pool:
         running = pool.submit(robot.run, stop)

@@ -1,4 +1,4 @@
-"""Commands of `wbc bench`, and their tables."""
+"""Commands of `wbc bench`."""
 
 import json
 from pathlib import Path

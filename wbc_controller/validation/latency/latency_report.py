@@ -1,4 +1,4 @@
-"""Results of `wbc bench latency` for a file and as text."""
+"""Results of `wbc bench latency`."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Measurement of the time from each state to its torques at a transport, and statistics."""
+"""Time from each state to its torques at a transport."""
 
 import functools
 import time
@@ -66,7 +66,7 @@ def round_trips(
         states: send time, s, and stamp, ns.
         efforts: arrival times of torques, s, ascending.
         commands: arrival time, s, ascending, and stamp, ns.
-        period: period of the states, s.
+        period: of the states, s.
     """
     arrivals: dict[int, float] = {}
     times, before = np.array(efforts), -np.inf

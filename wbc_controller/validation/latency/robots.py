@@ -1,4 +1,4 @@
-"""Test doubles of the robot: a source of states, and an echo."""
+"""Test doubles of the robot: source of states, and echo."""
 
 import contextlib
 import gc
