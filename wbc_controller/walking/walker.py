@@ -32,7 +32,7 @@ _BLEND = 0.2
 #: Time before touchdown from which on the target of the step stays, s.
 _FREEZE = 0.05
 #: Difference between planned and real touchdown on flat ground, s, and shortest double support, s.
-_ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
+_ON_TIME, _SHORTEST_DOUBLE = 0.02, 0.02
 #: Time constant with which the swing foot turns to the slope of the ground, s.
 _LEVELLING = 0.05
 #: Rates at which height and heading follow their goals, 1/s, and the largest rate of the height, m/s.
