@@ -62,14 +62,9 @@ def heights(simulation):
 def test_a_robot_walks_onto_a_step_and_a_slope(block, height):
     simulation = wbc.Simulation(wbc.load("g1").replace({"mock.terrain": {"ahead": block}}))
     walker = simulation.controller.walker
-<<<<<<< HEAD
-    simulation.controller.walk(0.3, 0.1 if block["position"][1] else 0.0)
-    results = simulation.run(7.5)
-=======
     simulation.controller.walk(0.2, 0.15) if block["position"][1] else simulation.controller.walk(0.3)
     highest = []
     results = simulation.run(6.5, lambda now: highest.append(min(heights(now)) * (walker.phase is Phase.DOUBLE)))
->>>>>>> ground
     assert not any(result.relaxed for result in results)
     assert not simulation.plant.fallen
     assert max(highest) > 0.015

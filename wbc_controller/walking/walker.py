@@ -9,59 +9,10 @@ from wbc_controller.errors import InputRefused
 from wbc_controller.inverse_dynamics.references.changes import Change, EnableTask, SetSetpoint
 from wbc_controller.inverse_dynamics.robot.dynamics import Dynamics
 from wbc_controller.records import Array, Reference
-<<<<<<< HEAD
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Gait, Phase, QuadrupedGait
 from wbc_controller.walking.goal import Goal
 from wbc_controller.walking.plan import WalkingPlan
-=======
-from wbc_controller.walking.adaptation import StepTarget, adapted
-from wbc_controller.walking.feet import Foot, Sole, about_z, mean_angle
-from wbc_controller.walking.footsteps import NominalStep, Stance, Velocity, nominal_step
-from wbc_controller.walking.gait import Gait, Phase
-from wbc_controller.walking.pendulum import later, natural_frequency, transferred
-from wbc_controller.walking.swing import Axis, Landing, SwingFoot
-from wbc_controller.walking.terrain import FOOTHOLDS, Ground, plane_through
-from wbc_controller.walking.touchdown import lands
-
-#: Feedback gain on the DCM, 1/s.
-GAIN = 5.0
-#: Shares of the half length and half width of the sole that the centre of pressure may use.
-_SOLE_SHARE = (0.8, 0.7)
-#: Half length and half width of the area for the centre of pressure on two feet, around the planned one, m.
-_TWO_FEET = (0.06, 0.05)
-#: Time in which the reference of the DCM blends from one phase to the next, s.
-_BLEND = 0.2
-#: Time before touchdown from which on the target of the step stays, s.
-_FREEZE = 0.05
-#: Difference between planned and real touchdown on flat ground, s, and shortest double support, s.
-_ON_TIME, _SHORTEST_DOUBLE = 0.02, 0.02
-#: Time constant with which the swing foot turns to the slope of the ground, s.
-_LEVELLING = 0.05
-#: Rates at which height and heading follow their goals, 1/s, and the largest rate of the height, m/s.
-_HEIGHT_RATE, _HEADING_RATE, _FASTEST_HEIGHT = 3.0, 6.0, 0.2
-#: Largest distance between the feet along the heading for a stop, m, and largest speed, m/s.
-_BESIDE, _SLOW = 0.02, 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class WalkingTasks:
-    """Names of the tasks that the walker commands.
-
-    Attributes:
-        dcm: task on the DCM (`CapturePointTask`).
-        height: task on the height of the centre of mass.
-        posture: task on the joints, stiffer than that for standing: the arms must not swing with the legs.
-        orientations: tasks on orientations that turn with the heading.
-        suspended: tasks with references in the world, which are off while walking.
-    """
-
-    dcm: str
-    height: str
-    posture: str
-    orientations: tuple[str, ...]
-    suspended: tuple[str, ...]
->>>>>>> ground
 
 
 @dataclass(slots=True)
