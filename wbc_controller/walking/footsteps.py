@@ -11,7 +11,7 @@ from wbc_controller.walking.swing import Axis
 #: Largest speed backward, as a share of that forward.
 BACKWARD = 0.5
 #: Ratio of the largest deceleration to a stop to the largest acceleration.
-_BRAKING = 3.0
+_BRAKING = 2.0
 #: Margin of the nominal width over the smallest one, m.
 _MARGIN = 0.01
 
@@ -42,7 +42,7 @@ class Velocity:
     def towards(self, wanted: "Velocity", limits: SpeedLimits, time: float) -> "Velocity":
         """Return the command after a time in s on the way to another one, at the largest acceleration.
 
-        The robot brakes to a stop three times as fast, so that it stands after three steps.
+        The robot brakes to a stop twice as fast.
         """
         faster = _BRAKING if wanted == Velocity() else 1.0
         forward, sideways, turning = (time * faster * each for each in limits.acceleration)
