@@ -77,7 +77,7 @@ class ControlCycle:
             contacts: the same for a `Contact`; its attributes ``enabled`` and ``ramp`` apply.
             limits: the same for a `RowLimit`.
             preflight: check that the robot can stand.
-            model: model of the robot, by default from the configuration.
+            model: by default from the configuration.
             timer: clock of the stage times, s.
 
         Raises:
@@ -110,9 +110,9 @@ class ControlCycle:
         self._explanation: Future[NoSolution] | None = None
         self._explained_at = -np.inf
         self._failure: NoSolution | None = None
-        self._defect: Fault | None = None  # fault outside the cycle
+        self._defect: Fault | None = None  # outside the cycle
         self.cycle_records: list[CycleRecord] | None = None
-        self._solution: Solution | None = None  # the last one
+        self._solution: Solution | None = None
         self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # inputs of `holding`
         self._changed_outside = False  # state changed between two cycles
 
@@ -460,7 +460,6 @@ class ControlCycle:
         return decision.references
 
     def _watch_standing(self, walker: Walker, time: float, references: References) -> None:
-        """Predict falls of a standing robot."""
         if not 0.0 <= time - walker.watched < _WATCH_PERIOD:
             active = [name for name, activation in references.contacts.items() if activation > 0.0]
             walker.watch_standing(time, self.qp.dynamics, active)

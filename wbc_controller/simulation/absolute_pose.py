@@ -20,7 +20,6 @@ class PoseSource:
     """Measures a robot frame at the rate `mock.pose_rate`, and queues each message until it is due."""
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
-        """Find the frame."""
         mock = settings.mock
         self._pinocchio, self._data = model.pinocchio, model.pinocchio.createData()
         self._frame = model.frame_id(pose_frame(settings, model), "estimation.pose_frame")

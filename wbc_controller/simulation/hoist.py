@@ -18,7 +18,6 @@ class Hoist:
     """Weld between world and base with ramps of strength and placement; `start` is the held placement."""
 
     def __init__(self, model: Any, data: Any, start: pin.SE3) -> None:
-        """Hold the base at `start`."""
         self.start = start
         self._model = model
         self._data = data

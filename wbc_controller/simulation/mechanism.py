@@ -33,9 +33,7 @@ from wbc_controller.simulation.terrain import add_terrain
 
 _log = logging.getLogger(__name__)
 
-#: Name of the hoist's equality constraint.
 HOIST = "hoist"
-#: Name of the floor's geom.
 FLOOR = "floor"
 #: Time constant of contacts, joint stops and hoist, in simulation steps, at least two.
 STIFF_STEPS = 4.0

@@ -36,7 +36,6 @@ from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
 from wbc_controller.simulation.speed import Speed
 
-#: Name of the node.
 NODE_NAME = MOCK_NODE
 #: Rate of contact wrenches and transform for viewers, Hz of simulated time.
 SLOW_RATE = 100.0

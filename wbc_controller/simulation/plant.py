@@ -134,7 +134,7 @@ class Plant:
         return min((float(self._placement(foot).translation[2]) for foot in self._feet.values()), default=0.0)
 
     def body(self, frame: str) -> int:
-        """Return the index of the MuJoCo body of a URDF frame."""
+        """Return the MuJoCo body of a URDF frame."""
         return self._body_of(frame_on_joint(self._robot, frame)).id
 
     def foot_placement(self, contact: str) -> pin.SE3:

@@ -66,7 +66,6 @@ class ImperfectSensors:
     """Sensors with constant errors, drawn once, and noise, drawn in every period."""
 
     def __init__(self, parts: Parts, robot: RobotModel, period: float, seed: int) -> None:
-        """Draw the constant errors; the sample period is in s."""
         self._parts = parts
         self._rng = rng = np.random.default_rng(seed)
         self._gyroscope_bias = parts.gyroscope_bias * rng.standard_normal(3)

@@ -37,7 +37,7 @@ class Simulation:
         limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
         preflight: bool = True,
     ) -> None:
-        """Build robot, controller and physics in the nominal posture; arguments as for `load` and `Controller`."""
+        """Build all objects in the nominal posture; arguments as for `load` and `Controller`."""
         config = load(config).replace({"safety.activation_ramp": 0.0})
         self.controller = Controller(config, tasks=tasks, contacts=contacts, limits=limits, preflight=preflight)
         self.reset()

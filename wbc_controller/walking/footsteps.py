@@ -76,7 +76,7 @@ class Stance:
 
 @dataclass(frozen=True, slots=True)
 class NominalStep:
-    """The step that follows a velocity command in a periodic gait.
+    """Step of a periodic gait at a commanded velocity.
 
     Attributes:
         place: of the new foot, x + i y in m in the world.

@@ -4,7 +4,7 @@ With the place p_i, height z_i and slope g_i of the i-th last foothold, height h
 
     Σ 2^-i (((z_i - h - g · (p_i - p_0)) / σ_z)² + |g_i - g|² / σ_g²)
 
-One foot on a stone or an edge then changes the plane less than the slope of a hill does with two steps.
+A foot on a stone or an edge changes the plane less than two steps on a slope.
 """
 
 import math

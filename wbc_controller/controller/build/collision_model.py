@@ -55,9 +55,7 @@ def build_collision_model(
     visual: Sequence[str] = (),
     folder: Path | None = None,
 ) -> CollisionModel:
-    """Build the collision model of a robot.
-
-    docs/limits.md describes the shapes and the default pairs.
+    """Build the collision model of a robot; docs/limits.md describes the shapes and the default pairs.
 
     Args:
         margin: smallest distance, m.

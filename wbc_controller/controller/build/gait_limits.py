@@ -52,14 +52,14 @@ class BipedLimits:
     def __init__(
         self, model: RobotModel, contacts: Mapping[str, Contact], legs: Sequence[BipedLeg], gait: Gait, speeds: Array
     ) -> None:
-        """Prepare the limits; `speeds` are the largest ones of the joints, (nj,) in rad/s."""
+        """Prepare the limits for the largest joint speeds, (nj,) in rad/s."""
         self.legs, self.gait = legs, gait
         self._model, self._contacts, self._speeds, self._dynamics = model, contacts, speeds, Dynamics(model)
         #: Columns of the base in v.
         self._base = np.setdiff1d(np.arange(model.nv), model.v_index)[:6]
 
     def feasible(self, way: Velocity, most: float) -> FeasibleSpeed:
-        """Return the feasible speed in a direction, at most `most`, in m/s or rad/s."""
+        """Return the feasible speed in a direction, at most `most`."""
 
         def worst(speed: float) -> tuple[float, str]:
             velocity = way.times(speed)
@@ -119,7 +119,7 @@ class BipedLimits:
         return found
 
     def _lowered(self, leg: BipedLeg, x: float) -> tuple[Array, str]:
-        """Return the posture with bent knees and the stance foot at a place x forward, in m, and why not, or ""."""
+        """Return the posture with bent knees and the stance foot forward by x, in m, and the missed limit, or ""."""
         posture, reasons = np.array(self._model.posture), []
         for each in self.legs:
             offset = np.array([x if each is leg else 0.0, 0.0, self.gait.lowering, 0.0])
@@ -145,7 +145,7 @@ class QuadrupedLimits:
     """Static limits of a quadruped's gait in its nominal posture."""
 
     def __init__(self, legs: Mapping[PointFoot, Leg], gait: QuadrupedGait, speeds: Array) -> None:
-        """Prepare the limits; `speeds` are the largest ones of the joints, (nj,) in rad/s."""
+        """Prepare the limits for the largest joint speeds, (nj,) in rad/s."""
         self.gait = gait
         self._legs, self._speeds = legs, speeds
 
@@ -160,7 +160,7 @@ class QuadrupedLimits:
         return max(largest_speed(load, wanted).speed, _LOWEST * wanted)
 
     def feasible(self, way: Velocity, most: float) -> FeasibleSpeed:
-        """Return the feasible speed in a direction, at most `most`, in m/s or rad/s."""
+        """Return the feasible speed in a direction, at most `most`."""
         gait = self.gait
 
         def worst(speed: float) -> tuple[float, str]:
@@ -178,7 +178,7 @@ class QuadrupedLimits:
 def feasible_defaults(
     limits: BipedLimits | QuadrupedLimits, configured: Sequence[float | None]
 ) -> tuple[float, float, float]:
-    """Return the speeds of a gait; those that are not configured are at most a safe share of the feasible ones."""
+    """Return the speeds of a gait; by default at most a safe share of the feasible ones."""
     speeds = []
     for way, wanted, fixed in zip(WAYS, limits.gait.speed, configured, strict=True):
         found = limits.feasible(way, wanted / _SAFE) if fixed is None else None

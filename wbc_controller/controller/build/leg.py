@@ -161,11 +161,9 @@ def swing_of(
 
 
 def largest_speed(share: Callable[[float], tuple[float, str]], most: float) -> FeasibleSpeed:
-    """Return the largest speed, at most `most`, at which a share is at most 1; it rises with the speed.
+    """Return the largest speed, at most `most`, with a share of at most 1; `share` returns it with its cause.
 
-    Args:
-        share: function from a speed to a share and its cause.
-        most: m/s or rad/s.
+    The share rises with the speed, in m/s or rad/s.
     """
     low, high, quantity = 0.0, most, ""
     for number in range(_TRIED_SPEEDS):

@@ -33,8 +33,8 @@ def read_urdf(urdf: str) -> str:
 class Description:
     """Actuators of a robot."""
 
-    name: str  # name of the robot
-    drive: Drive  # actuators
+    name: str
+    drive: Drive
     effort_limits: Array  # usable torque of each actuator, (na,) in N·m
 
 

@@ -23,10 +23,7 @@ _IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)
 
 
 def make_disabled(tasks: Mapping[str, tuple[float, Task]], settings: Settings) -> list[Task]:
-    """Give tasks their weights, off until the robot walks.
-
-    Args:
-        tasks: weights and tasks by name.
+    """Give tasks their weights, off until the robot walks; `tasks` has weights and tasks by name.
 
     Raises:
         ConfigurationError: if a configured task has the name of one of these.

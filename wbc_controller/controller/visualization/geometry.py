@@ -42,7 +42,7 @@ class Part:
 
     name: str
     joint: int  # joint number in `RobotModel.pinocchio`; 0 for the world
-    vertices: Array  # corners in the joint's frame, (n, 3) in m
+    vertices: Array  # in the joint's frame, (n, 3) in m
     #: Corners of each triangle, counter-clockwise seen from outside, (m, 3).
     triangles: npt.NDArray[np.intp]
     color: tuple[float, float, float]  # red, green and blue from 0 to 1
@@ -56,7 +56,7 @@ class Visual:
     joint: int  # as in `Part`
     placement: pin.SE3  # shape in the joint's frame
     shape: coal.CollisionGeometry
-    color: tuple[float, float, float] | None  # red, green and blue from 0 to 1; None without a color in the URDF
+    color: tuple[float, float, float] | None  # as in `Part`; None without a color in the URDF
 
 
 def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]]:

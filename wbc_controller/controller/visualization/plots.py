@@ -37,7 +37,7 @@ _MARGIN = {"l": 74, "r": 16, "t": 8, "b": 46}
 class Line:
     """Line of a panel."""
 
-    name: str  # name in the legend
+    name: str  # in the legend
     x: Array  # (n,)
     y: Array  # (n,); NaN interrupts the line
     color: str = ""  # CSS colour; by default one colour per name

@@ -22,7 +22,6 @@ class MujocoInterface:
     """
 
     def __init__(self, model: RobotModel, mujoco_model: Any) -> None:
-        """Find the joints of ``robot.joints`` by name in an ``mujoco.MjModel``."""
         if not isinstance(model, RobotModel) or not hasattr(mujoco_model, "jnt_qposadr"):
             raise ConfigurationError(
                 "expected a RobotModel, such as controller.model, and a mujoco.MjModel, "
