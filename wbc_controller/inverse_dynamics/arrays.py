@@ -18,7 +18,7 @@ def as_slice(index: np.ndarray) -> np.ndarray | slice:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return the cross product of two vectors (3,)."""
+    """Return a × b, (3,)."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 

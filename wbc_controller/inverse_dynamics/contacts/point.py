@@ -112,7 +112,7 @@ class PointContact(UnilateralContact):
         )
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code, for a ball on the world."""
+        """Return the instruction, for a ball on the world."""
         if type(self) is not PointContact or self._constant_arm is None:
             return None
         link, placement = self._on_link
@@ -159,7 +159,7 @@ class PointContact(UnilateralContact):
         return np.asarray(spin @ rate - drift[:3] - pin.skew(drift[3:]) @ from_other - turn @ (moving + slip))
 
     def points(self, dynamics: Dynamics) -> Array:
-        """Return the contact point in the world, (1, 3) in m."""
+        """Return the contact point, (1, 3) in m."""
         centre, arm = self._arms(dynamics)
         return np.asarray(dynamics.placement(self._frame_id).translation + centre + arm)[None, :]
 
@@ -180,6 +180,6 @@ class PointContact(UnilateralContact):
         return np.asarray(self._axes.T @ (rolled - present.translation))
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the force as a wrench about the world origin, (6,)."""
+        """Return the wrench, (6,)."""
         along = self.axes(dynamics) @ force
         return np.concatenate([along, pin.skew(self.points(dynamics)[0]) @ along])

@@ -162,7 +162,6 @@ class LevelCost:
 
 
 def _on_diagonal(tasks: Sequence[Task]) -> list[tuple[PostureTask, Instruction]]:
-    """Return the posture tasks with compiled targets."""
     found = []
     for task in tasks:
         instruction = task.instruction() if isinstance(task, PostureTask) and task.tolerance is None else None

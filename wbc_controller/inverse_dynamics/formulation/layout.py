@@ -31,7 +31,7 @@ class ContactPlace:
     cone: slice  # rows in C
     columns: slice  # columns of the force in x
     lower: Array  # of the force, in `FORCE_UNIT`, (k,)
-    upper: Array  # of the force, in `FORCE_UNIT`, (k,)
+    upper: Array  # likewise
 
 
 class Layout:
@@ -172,11 +172,11 @@ class Layout:
 
     @property
     def torque_map(self) -> tuple[Array, Array]:
-        """R (na, n) and r (na,) of τ = R x + r, N·m."""
+        """Map of `Efforts.torque_map`."""
         return self.problem.C[self.torque], self.torque_bias
 
     def force_map(self, contact: str) -> Array | None:
-        """Return R (k, n) of the contact force R x; None for an inactive contact."""
+        """Return the map of `Efforts.force_map`."""
         if contact not in self.key:
             return None
         columns = self.places[self.key.index(contact)].columns

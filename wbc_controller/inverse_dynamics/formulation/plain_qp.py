@@ -61,7 +61,7 @@ class PlainQP:
     columns: dict[str, slice]  # columns of each active contact's force in x
 
     def force_map(self, contact: str) -> Array | None:
-        """Return R (k, n) of the contact force f = R x; None for an inactive contact."""
+        """Return the map of `Efforts.force_map`."""
         return FORCE_UNIT * np.eye(len(self.g))[self.columns[contact]] if contact in self.columns else None
 
 

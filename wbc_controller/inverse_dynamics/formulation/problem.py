@@ -124,12 +124,12 @@ class QuadraticProgram:
 
     @property
     def H(self) -> Array:
-        """Hessian (n, n), symmetric positive definite."""
+        """Hessian, (n, n)."""
         return self.cost.H
 
     @property
     def g(self) -> Array:
-        """Gradient at 0, (n,)."""
+        """Gradient, (n,)."""
         return self.cost.g
 
     @property

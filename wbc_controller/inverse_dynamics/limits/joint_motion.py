@@ -46,7 +46,6 @@ class JointMotionLimit(Tunable):
 
     Attributes:
         position_lower, position_upper: (nj,) in rad, or None.
-        position_upper: (nj,) in rad, or None.
         velocity: largest speed, (nj,) in rad/s, or None.
         acceleration: q̈_max, rad/s².
         horizon: lower bound of T, s. A longer T reduces the effect of measurement noise: near the limit, the bound

@@ -45,7 +45,7 @@ class ShapePairs(Struct):
     faster: float  # m/s
     normals: Matrix  # unit vectors from the first to the second shape, (k, 3)
     first: Matrix  # nearest points on the first shape, (k, 3) in m
-    second: Matrix  # nearest points on the second shape, (k, 3) in m
+    second: Matrix  # on the second shape, (k, 3) in m
     seen: OutVector  # in place: last configuration, (nq,); initially NaN
     least: OutVector  # in place: lower bounds of distances, (k,) in m, or NaN
     sums: OutMatrix  # out: cumulative largest speed and change since `seen`, (e + 1, 2)

@@ -52,7 +52,7 @@ class ContactPlan:
 
     enabled: bool  # at activation
     ramp: float  # duration of loading or unloading, s
-    anchored: AnchoredContact | None = None  # contact with an anchor
+    anchored: AnchoredContact | None = None
     contact: Contact | None = None  # None: unloading begins at the largest force
     capacity: float = math.inf  # largest normal force on the robot, N
 
@@ -61,8 +61,8 @@ class ContactPlan:
 class BoardPlan:
     """Plans of all tasks and contacts."""
 
-    tasks: Mapping[str, TaskPlan]  # by name
-    contacts: Mapping[str, ContactPlan]  # by name
+    tasks: Mapping[str, TaskPlan]
+    contacts: Mapping[str, ContactPlan]
     weight_ramp: float  # for weights, gains and limits, s
     tuning: Tuning
     robot_weight: float = 0.0  # to be carried by the contacts, N; 0 for a fixed base

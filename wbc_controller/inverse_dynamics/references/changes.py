@@ -90,7 +90,7 @@ class WalkTo:
 class WalkFootsteps:
     """Step on poses of alternating soles, then stop; for the walker."""
 
-    poses: Array  # x, y in m and heading in rad in the world, (n, 3)
+    poses: Array  # as `WalkTo.pose`, (n, 3)
 
 
 #: Changes for the walker.

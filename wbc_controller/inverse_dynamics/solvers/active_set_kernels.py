@@ -184,12 +184,8 @@ def solve_condensed(
 ) -> tuple[int, float, float, float]:
     """Minimize a sum of squares for a given active set.
 
-    With x_base = s - N z,
-
-        z = t + D⁻¹ Bᵀp,    (B D⁻¹ Bᵀ + E) p = β - B t.
-
-    The last column of B is β, and the last entry of z is -1. Dependent rows of B are ignored, but their residuals
-    checked. Strict priorities use one call per level with the same `memory` and results.
+    The system is that of `ActiveSet`; the last column of B is β, and the last entry of z is -1. Dependent rows of B are
+    ignored, but their residuals checked. Strict priorities use one call per level with the same `memory` and results.
 
     Args:
         cost: of the level, with the constraints.
@@ -217,7 +213,6 @@ def solve_condensed(
     base_map, upper_rows = memory[:base], memory[base:]
     if not (memory.shape[1] == width and len(upper_rows) >= (above if above else own) + kept):
         raise ValueError("solve_condensed: memory for the levels is too small")
-    # Eliminate the base.
     if above == 0:
         if not eliminate_base(rows[own:end], base_map):
             return NOT_FOUND, 0.0, 0.0, 0.0
@@ -238,7 +233,6 @@ def solve_condensed(
     z[last] = -1.0
     for j in range(last):
         inverse[j], z[j] = 1.0 / cost.diagonal[base + j], cost.target[base + j]
-    # Factorize.
     K, pivots = system_matrix(B, inverse, hard, weights), np.empty(len(B))
     if not factorize(K, hard, pivots):
         return NOT_FOUND, 0.0, 0.0, 0.0
@@ -260,7 +254,6 @@ def solve_condensed(
         left = residual(B, z, p, hard, weights)
         if largest_of(left) <= PRECISE:
             break
-    # Check.
     lost = largest_of(left[own:top])  # of the kept rows
     for i in range(base):
         value[i] = -dot(base_map[i], z)

@@ -89,15 +89,12 @@ class _AlignmentTask(MotionTask):
         return Reference(position, to_sides @ rate, to_sides @ rate_dot + spinning)
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Return T ω, (2,)."""
         return np.asarray(self._sides @ dynamics.velocity(self._frame_id, pin.LOCAL)[3:])
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of T ω, (2, nv)."""
         return np.asarray(self._sides @ dynamics.jacobian(self._frame_id, pin.LOCAL)[3:])
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return T ω̇ at v̇ = 0, (2,)."""
         return np.asarray(self._sides @ dynamics.drift_local(self._frame_id)[3:])
 
     def rest(self, dynamics: Dynamics) -> Reference:

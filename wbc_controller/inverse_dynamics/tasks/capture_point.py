@@ -54,7 +54,7 @@ class CapturePointTask(RateTask):
         self.support_height = support_height
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code."""
+        """Return the instruction."""
         return Instruction(CAPTURE_POINT, self.rows, size=self.size) if type(self) is CapturePointTask else None
 
     @property

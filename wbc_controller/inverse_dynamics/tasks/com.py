@@ -18,7 +18,7 @@ class ComTask(MotionTask):
     size = 3
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code."""
+        """Return the instruction."""
         return Instruction(COM, self.rows, size=self.size) if type(self) is ComTask else None
 
     def position(self, dynamics: Dynamics) -> Array:
