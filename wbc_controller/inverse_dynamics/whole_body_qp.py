@@ -100,7 +100,7 @@ class WholeBodyQP:
         return self.formulation.layout(names).J
 
     def prepare(self, state: RobotState, references: References) -> None:
-        """Allocate arrays for the tasks and contacts of references, so that their first use takes no longer."""
+        """Allocate arrays for the tasks and contacts of references."""
         layout = self.formulation.build(state, references)
         self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
         self._prepared = tuple(sorted(self.formulation.regular))
@@ -154,8 +154,7 @@ class WholeBodyQP:
     def _solver_of(self, layout: Layout) -> Solver:
         """Return the solver for a set of contacts.
 
-        After a change of the set, it starts with the active set that it found at the last such change. The active set
-        with which a foot lifts off is far from that with which it lands.
+        After a change of the set, it starts with the active set that it found at the last such change.
         """
         if self._current is not None and self._current[0] is layout:
             return self._current[1]

@@ -80,7 +80,6 @@ class EstimatorService:
     def active_contacts(self) -> frozenset[str]:
         """Return the contacts with recent contact forces of the controller; without any, the enabled contacts."""
         now = self._clock.now()
-        # On the thread of the states, so that forces and states have the same delay.
         for name, stream in self._forces.items():
             if stream.take():
                 self._force_arrivals[name] = now
@@ -140,7 +139,7 @@ class EstimatorService:
     def run(self, stop: threading.Event) -> None:
         """Run until stopped."""
         gc.collect()
-        gc.freeze()  # exclude long-lived objects from later collections
+        gc.freeze()  # shortens later collections
         self._inputs.discard_pending()
         while not stop.is_set():
             self._inputs.wait(_WAIT)

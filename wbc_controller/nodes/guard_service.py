@@ -40,7 +40,7 @@ from wbc_controller.settings import Settings
 NODE_NAME = "guard"
 _LONGEST_REASON = 300  # of a refusal, characters
 
-#: Shortest time between two log lines, s: a guard with too little patience takes over many times per second.
+#: Shortest time between two log lines, s.
 _WARNING_PERIOD = 1.0
 _RECHECK_DELAY = 0.001  # in which late commands of a busy computer can still arrive, s
 
@@ -54,9 +54,9 @@ _log = logging.getLogger(__name__)
 class GuardService:
     """Monitor of the controller's topics, and publisher of the guard's torques.
 
-    Callbacks of the transport decode commands and modes and store joint states; the rest runs on the thread of `cycle`.
-    Before a takeover this thread also reads the newest command and mode, since callbacks may be late. Commands of any
-    publisher count; `watch` reports a second publisher.
+    Callbacks decode commands and modes and store joint states; the rest runs on the thread of `cycle`. Before a
+    takeover it also reads the newest command and mode, since callbacks may be late. Commands of any publisher count;
+    `watch` reports a second publisher.
     """
 
     def __init__(
@@ -207,7 +207,6 @@ class GuardService:
         """Decide, send torques after a takeover, publish the state, and return the time of the next cycle, s."""
         now, received = self._clock.now(), self._read_inputs()
         if not self.guard.sending and now >= self.guard.deadline(received):
-            # A busy computer delays the transport's thread too: commands may be waiting.
             time.sleep(_RECHECK_DELAY)
             self._process_newest()
             now, received = self._clock.now(), self._read_inputs()
@@ -264,7 +263,7 @@ class GuardService:
     def run(self, stop: threading.Event) -> None:
         """Run until stopped; the last message is never a damping torque."""
         gc.collect()
-        gc.freeze()  # exclude long-lived objects from later collections
+        gc.freeze()  # shortens later collections
         self.watch.start()
         try:
             while not stop.is_set():

@@ -1,9 +1,9 @@
 """Inputs of one control cycle: decoded, checked and latched.
 
-- States wait in the transport until the loop's thread takes them, so that their arrival wakes no other thread. Requests
-  pass `nodes.requests`. Messages above their size limit are counted and dropped.
-- A cycle decodes the newest joint state and odometry and a bounded number of requests. For an estimated base it decodes
-  bounded numbers of IMU samples and absolute poses, and the newest message of each contact sensor.
+- States wait in the transport until the loop's thread takes them; requests pass `nodes.requests`. Messages above their
+  size limit are counted and dropped.
+- A cycle decodes the newest joint state, odometry and contact sensors, and bounded numbers of requests, IMU samples and
+  absolute poses.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class Inputs:
         self._trigger = next(queue for queue in self._queues.values() if queue.endpoint.key == "joint_states")
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a joint state, an emergency stop, or `wake`, in wall time; return True if one arrived in time."""
+        """Wait for a joint state, an emergency stop, or `wake`, in wall time; return True if in time."""
         deadline, left = time.monotonic() + seconds, seconds
         while self._trigger.stream.wait(left):
             self._collect(self._trigger)
@@ -166,7 +166,7 @@ class Inputs:
                 self.requests.drop_unread(queue.endpoint, f"more than {queue.largest} bytes")
 
     def discard_pending(self) -> None:
-        """Drop all waiting states, since their arrivals and ages are unknown."""
+        """Drop all waiting states: their ages are unknown."""
         for queue in self._queues.values():
             queue.stream.take()
             queue.pending.clear()
@@ -201,7 +201,7 @@ class Inputs:
         """Decode the newest states, assemble the robot's state, and take the decoded requests.
 
         Args:
-            holding: names of the commanded contacts, used by the base estimate unless contact sensors disagree.
+            holding: commanded contacts, for the base estimate.
             controlled: True if the robot is under control: contradicting absolute poses must not move its world.
         """
         refused: list[str] = []
@@ -242,7 +242,7 @@ class Inputs:
         self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
 
     def _decode(self, endpoint: Endpoint, arrival: float, payload: bytes, refused: list[str]) -> None:
-        """Decode, check and store one message; after a refusal the last message stays in force."""
+        """Decode, check and store one message; a refused one changes nothing."""
         key = endpoint.key
         try:
             if key in KEYS and self._contact_sensors is not None:
@@ -337,7 +337,7 @@ class Inputs:
         return 0 if newest is None else int(newest.stamp)
 
     def status(self) -> dict[str, str]:
-        """Return diagnostics: rejected samples by topic, and the delay of differentiated joint velocities."""
+        """Return diagnostics: rejected samples, and delay of differentiated joint velocities."""
         values = {
             f"rejected/{key}": str(source.check.rejected)
             for key, source in self._sources.items()

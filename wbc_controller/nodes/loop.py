@@ -140,7 +140,6 @@ class ControlLoop:
         state, solution, references = result.state, result.solution, result.references
         audit = None
         if state is not None:
-            # The supervisor of an inactive controller may have refused this state.
             trusted = solution if result.mode is Mode.ACTIVE else None
             audit = self._audit.check(state, controller.qp.dynamics, trusted, result.command)
             # Torques do not explain impacts of the feet, and zero torque would drop a walking robot.
@@ -170,7 +169,7 @@ class ControlLoop:
         return report
 
     def _changed_slips(self) -> tuple[tuple[SetSlippingContacts], ...]:
-        """Return a change if other contacts slip than known to the controller, according to the estimate."""
+        """Return a change if the estimate has other slipping contacts than the controller."""
         slipping = () if self.estimator is None else self.estimator.slipping
         return () if slipping == self.controller.board.slipping else ((SetSlippingContacts(slipping),),)
 
@@ -299,7 +298,7 @@ class ControlLoop:
 
     def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
         gc.collect()
-        gc.freeze()  # exclude long-lived objects from later collections
+        gc.freeze()  # shortens later collections
         deadline = self._clock.now() + period
         while not stop.is_set():
             if triggered:

@@ -37,9 +37,9 @@ class Processes:
 
         Args:
             robot: shipped robot, or path of a configuration.
-            folder: folder of configuration and logs, created if missing.
+            folder: of configuration and logs, created if missing.
             changes: settings by dotted key.
-            own_sessions: one session per process, for isolation from Ctrl-C and fair shares beside a busy browser.
+            own_sessions: one session per process, against Ctrl-C and a busy browser.
         """
         config = load(robot).replace(changes or {})
         self.settings = config.settings

@@ -87,7 +87,7 @@ def are_possible_moments(moments: Array) -> bool:
 
 def impossible_inertias(urdf: str) -> list[str]:
     """Return the links with a physically impossible inertia, which MuJoCo refuses."""
-    links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - checked when the model was made
+    links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - checked
     names = []
     for link in links:
         inertia = link.find("inertial/inertia")

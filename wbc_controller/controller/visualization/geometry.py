@@ -182,7 +182,7 @@ def _package_folders(urdf: str) -> list[Path]:
 
 
 def _without_missing_meshes(urdf: str, folders: list[Path]) -> tuple[str, list[str]]:
-    root = ElementTree.fromstring(urdf)  # noqa: S314  # Pinocchio has read this text before
+    root = ElementTree.fromstring(urdf)  # noqa: S314 - checked
     bare = []
     for link in root.iter("link"):
         for visual in link.findall("visual"):

@@ -24,8 +24,8 @@ class Contact(Tunable, ABC):
     An active contact constrains motion by J v̇ + J̇v = -D J v (equation (30) of the note), and exerts the generalized
     force Jᵀf with bounds and the cone C f ≤ 0. Between two links, J v is relative, and Jᵀf acts on both.
 
-    Settings override `enabled` and `ramp` for contacts of a configuration file. Constructors raise `ConfigurationError`
-    for unknown frames, masks without held axis, and vectors of zero length.
+    Settings override `enabled` and `ramp`. Constructors raise `ConfigurationError` for unknown frames, masks without
+    held axis, and vectors of zero length.
 
     Attributes:
         basis: orthonormal columns, (6, k): the published wrench [force, moment] is basis f.
@@ -86,11 +86,11 @@ class Contact(Tunable, ABC):
 
     @abstractmethod
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the force as a wrench about the world origin in world axes, (6,)."""
+        """Return f as a wrench about the world origin in world axes, (6,)."""
 
     @abstractmethod
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Return bounds of f, (k,), not to be modified; the activation from 0 to 1 scales the largest forces."""
+        """Return read-only bounds of f, (k,); the activation from 0 to 1 scales the largest forces."""
 
     def instruction(self) -> Instruction | None:
         """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""

@@ -120,7 +120,7 @@ class PointContact(UnilateralContact):
         return Instruction(BALL, np.arange(3), link, constants=constants)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of the contact point's relative velocity along E, (3, nv)."""
+        """Return J of the contact point's relative velocity along E, (3, nv)."""
         centre, arm = self._arms(dynamics)
         J = dynamics.jacobian(self._frame_id, _WORLD_AXES)
         J_point = J[:3] - pin.skew(centre + arm) @ J[3:]
@@ -138,7 +138,6 @@ class PointContact(UnilateralContact):
         centre, arm = self._arms(dynamics)
         drift = dynamics.drift_world(self._frame_id)
         velocity = dynamics.velocity(self._frame_id, _WORLD_AXES)
-        # The vector to the centre rotates with the link, the vector to the plane does not.
         turning = pin.skew(velocity[3:]) @ centre
         result = drift[:3] + pin.skew(drift[3:]) @ (centre + arm) + pin.skew(velocity[3:]) @ turning
         if self._constant_arm is None:

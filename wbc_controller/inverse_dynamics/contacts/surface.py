@@ -72,11 +72,11 @@ class SurfaceContact(UnilateralContact):
         return self._mount.instruction(_ALL) if type(self) is SurfaceContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of the relative twist in contact axes, (6, nv)."""
+        """Return J of the relative twist in contact axes, (6, nv)."""
         return self._mount.jacobian(dynamics)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return the relative spatial acceleration at v̇ = 0 in contact axes, (6,)."""
+        """Return its drift, (6,)."""
         return self._mount.drift(dynamics)
 
     def points(self, dynamics: Dynamics) -> Array:

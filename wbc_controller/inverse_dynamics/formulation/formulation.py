@@ -43,8 +43,7 @@ class Formulation:
     Attributes:
         task_errors: of each level in the last cycle.
         redundancy: active contacts, and True to separate them in every cycle (`formulation.redundancy`).
-        regular: sets of active contacts that were not redundant when they were examined; a solver that fails examines
-            them again.
+        regular: sets of active contacts without redundancy when last examined, as after each failure of a solver.
     """
 
     def __init__(
@@ -102,7 +101,7 @@ class Formulation:
         return self._layouts[names]
 
     def prepare(self, state: RobotState) -> None:
-        """Compute the dynamics of a state before its references are known."""
+        """Compute the dynamics of a state in advance."""
         if self._prepared is not state:
             self.dynamics.update(state.q, state.v)
             self._prepared = state

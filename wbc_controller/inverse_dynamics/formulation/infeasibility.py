@@ -11,15 +11,9 @@ Linear programs over the constraints of the failed problem:
 4. Repeat with the named constraints enforced: other constraints up to `EQUAL_COST_RATIO` times the smallest cost also
   belong to the conflict, e.g. the other foot.
 
-The equations of motion always hold: they never conflict alone. Violations for σ_g = 1:
-
-- forces: weight m g; `CONTACT_SCALE` m g for pulling contacts; moments: m g `MOMENT_LENGTH`,
-- torques and torque rates: effort limit,
-- joint accelerations: g / `MOMENT_LENGTH`,
-- cones: `CONTACT_SCALE` m g; with moments, `CONTACT_SCALE` m g `MOMENT_LENGTH`,
-- contact accelerations: `CONTACT_SCALE` g; angular, `CONTACT_SCALE` g / `MOMENT_LENGTH`.
-
-Slip is therefore named only if no other constraint can be relaxed.
+The equations of motion always hold: they never conflict alone. `named_constraints` has the violations for σ_g = 1:
+multiples of the weight m g, g and the effort limits, smaller ones for contacts. Slip is therefore named only if no
+other constraint can be relaxed.
 """
 
 from collections.abc import Collection, Sequence

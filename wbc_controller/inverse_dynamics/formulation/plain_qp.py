@@ -68,7 +68,7 @@ class PlainQP:
 def task_rows(
     task: Task, dynamics: Dynamics, efforts: Efforts, reference: Reference, n: int
 ) -> tuple[Array, Array, Array] | None:
-    """Return the rows R x = r of a task, R (k, n) and r (k,), and its error (k,); None for an inactive contact's force.
+    """Return rows R x = r, R (k, n) and r (k,), and the task error (k,); None for an inactive contact's force.
 
     An acceleration task has rows J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`). The error of an effort task
     depends on the solution and is NaN here.

@@ -74,8 +74,7 @@ def relaxations(formulation: Formulation, layout: Layout, references: References
 def contacts_preventing_stop(formulation: Formulation, layout: Layout, value: Array) -> tuple[str, ...]:
     """Return the contacts that prevent a joint from stopping at its position limit, from a relaxed [x; C x].
 
-    A stance foot determines the motion of its leg: if the robot leaves the ground faster than the leg can extend, only
-    release of the foot stops the knee. Other limbs keep their contacts.
+    If the robot leaves the ground faster than a leg can extend, only release of its foot stops the knee.
     """
     most = formulation.motion_limit.acceleration
     needed, missed = _stopping_demand(formulation, layout, value)
@@ -148,11 +147,7 @@ def soften(layout: Layout, groups: Sequence[Relaxable]) -> SoftConstraints:
 
 
 def widen(layout: Layout, groups: Sequence[Relaxable], value: Array, room: float) -> tuple[str, ...]:
-    """Set the bounds of groups to the original ones, widened to the values [x; C x] plus `room`.
-
-    Returns:
-        The groups with a violated bound.
-    """
+    """Set bounds to the original ones, widened to [x; C x] plus `room`; return the groups with a violated bound."""
     bounds = layout.problem.bounds
     for group in groups:
         at = value[group.places]

@@ -21,7 +21,7 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class _LazyDetails:
-    """`records.Details` from unchanged parts of the layout, computed on first access to save time in the cycle."""
+    """`records.Details` from unchanged parts of the layout, computed on first access."""
 
     _forces: Mapping[str, Array] | None = None
 
@@ -39,7 +39,6 @@ class _LazyDetails:
 
     @property
     def forces(self) -> Mapping[str, Array]:
-        """Force of each contact, (k,) in N and N·m."""
         if self._forces is None:  # `cached_property` would double the time
             forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
             forces.setflags(write=False)
@@ -77,7 +76,6 @@ class _LazyDetails:
 
     @cached_property
     def levels(self) -> Sequence[LevelReport]:
-        """Solved quadratic programs."""
         answer = self._answer
         if answer.levels or answer.cost is None:
             return answer.levels

@@ -35,21 +35,18 @@ class JointMotionLimit(Tunable):
 
     Velocity limit: q̇ + T q̈ ≤ q̇_max for q̇ > 0, mirrored for q̇ < 0, with T ≤ `VELOCITY_HORIZON`. T exceeds one
     period because of the torque delay L: the gain 1 / T is stable for L < π T / 2. For q̇ < 0 a joint may always stop
-    within a period Δt, q̈ ≤ q̇_max / T - q̇ / Δt, so the limit never contradicts braking at a position limit or the
-    return to it.
+    within a period Δt, q̈ ≤ q̇_max / T - q̇ / Δt, as position limits may require.
 
     Acceleration limit: |q̈| ≤ q̈_max clips the other bounds. In viable states their interval is not empty. Otherwise a
-    joint brakes with q̈_max, or reverses at its limit (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))). If it would exceed the
-    limit by more than `STOPPING_DISTANCE`, it brakes harder than q̈_max, at most to a stop within the period. Beyond
-    its limit it returns like a critically damped spring with the time constant `RETURN_TIME` / 2. Position limits
-    precede velocity limits.
+    joint brakes with q̈_max, or reverses at its limit (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))); a stop beyond
+    `STOPPING_DISTANCE` permits harder braking. Beyond its limit it returns like a critically damped spring with the
+    time constant `RETURN_TIME` / 2. Position limits precede velocity limits.
 
     Attributes:
         position_lower, position_upper: (nj,) in rad, or None.
         velocity: largest speed, (nj,) in rad/s, or None.
         acceleration: q̈_max, rad/s².
-        horizon: lower bound of T, s. A longer T reduces the effect of measurement noise: near the limit, the bound
-            changes by 1 / T² per rad, and by 1 / T per rad/s.
+        horizon: lower bound of T, s; docs/limits.md has its effect on measurement noise.
     """
 
     def __init__(
@@ -122,12 +119,9 @@ class JointMotionLimit(Tunable):
         )
 
     def stopping_bounds(self, q: Array, v: Array, bounds: Array, limits: tuple[Array, Array]) -> Array:
-        """Return bounds with which a joint still stops if `bounds` cannot be met.
+        """Return bounds, not tighter than `bounds` (2, nj), for a stop within `STOPPING_DISTANCE` beyond the limit.
 
-        A joint must brake with the constant acceleration that stops it at most `STOPPING_DISTANCE` beyond the limit: q̈
-        ≤ -q̇² / (2 (q_max + STOPPING_DISTANCE - q)).
-
-        The result is not tighter than `bounds`, (2, nj); `limits` are without the margin.
+        q̈ ≤ -q̇² / (2 (q_max + STOPPING_DISTANCE - q)); `limits` are without the margin.
         """
         if self.position_lower is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)

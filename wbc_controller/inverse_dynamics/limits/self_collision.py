@@ -119,7 +119,7 @@ class SelfCollisionLimit(RowLimit):
         self.computed = 0
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write rows and bounds in the order of the pairs, for the solver's warm start."""
+        """Write rows and bounds in the constant order of the pairs."""
         rows[:], lower[:], upper[:] = 0.0, -np.inf, np.inf
         ahead = max(period, self.horizon)
         near = self._compute_near_distances(dynamics, ahead)
@@ -187,8 +187,8 @@ def _levers(
     """Return `starts`, `components`, `levers` and `ends` of `ShapePairs`.
 
     A joint that moves one link of a pair changes their distance at most by its speed times its largest distance from
-    the shape, `reach` (s, nv). For each shape, these joints are from its link towards the root, up to the first joint
-    that moves both links: a partial sum common to all of its pairs.
+    the shape, `reach` (s, nv). These joints are from the link towards the root, up to the first joint that moves both
+    links: a partial sum for all pairs.
     """
     starts, components, levers, ends = [0], [], [], np.zeros(pairs.shape, dtype=np.int64)
     for shape, link in enumerate(links):

@@ -108,7 +108,7 @@ class ReferenceBoard:
         self._settled_ramps: tuple[float, References] | None = None
 
     def reset(self, dynamics: Dynamics, time: float) -> None:
-        """Hold the present state, with contacts as configured and anchored at their present pose."""
+        """Hold the present state, with configured contacts anchored at their present pose."""
         self._discard_samples()
         for name, plan in self.plans.items():
             self._enabled[name] = plan.enabled

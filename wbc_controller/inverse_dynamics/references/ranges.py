@@ -1,6 +1,6 @@
 """Plausible ranges of references and external wrenches.
 
-Values out of range are mistakes, e.g. in units. Values in range may still be unreachable.
+Values in range may still be unreachable.
 """
 
 from __future__ import annotations

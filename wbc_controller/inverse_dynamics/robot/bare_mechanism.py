@@ -37,7 +37,7 @@ def shapes_only(urdf: str, kind: str) -> str:
 
     ``<collision_checking>`` marks cylinders that Pinocchio reads as capsules.
     """
-    tree = ElementTree.fromstring(urdf)  # noqa: S314 - read by `parse_urdf` before
+    tree = ElementTree.fromstring(urdf)  # noqa: S314 - checked
     for link in tree.findall("link"):
         for element in [element for element in link if element.tag not in (kind, f"{kind}_checking")]:
             link.remove(element)

@@ -45,7 +45,7 @@ class Dynamics:
         self.v: Array
         data = self._data
         self._rotors, self._M = model.actuation.rotors, data.M
-        # A separate array: Pinocchio leaves entries of M between branches untouched, so rotors would accumulate.
+        # Separate: Pinocchio leaves entries of M between branches untouched, so rotors would accumulate.
         self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
         self.M_rows: Array = self.M.T  # for compiled code: Pinocchio stores the symmetric M by columns
         self.h: Array = data.nle

@@ -26,7 +26,6 @@ class LevelWorkspace:
             + kept, n + 1 - base).
         above: number of these rows without N.
         multipliers: of the bounds of [x; C x], from the first level in which each is active.
-        residuals: of the last level.
     """
 
     __slots__ = ("above", "multipliers", "residuals", "rows")

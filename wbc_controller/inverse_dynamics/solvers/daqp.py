@@ -46,8 +46,6 @@ _STATUS = {
 class DaqpSolver(Solver):
     """DAQP, called if the active set of the previous problem is wrong.
 
-    It has no other memory, so recorded cycles can be reproduced exactly.
-
     Source: Arnström, Bemporad, Axehill, IEEE Transactions on Automatic Control, 2022.
     """
 

@@ -38,5 +38,5 @@ class ComTask(MotionTask):
         return dynamics.com_jacobian
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return its acceleration at v̇ = 0, (3,) in m/s²."""
+        """Return its drift, (3,) in m/s²."""
         return dynamics.com_drift

@@ -40,7 +40,7 @@ class _MomentumTask(RateTask):
         return np.asarray(dynamics.centroidal_drift[self.part])
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Return zero momentum, as another constant momentum would let the robot drift."""
+        """Return zero momentum: another one would let the robot drift."""
         still = np.zeros(3)
         return Reference(still, still, still)
 

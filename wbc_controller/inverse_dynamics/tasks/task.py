@@ -46,7 +46,7 @@ def gains(values: Gains, size: int, key: str) -> Array:
 class Task(Tunable, ABC):
     """Control objective: rows of a least-squares problem in the decision variables, with weight and priority level.
 
-    An `AccelerationTask` acts on v̇, an `EffortTask` on forces or torques. Settings override `weight`, `enabled` and
+    Settings override `weight`, `enabled` and
     `setpoint_duration`. Set `level` and `tolerance` before the controller is made. Constructors raise
     `ConfigurationError` for unknown names and lists of wrong length.
 
@@ -54,8 +54,8 @@ class Task(Tunable, ABC):
         rows: indices of the components selected by the mask, (k,).
         level: priority level; 0 is the highest.
         tolerance: deviation without cost, in the unit of the error, () or (size,), or None.
-        enabled: True if the task is on at activation.
-        setpoint_duration: duration of the motion to a new setpoint, s.
+        enabled: at activation.
+        setpoint_duration: of the motion to a new setpoint, s.
     """
 
     size: int  # before the mask
@@ -108,7 +108,7 @@ class Task(Tunable, ABC):
 
 
 def rest_of(task: Task, dynamics: Dynamics) -> Reference:
-    """Return the default reference of a task, checked (`method_calls`)."""
+    """Return `Task.rest`, checked (`method_calls`)."""
     reference, form = call(task, "rest", dynamics), task.form
     if not isinstance(reference, Reference):
         raise MethodError(
@@ -152,7 +152,7 @@ class AccelerationTask(Task):
         """Return x⁽ⁿ⁾* - δ and the task error, both (size,), before the mask."""
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""
+        """Return the instruction for compiled code; None to fill the rows in Python."""
         return None
 
     @property
@@ -175,7 +175,7 @@ class AccelerationTask(Task):
 
 
 def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
-    """Check each method of a task, before activation or to name a failed method (`method_calls`)."""
+    """Check each method of a task (`method_calls`)."""
     size, k, nv = (task.size,), (task.dimension,), dynamics.model.nv
     array_from(task, "position", (task.form.size,), dynamics)
     array_from(task, "error", size, dynamics, reference.position)
