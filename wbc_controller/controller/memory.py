@@ -26,7 +26,7 @@ class CycleRecord:
     inputs: CycleInputs
     live: LivePart
     result: CycleResult
-    changed_outside: bool  # True if the state changed between this and the last cycle: a failed cycle, the loop's end
+    changed_outside: bool  # True if the state changed since the last cycle
 
 
 def save_state(owner: Any) -> dict[str, Any]:

@@ -109,7 +109,7 @@ class CycleResult:
         return plot_cycle(self.shapes, shares, self._heading(), self.binding)
 
     def friction_used(self) -> dict[str, float]:
-        """Return the tangential force of each active contact as a share of its friction limit; NaN if unloaded."""
+        """Return the tangential force of active contacts as a share of the friction limit; NaN if unloaded."""
         return friction_used(self.qp.contacts, self.forces, self.qp.model.mass * self.qp.model.gravity)
 
     def __repr__(self) -> str:

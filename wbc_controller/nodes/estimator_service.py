@@ -80,6 +80,7 @@ class EstimatorService:
     def active_contacts(self) -> frozenset[str]:
         """Return the contacts with recent contact forces of the controller; without any, the enabled contacts."""
         now = self._clock.now()
+        # On the thread of the states, so that forces and states have the same delay.
         for name, stream in self._forces.items():
             if stream.take():
                 self._force_arrivals[name] = now

@@ -201,7 +201,7 @@ class Inputs:
         """Decode the newest states, assemble the robot's state, and take the decoded requests.
 
         Args:
-            holding: commanded contacts, for the base estimate.
+            holding: commanded contacts, for the base estimate unless contact sensors disagree.
             controlled: True if the robot is under control: contradicting absolute poses must not move its world.
         """
         refused: list[str] = []

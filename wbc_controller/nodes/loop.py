@@ -140,6 +140,7 @@ class ControlLoop:
         state, solution, references = result.state, result.solution, result.references
         audit = None
         if state is not None:
+            # The supervisor of an inactive controller may have refused this state.
             trusted = solution if result.mode is Mode.ACTIVE else None
             audit = self._audit.check(state, controller.qp.dynamics, trusted, result.command)
             # Torques do not explain impacts of the feet, and zero torque would drop a walking robot.

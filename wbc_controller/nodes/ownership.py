@@ -41,7 +41,7 @@ class Ownership:
         self._discovered_at = time.monotonic() + transport.discovery_time
 
     def start(self, stop: threading.Event) -> None:
-        """Wait for discovery (or `stop`); then check on a separate thread."""
+        """Wait for discovery (or `stop`), so that two controllers see each other; then check on a separate thread."""
         unknown = self._discovered_at - time.monotonic()
         if unknown > 0.0:
             stop.wait(unknown)

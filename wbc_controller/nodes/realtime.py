@@ -1,6 +1,7 @@
 """Real-time scheduling, processors and locked memory, by `control.realtime` (Linux).
 
-They apply to all threads, as the loop waits for the receiving thread and for the holder of the interpreter's lock.
+Scheduling class and processors apply to all threads, as the loop waits for the receiving thread and for the holder of
+the interpreter's lock.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ _FAR = 1.0e3
 class ContactForces:
     """Geoms of a robot in MuJoCo by contact.
 
-    A force on a body belongs to its nearest contact with the world. Contacts with another link have their own geoms.
+    A force belongs to the nearest contact of its body. Contacts with another link have their own geoms.
     """
 
     def __init__(self, model: Any, contacts: Mapping[str, ContactSettings], bodies: Mapping[str, int]) -> None:

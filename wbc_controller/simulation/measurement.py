@@ -63,7 +63,7 @@ class Measurement:
 
 
 def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Measurement:
-    """Measure the present state exactly; the stamp is in ns."""
+    """Measure the present state exactly; `stamp` in ns."""
     q, v = plant.state()
     orientation, angular_velocity, specific_force = plant.imu(imu_frame)
     silent = {"pose"} if robot.floating_base else {"odom", "pose"}  # poses have a lower rate

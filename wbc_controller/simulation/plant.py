@@ -123,7 +123,7 @@ class Plant:
             self.grip(name, self.contacts[name].enabled)
 
     def _lowest_base(self) -> float:
-        """Return the height above the lowest foot of the base of a fallen robot, m, from its initial state."""
+        """Return the largest height of a fallen base above the lowest foot, m."""
         model, (q, _) = self._robot, self.state()
         com = pin.centerOfMass(model.pinocchio, model.pinocchio.createData(), q)
         foot, base = self._lowest_foot(), float(q[2])
@@ -148,7 +148,7 @@ class Plant:
 
     @property
     def stamp(self) -> int:
-        """Simulated time, ns, counted in steps."""
+        """Simulated time, ns."""
         return round(self._count * self.step_seconds * 1e9)
 
     @property
@@ -208,11 +208,10 @@ class Plant:
         return v_dot
 
     def imu(self, frame: str) -> tuple[Array, Array, Array]:
-        """Measure an ideal IMU in the axes of a frame.
+        """Measure an ideal IMU in a frame.
 
-        The specific force is the mean of the last control period, as of an integrating IMU; the first value, also after
-        `set_state`, is instantaneous. Returns orientation (x, y, z, w), angular velocity in rad/s, and specific force
-        in m/s².
+        Returns orientation (x, y, z, w), angular velocity in rad/s, and specific force in m/s²: the mean of the last
+        control period, at first and after `set_state` the present value.
         """
         if frame not in self._imus:
             self._imus[frame] = self._body_of(frame_on_joint(self._robot, frame))
@@ -249,7 +248,7 @@ class Plant:
         """Return the true force or wrench on the robot at each contact.
 
         Surface and fixed contacts: wrench in the contact frame, (6,), force first. Points and wheels: force, (3,), in
-        world axes, or in the frame `against`. Forces belong to the nearest contact of a link.
+        world axes, or in the frame `against`.
         """
         frames = {name: self._placement(foot) for name, foot in self._feet.items()}
         force, moment = self.contact_forces.forces(self.data, frames)
@@ -302,7 +301,7 @@ class Plant:
         self._damps = self._stale = True
 
     def lock(self, joint: str) -> Callable[[], None]:
-        """Lock a joint at its present position, and return the function that removes this lock."""
+        """Lock a joint at its position; return the function that unlocks it."""
         locked, lock = self.model.joint(joint), object()
         if not self._locks.setdefault(joint, []):
             self._unlocked[joint] = bool(locked.limited[0]), locked.range.copy()
@@ -346,7 +345,7 @@ class Plant:
         self._stale = True
 
     def hold(self, held: bool, ramp: float = RAMP) -> None:
-        """Hold the base at its start, or release it, within `ramp`, s; a displaced base returns at a bounded speed."""
+        """Hold the base at its start, or release it, within `ramp`, s."""
         if self._hoist is None or held == self._hoist.held:
             return
         if held:

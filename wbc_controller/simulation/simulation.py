@@ -57,7 +57,7 @@ class Simulation:
         return self.plant.time
 
     def run(self, seconds: float, each: Callable[[Simulation], None] = lambda simulation: None) -> list[CycleResult]:
-        """Simulate for a time, s; return the results of the cycles. `each` is called after every cycle.
+        """Simulate for a time, s; return the results. `each` is called after every cycle.
 
         Raises:
             NoSolution: if a cycle has no solution, or the controller is not active.

@@ -95,7 +95,7 @@ def footprint(
 def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
     """Return points on an element's surface that span its convex hull, (n, 3) in m in the joint's frame.
 
-    Poles of spheres lie on the third of the axes, (3, 3) as columns, by default the joint's axes.
+    Poles of spheres lie on the third of `axes`, (3, 3), by default the joint's.
     """
     geometry, placement = element.geometry, element.placement
     if isinstance(geometry, coal.Sphere | coal.Capsule):
@@ -110,7 +110,7 @@ def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
 
 
 def simplify_polygon(polygon: Array, most: int) -> Array:
-    """Remove corners of a convex polygon, (n, 2) or (n, 3), with the smallest area first, until `most` remain."""
+    """Remove corners of a convex polygon, (n, 2) or (n, 3), smallest area first, until `most` remain."""
     corners = np.pad(polygon, ((0, 0), (0, 3 - polygon.shape[1])))
     while len(corners) > most:
         before, after = np.roll(corners, 1, axis=0) - corners, np.roll(corners, -1, axis=0) - corners

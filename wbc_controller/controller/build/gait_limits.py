@@ -84,8 +84,8 @@ class BipedLimits:
     def support_loads(self, leg: BipedLeg, velocity: Velocity) -> list[SupportLoad]:
         """Return the loads of a stance leg at the begin, in the middle and at the end of a single support.
 
-        The base has the acceleration a, ψ̈ about the vertical, and the swing leg q̈ = J⁺ a_s. The foot's acceleration is
-        a_s = ±10/√3 · 2 s / T_s² for the step s, and the robot turns by ψ̇ T per step T, in a cosine: ψ̈ = 2π ψ̇ / T.
+        The base has the acceleration a, ψ̈ about the vertical, and the swing leg q̈ = J⁺ a_s. The foot has a_s = ±10/√3 ·
+        2 s / T_s² for the step s, and the robot turns by ψ̇ T per step T, in a cosine: ψ̈ = 2π ψ̇ / T.
         The rows of the base give the contact wrench f, and a follows from its centre of pressure in the middle of the
         sole, as of the linear inverted pendulum:
 
@@ -104,7 +104,7 @@ class BipedLimits:
             dynamics.update(model.configuration(posture), np.zeros(model.nv))
             rates = np.zeros(model.nv)
             rates[model.v_index[swing.joints]] = swing.rates(posture, sign * forward)
-            # In the direction of the swing's moment: a right leg that swings forward turns the robot to the left.
+            # In the direction of the swing's moment.
             rates[base[5]] = leg.side * (sign or 1.0) * 2.0 * math.pi * abs(velocity.turning) / gait.step_time
             J, M = contact.jacobian(dynamics), dynamics.M
             by_base = np.linalg.solve(

@@ -52,8 +52,7 @@ def reserves(
 ) -> list[Finding]:
     """Return the reserves of a standing robot with a floating base in a configuration q, where its dynamics end.
 
-    A push is a steady horizontal force at the height of the centre of mass; a sway moves the centre of mass with fixed
-    contacts.
+    A push is a steady horizontal force at the height of the centre of mass; a sway moves the centre of mass.
 
     Args:
         hanging: indices of unsupported passive joints.

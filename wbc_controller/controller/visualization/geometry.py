@@ -104,7 +104,7 @@ def hull_of(visual: Visual) -> Part | None:
 
 
 def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Approximate the convex hull of points, (n, 3) in m, from extreme points and the points farthest outside.
+    """Approximate the convex hull of points, (n, 3) in m.
 
     Returns:
         Corners, (c, 3), and corner indices of each triangle, counter-clockwise seen from outside.

@@ -229,7 +229,7 @@ def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str, binding: Mapping[str, float]) -> Any:
-    """Return a figure of one cycle: shapes (`scene.draw`), largest shares of torque limits, binding constraints."""
+    """Return a figure of one cycle: shapes, largest shares of torque limits, binding constraints."""
     go, make_subplots = _plotly()
     figure = make_subplots(
         cols=2, column_widths=[0.68, 0.32], specs=[[{"type": "scene"}, {"type": "bar"}]], horizontal_spacing=0.12

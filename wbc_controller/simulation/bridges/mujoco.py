@@ -60,7 +60,7 @@ class MujocoInterface:
         return model.state(*joints, pose, twist)
 
     def place(self, data: Any, q: Array, v: Array | None = None) -> None:
-        """Write q, (nq,), and v, (nv,) (default zero), into an ``mujoco.MjData``."""
+        """Write q, (nq,), and v, (nv,), into an ``mujoco.MjData``."""
         model = self._model
         q = finite(sized(q, model.nq, "q"), "q")
         v = np.zeros(model.nv) if v is None else finite(sized(v, model.nv, "v"), "v")
