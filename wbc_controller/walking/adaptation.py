@@ -61,7 +61,7 @@ def adapted(
     Args:
         before: target of the last cycle.
         dcm: ξ, measured.
-        elapsed: t, since the begin of the single support, s.
+        elapsed: t, since the start of the single support, s.
         dt: time since the last cycle, s.
     """
     earliest = max(SHORTEST * gait.single, elapsed + _AHEAD)

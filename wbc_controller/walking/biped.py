@@ -35,7 +35,7 @@ _SOLE_SHARE = (0.8, 0.7)
 _BLEND = 0.2
 #: Time before touchdown in which the target of the step is constant, s.
 _FREEZE = 0.05
-#: Difference between planned and real touchdown on flat ground, s, and shortest double support, s.
+#: Error of the planned touchdown on flat ground, and shortest double support, s.
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
 #: Time constant of the swing foot's rotation to the slope of the ground, s.
 _LEVELLING = 0.05
@@ -81,7 +81,7 @@ class _Cycle:
     omega: float  # ω, 1/s
     soles: Mapping[int, Sole]  # by side: 1 left, -1 right
     touching: Mapping[str, bool]  # states of the contact sensors
-    dynamics: Dynamics  # at this state
+    dynamics: Dynamics
 
 
 class BipedWalker(Walker):
@@ -113,19 +113,19 @@ class BipedWalker(Walker):
         """Stand, without a command."""
         super().reset()
         self.footsteps: tuple[Footstep, ...] = ()
-        self._since = self._last = 0.0  # begin of the phase, and last cycle, s
+        self._since = self._last = 0.0  # start of the phase, and last cycle, s
         self._stance = -1  # side of the stance foot
-        self._clearance = 0.0  # wanted height of the centre of mass above the stance foot, m
+        self._clearance = 0.0  # of the centre of mass above the stance foot, m
         self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
         # Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
         self._orientations: dict[str, tuple[float, ...]] = {}
         self._step: Step | None = None
         self._lifted = False  # True after the contact sensor has shown lift-off
         self._dcm_wanted = 0j
-        self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
+        self._blend = 0j  # reference of the DCM at the start of the phase; in a step, minus the step's reference
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
-        self._footholds: tuple[Ground, ...] = ()  # the last ones, newest first
+        self._footholds: tuple[Ground, ...] = ()  # newest first
         self._captured = math.inf  # last time at which no fall was predicted, s
         self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
@@ -295,7 +295,7 @@ class BipedWalker(Walker):
         self._begin_tasks(decision)
 
     def _velocity_to(self, goal: Goal, soles: Mapping[int, Sole]) -> Velocity | None:
-        """Return the velocity towards a goal from the middle between the feet; at the goal, drop it and return None.
+        """Return the velocity from the middle between the feet to a goal; at the goal, drop it and return None.
 
         While the robot walks, the middle is beside the stance foot, half of the nominal width away.
         """
@@ -319,7 +319,7 @@ class BipedWalker(Walker):
         self.phase, self._since, self._blend = phase, cycle.time, cycle.dcm
 
     def _shift(self, cycle: _Cycle, decision: Decision) -> complex:
-        """Move the DCM to the begin of the first step, or for a stop to the middle; return the centre of pressure."""
+        """Move the DCM to the start of the first step, or for a stop to the middle; return the centre of pressure."""
         soles, elapsed, duration = cycle.soles, cycle.time - self._since, self.gait.shift
         foot = soles[self._stance]
         if self.phase is Phase.SHIFT:
@@ -376,7 +376,7 @@ class BipedWalker(Walker):
             target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)
-            sunk = sole.ground.height - self._footholds[0].height  # since the lift-off, also by drift of the estimate
+            sunk = sole.ground.height - self._footholds[0].height  # since lift-off, also by drift of the estimate
             landing = Landing(target.place, step.ground.height_at(target.place) + sunk, heading)
             step = replace(step, nominal=nominal, target=target, landing=landing)
         nominal, target = step.nominal, step.target

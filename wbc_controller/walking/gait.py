@@ -35,13 +35,13 @@ class Gait(SpeedLimits):
         single: nominal duration of the single support, s.
         double: duration of the double support, s.
         shift: duration of the first and the last shift of the weight, s.
-        lowering: distance of the centre of mass below that of standing, m: long steps need bent knees.
+        lowering: of the centre of mass from standing, m: long steps need bent knees.
         clearance: height of the swing foot above the ground, m.
         width: nominal distance between the feet, m.
         least_width: smallest distance between the feet, m.
         length: longest step forward or backward, m.
         greatest_width: largest distance between the feet, m.
-        reaction: μ, acceleration of the centre of mass by a swing foot that accelerates, c̈ = ω² (c - p) + μ ẍ.
+        reaction: μ of the swing foot's acceleration ẍ, c̈ = ω² (c - p) + μ ẍ.
     """
 
     single: float
@@ -71,7 +71,7 @@ class QuadrupedGait(SpeedLimits):
         swing: duration of a swing, s.
         pause: duration of the support by all feet before each swing, s.
         shift: the same before the first swing, and after the last, s.
-        lowering: distance of the centre of mass below that of standing, m.
+        lowering: of the centre of mass from standing, m.
         clearance: height of a swing foot above the ground, m.
         length: largest distance of a foot from its nominal place below the body, m.
     """

@@ -32,7 +32,6 @@ def velocity_to(goal: Goal, place: complex, heading: float, limits: SpeedLimits,
     Args:
         place: of the robot between its feet, x + i y in m.
         heading: of the robot, rad.
-        limits: of the velocity.
         step_time: duration of one step, s.
     """
     way = goal.place - place

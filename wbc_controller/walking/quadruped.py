@@ -99,7 +99,7 @@ class QuadrupedWalker(Walker):
     def reset(self) -> None:
         """Stand, without a command."""
         super().reset()
-        self._since = self._last = 0.0  # begin of the phase, and last cycle, s
+        self._since = self._last = 0.0  # start of the phase, and last cycle, s
         self._group = 0  # group that swings or swings next
         self._clearance = 0.0  # height of the centre of mass above the ground, m
         self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
@@ -107,7 +107,7 @@ class QuadrupedWalker(Walker):
         self._body = 0j  # reference of the centre of mass without its sway, x + i y in m
         self._body_velocity = 0j  # its velocity, m/s
         self._sway = Axis(0.0)  # reference of its sway to the left, m
-        self._start = 0j  # reference of the body at the begin of the phase
+        self._start = 0j  # `_body` at the start of the phase
         self._swings: dict[str, SwingFoot] = {}  # feet in the air, by contact
         self._landings: dict[str, Landing] = {}  # their planned touchdowns
         self._places: dict[str, Array] = {}  # last positions of the feet on the ground, by contact, (3,) in m
@@ -162,7 +162,7 @@ class QuadrupedWalker(Walker):
             self._begin(dynamics, points, orientations, decision)
         self._places |= {name: point for name, point in points.items() if name not in self._swings}
         com, omega = dynamics.com, natural_frequency(self._clearance, self._gravity)
-        # The angular momentum of the swinging legs is taken out of the velocity: ċ + (L_y, -L_x) / (m z).
+        # Without the angular momentum of the swinging legs, the velocity is ċ + (L_y, -L_x) / (m z).
         spin = (dynamics.centroidal_matrix[3:5] @ dynamics.v).tolist()
         place, speed = complex(com[0], com[1]), complex(dynamics.com_velocity[0], dynamics.com_velocity[1])
         speed -= 1j * complex(*spin) / (self._mass * self._clearance)
@@ -205,7 +205,7 @@ class QuadrupedWalker(Walker):
         return decision
 
     def _velocity_to(self, goal: Goal, points: Mapping[str, Array]) -> Velocity | None:
-        """Return the velocity towards a goal from the middle between the feet; at the goal, drop it and return None."""
+        """Return the velocity from the middle between the feet to a goal; at the goal, drop it and return None."""
         middle, heading = self._body, self._heading
         if self.phase is Phase.STAND:
             middle, heading = self._stance(points)

@@ -14,7 +14,7 @@ _LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5
 #: Time before the apex at which the plan changes from the apex to the ground, s. In a shorter time to the apex, a
 #: change of the step time or of the ground by a millimetre would need a large acceleration.
 _DESCENT = 0.06
-#: Remaining time below which an axis is no longer replanned, s.
+#: Shortest remaining time of a new plan, s.
 _SHORTEST = 0.0005
 
 

@@ -82,7 +82,7 @@ class BipedLimits:
         return {name: max(loads, key=lambda load: load.share) for name, loads in found.items()}
 
     def support_loads(self, leg: BipedLeg, velocity: Velocity) -> list[SupportLoad]:
-        """Return the loads of a stance leg at the begin, in the middle and at the end of a single support.
+        """Return the loads of a stance leg at the start, in the middle and at the end of a single support.
 
         The base has the acceleration a, ψ̈ about the vertical, and the swing leg q̈ = J⁺ a_s. The foot has a_s = ±10/√3 ·
         2 s / T_s² for the step s, and the robot turns by ψ̇ T per step T, in a cosine: ψ̈ = 2π ψ̇ / T.
