@@ -50,8 +50,8 @@ class Controller(ControlCycle):
         while True:
             result = controller.step(q, v, t)     # result.tau: torques
 
-    The supervisor ramps and limits torques, and damps the robot on faults (docs/safety.md). `state_from_joints` and
-    `MujocoInterface` make states in Pinocchio's form (`wbc_controller.records`).
+    The supervisor limits torques, and damps the robot on faults (docs/safety.md). `state_from_joints` and
+    `MujocoInterface` make states (`wbc_controller.records`).
     """
 
     _time: float | None = None  # time of the last step or reset

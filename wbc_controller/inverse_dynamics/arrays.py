@@ -50,5 +50,5 @@ def solved(A: Array, b: Array) -> Array:
 
 
 def sum_of_squares(values: Array) -> float:
-    """Return Σ vᵢ²; not finite for NaN, infinity and values above 1e150."""
+    """Return Σ vᵢ²; not finite for NaN and values above 1e150."""
     return float(np.vdot(values, values))

@@ -96,7 +96,7 @@ class WholeBodyQP:
         return self.formulation.contacts
 
     def contact_jacobian(self, names: tuple[str, ...]) -> Array:
-        """Return the stacked Jacobians (k, nv) of active contacts in the last cycle."""
+        """Return the stacked Jacobians (k, nv) of active contacts."""
         return self.formulation.layout(names).J
 
     def prepare(self, state: RobotState, references: References) -> None:
@@ -183,8 +183,7 @@ class WholeBodyQP:
 
         Args:
             tau_before: present torques, (na,) in N·m; None for no rate limit.
-            explained: find the conflicting constraints, which takes several periods; `NoSolution.explained` does it
-                later.
+            explained: find the conflicting constraints, which takes several periods.
 
         Raises:
             NoSolution: if equations of motion, contacts and torque limits conflict, or a value is not finite.

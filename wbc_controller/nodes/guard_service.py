@@ -1,7 +1,7 @@
 """The guard as a service.
 
-The guard's process survives the death of the controller. It imports neither Pinocchio nor a solver; a temporary process
-computes its damping from the robot's model.
+The guard survives the death of the controller. It imports neither Pinocchio nor a solver; a temporary process computes
+its damping.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ class GuardService:
         return self._velocity_filter.update(joints.stamp, joints.position)
 
     def cycle(self) -> float:
-        """Decide, send torques after a takeover, publish the state, and return the time of the next cycle, s."""
+        """Decide, send torques after a takeover, publish the state; return the time of the next cycle, s."""
         now, received = self._clock.now(), self._read_inputs()
         if not self.guard.sending and now >= self.guard.deadline(received):
             time.sleep(_RECHECK_DELAY)
@@ -275,7 +275,7 @@ class GuardService:
 
 
 def guard_limits(settings: Settings, effort: Array, damping: Array) -> GuardLimits:
-    """Return the guard's limits from the settings, the effort limits, (na,) in N·m, and the damping, (na, nj)."""
+    """Return the limits from settings, effort limits, (na,) in N·m, and damping, (na, nj)."""
     guard, period = settings.guard, 1.0 / settings.control.rate
     return GuardLimits(
         patience=guard.patience,

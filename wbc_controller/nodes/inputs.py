@@ -185,7 +185,7 @@ class Inputs:
             self._contact_sensors.restart()
 
     def restart_estimator(self) -> None:
-        """Restart the base estimate or the comparison of odometry; the robot must be at rest."""
+        """Restart the base estimate or the comparison of odometry, at rest."""
         if self._agreement is not None:
             self._agreement.restart()
         if self.estimator is not None:
@@ -234,7 +234,7 @@ class Inputs:
         )
 
     def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
-        """Compare the newest odometry with the legs, after the torques were sent; arguments as for `latch`."""
+        """Compare the newest odometry with the legs; arguments as for `latch`."""
         joints, odometry = self._sources["joint_states"].newest, self._newest_base()
         if self._agreement is None or joints is None or not odometry:
             return
@@ -310,7 +310,7 @@ class Inputs:
         ]
 
     def ages(self) -> dict[str, float]:
-        """Return the present age of each part of the state by its timestamp, s; infinite before the first message."""
+        """Return the age of each part of the state, s; infinite before the first message."""
         now = self._clock.now()
         ages = {name: part.stamps.age(now) for name, part in self._parts.items()}
         if self.estimator is not None:

@@ -41,7 +41,7 @@ PUSH_LIMIT = 1.0e5
 _LONGEST_PUSH = 86_400.0
 #: Tilt, rad, and share of the initial height above the lowest foot of a fallen base (of the centre of mass, if higher).
 FALLEN_TILT, FALLEN_HEIGHT = math.radians(70.0), 0.5
-#: Height above the floor from which the robot is lowered to the ground at its start, m; accuracy, m, and most steps.
+#: Height from which the robot is lowered to the ground at its start, m; accuracy, m, and most steps.
 _ABOVE, _TOUCHING, _LOWERINGS = 20.0, 1.0e-9, 20
 
 
@@ -294,7 +294,7 @@ class Plant:
             raise InputRefused(f"got torques that are not finite ({', '.join(bad)}); expected finite ones, in N·m")
 
     def damp(self, damping: float) -> None:
-        """Damp every joint instead of applying torques; N·m·s/rad, reduced if unstable."""
+        """Damp every joint, N·m·s/rad, reduced if unstable."""
         if damping != self._wanted_damping:
             D = stable_damping(self._robot, damping, self.step_seconds)
             self._wanted_damping, self._damping_matrix = damping, damping_matrix(self._robot.actuation, D)
@@ -468,7 +468,7 @@ class Plant:
     def _initial_base(self) -> pin.SE3:
         """Return the upright base placement with the robot's lowest point on the ground.
 
-        The base is lowered by the distance to the ground until it vanishes; on an inclined ground by less each time.
+        The base is lowered by the distance to the ground until it vanishes.
         """
         geoms = self.contact_forces.on_the_floor
         if not (self._robot.floating_base and self.contacts and geoms):

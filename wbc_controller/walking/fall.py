@@ -1,8 +1,8 @@
 """Prediction of a fall: the DCM is farther away than any step reaches.
 
-While the centre of pressure is at p, the point of the support next to the DCM ξ, the DCM moves within the time t of the
-fastest step to ξ_t = p + (ξ - p) e^{ωt}. A foot can then be placed within the reach of the leg. From there, steps of the
-length L and the shortest step time T stop the DCM if it is at most
+While the centre of pressure is at p, the point of the support next to the DCM ξ, the DCM moves within the time t of
+the fastest step to ξ_t = p + (ξ - p) e^{ωt}. A foot can then be placed within the reach of the leg. From there, steps
+of the length L and the shortest step time T stop the DCM if it is at most
 
     L e^{-ωT} + L e^{-2ωT} + … = L / (e^{ωT} - 1)
 

@@ -43,7 +43,7 @@ def read_collision_elements(
 
 
 def enclosing_points(element: pin.GeometryObject) -> Array:
-    """Return mesh vertices, or corners of the bounding box, of an element, (n, 3) in m in the joint's frame."""
+    """Return mesh vertices or corners of the bounding box, (n, 3) in m in the joint's frame."""
     geometry = element.geometry
     if isinstance(geometry, coal.BVHModelBase):
         points = np.array(geometry.vertices())

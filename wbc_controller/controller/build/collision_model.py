@@ -21,7 +21,7 @@ from wbc_controller.records import Array
 
 #: Smallest side of a box in place of a hull, and smallest thickness of a hull, m.
 _THINNEST = 1.0e-4
-#: Number of directions of extreme points; below Coal's largest number of neighbours of a corner.
+#: Directions of extreme points; below Coal's largest number of neighbours of a corner.
 _DIRECTIONS = 250
 #: Largest distance of points outside a simplified hull, m.
 _LARGEST_LOSS = 1.0e-3
@@ -121,7 +121,7 @@ def _shapes(
             shape, placement = own[0].geometry, own[0].placement
         else:
             points = np.vstack([enclosing_points(element) for element in own])
-            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))  # the limit expects centred shapes
+            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))  # for centred shapes
             shape, placement = _hull(points - middle), pin.SE3(np.eye(3), middle)
             if shape is None:
                 shape = coal.Box(*np.maximum(np.ptp(points, axis=0), _THINNEST))

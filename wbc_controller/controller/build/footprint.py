@@ -14,13 +14,13 @@ from wbc_controller.controller.build.collision_elements import enclosing_points
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, frozen
 
-#: Thickness of the footprint's layer above the lowest point, m: about the radius of rounded sole edges.
+#: Thickness of the layer above the lowest point, m: about the radius of rounded sole edges.
 LAYER = 0.005
 #: Points on a circle.
 _AROUND = 128
 #: Points around a sphere, and rings between its poles.
 _MERIDIANS, _RINGS = 24, 12
-#: Cosine of the largest angle between a plane and the underside of a body, 45°.
+#: Cosine of the largest angle between plane and underside, 45°.
 _UNDERSIDE = np.cos(np.pi / 4.0)
 #: Cosine of the largest angle between facets of one flat face, 1°.
 _FLAT = np.cos(np.pi / 180.0)
@@ -131,7 +131,7 @@ def fit_sphere(points: Array) -> tuple[Array, float] | None:
 
 
 def _touching(element: pin.GeometryObject, axes: Array) -> Array:
-    """Return outline points that may touch a plane with these axes, (n, 3); of a ball the lowest one only."""
+    """Return outline points that may touch a plane, (n, 3); of a ball the lowest one."""
     geometry = element.geometry
     if not isinstance(geometry, coal.Sphere | coal.Capsule):
         return outline(element, axes)

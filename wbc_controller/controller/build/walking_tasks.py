@@ -18,7 +18,7 @@ from wbc_controller.settings import Settings
 
 #: Names of the tasks on height and joints.
 HEIGHT, POSTURE = "walking_height", "walking_posture"
-#: Tasks with references in the world, which a walking robot leaves behind.
+#: Tasks with references in the world.
 _IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)
 
 

@@ -49,7 +49,7 @@ def _links(urdf: str) -> Iterator[_Link]:
 
 
 def require_inertia(model: RobotModel) -> None:
-    """Refuse moving bodies without mass or inertia except `massless_links`, and implausible distances between joints.
+    """Refuse bodies without mass or inertia except `massless_links`, and implausible distances between joints.
 
     Raises: ConfigurationError: with the bodies or joints.
     """
@@ -166,7 +166,7 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
 
 
 def motors_without_effort(settings: Settings, urdf: str) -> list[Finding]:
-    """Report motor joints with zero effort in the URDF, as for springs, if other joints have an effort."""
+    """Report motor joints with zero effort, as for springs, if others have an effort."""
     robot = settings.robot
     efforts = {}
     for joint in ElementTree.fromstring(urdf).findall("joint"):  # noqa: S314 - checked

@@ -214,7 +214,7 @@ def polar(lines: Mapping[str, Array], angles: Sequence[float], *, unit: str) -> 
 
 
 def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
-    """Reduce a line to `POINTS` points in single precision: minimum and maximum of each stretch, and gaps (NaN)."""
+    """Reduce a line to `POINTS` points in single precision: extrema of each stretch, and gaps (NaN)."""
     if len(time) <= POINTS:
         return time, values
     keep = []

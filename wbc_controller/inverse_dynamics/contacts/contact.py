@@ -104,7 +104,7 @@ class Contact(Tunable, ABC):
 class AnchoredContact(Contact):
     """Contact with position feedback to an anchor, its pose at activation.
 
-    With the displacement e to the anchor (see `formulation.anchors`),
+    With the displacement e to the anchor,
 
         J v̇ + J̇v = -D J v + K e
 
@@ -128,7 +128,7 @@ class AnchoredContact(Contact):
 
     @abstractmethod
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Return contact position and link orientation, in the world or relative to the touched link."""
+        """Return contact position and link orientation, in the world or the touched link."""
 
     def anchor(self, dynamics: Dynamics) -> Array:
         """Return the anchor at this state, (7,): position and quaternion of the pose."""
@@ -138,7 +138,7 @@ class AnchoredContact(Contact):
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
         """Return the displacement e to the anchor along the axes of f, (k,) in m and rad.
 
-        To first order, J v = e for one second returns to the anchor; e is 0 along axes without a position.
+        To first order, J v = e returns to the anchor in one second; e is 0 along axes without a position.
         """
 
 
@@ -151,7 +151,7 @@ def evaluate(contact: Contact, dynamics: Dynamics) -> None:
 
 
 def motion_of(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
-    """Return J, (k, nv), and the required J v̇ at J v = 0, (k,), checked (`method_calls`)."""
+    """Return J and `Contact.acceleration_at_rest`, checked (`method_calls`)."""
     k = (contact.size,)
     try:
         J = checked(contact, "jacobian", contact.jacobian(dynamics), (*k, dynamics.model.nv))
@@ -177,7 +177,7 @@ def anchor_of(contact: AnchoredContact, dynamics: Dynamics) -> Array:
 
 
 def needed_activation(contact: Contact, force: Array) -> float:
-    """Return the smallest activation, from 0 to 1, with bounds that admit a force, (k,)."""
+    """Return the smallest activation with bounds that admit a force, (k,)."""
     lower, upper = bounds_of(contact, "bounds", call(contact, "bounds", 1.0), contact.size)
     bound = np.where(force > 0.0, upper, -lower)
     bounded = (force != 0.0) & (bound > 0.0)

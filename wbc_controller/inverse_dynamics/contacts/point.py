@@ -105,7 +105,7 @@ class PointContact(UnilateralContact):
         return -self.radius * normal_rate
 
     def _arms(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """Return the vectors from frame origin to centre and from centre to contact point, in world axes, m."""
+        """Return the vectors from frame origin to centre and to contact point from there, world axes, m."""
         centre = dynamics.placement(self._frame_id).rotation @ self._translation
         return centre, self._constant_arm if self._constant_arm is not None else self.arm(
             dynamics, self.axes(dynamics)[:, 2]
@@ -163,7 +163,7 @@ class PointContact(UnilateralContact):
         return np.asarray(dynamics.placement(self._frame_id).translation + centre + arm)[None, :]
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Return contact point and link orientation, in the world or relative to the touched link."""
+        """Return contact point and link orientation, in the world or the touched link."""
         here = pin.SE3(dynamics.placement(self._frame_id).rotation, self.points(dynamics)[0])
         return here if self._other is None else dynamics.placement(self._other).actInv(here)
 
@@ -171,7 +171,7 @@ class PointContact(UnilateralContact):
         """Return e = Eᵀ(p_a + radius θ × n - p), (3,) in m: the displacement beyond rolling.
 
         p is the contact point, p_a its anchor, θ the link's rotation vector since activation; errors are of second
-        order in θ, and 0 for rotation about one axis.
+        order in θ.
         """
         present, made = self.pose(dynamics), pin.XYZQUATToSE3(anchor)
         turn = pin.log3(present.rotation @ made.rotation.T)

@@ -37,8 +37,7 @@ from wbc_controller.records import Array, References, RobotState, Tuning
 class Formulation:
     """Quadratic program of a state and references; `inverse_dynamics.whole_body_qp` solves it.
 
-    The structure has the arrays for one set of active contacts and tasks. Parameters (weights, gains, limits) are
-    written after changes, state and references in every cycle.
+    Parameters (weights, gains, limits) are written after changes, state and references in every cycle.
 
     Attributes:
         task_errors: of each level in the last cycle.
@@ -107,7 +106,7 @@ class Formulation:
             self._prepared = state
 
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
-        """Compute the dynamics and fill the problem of the returned layout; `tau_before` as in `WholeBodyQP.solve`."""
+        """Compute the dynamics and fill the returned layout; `tau_before` as in `WholeBodyQP.solve`."""
         if references.tuning is not None and references.tuning is not self._tuning:
             self._apply_tuning(references.tuning)
         dynamics, q, v = self.dynamics, state.q, state.v
@@ -150,7 +149,7 @@ class Formulation:
         return layout
 
     def find_redundancy(self, layout: Layout) -> bool:
-        """Separate contacts that have become redundant; return True if the problem changes."""
+        """Separate newly redundant contacts; return True if the problem changes."""
         if layout.contact_rows is not None or self._mobility(layout) >= LEAST_MOBILITY:
             return False
         self.redundancy = layout.key, True

@@ -99,7 +99,7 @@ class Layout:
         self._friction: Mapping[str, float] = {}
         self.forces = slice(nv, nv + nf)
         self.forces_of = [(place.contact.name, place.motion) for place in self.places]
-        #: Compiled rows of contacts with their first row; contacts evaluated in Python.
+        #: Compiled rows of contacts with their first row; other contacts.
         self.instructions = [
             (instruction, place.motion.start)
             for place in self.places
@@ -192,7 +192,7 @@ class Layout:
         return kept
 
     def relabel(self, rows: slice, names: Sequence[str]) -> None:
-        """Rename rows of C in a new list of labels, as earlier solutions keep the old one."""
+        """Rename rows of C in a new list of labels."""
         n = self.problem.n
         if self._named.get(rows.start) == names:
             return

@@ -65,7 +65,7 @@ def _reach(closing: float, A: float, T: float, faster: float, margin: float) -> 
 
 @part
 def _closing_speed(line: Vector3, length: float, radii: float, velocity: Vector3) -> float:
-    """Return the largest speed along any normal in the cone about the line of centres that contains two spheres.
+    """Return the largest speed along normals in the cone about the line of centres around two spheres.
 
     `line` points from the first centre to the second; `velocity` is relative to the first sphere.
     """

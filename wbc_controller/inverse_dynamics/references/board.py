@@ -128,7 +128,7 @@ class ReferenceBoard:
         self._tuning = TuningRamp.at(self._tuning.after)
 
     def replan(self, plan: BoardPlan, dynamics: Dynamics, time: float | None) -> None:
-        """Replace the plan for the same tasks and contacts, with ramps; without `time` new values apply at once."""
+        """Replace the plan, with ramps; without `time` at once."""
         self._discard_samples()
         before, contacts_before = self.plans, self.contact_plans
         self.plans, self.contact_plans, self._weight_ramp = plan.tasks, plan.contacts, plan.weight_ramp
@@ -146,7 +146,7 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes at the last snapshot, and at a time, s.
+        """Apply a set of changes at a time, s.
 
         Raises: InputRefused: as `check`, without any change.
         """
@@ -272,7 +272,7 @@ class ReferenceBoard:
         self._trajectories[change.task] = self._joined_trajectory(change, time)
 
     def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
-        """Enable or disable a task; an inactive task starts at the present state and moves to its stored goal."""
+        """Enable or disable a task; an inactive one starts at the present state and moves to its goal."""
         if enabled:
             goal = self._goals.pop(task, None)
             if self._is_inactive(task, time):
@@ -299,8 +299,7 @@ class ReferenceBoard:
     def _joined_trajectory(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
         """Join the present reference to a setpoint or to the future points of a trajectory.
 
-        Points that require a jump are skipped: past ones, and ones off the reference's path less than `_SHORTEST_JOIN`
-        ahead. A trajectory sent twice has no effect.
+        Points that require a jump are skipped: past ones, and ones off the path less than `_SHORTEST_JOIN` ahead.
         """
         if isinstance(goal, SetSetpoint):
             return self._towards(goal.task, goal.position, time, goal.duration)

@@ -189,15 +189,14 @@ def solve_condensed(
 
     Args:
         cost: of the level, with the constraints.
-        sides: active set of [x; C x] as in `ActiveSet.side`; row 1 receives the next set to try, (2, n + m_in).
+        sides: `ActiveSet.side`; row 1 receives the next set, (2, n + m_in).
         memory: as `LevelWorkspace.rows`.
         above: number of rows in `memory` after [N, s]; 0 for the first level.
         kept: number of leading cost rows appended to `memory`.
         value: out: [x; C x], (n + m_in,).
         multipliers: out: of active bounds not set by a higher level, (n + m_in,).
-        room: out: distances of [x; C x] from lower and upper bounds, (2, n + m_in).
-        equalities: out: as the next.
-        outputs: out: C x + r of the first rows, (k,).
+        room: out: as in `Residuals`.
+        equalities: out: as in `Residuals`, like `outputs`.
 
     Returns:
         `SOLVED`, `WRONG_SET`, `NOTHING_FREE` if the levels above determine x, or `NOT_FOUND`; the cost, the smallest

@@ -70,7 +70,7 @@ class Hierarchy:
 
         Returns:
             The solution, with multipliers from the first level in which a constraint binds; x is None if the first
-            level fails. A failed lower level, named in `relaxed`, keeps the solution of the levels above.
+            level fails. `relaxed` names a failed lower level.
         """
         answer = self._solve_warm(problem, levels)
         if answer is not None:

@@ -59,7 +59,7 @@ class CapturePointTask(RateTask):
 
     @property
     def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:
-        """The gain k, and gravity with the height of the support, for compiled code."""
+        """The gain k, and gravity with the height of the support."""
         return self.gain, (self._gravity, self.support_height)
 
     def _height(self, dynamics: Dynamics) -> float:

@@ -20,7 +20,7 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 def orientation_error(rotation: Array, quaternion: Array) -> Array:
-    """Return the rotation vector log(R_ref Rᵀ) from R (3, 3) to a quaternion (x, y, z, w), (3,) in rad, world axes."""
+    """Return log(R_ref Rᵀ) from R (3, 3) to a quaternion (x, y, z, w), (3,) in rad, world axes."""
     error: Array = pin.log3(rotation_of(quaternion).dot(rotation.T))
     return error
 

@@ -93,7 +93,7 @@ class StatusSummary:
         self._taken += report.inputs.requests.total
 
     def compose(self, wall: int, shortfalls: Sequence[str] = ()) -> Generator[None, None, Any]:
-        """Compose and return the message of the reports with a header time, ns, and restart: yield after each piece.
+        """Compose and return the message with a header time, ns, and restart; yield after each piece.
 
         `shortfalls` contains a sentence for each task with a persistent error. The message is None without reports.
         """

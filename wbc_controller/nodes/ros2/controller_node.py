@@ -57,7 +57,7 @@ _PARAMETERS: dict[str, tuple[Any, str]] = {
 class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     """The controller as a managed node.
 
-    Transitions: docs/ros2.md. `leave` receives the exit status of a failed autostart.
+    Transitions: docs/ros2.md. `leave` receives the status of a failed autostart.
     """
 
     def __init__(
