@@ -222,7 +222,7 @@ class WholeBodyQP:
         state: RobotState,
         tau_before: Array | None,
     ) -> tuple[Layout, References, Answer]:
-        """Release slipping contacts and contacts that prevent a joint from stopping; keep the better solution."""
+        """Release contacts that slip or prevent a joint from stopping; keep the better solution."""
         lost = slipping_contacts(self.formulation, layout)
         given_up = {*lost, *contacts_preventing_stop(self.formulation, layout, value)}
         if not given_up:

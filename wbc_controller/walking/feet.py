@@ -82,7 +82,7 @@ class Foot:
         return Reference(pin.SE3ToXYZQUAT(frame), np.zeros(6), np.zeros(6))
 
     def in_swing(self, swing: SwingFoot, slope: complex) -> Reference:
-        """Return the reference of the frame for a sole in the air, parallel to a plane with a slope."""
+        """Return the reference of the frame for a sole in the air, parallel to a slope."""
         axes = (swing.x, swing.y, swing.z, swing.heading)
         numbers = [number for axis in axes for number in (axis.position, axis.velocity, axis.acceleration)]
         sole, out = parallel_to(slope, swing.heading.position), np.empty(19)

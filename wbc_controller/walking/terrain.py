@@ -74,7 +74,7 @@ def plane_through(footholds: Sequence[Ground]) -> Ground:
 
 
 def parallel_to(slope: complex, heading: float) -> Array:
-    """Return the rotation of a sole on a plane with a slope, with its x axis in the direction of a heading, (3, 3)."""
+    """Return the rotation of a sole on a slope with a heading, (3, 3)."""
     c, s = math.cos(heading), math.sin(heading)
     x = np.array([c, s, slope.real * c + slope.imag * s])
     z = np.array([-slope.real, -slope.imag, 1.0])

@@ -290,7 +290,7 @@ class Formulation:
             layout.relabel(rows, limit.names)
 
     def require_finite_limits(self, layout: Layout) -> None:
-        """Raise `MethodError` for NaN in rows or bounds of the limits at a finite state."""
+        """Raise `MethodError` for NaN in the limits at a finite state."""
         if not (np.isfinite(self.dynamics.q).all() and np.isfinite(self.dynamics.v).all()):
             return
         for limit, (rows, lower, upper) in zip(self.row_limits, layout.limit_parts, strict=True):
@@ -300,7 +300,7 @@ class Formulation:
                     require_finite(limit, "fill", name, bounds)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
-        """Return the bounds of the torque rows without the torque rate limit."""
+        """Return the torque bounds without the rate limit."""
         actuation = self.model.actuation
         lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
         h = actuation.torques(bias_forces(self.dynamics, references))

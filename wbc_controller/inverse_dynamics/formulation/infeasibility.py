@@ -147,7 +147,7 @@ def explain(
 ) -> Infeasibility | None:
     """Find the conflicting constraints; None if they are feasible, or the linear programs fail.
 
-    Constraints of the kinds `held` are enforced and never named.
+    Kinds in `held` are enforced and never named.
     """
     constraints = named_constraints(layout, model, effort)
     question = [constraint for constraint in constraints if constraint.kind not in held]
@@ -240,7 +240,7 @@ class _ConflictSearch:
         best = self._minimize_slack(free)
         if best is None or not (_TOLERANCE < best.total <= cost):
             return None
-        # The total slack grows with the number of enforced constraints, smallest first: bisection.
+        # The slack grows with the number of enforced constraints: bisection.
         order = sorted(best.slack, key=best.slack.__getitem__)
         low, high, found = 0, len(order), best
         while high - low > 1:

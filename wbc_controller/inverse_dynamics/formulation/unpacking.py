@@ -47,7 +47,7 @@ class _LazyDetails:
 
     @cached_property
     def residuals(self) -> Mapping[str, float]:
-        """Largest violation in each group of constraints, including redundant contact directions."""
+        """Largest violation in each group of constraints, with redundant contact directions."""
         equalities, contact_rows = self._residuals.equalities.tolist(), self._layout.mechanism.start
         rows = self._contact_rows
         if rows is not None:
@@ -63,7 +63,7 @@ class _LazyDetails:
 
     @cached_property
     def task_errors(self) -> Mapping[str, float]:
-        """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
+        """Norms of the task errors; of effort tasks at the solution."""
         errors: dict[str, Array] = {}
         for places, values in self._errors:
             errors |= {name: values[place] for name, place in places}

@@ -66,7 +66,7 @@ class JointMotionLimit(Tunable):
 
     @classmethod
     def of(cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True) -> JointMotionLimit:
-        """Make the limit of a robot from its URDF and the tuning.
+        """Make the limit from URDF and tuning.
 
         Raises:
             ConfigurationError: if the margin leaves no range for a joint.
@@ -87,14 +87,14 @@ class JointMotionLimit(Tunable):
         )
 
     def bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
-        """Return bounds of joint accelerations (nj,) for a period in s, at q and v, (nj,) each."""
+        """Return bounds of q̈ (nj,) for a period in s, at q and v, (nj,) each."""
         lower, upper, each = np.empty(len(q)), np.empty(len(q)), np.arange(len(q))
         table = self.bind(each, each, period, lower, upper)
         acceleration_bounds(table, np.ascontiguousarray(q), np.ascontiguousarray(v))
         return lower, upper
 
     def bind(self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array) -> JointMotion:
-        """Return limits and bounds for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds.
+        """Return the table for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds.
 
         Raises:
             ValueError: for different sizes.

@@ -16,7 +16,7 @@ _DROPPED = {"link": ("visual", "collision"), "joint": ("dynamics", "mimic", "saf
 def bare_mechanism(
     tree: ElementTree.Element, moving: Collection[str], locked: Mapping[str, float]
 ) -> ElementTree.Element:
-    """Copy a URDF without shapes and extensions; fix joints outside `moving` at their locked position, rad or m."""
+    """Copy a URDF without shapes and extensions; fix joints outside `moving` at locked positions, rad or m."""
     bare = ElementTree.Element(tree.tag, tree.attrib)
     for element in tree:
         if element.tag not in _DROPPED:

@@ -85,10 +85,10 @@ class Dynamics:
         link_terms(self.motion, v)
 
     def compute(self, q: Array, v: Array) -> None:
-        """Compute Pinocchio's terms at a state; `link_terms` adds the others."""
+        """Compute Pinocchio's terms; `link_terms` adds the others."""
         model, data = self._pin, self._data
         self.q, self.v = q, v
-        # `crba` in the world convention also computes centre of mass, joint Jacobians and centroidal matrix.
+        # Also centre of mass, joint Jacobians and centroidal matrix.
         _crba(model, data, q, _WORLD)
         # At v̇ = 0, its link accelerations contain all drifts.
         _bias_forces(model, data, q, v)

@@ -1,6 +1,6 @@
 """URDF reader for untrusted text, without Pinocchio.
 
-Other readers ignore invalid content silently, or crash. All functions raise `ConfigurationError` in one sentence.
+All functions raise `ConfigurationError` in one sentence. Other readers ignore invalid content, or crash.
 """
 
 from __future__ import annotations

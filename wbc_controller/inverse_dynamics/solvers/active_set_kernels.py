@@ -68,7 +68,7 @@ def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
 
 @part
 def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: int, base_map: Array, out: Array) -> None:
-    """Write an active bound of entry `place` of [x; C x] in terms of z; `sign` is 1 for the upper bound, else -1."""
+    """Write an active bound of entry `place` of [x; C x] in terms of z; `sign` as in `ActiveSet.side`."""
     base, n = len(base_map), constraints.rows.shape[1] - 1
     if place >= n:
         row = equalities + place - n

@@ -33,7 +33,7 @@ class Hierarchy:
     subject to the inequality constraints. Then its rows reduce N, and its rows with a tolerance become inequality
     constraints, widened by the slack s.
 
-    Without tolerances and effort tasks, the active sets of the last problem are tried first (`ActiveSet`).
+    Without tolerances and effort tasks, the last active sets are tried first (`ActiveSet`).
     """
 
     def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
