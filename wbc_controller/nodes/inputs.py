@@ -242,7 +242,7 @@ class Inputs:
         self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
 
     def _decode(self, endpoint: Endpoint, arrival: float, payload: bytes, refused: list[str]) -> None:
-        """Decode, check and store one message; a refused one changes nothing."""
+        """Decode, check and store one message; a refused one leaves the last one in force."""
         key = endpoint.key
         try:
             if key in KEYS and self._contact_sensors is not None:
