@@ -10,6 +10,7 @@ import argparse
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ import numpy as np
 from wbc_controller.validation.accuracy.estimation_trial import EstimationTrial
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import Phase
-from wbc_controller.walking.walker import Walker
 
 #: Kinds of cycles; a switch changes the active contacts.
 STAND, WALK, SWITCH, FIRST, UPDATE = "standing", "walking", "switch", "first use of contacts", "walker alone"
@@ -59,7 +59,7 @@ def measure(robot: str, walks: int) -> dict[str, list[float]]:
     def add_update(seconds: float, _: Any) -> None:
         times[UPDATE].append(seconds)
 
-    walker.update = timed(lambda *arguments: Walker.update(walker, *arguments), add_update)  # type: ignore[method-assign]
+    walker.update = timed(partial(type(walker).update, walker), add_update)  # type: ignore[method-assign]
     trial.loop.cycle = timed(trial.loop.cycle, add_cycle)  # type: ignore[method-assign]
     for _ in range(walks):
         trial.run(_STANDING)

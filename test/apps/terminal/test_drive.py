@@ -47,7 +47,11 @@ def test_keys(keys, velocity):
 
 
 @pytest.mark.parametrize(
-    ("robot", "text"), [("g1", "standard input is not a terminal"), ("go2", "go2 cannot walk: its configuration")]
+    ("robot", "text"),
+    [
+        ("g1", "standard input is not a terminal"),
+        ("examples/a1.yaml", "a1 cannot walk: its configuration"),
+    ],
 )
 def test_refusals(robot, text):
     result = CliRunner().invoke(main, ["drive", robot])

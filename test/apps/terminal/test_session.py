@@ -135,14 +135,15 @@ class WalkingDouble(TransportDouble):
         ("g1", "hold", [("damping", "single support")], [True]),
         ("g1", "hold", [], [True]),  # no controller
         ("g1", "release", [("active", "single support")], [False]),
-        ("go2", "hold", [("active", "single support")], [True]),
+        ("go2", "hold", [("active", "single support"), ("active", "stand")], [0.0, True]),
+        ("standing_go2", "hold", [("active", "single support")], [True]),
     ],
 )
 def test_a_walking_robot_stands_before_the_hoist_lifts_it(monkeypatch, robot, word, values, sent):
     monkeypatch.setattr(session, "DdsTransport", WalkingDouble)
     monkeypatch.setattr(session, "_STATUS_PATIENCE", 0.2)
     monkeypatch.setattr(WalkingDouble, "values", [{"mode": mode, "walking/phase": phase} for mode, phase in values])
-    settings = load(robot).settings
+    settings = load("go2").replace({"walking": None}).settings if robot == "standing_go2" else load(robot).settings
     with Session(settings, patience=0.01) as user:
         user.execute(parse_request([word], settings))
         assert user._transport.sent == sent

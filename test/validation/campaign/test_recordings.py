@@ -28,8 +28,8 @@ def test_a_fault_during_a_step_leaves_a_recording_that_names_it(kind, tmp_path):
 
 
 def test_a_robot_that_cannot_walk_is_refused():
-    with pytest.raises(ConfigurationError, match="go2 cannot walk"):
-        run_trial("go2", "estop", 0, True)
+    with pytest.raises(ConfigurationError, match="a1 cannot walk"):
+        run_trial("examples/a1.yaml", "estop", 0, True)
 
 
 @pytest.fixture(scope="module")

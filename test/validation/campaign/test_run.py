@@ -24,7 +24,8 @@ class Bench:
         self.console = Console(file=io.StringIO(), width=150)
         monkeypatch.setattr(run_module, "run_trial", self.run)
 
-    def run(self, robot, kind, seed, recordings):
+    def run(self, robot, kind, seed, walking, *, recordings):
+        assert not walking
         self.keys.append((robot, kind, seed))
         self.recordings = recordings
         return self.outcome(kind, seed, robot=robot)
@@ -146,7 +147,7 @@ def test_stall_counts_only_after_a_repetition(bench, tmp_path, monkeypatch, agai
         kind, seed, **rest, **(stalled(0.03) if (kind, seed) == ("push", 1) else {})
     )
     assert bench.campaign(tmp_path) is good
-    assert repeated == [("go2", "push", 1)]
+    assert repeated == [TrialKey("go2", "push", 1)]
     sentence = "go2, push, seed 1 was repeated: its longest cycle took 30.0 ms of processor time, and "
     sentence += f"{1e3 * again['longest']:.1f} ms in a new process"
     assert sentence in " ".join(bench.said.split())
