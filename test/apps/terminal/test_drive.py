@@ -50,7 +50,7 @@ def test_keys(keys, velocity):
     ("robot", "text"),
     [
         ("g1", "standard input is not a terminal"),
-        ("examples/a1.yaml", "a1 cannot walk: its configuration"),
+        ("examples/a1.yaml", "a1.yaml cannot walk: its configuration"),
     ],
 )
 def test_refusals(robot, text):
