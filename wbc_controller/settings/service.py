@@ -235,28 +235,24 @@ SensorQuality = Literal["ideal", "good", "cheap"]
 
 
 class TerrainSettings(Section):
-    """Block of ground on the floor of the mock robot: a step, a slope, a mat, or uneven cells."""
+    """Block on the floor: a step, slope, mat, or uneven cells."""
 
-    position: Vector3 = Field(
-        description="Middle of the edge at -x of the upper face, m; `rpy` turns the block about this point."
-    )
+    position: Vector3 = Field(description="Middle of the upper edge at -x, m, the centre of the rotation `rpy`.")
     size: Annotated[list[Annotated[Positive, Field(le=200.0)]], Field(min_length=3, max_length=3)] = Field(
-        description="Length along x, width along y and thickness, m."
+        description="Along x, along y, and thickness, m."
     )
-    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Roll, pitch and yaw, rad; a pitch above 0 descends along x.")
+    rpy: Vector3 = Field([0.0, 0.0, 0.0], description="Roll, pitch (above 0: descends along x) and yaw, rad.")
     friction: Annotated[NonNegative, Field(le=2.0)] | None = Field(
         None, description="Coulomb friction coefficient; default `mock.friction`."
     )
     stiffness: Annotated[Positive, Field(le=1.0e7)] | None = Field(
-        None, description="Stiffness at each contact point of the robot, N/m; rigid by default."
+        None, description="Stiffness at each contact point, N/m; rigid by default."
     )
     damping: Annotated[Positive, Field(le=1.0e6)] = Field(
-        500.0, description="Damping at each contact point of soft ground, N·s/m."
+        500.0, description="Damping of soft ground, also per point, N·s/m."
     )
-    unevenness: NonNegative = Field(
-        0.0, le=1.0, description="Largest random difference in height of a cell, upwards or downwards, m."
-    )
-    cell: Positive = Field(0.3, description="Side of a square cell of uneven ground, m.")
+    unevenness: NonNegative = Field(0.0, le=1.0, description="Largest random change of a cell's height, m.")
+    cell: Positive = Field(0.3, description="Side of a square cell, m.")
     seed: int = Field(0, ge=0, le=2**31 - 1, description="Random seed of the heights.")
 
     @property
@@ -282,7 +278,7 @@ class MockSettings(Section):
     friction: Annotated[NonNegative, Field(le=2.0)] = Field(
         0.7, description="Coulomb friction coefficient of the floor, independent of the contacts."
     )
-    terrain: dict[Name, TerrainSettings] = Field(default_factory=dict, description="Blocks of ground on the floor.")
+    terrain: dict[Name, TerrainSettings] = Field(default_factory=dict, description="Blocks of ground.")
     push_duration: Annotated[Positive, Field(le=10.0)] = Field(0.1, description="Duration of a push, s.")
     command_timeout: Annotated[Positive, Field(le=10.0)] = Field(
         0.1, description="Age of the torques after which the robot damps its joints itself, s."

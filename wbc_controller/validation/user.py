@@ -38,7 +38,7 @@ class User:
         self.send_bytes(key, encode(content), subject)
 
     def send_bytes(self, key: str, payload: bytes, subject: str = "") -> None:
-        """Send bytes, possibly an invalid message."""
+        """Send bytes, possibly invalid."""
         self._publish[key, subject](payload)
 
     def send_text(self, key: str, text: str) -> None:
@@ -75,7 +75,7 @@ def twist(velocity: Array) -> Any:
 
 
 def reliable_counterpart(topic: Endpoint) -> Endpoint:
-    """Return the counterpart of a topic, with a queue that drops no message while this process is busy."""
+    """Return the counterpart of a topic, with an unlimited queue."""
     return dataclasses.replace(counterpart(topic), qos=dataclasses.replace(topic.qos, depth=1000))
 
 

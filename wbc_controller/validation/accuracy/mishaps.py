@@ -109,7 +109,7 @@ class Outcome:
 
     @property
     def good(self) -> bool:
-        """True if faults reported every wrong estimate in time, and the robot could be reactivated."""
+        """True if faults reported every wrong estimate in time, and a reactivation succeeded."""
         return not (self.silently_wrong or math.isinf(self.recovery))
 
 
@@ -121,7 +121,7 @@ def run_mishap(
     force_sensors: bool = False,
     changes: Mapping[str, Any] = MappingProxyType({}),
 ) -> Outcome:
-    """Apply a mishap to a robot; `force_sensors` provides the true contact forces at 100 Hz."""
+    """Apply a mishap; `force_sensors` provides the true contact forces at 100 Hz."""
     mishap = next(mishap for mishap in MISHAPS if mishap.name == name)
     known = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
     trial = EstimationTrial(load(robot).replace({**known, **changes}), {}, force_sensors=force_sensors)
@@ -186,7 +186,7 @@ class _Comparison:
         self.ended = self._fell = False
 
     def follow(self, seconds: float, each: Callable[[], None] = lambda: None) -> None:
-        """Run until the robot is damped or has fallen; `each` is called before every cycle."""
+        """Run until the robot is damped or has fallen, with `each` before every cycle."""
         for _ in range(round(seconds * self._trial.settings.control.rate)):
             if self.ended or self._fell:
                 return

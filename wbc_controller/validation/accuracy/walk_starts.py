@@ -1,4 +1,4 @@
-"""Random starts and stops: steps until the robot stands, and falls."""
+"""Random starts and stops: steps until the robot stands."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class Starts:
 
     seed: int
     steps: tuple[int, ...]  # steps from the command to stop until the robot stands, of each stop
-    ended: str = ""  # time and reason of an early end; empty if there was none
+    ended: str = ""  # time and reason of an early end
 
 
 def start_and_stop(robot: str, sensors: SensorQuality, seed: int, count: int) -> Starts:

@@ -61,7 +61,7 @@ def run_trial(
     """Run one trial; the seed determines start, duration and parameters of the fault.
 
     Args:
-        walking: the fault starts during a step; else the standing robot sways.
+        walking: the fault starts during a step; else the robot sways.
         parameters: of the fault, in place of random ones.
         prepare: for tests.
         recordings: folder of checked fault recordings.
@@ -120,7 +120,7 @@ class _Trial(Lockstep):
         names = {topic.key: topic.name for topic in controller_endpoints(settings, model) if topic.key in streams}
         self.monitor = OutputMonitor(model, settings, names, stamps_lie=fault.place == "stamps and clock")
         self._recorder = None if place is None else Recorder(settings, patient=True, name=place.name)
-        self._read = 0.0  # processor time of reading; a service uses another thread
+        self._read = 0.0
         super().__init__(
             settings,
             model=model,

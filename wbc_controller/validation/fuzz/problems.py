@@ -31,13 +31,13 @@ class ProblemsOutcome:
     """Result for one robot."""
 
     robot: str
-    relaxed: Counter[str] = field(default_factory=Counter)  # number of problems by relaxation
+    relaxed: Counter[str] = field(default_factory=Counter)  # problems by relaxation
     # error of the answer, by number of the problem
     failures: dict[int, str] = field(default_factory=dict)
     slowest: float = 0.0  # processor time of the slowest answer, s
 
     def line(self) -> str:
-        """Return the result in one line."""
+        """The result in one line."""
         counts = ", ".join(f"{name}: {count}" for name, count in self.relaxed.most_common())
         return (
             f"{self.robot:10} {sum(self.relaxed.values())} problems ({counts}); falsely infeasible or relaxed "

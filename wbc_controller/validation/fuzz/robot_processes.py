@@ -1,4 +1,4 @@
-"""Mock robot, controller and guard as processes in their own DDS domain."""
+"""Mock robot, controller and guard as processes."""
 
 from __future__ import annotations
 
@@ -46,7 +46,6 @@ class RobotProcesses(Processes):
     def __init__(
         self, robot: str, folder: Path, domain: int = DOMAIN, changes: Mapping[str, Any] | None = None
     ) -> None:
-        """Join the domain, without starting a process."""
         super().__init__(robot, folder, domain, changes)
         self.model = make_model(self.settings)
         self.record = folder / "cycles.mcap"
@@ -104,7 +103,7 @@ class RobotProcesses(Processes):
         return decode(messages[-1][1], self._types[name]) if messages else None
 
     def state_of(self, node: str) -> str:
-        """Return the newest state of ``controller`` or ``guard``; empty before the first."""
+        """Return the newest state of ``controller`` or ``guard``."""
         newest = self.newest(f"{node}/state")
         return "" if newest is None else str(newest.data)
 

@@ -19,7 +19,7 @@ from wbc_controller.validation.fuzz.values import FLOATS, INTEGERS, LENGTHS, SCA
 
 T = TypeVar("T")
 
-#: Settings for generation only: no database, shrinking or time limits.
+#: Generation only: no database, shrinking or time limits.
 _GENERATE = hypothesis.settings(
     max_examples=2,
     phases=[hypothesis.Phase.generate],
@@ -43,7 +43,7 @@ _STRAY = ("\x00", "\r", "\t", "\ufeff", "\u2028", "é", "\U0001f916", "#", ":", 
 
 
 def draw_by_key(strategy: SearchStrategy[T], *key: object) -> T:
-    """Draw a value determined by a key, by the code and by the imported modules."""
+    """Draw a value determined by a key and the code."""
     values: list[T] = []
 
     # The first example of Hypothesis is trivial; a varying number makes the second one random. Its cache would hold a
