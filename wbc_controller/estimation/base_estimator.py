@@ -1,4 +1,4 @@
-"""Estimator of base pose and twist from IMU, joints and contacts."""
+"""Estimator of base pose and twist."""
 
 from __future__ import annotations
 
@@ -143,12 +143,12 @@ class BaseEstimator:
         return turn @ of_pose @ turn.T, of_twist
 
     def restart(self) -> None:
-        """Discard the estimate and wait until the robot stands still."""
+        """Discard the estimate and wait for standstill."""
         self._running, self._still = None, []
         self.lost, self._waits_for = "", "no IMU data received"
 
     def update(self, samples: Sequence[ImuSample], q: Array, v: Array, active_contacts: Collection[str]) -> None:
-        """Process the measurements since the last update.
+        """Process the new measurements.
 
         Args:
             samples: IMU samples by increasing stamp.
@@ -332,7 +332,6 @@ class _RunningEstimate:
         return lost
 
     def invalid_reason(self) -> str | None:
-        """Return the reason of an invalid state, or None."""
         if not math.isfinite(sum_of_squares(self.filter.columns) + sum_of_squares(self.filter.P)):
             return "the state is not finite"
         return None

@@ -1,4 +1,4 @@
-"""Contact detection from force sensors and switches, else planned contacts."""
+"""Contact detection from sensors, else planned contacts."""
 
 from __future__ import annotations
 
@@ -34,7 +34,6 @@ class ContactDetector:
     """
 
     def __init__(self, limits: DetectionLimits) -> None:
-        """Start without measurements."""
         self.limits = limits
         self.silent: tuple[str, ...] = ()
         self.measured: Mapping[str, bool] = {}
@@ -42,7 +41,7 @@ class ContactDetector:
         self._by_switch: dict[str, bool] = {}
 
     def update_force(self, contact: str, force: float) -> None:
-        """Store the normal force on the robot at a contact, N; positive if the contact pushes."""
+        """Store the normal force at a contact, N; positive if it pushes the robot."""
         self._by_force[contact] = force > (self.limits.off if self._by_force.get(contact) else self.limits.on)
 
     def update_switch(self, contact: str, active: bool) -> None:

@@ -1,4 +1,4 @@
-"""Kinematics of contact points relative to the IMU."""
+"""Kinematics of contacts relative to the IMU."""
 
 from __future__ import annotations
 

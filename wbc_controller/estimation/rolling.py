@@ -1,4 +1,4 @@
-"""Displacement of balls that roll on the ground."""
+"""Displacement of rolling balls."""
 
 from __future__ import annotations
 

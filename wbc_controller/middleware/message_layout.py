@@ -42,7 +42,7 @@ class MessageLayout:
         self._size, self.span = len(first), slice(_START, _START + (len(first) - _START) // 8 * 8)
 
     def fits(self, payload: bytes) -> bool:
-        """Return True if a serialized message has this layout."""
+        """Return True if a message has this layout."""
         return len(payload) == self._size and [payload[piece] for piece in self._pieces] == self._constant
 
     def index_of(self, *paths: str) -> np.ndarray:
@@ -69,7 +69,7 @@ class Template:
         self._fields = [_as_slice(layout.index_of(*paths)) for paths in fields]
 
     def write(self, nanoseconds: int, *values: Array) -> bytes:
-        """Serialize a message with a timestamp (ignored without a header) and the numbers of each group.
+        """Serialize a timestamp (ignored without a header) and the numbers of each group.
 
         Raises `ValueError` for a wrong number or size of groups.
         """

@@ -59,7 +59,7 @@ class SetpointTemplate:
     def __init__(
         self, type_name: str, kind: str, position: Array, *, frame: str = "world", joints: Sequence[str] = ()
     ) -> None:
-        """Lay out the message; arguments as for `setpoint_message`."""
+        """Lay out the message, as `setpoint_message`."""
         content = setpoint_message(type_name, kind, position, frame=frame, joints=joints)
         paths = (JOINT_FIELDS[kind],) if kind in JOINT_FIELDS else _NUMBERS[type_name]
         size = len(position) if kind in JOINT_FIELDS else len(paths)
@@ -70,7 +70,7 @@ class SetpointTemplate:
         self._places = places
 
     def write(self, stamp: int, position: Array) -> bytes:
-        """Serialize a setpoint with a stamp in ns and a position of the original size."""
+        """Serialize a position of the original size; stamp in ns."""
         self._numbers[self._places] = position[: len(self._numbers)]
         return self._template.write(stamp, self._numbers)
 

@@ -1,4 +1,4 @@
-"""Table of all topics, for the transports, the documentation and the tests.
+"""Table of all topics.
 
 In the name templates ``~`` is the node's name; ``{task}``, ``{contact}`` and ``{frame}`` come from the configuration.
 """
@@ -48,7 +48,7 @@ class Topic:
     type: str  # such as ``sensor_msgs/msg/JointState``, or task-dependent by `BY_TASK`
     direction: Direction
     qos: Qos
-    meaning: str  # sentence for the documentation
+    meaning: str
 
 
 _POINT, _VECTOR, _POSE = (f"geometry_msgs/msg/{name}Stamped" for name in ("Point", "Vector3", "Pose"))
@@ -234,7 +234,7 @@ ESTIMATOR_TOPICS: tuple[Topic, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """One topic of one node with its resolved name."""
+    """One topic of one node."""
 
     key: str  # row of the topic table
     subject: str  # task, contact, frame, or empty
@@ -245,9 +245,9 @@ class Endpoint:
 
 
 def resolve(name: str, node: str, namespace: str = "/", remappings: Mapping[str, str] | None = None) -> str:
-    """Return the fully qualified name of a relative, private (``~/…``) or absolute name, by the rules of ROS 2.
+    """Return the full name of a relative, private (``~/…``) or absolute name, by the rules of ROS 2.
 
-    The names of the remappings are expanded by the same rules.
+    The remappings are expanded likewise.
     """
     expanded = _expand(name, node, namespace)
     for source, target in (remappings or {}).items():

@@ -38,7 +38,7 @@ Setpoints are absolute in the world (`header.frame_id` `world`, `odom`, `map` or
 
 
 def topics_page() -> str:
-    """Return all topics of the four nodes as Markdown."""
+    """Return all topics as Markdown."""
     kinds = "\n".join(
         f"| `{kind}` | {types['setpoint']} | {types.get('trajectory', 'none')} |" for kind, types in TASK_TYPES.items()
     )

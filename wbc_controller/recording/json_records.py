@@ -1,4 +1,4 @@
-"""Records as JSON and back, bit for bit."""
+"""Records as JSON, bit for bit."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def to_json(value: Any) -> str:
 
 
 def from_json(text: str) -> Any:
-    """Read the result of `to_json`, with sequences as lists; other text or types raise `ValueError`."""
+    """Read the result of `to_json`, with sequences as lists; otherwise raise `ValueError`."""
     try:
         return _from_plain(json.loads(text))
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError) as error:

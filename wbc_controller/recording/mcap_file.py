@@ -79,11 +79,11 @@ class ChunkBuilder:
 
     @property
     def size(self) -> int:
-        """Size of the messages, bytes."""
+        """Bytes."""
         return int(self._messages.count)
 
     def add(self, channel: int, time: int, payload: bytes) -> None:
-        """Add a message with a time in ns."""
+        """Add a message; time in ns."""
         self._newest = max(time, self._newest)
         index = self._indexes.setdefault(channel, MessageIndex(channel, []))
         index.records.append((self._newest, self._messages.count))
@@ -92,7 +92,7 @@ class ChunkBuilder:
         ).write(self._messages)  # fmt: skip
 
     def take(self) -> PackedChunk | None:
-        """Return a chunk of the messages since the last call, or None."""
+        """Return a chunk of the new messages, or None."""
         if not self._indexes:
             return None
         indexes, self._indexes = self._indexes, {}

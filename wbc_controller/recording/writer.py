@@ -69,7 +69,7 @@ class FileSink:
                 self._missing, self._warned_at = 0, -_WARNING_PERIOD
 
     def probe(self) -> None:
-        """Warn if the file cannot be written; leave no empty file."""
+        """Warn if the file cannot be written."""
         try:
             new = not exists(self.path)
             self.path.open("xb" if new else "ab").close()
@@ -145,7 +145,7 @@ class Writer:
             self._close_fault()
 
     def flush(self) -> None:
-        """Close and write the chunk, and buffer it with the last seconds."""
+        """Close, write and buffer the chunk."""
         chunk = self._builder.take()
         if chunk is None:
             return

@@ -1,4 +1,4 @@
-"""Safety checks that return a fault or None; NaN fails."""
+"""Safety checks: a fault or None; NaN fails."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

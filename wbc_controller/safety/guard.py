@@ -1,4 +1,4 @@
-"""Decisions of the guard: torques after the controller has stopped.
+"""Decisions of the guard.
 
 ::
 
@@ -89,7 +89,7 @@ class Guard:
         return due + limits.patience
 
     def step(self, now: float, inputs: GuardInputs) -> Array | None:
-        """Update the mode; return the torques to send, (na,) in N·m, or None."""
+        """Update the mode; return torques, (na,) in N·m, or None."""
         deadline = self.deadline(inputs)
         if inputs.command_at > self._command_at or not (self.sending or self.mode is GuardMode.RELEASED):
             self._command_at = inputs.command_at

@@ -1,4 +1,4 @@
-"""Plausibility of states, falls, and time budgets (NaN fails)."""
+"""Plausibility of states, falls, time budgets (NaN fails)."""
 
 import math
 from collections import deque
@@ -98,7 +98,7 @@ class StateWatch:
         )
 
     def check(self, state: RobotState) -> Fault | None:
-        """Compare a state with the previous one; return its fault, or None. A repeated state has no effect."""
+        """Return the fault of a state, or None. A repeated state has no effect."""
         before = self._state
         if state is before:
             return self.fault

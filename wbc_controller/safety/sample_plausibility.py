@@ -1,4 +1,4 @@
-"""Plausibility of single samples: reachable from the last accepted one."""
+"""Plausibility of single samples."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SEQUENCE = 3
 
 
 class SampleCheck:
-    """Comparison of each sample of one topic with the last accepted one; counts and explains rejections."""
+    """Comparison of each sample with the last accepted one."""
 
     def __init__(self, names: tuple[str, ...], keys: tuple[str, ...], memory: SampleMemory) -> None:
         """Start a check; `names` and `keys` (settings of the speeds) appear in messages, (n,)."""

@@ -1,4 +1,4 @@
-"""Supervisor: modes of the controller, and the only source of a `JointCommand`.
+"""Supervisor: modes, and the only source of a `JointCommand`.
 
 ::
 
@@ -41,7 +41,7 @@ _AHEAD = 0.05
 
 @dataclass(frozen=True, slots=True)
 class SupervisorLimits:
-    """Timing and limits of the supervisor."""
+    """Timing and limits."""
 
     activation_ramp: float  # s
     hold_time: float  # longest time without a solution within `hold_window` before damping, s
@@ -97,7 +97,7 @@ class Supervisor:
 
     @property
     def limits(self) -> SupervisorLimits:
-        """Timing and limits; may be replaced between cycles."""
+        """Timing and limits."""
         return self._limits  # type: ignore[return-value]  # set by the constructor
 
     @limits.setter

@@ -53,7 +53,7 @@ class WalkingSettings(Section):
     command_timeout: _Time = Field(0.5, description="Age of the last `cmd_vel` after which the robot stops, s.")
     max_speed: Positive | None = Field(
         None,
-        description="Largest speed forward, m/s, half of it backward; default √(g·z) times 0.12 (bipeds, at most 0.8 of "
+        description="Largest speed forward, m/s, half backward; default √(g·z) times 0.12 (bipeds, at most 0.8 of "
         "the feasible speed), 0.5 (trot) or 0.06 (walk).",
     )
     max_side_speed: Positive | None = Field(

@@ -1,4 +1,4 @@
-"""Steps from a URDF to the draft of a configuration."""
+"""Steps from a URDF to a draft."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _LEG_JOINTS = 3  # smallest number
 def new_configuration(
     urdf: str, *, srdf: str | None = None, base: Base | None = None, feet: Sequence[str] = ()
 ) -> Draft:
-    """Return the draft of a robot's configuration.
+    """Return the draft of a configuration.
 
     Args:
         urdf: path or ``package://`` address of the URDF.
@@ -95,7 +95,7 @@ def _model(draft: Draft, source: UrdfSource, *, floating: bool) -> RobotModel:
 
 
 def _shapes(model: RobotModel, source: UrdfSource, draft: Draft) -> Elements:
-    """Read the collision shapes of the robot, or visual shapes of links without them; missing files get a note."""
+    """Read the collision shapes, or visual shapes of links without them; missing files get a note."""
     tree, folder, lost = copy.deepcopy(source.tree), source.path.parent, []
     for link in tree.iterfind("link"):
         for element in link.findall("collision") or link.findall("visual"):

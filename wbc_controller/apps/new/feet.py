@@ -1,4 +1,4 @@
-"""Search for the feet among the ends of the kinematic tree."""
+"""Search for the feet."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Limb:
 
 
 class Body:
-    """The robot in one posture, with the base upright at the world's origin."""
+    """The robot in one posture, upright at the origin."""
 
     def __init__(self, model: RobotModel, elements: Elements, posture: Array) -> None:
         """Compute kinematics and limbs in a posture, (nj,) in rad."""
@@ -44,7 +44,7 @@ class Body:
         pin.computeJointJacobians(model.pinocchio, self.data, q)
         points = {joint: self._points(joint) for joint in range(1, model.pinocchio.njoints)}
         everything = np.vstack(list(points.values()))
-        self.height = float(np.ptp(everything[:, 2]))  # of the whole robot, m
+        self.height = float(np.ptp(everything[:, 2]))  # m
         self._lowest_points = {joint: float(some[:, 2].min(initial=np.inf)) for joint, some in points.items()}
         self.limbs = [self._limb(end) for end in range(2, model.pinocchio.njoints) if not self._children(end)]
         self.arms = self._arms()  # the limbs, with a palm in place of its fingers
@@ -83,7 +83,7 @@ class Body:
         return [*(limb for limb in self.limbs if limb not in fingers), *palms]
 
     def axis(self, joint: int) -> Array:
-        """Return the axis of a joint in its own frame, (3,)."""
+        """Return a joint's axis in its own frame, (3,)."""
         column = self.model.pinocchio.joints[joint].idx_v
         jacobian = pin.getJointJacobian(self.model.pinocchio, self.data, joint, pin.LOCAL)
         return np.asarray(jacobian[3:, column])

@@ -1,4 +1,4 @@
-"""Shape of a foot, measured on the URDF: a flat sole, a ball or a wheel."""
+"""Shape of a foot: a flat sole, a ball or a wheel."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ UNKNOWN_RADIUS = 0.01  # m
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """A foot of the robot."""
+    """A foot."""
 
     joint: int  # index in the Pinocchio model
     link: str
@@ -55,7 +55,7 @@ class Foot:
 def measure(
     model: RobotModel, elements: Mapping[int, Sequence[pin.GeometryObject]], joint: int, upward: pin.SE3, axis: Array
 ) -> Foot:
-    """Measure the foot of a joint; `upward` has the base's axes in the joint's frame, x forward and z up."""
+    """Measure a foot; `upward` has the base's axes in the joint's frame, x forward and z up."""
     frames = model.pinocchio.frames
     own = [(frame, element) for frame, some in elements.items() for element in some]
     own = [(frame, element) for frame, element in own if frames[frame].parentJoint == joint]
@@ -122,7 +122,7 @@ def _wheel(model: RobotModel, joint: int, link: str, points: Array, axis: Array)
 
 
 def _face(points: Array, down: Array) -> Array | None:
-    """Return the outward normal of the largest flat face below, (3,); None without a face of a sole's size."""
+    """Return the outward normal of the largest flat face below, (3,); None without a sole-sized face."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -193,7 +193,7 @@ def _area(polygon: Array) -> float:
 
 
 def _ball(points: Array, down: Array) -> tuple[Array, float] | None:
-    """Return centre, (3,) in m, and radius of a sphere fitted to the lower side of a shape; None if the fit is poor."""
+    """Return centre, (3,) in m, and radius of a sphere fitted to the lower side; None if the fit is poor."""
     try:
         hull = ConvexHull(points)
     except QhullError:

@@ -1,4 +1,4 @@
-"""Nominal posture: the SRDF's if the robot can stand in it, otherwise a computed one."""
+"""Nominal posture: the SRDF's if possible, otherwise a computed one."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def srdf_posture(model: RobotModel, postures: Postures) -> tuple[str, Array]:
 
 
 def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, draft: Draft) -> Array:
-    """Write the posture of a standing robot, and return it, (nj,) in rad."""
+    """Write the posture of a standing robot; return it, (nj,) in rad."""
     name, reference = srdf_posture(model, postures)
     if not name:
         reference = _with_margin(model, reference)
@@ -68,7 +68,7 @@ def put_standing(model: RobotModel, feet: Sequence[Foot], postures: Postures, dr
 
 
 def put_fixed(model: RobotModel, postures: Postures, draft: Draft) -> Array:
-    """Write the posture of a robot on a fixed base, and return it, (nj,) in rad."""
+    """Write the posture on a fixed base; return it, (nj,) in rad."""
     name, reference = srdf_posture(model, postures)
     if name:
         _put(draft, model, reference, f"Posture {name!r} of the SRDF.")
@@ -101,7 +101,7 @@ def _put(draft: Draft, model: RobotModel, posture: Array, text: str, origin: str
 
 
 def _standing_fault(feet: Sequence[Foot], placement: FeetPlacement) -> str:
-    """Return the reason why the robot cannot stand in a posture; empty if it can."""
+    """Return the reason why the robot cannot stand; empty if it can."""
     if not (placement.level_error <= _LEVEL):
         return f"the feet are {1e3 * placement.level_error:.0f} mm or mrad off level"
     points = np.vstack(

@@ -1,4 +1,4 @@
-"""Search for a standing posture: level feet, centre of mass above their middle, bent legs, joints off the limits."""
+"""Search for a standing posture, stable and with bent legs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class _Leg:
 
 @dataclass(frozen=True, slots=True)
 class FeetPlacement:
-    """Placement of the feet in a posture, with the base upright at the origin."""
+    """Placement of the feet, with the base upright at the origin."""
 
     bottoms: Array  # height of the lowest point of each foot, (n,) in m
     middles: Array  # of the feet, (n, 3) in m
@@ -85,7 +85,7 @@ class Legs:
         return legs
 
     def _find_mirrored(self) -> dict[int, tuple[int, Array]]:
-        """Return, by right leg, the mirrored left leg and the signs of its joint positions, (k,)."""
+        """Return the mirrored left leg of each right leg, and the signs of its joint positions, (k,)."""
         axes, places = self._zero_kinematics()
         found: dict[int, tuple[int, Array]] = {}
         flip = np.array([1.0, -1.0, 1.0])
@@ -129,7 +129,7 @@ class Legs:
         return max(0.0, float(np.mean([places[leg.joints[0]][2] for leg in self._legs if leg.joints] or [0.0])))
 
     def place_feet(self, posture: Array) -> FeetPlacement:
-        """Return the placement of the feet in a posture, (nj,) in rad."""
+        """Return the feet in a posture, (nj,) in rad."""
         model, data = self.model.pinocchio, self._data
         com = pin.centerOfMass(model, data, self.model.configuration(posture))
         bottoms, middles, tilts, yaw = [], [], [], []

@@ -1,4 +1,4 @@
-"""Scene in the browser: meshes of the robot, contact forces, support polygon and references."""
+"""Scene in the browser."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _TRANSLUCENT = 0.35  # opacity
 
 
 class Drawing:
-    """Draws snapshots of a robot in the scene of a viser server."""
+    """Draws snapshots in the scene of a viser server."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, meshes: Sequence[Mesh]) -> None:
         self._scene, self._robot = server.scene, robot
@@ -82,12 +82,12 @@ class Drawing:
         self._shown[group] = shown
 
     def set_translucent(self, translucent: bool) -> None:
-        """Make the robot translucent or opaque."""
+        """Make the robot translucent."""
         for handle, _ in self.links:
             handle.opacity = _TRANSLUCENT if translucent else None
 
     def set_shadows(self, shadows: bool) -> None:
-        """Switch shadows and reflections, which are expensive without a GPU."""
+        """Switch shadows and reflections."""
         self._scene.configure_default_lights(True, cast_shadow=shadows)
         self._light.visible = not shadows  # reflections replace this light
         self._scene.configure_environment_map("studio" if shadows else None, environment_intensity=0.6)

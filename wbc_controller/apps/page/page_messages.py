@@ -1,4 +1,4 @@
-"""Allow-list of messages from a browser: types, fields and values.
+"""Allow-list of messages from a browser.
 
 Each class describes one of viser's messages, with viser's names of classes and fields. Other messages are dropped
 before viser decodes them, because viser applies any attribute in a message and forwards it to all pages.
@@ -125,12 +125,11 @@ class AllowList:
     """Allow-list of messages to viser."""
 
     def __init__(self, *, commands: bool) -> None:
-        """Compile the list; `commands` is True if the page may command."""
         self._decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(COMMANDING if commands else WATCHING)
-        self.gui: viser.GuiApi | None = None  # controls of the page; None before they exist
+        self.gui: viser.GuiApi | None = None  # None before they exist
 
     def fault(self, payload: bytes | str) -> str:
-        """Return the reason for a refusal, with type, field and value; empty if the message is allowed."""
+        """Return the reason for a refusal; empty if the message is allowed."""
         if isinstance(payload, str):
             return f"text message {reprlib.repr(payload)}; valid: binary messages"
         try:

@@ -1,4 +1,4 @@
-"""Panels of the page as HTML: mode, binding constraints, tasks, contacts and torques."""
+"""Panels of the page as HTML."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ def _plain(name: str) -> str:
 
 
 def request_list(lines: Sequence[tuple[str, bool]]) -> str:
-    """Return the list of requests, newest first, refused ones in red."""
+    """Return the requests, newest first, refused ones in red."""
     if not lines:
         return _page(['<span class="muted">none</span>'])
     return _page(

@@ -1,4 +1,4 @@
-"""Execution of `wbc play`: mock robot and controller as processes, and a page that commands them."""
+"""Execution of `wbc play`: processes and a page."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def play(
 
 
 def free_domain() -> int:
-    """Return a DDS domain without a participant on this computer; raise `WbcError` if all candidates are in use."""
+    """Return a DDS domain without a participant on this computer; raise `WbcError` without any."""
     for i in range(_DOMAINS):
         domain = _FIRST_DOMAIN + (os.getpid() + i) % _DOMAINS
         # RTPS 9.6.1.1: port of the first participant of a domain.

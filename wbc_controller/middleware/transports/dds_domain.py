@@ -1,4 +1,4 @@
-"""Domain and discovery by ROS 2's environment variables (Iron and newer).
+"""Domain and discovery by ROS 2's environment variables.
 
 The default differs from ROS 2: LOCALHOST, so that other computers cannot command the robot (docs/ros2.md).
 """

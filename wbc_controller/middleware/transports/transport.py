@@ -45,7 +45,7 @@ class Transport(Protocol):
     discovery_time: float  # of mutual discovery, s
 
     def advertise(self, endpoint: Endpoint) -> Publish:
-        """Open a topic for writing; return the thread-safe function that sends one serialized message."""
+        """Open a topic for writing; return the thread-safe function that sends a serialized message."""
         ...
 
     def subscribe(self, endpoint: Endpoint, callback: Callable[[bytes], None]) -> None:
@@ -57,9 +57,9 @@ class Transport(Protocol):
         ...
 
     def publishers(self, endpoint: Endpoint) -> tuple[str, ...]:
-        """Return the fully qualified node names (or `UNNAMED`) of the other publishers on a topic, sorted.
+        """Return the full node names (or `UNNAMED`) of the other publishers on a topic, sorted.
 
-        Another node may have the same name as this one. The answer may lag behind the graph; it takes up to 1 ms.
+        The answer may lag behind the graph; it takes up to 1 ms.
         """
         ...
 

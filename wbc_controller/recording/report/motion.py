@@ -1,4 +1,4 @@
-"""Motion for the 3-D view of a page."""
+"""Motion for the 3-D view."""
 
 from __future__ import annotations
 

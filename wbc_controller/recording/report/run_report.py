@@ -1,4 +1,4 @@
-"""Report of a run as one HTML file."""
+"""Report as one HTML file."""
 
 from __future__ import annotations
 
