@@ -1,4 +1,4 @@
-"""Agreement of the IMU with the legs.
+"""Agreement of the base's sensors with the legs.
 
 If the contacts hold, a rotation θ and a displacement p of the sensor move the contact points y, all in its axes, by
 

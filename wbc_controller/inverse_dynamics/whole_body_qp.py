@@ -1,4 +1,4 @@
-"""Whole-body controller: accelerations, torques and forces from state and references."""
+"""Accelerations, torques and forces from state and references."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

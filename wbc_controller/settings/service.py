@@ -1,4 +1,4 @@
-"""Settings of loop, solver, safety, guard, audit, recorder, mock robot."""
+"""Settings of the nodes, safety, recorder, mock robot."""
 
 from __future__ import annotations
 

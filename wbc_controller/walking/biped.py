@@ -1,4 +1,4 @@
-"""The walker of bipeds: phases of the gait, and in every cycle the references that the controller follows."""
+"""The walker of bipeds."""
 
 import cmath
 import math

@@ -1,4 +1,4 @@
-"""Prediction of a fall: the DCM is farther away than any step reaches.
+"""Prediction of a fall.
 
 With the centre of pressure at the point p of the support next to the DCM ξ, the DCM is after the time t of the fastest
 step at ξ_t = p + (ξ - p) e^{ωt}. A foot can then be placed within the reach of the leg. From there, steps of the length

@@ -1,4 +1,4 @@
-"""The walker of quadrupeds: a trot or a walk on four point feet, and the references for the controller."""
+"""The walker of quadrupeds."""
 
 import cmath
 import math

@@ -1,4 +1,4 @@
-"""Builds the walker of quadrupeds and its tasks from the settings."""
+"""Builds the walker of quadrupeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Builds the walker and its tasks from the settings."""
+"""Builds the walker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Redundant contacts: (nearly) dependent rows of J v̇ = b become part of the cost.
+"""Redundant contacts: dependent rows become part of the cost.
 
 Feet without ankle roll, or four points under one sole, constrain more directions than the robot can move along;
 rounding, contact velocities (nᵀJ̇ v = -ṅᵀJ v) or anchors make such rows contradictory. The mobility of the contacts

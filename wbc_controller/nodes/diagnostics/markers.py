@@ -1,4 +1,4 @@
-"""State, references and contact forces in the world frame as a visualization_msgs/MarkerArray, for RViz and Foxglove.
+"""Shapes as visualization_msgs/MarkerArray, for RViz and Foxglove.
 
 Each kind of shape has its own namespace, and one marker with many points if possible. Markers expire after their
 lifetime, also after the death of the controller.

@@ -1,4 +1,4 @@
-"""Report of a campaign: one row per kind of fault and robot."""
+"""Report of a campaign."""
 
 import csv
 import io

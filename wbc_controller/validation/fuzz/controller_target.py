@@ -1,4 +1,4 @@
-"""Controller in lockstep with a mock robot, as a target of the fuzzer."""
+"""Controller with a mock robot as a target."""
 
 import dataclasses
 from collections.abc import Collection, Mapping

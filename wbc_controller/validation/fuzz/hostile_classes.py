@@ -1,4 +1,4 @@
-"""Fuzzer of user-defined tasks, contacts and limits."""
+"""Fuzzer of user-defined classes."""
 
 from __future__ import annotations
 

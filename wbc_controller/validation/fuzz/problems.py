@@ -1,4 +1,4 @@
-"""Fuzzer of quadratic programs, compared with linear programs."""
+"""Fuzzer of quadratic programs."""
 
 import time
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Hypothesis strategies of bytes, texts and messages."""
+"""Strategies of bytes, texts and messages."""
 
 import copy
 import re

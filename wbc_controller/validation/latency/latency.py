@@ -1,4 +1,4 @@
-"""Latency from joint state to torques between two processes.
+"""Latency from joint state to torques.
 
 This process is the robot, and sends states to the controller and the echo in turn.
 """

@@ -1,4 +1,4 @@
-"""Test doubles of the robot: source of states, and echo."""
+"""Test doubles of the robot."""
 
 import contextlib
 import gc
