@@ -76,7 +76,7 @@ def way_of(simulation, seconds):
         ({}, (-0.4, 0.0, 0.0)),
         ({}, (0.0, 0.4, 0.0)),
         ({}, (0.0, 0.0, 1.5)),
-        ({}, (0.5, 0.2, 0.8)),
+        ({}, (0.4, 0.2, 0.8)),
         (WALK, (0.08, 0.0, 0.1)),
     ],
 )
@@ -105,6 +105,15 @@ def test_the_swing_at_full_speed_is_within_the_limits_of_the_joints():
     _, results = way_of(simulation, 3.0)
     binding = {name for result in results for name in result.binding}
     assert not [name for name in binding if name.startswith("motion")]
+
+
+def test_a_command_in_several_directions_is_scaled_together():
+    simulation = wbc.Simulation(wbc.load("go2").replace({"walking.max_speed": 0.8, "walking.max_side_speed": 0.4}))
+    simulation.controller.walk(0.8, 0.4, 1.5)
+    simulation.run(2.5)
+    velocity = simulation.controller.walker.velocity
+    assert velocity.linear == pytest.approx((0.8 + 0.4j) / math.sqrt(3.0))
+    assert velocity.turning == pytest.approx(1.5 / math.sqrt(3.0))
 
 
 @pytest.mark.parametrize(("changes", "together"), [({}, 2), (WALK, 1)])

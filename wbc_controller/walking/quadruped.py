@@ -189,7 +189,7 @@ class QuadrupedWalker(Walker):
         if self.command is None:
             self.velocity = self.velocity.towards(Velocity(), self.gait, _BRAKING * dt)
         elif self.phase in (Phase.SINGLE, Phase.DOUBLE):
-            self.velocity = self.velocity.towards(self.command.clipped(self.gait), self.gait, dt)
+            self.velocity = self.velocity.towards(_together(self.command.clipped(self.gait), self.gait), self.gait, dt)
         if self.phase is Phase.STAND:
             self._enter(Phase.SHIFT, cycle)
         ground = Ground.below(self._places.values())
@@ -395,3 +395,11 @@ class QuadrupedWalker(Walker):
         turn = about_z(self._heading)
         for name, rotation in self._orientations.items():
             self._references[name] = reference(quaternion_of(turn @ rotation), [0.0, 0.0, self.velocity.turning])
+
+
+def _together(command: Velocity, gait: QuadrupedGait) -> Velocity:
+    """Return the command, scaled so that the shares of the largest speeds have at most the norm 1."""
+    forward, sideways, turning = gait.speed
+    linear = command.linear
+    share = math.hypot(linear.real / forward, linear.imag / sideways, command.turning / turning)
+    return Velocity(linear / max(1.0, share), command.turning / max(1.0, share))
