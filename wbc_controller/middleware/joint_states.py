@@ -84,7 +84,7 @@ class JointStateReader(StateReader):
         self._partial: set[str] = set()  # joints of incomplete messages
 
     def read(self, payload: bytes) -> JointStates:
-        """See `StateReader`."""
+        """Decode a joint state; see `StateReader`."""
         stamp, values = self._decode(payload)
         columns = values.reshape(len(self.paths), -1)  # (k, nj)
         if not np.isfinite(values).all():

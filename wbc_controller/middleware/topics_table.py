@@ -39,9 +39,10 @@ Setpoints are absolute in the world (`header.frame_id` `world`, `odom`, `map` or
 
 def topics_page() -> str:
     """Return all topics as Markdown."""
-    kinds = "\n".join(
-        f"| `{kind}` | {types['setpoint']} | {types.get('trajectory', 'none')} |" for kind, types in TASK_TYPES.items()
-    )
+    names: dict[str, list[str]] = {}
+    for kind, types in TASK_TYPES.items():
+        names.setdefault(f"{types['setpoint']} | {types.get('trajectory', 'none')}", []).append(f"`{kind}`")
+    kinds = "\n".join(f"| {', '.join(of_type)} | {types} |" for types, of_type in names.items())
     return (
         _GENERATED
         + "# Topics\n\n"
@@ -50,7 +51,7 @@ def topics_page() -> str:
         + "## The controller, node `wbc_controller`\n\n"
         + _topic_table(CONTROLLER_TOPICS)
         + "\nMessage types of a task's topics:\n\n"
-        + "| Type of the task | setpoint, reference, value | trajectory |\n|---|---|---|\n"
+        + "| Task | setpoint, reference, value | trajectory |\n|---|---|---|\n"
         + kinds
         + _FRAMES
         + "\n## The mock robot, node `mock_robot`\n\n"
