@@ -56,7 +56,7 @@ class StateReader(ABC):
         """Raise `InputRefused` for invalid names, frames or array sizes."""
 
     def _decode(self, payload: bytes) -> tuple[int, Array]:
-        """Return the timestamp, ns, and the values at `paths`, (n,); refuse invalid messages."""
+        """Return the timestamp, ns, and the checked values at `paths`, (n,)."""
         layout = self._layout
         if layout is None or not layout.fits(payload):
             content = decode(payload, self.type)

@@ -242,7 +242,7 @@ class Inputs:
         self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
 
     def _decode(self, endpoint: Endpoint, arrival: float, payload: bytes, refused: list[str]) -> None:
-        """Decode, check and store one message; after a refusal the last message stays in force."""
+        """Decode, check and store one message; a refusal keeps the last one."""
         key = endpoint.key
         try:
             if key in KEYS and self._contact_sensors is not None:

@@ -85,7 +85,7 @@ class Dynamics:
         link_terms(self.motion, v)
 
     def compute(self, q: Array, v: Array) -> None:
-        """Compute Pinocchio's terms at a state; `link_terms` adds the others."""
+        """Compute Pinocchio's terms at a state."""
         model, data = self._pin, self._data
         self.q, self.v = q, v
         # `crba` in the world convention also computes centre of mass, joint Jacobians and centroidal matrix.

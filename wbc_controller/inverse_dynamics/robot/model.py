@@ -162,7 +162,7 @@ class RobotModel:
     def state(
         self, joint_positions: Array, joint_velocities: Array, pose: Array | None = None, twist: Array | None = None
     ) -> tuple[Array, Array]:
-        """Assemble q and v from joint positions and velocities (nj,), base pose (7,) and local base twist (6,)."""
+        """Assemble q and v from joints (nj,), base pose (7,) and local base twist (6,)."""
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         if pose is not None and twist is not None:
             q[:7], v[:6] = pose, twist

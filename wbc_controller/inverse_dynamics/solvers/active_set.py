@@ -96,7 +96,7 @@ class ActiveSet:
         self._count = int(np.count_nonzero(side))
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
-        """Solve with the stored active set or one of the next sets that follow from it; None if all are wrong."""
+        """Solve with the stored active set or one of the next sets; None if all are wrong."""
         if self._m + self._count > self._n:
             return None
         squares = problem.cost.squares
