@@ -45,8 +45,8 @@ def topics_page() -> str:
     return (
         _GENERATED
         + "# Topics\n\n"
-        + "Topics of all nodes (`~`: the node's name). Topics *on demand* are published only with a subscription, or in "
-        "a recording of the whole run.\n\n"
+        + "Topics of all nodes (`~`: the node's name). Topics *on demand* are published only with a subscription, or "
+        "in a recording of the whole run.\n\n"
         + "## The controller, node `wbc_controller`\n\n"
         + _topic_table(CONTROLLER_TOPICS)
         + "\nMessage types of a task's topics:\n\n"
