@@ -50,8 +50,8 @@ class Controller(ControlCycle):
         while True:
             result = controller.step(q, v, t)     # result.tau: torques
 
-    The supervisor ramps and limits torques, and damps the robot on faults (docs/safety.md). `state_from_joints` and
-    `MujocoInterface` make states in Pinocchio's form (`wbc_controller.records`).
+    The supervisor limits torques, and damps the robot on faults (docs/safety.md). `state_from_joints` and
+    `MujocoInterface` make states (`wbc_controller.records`).
     """
 
     _time: float | None = None  # time of the last step or reset
@@ -167,12 +167,9 @@ class Controller(ControlCycle):
         """Set a trajectory of a task, interpolated by quintics; the reference stays at its end.
 
         Args:
-            times: increasing times of the points from now, (n,) in s.
-            positions: n positions, each as in `set`.
+            times: increasing, from now, (n,) in s.
+            positions: n positions, each as in `set`; errors as there.
             velocities, accelerations: at the points, (n, m); by default zero.
-
-        Raises:
-            InputRefused: if the task is unknown or a value is invalid.
         """
         self._task(task)
         seconds = finite(times, f"times of task {task!r}")
@@ -242,7 +239,7 @@ class Controller(ControlCycle):
     def walk(self, forward: float = 0.0, sideways: float = 0.0, turning: float = 0.0) -> None:
         """Walk at a velocity in the axes of the robot's heading, m/s and rad/s, until `stand`; 0 is in place.
 
-        Speeds are limited by the section ``walking``, accelerations too.
+        The section ``walking`` limits speeds and accelerations.
 
         Raises:
             InputRefused: if a value is not finite, or the configuration has no section ``walking``.
@@ -260,7 +257,7 @@ class Controller(ControlCycle):
     def walk_footsteps(self, poses: npt.ArrayLike) -> None:
         """Step on poses of alternating soles (x, y in m and heading in rad in the world), (n, 3), and stop.
 
-        A standing robot begins with the foot that is nearer to its pose. The next cycle refuses steps out of reach.
+        A standing robot begins with the foot nearer to its pose. The next cycle refuses steps out of reach.
         Errors as for `walk`.
         """
         values = np.atleast_2d(finite(poses, "the footsteps"))
@@ -312,7 +309,7 @@ class Controller(ControlCycle):
         return RobotState(stamp, frozen(sized(q, self.model.nq, "q")), frozen(sized(v, self.model.nv, "v")))
 
     def _invalid(self, state: RobotState) -> str | None:
-        """Return a sentence if a state contains NaN, too large values or no unit quaternion, else None."""
+        """Return a sentence for NaN, too large values or no unit quaternion, else None."""
         for name, values in (("q", state.q), ("v", state.v)):
             if not (np.abs(values) <= _LARGEST).all():
                 kind = "not finite" if not np.isfinite(values).all() else f"above {_LARGEST:g}"

@@ -54,7 +54,7 @@ class ControlCycle:
         model_error: compensation of friction and disturbances.
         live: current settings.
         cycle_records: records for a recorder, which empties the list; None without a recorder.
-        holding: loaded active contacts of the last cycle; without a solution the contacts enabled at activation.
+        holding: loaded contacts of the last cycle; without a solution the ones enabled at activation.
     """
 
     def __init__(
@@ -72,12 +72,11 @@ class ControlCycle:
 
         Args:
             config: a configuration, or an argument of `load`.
-            tasks: classes or functions that return a user's `Task` for the model; its attributes ``weight``,
-                ``enabled``, ``level`` and ``setpoint_duration`` apply.
-            contacts: the same for a `Contact`; its attributes ``enabled`` and ``ramp`` apply.
+            tasks: classes or functions that return a user's `Task` for the model; its attributes apply.
+            contacts: the same for a `Contact`.
             limits: the same for a `RowLimit`.
             preflight: check that the robot can stand.
-            model: model of the robot, by default from the configuration.
+            model: by default from the configuration.
             timer: clock of the stage times, s.
 
         Raises:
@@ -110,14 +109,14 @@ class ControlCycle:
         self._explanation: Future[NoSolution] | None = None
         self._explained_at = -np.inf
         self._failure: NoSolution | None = None
-        self._defect: Fault | None = None  # fault outside the cycle
+        self._defect: Fault | None = None  # outside the cycle
         self.cycle_records: list[CycleRecord] | None = None
-        self._solution: Solution | None = None  # the last one
+        self._solution: Solution | None = None
         self._holding_inputs: tuple[Mapping[str, float], tuple[str, ...]] | None = None  # inputs of `holding`
         self._changed_outside = False  # state changed between two cycles
 
     def _prepare_walking(self, walker: Walker) -> None:
-        """Prepare the quadratic programs of the gait, in the nominal posture: a first step must not be late."""
+        """Prepare the quadratic programs of the gait: a first step must not be late."""
         model, board = self.qp.model, ReferenceBoard(self._live.board)
         state = RobotState(0, frozen(model.configuration(model.posture)), frozen(np.zeros(model.nv)))
         board.reset(self.qp.dynamics, 0.0)
@@ -138,7 +137,7 @@ class ControlCycle:
 
     @property
     def dynamics(self) -> Dynamics:
-        """Terms of the equations of motion in the last cycle; at first in the nominal posture with the base at 0."""
+        """Dynamics of the last cycle; at first in the nominal posture with the base at 0."""
         return self.qp.dynamics
 
     @property
@@ -291,7 +290,7 @@ class ControlCycle:
         return CycleResult(qp=self.qp, time=now, mode=self.mode, fault=self.fault, command=command)
 
     def explain_failure(self, now: float) -> None:
-        """Start a thread that searches conflicting constraints after the first failure; a later cycle reports them."""
+        """Search conflicting constraints on a thread after the first failure; a later cycle reports them."""
         failure, self._failure = self._failure, None
         if failure is not None and self._explanation is None and now - self._explained_at >= _EXPLAIN_PAUSE:
             self._explained_at = now
@@ -460,7 +459,6 @@ class ControlCycle:
         return decision.references
 
     def _watch_standing(self, walker: Walker, time: float, references: References) -> None:
-        """Predict falls of a standing robot."""
         if not 0.0 <= time - walker.watched < _WATCH_PERIOD:
             active = [name for name, activation in references.contacts.items() if activation > 0.0]
             walker.watch_standing(time, self.qp.dynamics, active)

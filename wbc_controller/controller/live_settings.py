@@ -29,11 +29,11 @@ _log = logging.getLogger(__name__)
 class LivePart:
     """Objects derived from the settings that can change in a running loop."""
 
-    settings: Settings  # all settings
+    settings: Settings
     board: BoardPlan  # plans of references, gains and limits
-    supervisor: SupervisorLimits  # times and limits of the supervisor
+    supervisor: SupervisorLimits
     state_timeout: float  # largest age of a state, s
-    disturbance: DisturbanceLimits  # time constant and bound of the disturbance estimate
+    disturbance: DisturbanceLimits
 
 
 class LiveSettings:

@@ -23,10 +23,10 @@ from wbc_controller.controller.result import CycleResult
 class CycleRecord:
     """Inputs and result of one cycle, for a recording."""
 
-    inputs: CycleInputs  # inputs of the controller
-    live: LivePart  # live settings of the cycle
-    result: CycleResult  # result of the cycle
-    changed_outside: bool  # True if the state changed between this and the last cycle: a failed cycle, the loop's end
+    inputs: CycleInputs
+    live: LivePart
+    result: CycleResult
+    changed_outside: bool  # True if the state changed since the last cycle
 
 
 def save_state(owner: Any) -> dict[str, Any]:

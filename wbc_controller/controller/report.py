@@ -31,9 +31,9 @@ class LatchedInputs:
     ages: Mapping[str, float]  # age of each part of the state, s; infinite before the first message
     clock_stall: float = 0.0  # advance of the timestamps during a clock stall, s
     refused_states: tuple[str, ...] = ()  # one sentence per refused sensor message
-    requests: UserRequests = field(default_factory=UserRequests)  # requests of users
+    requests: UserRequests = field(default_factory=UserRequests)
     estimate: Mapping[str, str] = field(default_factory=dict)  # diagnostics of the base estimate, by key
-    touching: Mapping[str, bool] = field(default_factory=dict)  # states of the contact sensors, by contact
+    touching: Mapping[str, bool] = field(default_factory=dict)  # by contact
 
     @property
     def refused(self) -> tuple[str, ...]:
@@ -47,8 +47,8 @@ class CycleInputs:
 
     now: float  # time on the loop's clock, s
     state: RobotState | None  # latched state; None before the first one
-    joint_velocity: Array | None  # joint velocities, (nj,) in rad/s; None if stale
-    problem: Fault | None = None  # fault of the inputs, or None
+    joint_velocity: Array | None  # (nj,) in rad/s; None if stale
+    problem: Fault | None = None  # of the inputs
     requests: tuple[str, ...] = ()  # requests to the supervisor, in order
     #: sets of changes, in order; each set is applied completely or not at all
     changes: tuple[Sequence[Change | ChangeSettings], ...] = ()
@@ -60,11 +60,11 @@ class CycleInputs:
 class CycleReport:
     """Inputs and results of one cycle, for diagnostics and recordings. Read-only."""
 
-    cycle: int  # number of the cycle
-    inputs: LatchedInputs  # latched inputs
-    result: CycleResult  # mode, fault, command and solution
+    cycle: int
+    inputs: LatchedInputs
+    result: CycleResult
     refused: tuple[str, ...]  # one sentence per refused input since the last cycle
-    stage_seconds: Mapping[str, float]  # time of each stage, s
+    stage_seconds: Mapping[str, float]  # s, by stage
     deadlines_missed: int  # missed deadlines since the start
     audit: AuditReport | None = None  # comparison of model and measured motion, or None
     contested: tuple[str, ...] = ()  # one sentence per topic with conflicting publishers

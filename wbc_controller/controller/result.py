@@ -33,14 +33,14 @@ class CycleResult:
 
     qp: WholeBodyQP  # with model, tasks and contacts; dynamics of the newest cycle
     time: float  # time of the state, s
-    mode: Mode  # mode of the supervisor after the cycle
-    fault: Fault | None  # latched fault, or None
-    command: JointCommand | None  # command to the joints; None if nothing is sent
-    solution: Solution | None = None  # solution before the supervisor, or None
-    state: RobotState | None = None  # state of the cycle, or None
-    references: References | None = None  # sampled references, or None without a solve
+    mode: Mode  # after the cycle
+    fault: Fault | None  # latched
+    command: JointCommand | None  # None if nothing is sent
+    solution: Solution | None = None  # before the supervisor
+    state: RobotState | None = None
+    references: References | None = None  # None without a solve
     refused: tuple[str, ...] = ()  # one sentence per refused request
-    stage_seconds: Mapping[str, float] = field(default_factory=lambda: _NOTHING)  # time of each stage, s
+    stage_seconds: Mapping[str, float] = field(default_factory=lambda: _NOTHING)  # s, by stage
 
     @property
     def tau(self) -> Array:
@@ -109,7 +109,7 @@ class CycleResult:
         return plot_cycle(self.shapes, shares, self._heading(), self.binding)
 
     def friction_used(self) -> dict[str, float]:
-        """Return the tangential force of each active contact as a share of its friction limit; NaN if unloaded."""
+        """Return the tangential force of active contacts as a share of the friction limit; NaN if unloaded."""
         return friction_used(self.qp.contacts, self.forces, self.qp.model.mass * self.qp.model.gravity)
 
     def __repr__(self) -> str:

@@ -18,7 +18,7 @@ def as_slice(index: np.ndarray) -> np.ndarray | slice:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return the cross product of two vectors (3,)."""
+    """Return a × b, (3,)."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
@@ -50,5 +50,5 @@ def solved(A: Array, b: Array) -> Array:
 
 
 def sum_of_squares(values: Array) -> float:
-    """Return Σ vᵢ²; not finite for NaN, infinity and values above 1e150."""
+    """Return Σ vᵢ²; not finite for NaN and values above 1e150."""
     return float(np.vdot(values, values))

@@ -1,7 +1,6 @@
 """Checked calls of user-defined methods.
 
-A wrong shape would make compiled code write outside its memory. All functions raise `MethodError` with class, method
-and problem.
+Wrong shapes would make compiled code write outside its memory. All functions raise `MethodError`.
 """
 
 import math
@@ -96,7 +95,7 @@ def require_finite_result(owner: Named, method: str, *arrays: Array) -> None:
 
 
 def require_finite(owner: Named, method: str, name: str, written: Array) -> None:
-    """Require finite values in an array that a method wrote in place."""
+    """Require finite values written by a method."""
     if not is_finite(written) and not np.isfinite(written).all():
         raise MethodError(f"{_title(owner, method)} wrote {_short(written)} to {name}, expected finite numbers")
 

@@ -96,11 +96,11 @@ class WholeBodyQP:
         return self.formulation.contacts
 
     def contact_jacobian(self, names: tuple[str, ...]) -> Array:
-        """Return the stacked Jacobians (k, nv) of active contacts in the last cycle."""
+        """Return the stacked Jacobians (k, nv) of active contacts."""
         return self.formulation.layout(names).J
 
     def prepare(self, state: RobotState, references: References) -> None:
-        """Allocate arrays for the tasks and contacts of references, so that their first use takes no longer."""
+        """Allocate arrays for the tasks and contacts of references."""
         layout = self.formulation.build(state, references)
         self._solvers[layout.key] = make_solver(self._solver_name, layout.problem)
         self._prepared = tuple(sorted(self.formulation.regular))
@@ -154,8 +154,7 @@ class WholeBodyQP:
     def _solver_of(self, layout: Layout) -> Solver:
         """Return the solver for a set of contacts.
 
-        After a change of the set, it starts with the active set that it found at the last such change. The active set
-        with which a foot lifts off is far from that with which it lands.
+        After a change of the set, it starts with the active set that it found at the last such change.
         """
         if self._current is not None and self._current[0] is layout:
             return self._current[1]
@@ -184,8 +183,7 @@ class WholeBodyQP:
 
         Args:
             tau_before: present torques, (na,) in N·m; None for no rate limit.
-            explained: find the conflicting constraints, which takes several periods; `NoSolution.explained` does it
-                later.
+            explained: find the conflicting constraints, which takes several periods.
 
         Raises:
             NoSolution: if equations of motion, contacts and torque limits conflict, or a value is not finite.
@@ -224,7 +222,7 @@ class WholeBodyQP:
         state: RobotState,
         tau_before: Array | None,
     ) -> tuple[Layout, References, Answer]:
-        """Release slipping contacts and contacts that prevent a joint from stopping; keep the better solution."""
+        """Release contacts that slip or prevent a joint from stopping; keep the better solution."""
         lost = slipping_contacts(self.formulation, layout)
         given_up = {*lost, *contacts_preventing_stop(self.formulation, layout, value)}
         if not given_up:

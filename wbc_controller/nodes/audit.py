@@ -11,7 +11,7 @@ from wbc_controller.settings import Settings
 
 
 def joint_efforts(model: RobotModel) -> Array:
-    """Return the largest actuator torque at each joint, (nj,) in N·m; undriven joints get the median of the others."""
+    """Return the largest torque of each joint, (nj,) in N·m; of undriven joints the median."""
     efforts = np.asarray(model.effort_limits @ np.abs(model.actuation.ratios))
     driven = efforts > 0.0
     return np.where(driven, efforts, np.median(efforts[driven]))

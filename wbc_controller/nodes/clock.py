@@ -59,7 +59,7 @@ class MonotonicClock(Clock):
         return time.time_ns()
 
     def clock_offset(self) -> float:
-        """Return the wall time minus `now`, s, measured by the last `clock_fault`."""
+        """Return the wall time minus `now`, s, at the last `clock_fault`."""
         return self._clock_offset
 
     def clock_fault(self) -> str | None:
@@ -72,7 +72,7 @@ class MonotonicClock(Clock):
         return f"this computer's clock was set {'forward' if step > 0.0 else 'back'} by {abs(step):.3f} s"
 
     def _update_offset(self) -> float:
-        """Return the change of the offset between both clocks, s, or 0 if the thread was preempted."""
+        """Return the change of the offset, s, or 0 if the thread was preempted."""
         before, wall, after = time.monotonic(), time.time_ns(), time.monotonic()
         if after - before > self._READ_TIME:
             return 0.0

@@ -40,7 +40,7 @@ class ContactSensors:
 
     @property
     def measured(self) -> Mapping[str, bool]:
-        """State of each contact by its switch or fresh force, at the last `update_active`."""
+        """State of each contact with a fresh sensor, at the last `update_active`."""
         return self._detector.measured
 
     def restart(self) -> None:
@@ -49,7 +49,7 @@ class ContactSensors:
         self._detector.forget_forces()
 
     def update_active(self, now: float, commanded: Collection[str]) -> tuple[Collection[str], list[str]]:
-        """Return the active contacts of the commanded ones at a time, s, and a sentence for each new sensor timeout."""
+        """Return the active ones of commanded contacts, and a sentence for each new sensor timeout."""
         before = self._detector.silent
         holding = self._detector.active(commanded, {name: stamps.age(now) for name, stamps in self._stamps.items()})
         return holding, [

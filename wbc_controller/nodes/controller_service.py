@@ -49,7 +49,7 @@ from wbc_controller.settings.config import Config
 
 _log = logging.getLogger(__name__)
 
-#: Row of the URDF topic, opened before the robot's other topics are known.
+#: Row of the URDF topic, opened before the others.
 URDF_TOPIC = [topic for topic in CONTROLLER_TOPICS if topic.key == "robot_description"]
 _LONGEST_REASON = 40  # of a recording, characters
 
@@ -71,7 +71,7 @@ def run_controller(
     Args:
         activate: activate without a command when the inputs are fresh.
         use_sim_time: measure ages and durations by the clock topic.
-        record: file for a recording of the whole run; None keeps only the last seconds.
+        record: file of a recording; None keeps only the last seconds.
 
     Raises:
         ConfigurationError: if settings and model do not fit together.

@@ -140,7 +140,7 @@ class EstimatorService:
     def run(self, stop: threading.Event) -> None:
         """Run until stopped."""
         gc.collect()
-        gc.freeze()  # exclude long-lived objects from later collections
+        gc.freeze()  # shortens later collections
         self._inputs.discard_pending()
         while not stop.is_set():
             self._inputs.wait(_WAIT)

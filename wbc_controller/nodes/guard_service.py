@@ -1,7 +1,7 @@
 """The guard as a service.
 
-The guard's process survives the death of the controller. It imports neither Pinocchio nor a solver; a temporary process
-computes its damping from the robot's model.
+The guard survives the death of the controller. It imports neither Pinocchio nor a solver; a temporary process computes
+its damping.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from wbc_controller.settings import Settings
 NODE_NAME = "guard"
 _LONGEST_REASON = 300  # of a refusal, characters
 
-#: Shortest time between two log lines, s: a guard with too little patience takes over many times per second.
+#: Shortest time between two log lines, s.
 _WARNING_PERIOD = 1.0
 _RECHECK_DELAY = 0.001  # in which late commands of a busy computer can still arrive, s
 
@@ -54,9 +54,9 @@ _log = logging.getLogger(__name__)
 class GuardService:
     """Monitor of the controller's topics, and publisher of the guard's torques.
 
-    Callbacks of the transport decode commands and modes and store joint states; the rest runs on the thread of `cycle`.
-    Before a takeover this thread also reads the newest command and mode, since callbacks may be late. Commands of any
-    publisher count; `watch` reports a second publisher.
+    Callbacks decode commands and modes and store joint states; the rest runs on the thread of `cycle`. Before a
+    takeover it also reads the newest command and mode, since callbacks may be late. Commands of any publisher count;
+    `watch` reports a second publisher.
     """
 
     def __init__(
@@ -204,10 +204,9 @@ class GuardService:
         return self._velocity_filter.update(joints.stamp, joints.position)
 
     def cycle(self) -> float:
-        """Decide, send torques after a takeover, publish the state, and return the time of the next cycle, s."""
+        """Decide, send torques after a takeover, publish the state; return the time of the next cycle, s."""
         now, received = self._clock.now(), self._read_inputs()
         if not self.guard.sending and now >= self.guard.deadline(received):
-            # A busy computer delays the transport's thread too: commands may be waiting.
             time.sleep(_RECHECK_DELAY)
             self._process_newest()
             now, received = self._clock.now(), self._read_inputs()
@@ -264,7 +263,7 @@ class GuardService:
     def run(self, stop: threading.Event) -> None:
         """Run until stopped; the last message is never a damping torque."""
         gc.collect()
-        gc.freeze()  # exclude long-lived objects from later collections
+        gc.freeze()  # shortens later collections
         self.watch.start()
         try:
             while not stop.is_set():
@@ -276,7 +275,7 @@ class GuardService:
 
 
 def guard_limits(settings: Settings, effort: Array, damping: Array) -> GuardLimits:
-    """Return the guard's limits from the settings, the effort limits, (na,) in N·m, and the damping, (na, nj)."""
+    """Return the limits from settings, effort limits, (na,) in N·m, and damping, (na, nj)."""
     guard, period = settings.guard, 1.0 / settings.control.rate
     return GuardLimits(
         patience=guard.patience,

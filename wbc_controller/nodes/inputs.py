@@ -1,9 +1,9 @@
 """Inputs of a cycle: decoded, checked, latched.
 
-- States wait in the transport until the loop's thread takes them, so that their arrival wakes no other thread. Requests
-  pass `nodes.requests`. Messages above their size limit are counted and dropped.
-- A cycle decodes the newest joint state and odometry and a bounded number of requests. For an estimated base it decodes
-  bounded numbers of IMU samples and absolute poses, and the newest message of each contact sensor.
+- States wait in the transport until the loop's thread takes them; requests pass `nodes.requests`. Messages above their
+  size limit are counted and dropped.
+- A cycle decodes the newest joint state, odometry and contact sensors, and bounded numbers of requests, IMU samples and
+  absolute poses.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class Inputs:
         self._trigger = next(queue for queue in self._queues.values() if queue.endpoint.key == "joint_states")
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a joint state, an emergency stop, or `wake`, in wall time; return True if one arrived in time."""
+        """Wait for a joint state, an emergency stop, or `wake`, in wall time; return True if in time."""
         deadline, left = time.monotonic() + seconds, seconds
         while self._trigger.stream.wait(left):
             self._collect(self._trigger)
@@ -166,7 +166,7 @@ class Inputs:
                 self.requests.drop_unread(queue.endpoint, f"more than {queue.largest} bytes")
 
     def discard_pending(self) -> None:
-        """Drop all waiting states, since their arrivals and ages are unknown."""
+        """Drop all waiting states: their ages are unknown."""
         for queue in self._queues.values():
             queue.stream.take()
             queue.pending.clear()
@@ -185,7 +185,7 @@ class Inputs:
             self._contact_sensors.restart()
 
     def restart_estimator(self) -> None:
-        """Restart the base estimate or the comparison of odometry; the robot must be at rest."""
+        """Restart the base estimate or the comparison of odometry, at rest."""
         if self._agreement is not None:
             self._agreement.restart()
         if self.estimator is not None:
@@ -201,7 +201,7 @@ class Inputs:
         """Decode the newest states, assemble the robot's state, and take the decoded requests.
 
         Args:
-            holding: names of the commanded contacts, used by the base estimate unless contact sensors disagree.
+            holding: commanded contacts, for the base estimate unless contact sensors disagree.
             controlled: True if the robot is under control: contradicting absolute poses must not move its world.
         """
         refused: list[str] = []
@@ -234,7 +234,7 @@ class Inputs:
         )
 
     def compare_odometry(self, holding: Collection[str], *, controlled: bool) -> None:
-        """Compare the newest odometry with the legs, after the torques were sent; arguments as for `latch`."""
+        """Compare the newest odometry with the legs; arguments as for `latch`."""
         joints, odometry = self._sources["joint_states"].newest, self._newest_base()
         if self._agreement is None or joints is None or not odometry:
             return
@@ -242,7 +242,7 @@ class Inputs:
         self._agreement.update(stamp, odometry, (joints.position, joints.velocity), holding, controlled=controlled)
 
     def _decode(self, endpoint: Endpoint, arrival: float, payload: bytes, refused: list[str]) -> None:
-        """Decode, check and store one message; a refusal keeps the last one."""
+        """Decode, check and store one message; a refused one leaves the last one in force."""
         key = endpoint.key
         try:
             if key in KEYS and self._contact_sensors is not None:
@@ -310,7 +310,7 @@ class Inputs:
         ]
 
     def ages(self) -> dict[str, float]:
-        """Return the present age of each part of the state by its timestamp, s; infinite before the first message."""
+        """Return the age of each part of the state, s; infinite before the first message."""
         now = self._clock.now()
         ages = {name: part.stamps.age(now) for name, part in self._parts.items()}
         if self.estimator is not None:
@@ -337,7 +337,7 @@ class Inputs:
         return 0 if newest is None else int(newest.stamp)
 
     def status(self) -> dict[str, str]:
-        """Return diagnostics: rejected samples by topic, and the delay of differentiated joint velocities."""
+        """Return diagnostics: rejected samples, and delay of differentiated joint velocities."""
         values = {
             f"rejected/{key}": str(source.check.rejected)
             for key, source in self._sources.items()

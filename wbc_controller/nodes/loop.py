@@ -170,7 +170,7 @@ class ControlLoop:
         return report
 
     def _changed_slips(self) -> tuple[tuple[SetSlippingContacts], ...]:
-        """Return a change if other contacts slip than known to the controller, according to the estimate."""
+        """Return a change if the estimate has other slipping contacts than the controller."""
         slipping = () if self.estimator is None else self.estimator.slipping
         return () if slipping == self.controller.board.slipping else ((SetSlippingContacts(slipping),),)
 
@@ -261,7 +261,7 @@ class ControlLoop:
 
         Args:
             period: time between cycles, s.
-            triggered: one cycle per joint state, and one per period after they are stale; else absolute deadlines.
+            triggered: one cycle per joint state, and per period after they are stale; else absolute deadlines.
             activate: activate without a command when the inputs are fresh and the robot has no other owner.
         """
         self._activate_when_fresh = activate
@@ -279,7 +279,7 @@ class ControlLoop:
             self._shut_down()
 
     def run_due(self, now: float, period: float) -> bool:
-        """Run a triggered cycle if due at a simulated time, s (independent of the loop's clock); return True if due."""
+        """Run a triggered cycle if due at a simulated time, s; return True if due."""
         if not self._inputs.wait(0.0) and now < self._cycle_due:
             return False
         self._guarded_cycle()
@@ -299,7 +299,7 @@ class ControlLoop:
 
     def _run(self, stop: threading.Event, period: float, *, triggered: bool) -> None:
         gc.collect()
-        gc.freeze()  # exclude long-lived objects from later collections
+        gc.freeze()  # shortens later collections
         deadline = self._clock.now() + period
         while not stop.is_set():
             if triggered:

@@ -1,8 +1,7 @@
 """Outgoing messages.
 
-Diagnostics and markers take longer than a period: they are composed in pieces, after the torques were sent. Contact
-wrenches, task states and markers are composed only for subscriptions; diagnostics without a subscription once per
-second, for the recorder.
+Diagnostics and markers are composed in pieces, after the torques were sent. Contact wrenches, task states and markers
+require subscriptions; diagnostics without a subscription are composed once per second, for the recorder.
 """
 
 from __future__ import annotations
@@ -49,7 +48,6 @@ class _Subscriptions:
         self.subjects: dict[str, tuple[str, ...]] = dict.fromkeys(_ON_DEMAND, ())
 
     def update(self, now: float) -> None:
-        """Query the subscriptions if they are due."""
         if now < self._due:
             return
         self._due = now + _QUERY_PERIOD

@@ -54,7 +54,7 @@ class Ownership:
         self._running = False
 
     def refresh(self, now: float) -> None:
-        """Check the graph if due and no thread does; `now` is the time on the clock of the loop, s."""
+        """Check the graph if due and no thread does; `now` in s."""
         if not self._running and not (0.0 <= now - self._checked_at < PERIOD):
             self._checked_at = now
             self._watch.check()

@@ -37,9 +37,9 @@ class Processes:
 
         Args:
             robot: shipped robot, or path of a configuration.
-            folder: folder of configuration and logs, created if missing.
+            folder: of configuration and logs, created if missing.
             changes: settings by dotted key.
-            own_sessions: one session per process, for isolation from Ctrl-C and fair shares beside a busy browser.
+            own_sessions: one session per process, against Ctrl-C and a busy browser.
         """
         config = load(robot).replace(changes or {})
         self.settings = config.settings
@@ -66,7 +66,7 @@ class Processes:
         return self.launch(name, [sys.executable, "-m", "wbc_controller", *words])
 
     def launch(self, name: str, command: Sequence[str]) -> subprocess.Popen[bytes]:
-        """Start a command with its output in ``<name>.log`` and the default action of SIGHUP, even under nohup."""
+        """Start a command with output in ``<name>.log`` and the default action of SIGHUP."""
         handler = signal.signal(signal.SIGHUP, signal.SIG_DFL)
         try:
             with (self._folder / f"{name}.log").open("ab") as log:
@@ -141,7 +141,7 @@ def processor_time(process: int) -> float:
 
 
 def waiting_time(process: int) -> float:
-    """Return the total time that ready threads of a process waited for a processor, s."""
+    """Return the time that ready threads waited for a processor, s."""
     total = 0
     for schedstat in Path(f"/proc/{process}/task").glob("*/schedstat"):
         with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # the thread has ended

@@ -1,7 +1,7 @@
 """Real-time scheduling, processors, locked memory (Linux).
 
-Scheduling class and processors apply to all present and later threads, because the loop waits for the receiving thread
-and for the holder of the interpreter's lock.
+Scheduling class and processors apply to all threads, as the loop waits for the receiving thread and for the holder of
+the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _latency_file: list[int] = []  # descriptor, open until the process ends
 def apply_realtime(settings: RealtimeSettings) -> None:
     """Apply the settings to this process until its end.
 
-    A refusal by the system raises `ConfigurationError`; ignored, it would show only on a busy computer.
+    A refusal by the system raises `ConfigurationError`.
     """
     if settings != RealtimeSettings() and not hasattr(os, "sched_setscheduler"):
         raise ConfigurationError(f"{_KEY}: not supported on {sys.platform}; requires Linux; {_HELP}")
@@ -48,7 +48,7 @@ def apply_realtime(settings: RealtimeSettings) -> None:
 
 
 def lower_thread_priority() -> None:
-    """Lower the real-time priority of the calling thread by one, so that it does not block the receiving threads."""
+    """Lower the real-time priority of the calling thread by one, below the receiving threads."""
     if hasattr(os, "sched_getscheduler"):
         number, priority = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
         if number in (os.SCHED_FIFO, os.SCHED_RR) and priority > 1:

@@ -1,7 +1,7 @@
 """Queue of users' requests.
 
-Callbacks on the transport's thread recognize an emergency stop, so that no queue delays it. The thread `reader` decodes
-and validates requests; in lockstep the cycle does.
+Callbacks on the transport's thread recognize an emergency stop at once. The thread `reader` decodes and
+validates requests; in lockstep the cycle does.
 """
 
 from __future__ import annotations
@@ -43,8 +43,7 @@ class _Decoded:
 class Requests:
     """Queue of requests between transport and cycles.
 
-    `prepare` validates a change (`ConfigurationError`, `InputRefused`); `stop` is called at an emergency stop, on the
-    receiving thread.
+    `prepare` validates a change (`ConfigurationError`, `InputRefused`); `stop` is called at an emergency stop.
     """
 
     def __init__(

@@ -12,7 +12,7 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def exit_by_signals() -> None:
-    """Raise `SystemExit` on SIGTERM and SIGHUP, so that a terminated command stops its child processes."""
+    """Raise `SystemExit` on SIGTERM and SIGHUP, to stop child processes."""
 
     def leave(number: int, frame: object) -> None:
         raise SystemExit(128 + number)
@@ -26,7 +26,7 @@ def exit_by_signals() -> None:
 def set_by_signals(stop: threading.Event) -> Iterator[None]:
     """Set an event on SIGINT, SIGTERM and SIGHUP (closed terminal; still ignored under ``nohup``).
 
-    A separate thread sets the event: a handler would deadlock with the event's `wait`.
+    A separate thread sets it: a handler would deadlock with `wait`.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)

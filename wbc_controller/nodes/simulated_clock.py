@@ -24,7 +24,7 @@ class SimulatedClock:
     """The newest time on the clock topic, constant between two messages.
 
     The loop calls `refresh` after it has taken a state, as a simulator publishes the time before the state. After a
-    jump back (a restart) the clock continues from its last time and reports the jump once.
+    jump back the clock continues from its last time, and reports the jump once.
     """
 
     _CHECK_PERIOD = 0.05  # in `wait`, s wall time

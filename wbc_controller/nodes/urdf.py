@@ -34,9 +34,9 @@ def find_urdf(settings: Settings, transport: Transport, stop: threading.Event, t
 
 
 def wait_for_urdf(transport: Transport, stop: threading.Event, topics: Iterable[Endpoint]) -> str:
-    """Wait for the first valid URDF on the latched topic ``robot_description``, with a warning every 5 s.
+    """Wait for the first valid URDF on the latched topic ``robot_description``; log warnings.
 
-    The log reports the first refused message. The result is empty within 5 s after `stop` was set.
+    The result is empty within 5 s after `stop` was set.
     """
     arrived = threading.Event()
     found, refused = "", False

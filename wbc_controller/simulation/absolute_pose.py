@@ -20,7 +20,6 @@ class PoseSource:
     """Measures a robot frame at the rate `mock.pose_rate`, and queues each message until it is due."""
 
     def __init__(self, settings: Settings, model: RobotModel) -> None:
-        """Find the frame."""
         mock = settings.mock
         self._pinocchio, self._data = model.pinocchio, model.pinocchio.createData()
         self._frame = model.frame_id(pose_frame(settings, model), "estimation.pose_frame")
@@ -31,7 +30,7 @@ class PoseSource:
         self._queue: deque[tuple[float, int, bytes]] = deque()
 
     def measure(self, measured: Measurement, q: Array, time: float) -> None:
-        """Measure the frame in the true configuration, (nq,), if due at the simulated time, s."""
+        """Measure the frame in the true configuration, (nq,), if due at a time, s."""
         if time < self._due - _SAME:
             return
         self._due = max(self._due + self._period, time)
@@ -45,7 +44,7 @@ class PoseSource:
         measured.silent.discard("pose")
 
     def due_messages(self, time: float, taken: int, payload: bytes | None) -> list[tuple[int, bytes]]:
-        """Queue a new message, if any; return due messages with the true time of their content, ns."""
+        """Queue a new message, if any; return due messages with the time of their content, ns."""
         if payload is not None:
             self._queue.append((time + self._delay, taken, payload))
         due = []

@@ -29,7 +29,7 @@ _REDUNDANT = 1.0e-6
 class Attachment:
     """Attachment of a link to another link, or to the world."""
 
-    names: tuple[str, ...]  # equality constraints in MuJoCo: one weld, or one or two points
+    names: tuple[str, ...]  # of equality constraints: one weld, or one or two points
     points: Array | None  # in the attached frame, (n, 3) in m; None for a weld
     joints: tuple[int, int]  # Pinocchio joints of holder and held link; 0 for the world
     placements: tuple[pin.SE3, pin.SE3]  # of the attached frame: target on the holder, and on the link
@@ -131,7 +131,7 @@ def place(model: Any, attachment: Attachment, holder: pin.SE3) -> None:
 
 
 def wrench(model: Any, data: Any, attachment: Attachment) -> Array:
-    """Return the wrench of an attachment on its link about the attached frame's origin, world axes, (6,)."""
+    """Return the wrench on the link about the attached frame's origin, world axes, (6,)."""
     body = int(model.eq_obj2id[model.equality(attachment.names[0]).id])
     link = pin.SE3(data.xmat[body].reshape(3, 3), data.xpos[body])
     origin = link.act(attachment.placements[1].translation)

@@ -19,17 +19,15 @@ _FAR = 1.0e3
 class ContactForces:
     """Geoms of a robot in MuJoCo by contact.
 
-    A force on a body belongs to its nearest contact with the world. Contacts with another link have their own geoms.
+    A force belongs to the nearest contact of its body. Contacts with another link have their own geoms.
     """
 
     def __init__(self, model: Any, contacts: Mapping[str, ContactSettings], bodies: Mapping[str, int]) -> None:
-        """Find the geoms of the contacts from the MuJoCo body of each."""
         self._model = model
         #: Geoms of floor and terrain.
         self.ground = [int(geom) for geom in np.flatnonzero(model.geom_contype & ON_THE_FLOOR)]
         #: Geoms that can touch the ground.
         self.on_the_floor = [int(geom) for geom in np.flatnonzero(model.geom_conaffinity & ON_THE_FLOOR)]
-        #: Geoms of each contact.
         self.geoms = {
             name: [geom for geom in self.on_the_floor if model.geom_bodyid[geom] == bodies[name]]
             if contact.against is None

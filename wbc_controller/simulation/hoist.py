@@ -18,7 +18,6 @@ class Hoist:
     """Weld between world and base with ramps of strength and placement; `start` is the held placement."""
 
     def __init__(self, model: Any, data: Any, start: pin.SE3) -> None:
-        """Hold the base at `start`."""
         self.start = start
         self._model = model
         self._data = data
@@ -34,7 +33,7 @@ class Hoist:
         return self._rate > 0.0 or (self._rate == 0.0 and self._strength == 1.0)
 
     def engage(self, base: pin.SE3, ramp: float) -> None:
-        """Engage at the present placement within `ramp`, s, and move the base to the start."""
+        """Engage within `ramp`, s, and move the base to the start."""
         self._from, self._progress = base, 0.0
         way = pin.log6(base.actInv(self.start)).vector
         seconds = max(np.linalg.norm(way[:3]) / SPEED, np.linalg.norm(way[3:]) / TURN)

@@ -21,8 +21,8 @@ STREAMS = ("clock", "odom", "imu", "pose", "joint_states")
 class Measurement:
     """Values of all sensors at one instant, before faults change them."""
 
-    true_time: int  # true simulated time, ns
-    stamps: dict[str, int]  # stamp of each stream, ns
+    true_time: int  # simulated, ns
+    stamps: dict[str, int]  # by stream, ns
     names: list[str]
     position: Array  # joints, (nj,) in rad
     velocity: Array  # joints, (nj,) in rad/s
@@ -34,7 +34,7 @@ class Measurement:
     orientation: Array  # of the IMU, quaternion, (4,)
     angular_velocity: Array  # (3,) in rad/s
     specific_force: Array  # (3,) in m/s²
-    absolute: Array  # absolute pose in the world, (7,)
+    absolute: Array  # pose in the world, (7,)
     silent: set[str]  # streams without a message
     pose_sigma: tuple[float, float] = (0.0, 0.0)  # standard deviations of `absolute`, m and rad
     absent: set[str] = field(default_factory=set)  # joints missing in the joint states
@@ -63,7 +63,7 @@ class Measurement:
 
 
 def measure(robot: RobotModel, plant: Plant, stamp: int, imu_frame: str) -> Measurement:
-    """Measure the present state exactly; the stamp is in ns."""
+    """Measure the present state exactly; `stamp` in ns."""
     q, v = plant.state()
     orientation, angular_velocity, specific_force = plant.imu(imu_frame)
     silent = {"pose"} if robot.floating_base else {"odom", "pose"}  # poses have a lower rate

@@ -33,9 +33,7 @@ from wbc_controller.simulation.terrain import add_terrain
 
 _log = logging.getLogger(__name__)
 
-#: Name of the hoist's equality constraint.
 HOIST = "hoist"
-#: Name of the floor's geom.
 FLOOR = "floor"
 #: Time constant of contacts, joint stops and hoist, in simulation steps, at least two.
 STIFF_STEPS = 4.0
@@ -43,7 +41,7 @@ STIFF_STEPS = 4.0
 IMPEDANCE = 0.98
 #: Half side and half thickness of the slab of a contact between two links, m.
 SLAB, SLAB_DEPTH = 0.15, 0.01
-#: Mass of a link without inertia, as a share of the robot's, and its inertia per mass, m²; MuJoCo refuses zero.
+#: Mass of a link without inertia, as a share of the robot's, and inertia per mass, m²; MuJoCo refuses zero.
 _BARE_MASS, _BARE_INERTIA = 1.0e-6, 1.0e-2
 #: Collision bit of the ground: floor and terrain.
 ON_THE_FLOOR = 1
@@ -68,7 +66,7 @@ def add_friction(model: Any, dof: Any, friction: float, step: float) -> None:
 
 
 def balls_of(contact: ContactSettings) -> tuple[Array, Array]:
-    """Return centres, (n, 3), and half-axes, (3,), of a contact's balls or wheel, m, with z along the axle."""
+    """Return centres, (n, 3), and half-axes, (3,), of balls or a wheel, m, with z along the axle."""
     if isinstance(contact, SurfaceContact):
         corners = contact.corners
         return np.column_stack([corners, np.full(len(corners), CORNER_RADIUS)]), np.full(3, CORNER_RADIUS)
@@ -115,7 +113,7 @@ def _body_name(link: str) -> str:
 
 def _mechanism(model: RobotModel) -> tuple[ET.Element, str]:
     """Return the URDF for MuJoCo, without shapes, and the name of its root link."""
-    tree = bare_mechanism(ET.fromstring(model.urdf), model.moving_joints, model.locked)  # noqa: S314 - read before
+    tree = bare_mechanism(ET.fromstring(model.urdf), model.moving_joints, model.locked)  # noqa: S314 - checked
     children = {element.get("link") for element in tree.iterfind("joint/child")}
     root = next(str(link.get("name")) for link in tree.findall("link") if link.get("name") not in children)
     if root != _WORLD or model.floating_base:

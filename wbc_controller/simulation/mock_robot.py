@@ -36,7 +36,6 @@ from wbc_controller.simulation.plant import Plant
 from wbc_controller.simulation.sensors import PARTS, ImperfectSensors
 from wbc_controller.simulation.speed import Speed
 
-#: Name of the node.
 NODE_NAME = MOCK_NODE
 #: Rate of contact wrenches and transform for viewers, Hz of simulated time.
 SLOW_RATE = 100.0
@@ -59,7 +58,7 @@ class MockRobot:
     """Publishes the plant's state every control period, and applies the controller's torques.
 
     `sent` is an optional callback with stream and true time, ns, of each message. `rebased` counts restarts of the
-    real-time schedule.
+    schedule.
     """
 
     def __init__(
@@ -75,11 +74,11 @@ class MockRobot:
         namespace: str = "/",
         remappings: Mapping[str, str] | None = None,
     ) -> None:
-        """Build the plant with a held base, open the topics and publish the robot's description.
+        """Build the plant, open the topics and publish the robot's description.
 
         Args:
             real_time_factor: simulated seconds per second; unused in lockstep.
-            lockstep: wait for the command of each state (``joint_commands``) instead of using the newest ``effort``.
+            lockstep: wait for the ``joint_commands`` of each state instead of using the newest ``effort``.
             patient: simulated time waits for a late controller.
             remappings: as in `middleware.topics.resolve`.
         """
@@ -173,7 +172,7 @@ class MockRobot:
             self._last_torques = math.inf
 
     def publish(self) -> None:
-        """Publish time and present state; the joint states are last, as they trigger a control cycle."""
+        """Publish time and present state, the joint states last."""
         stamp, base = self.stamp, self._robot.base_link
         if self.faults.busy:
             self.faults.update()
@@ -205,7 +204,7 @@ class MockRobot:
                 self._publish("contact_wrench", name, wrench_stamped(wrench, frame, stamp))
 
     def wait_for_answer(self, stop: threading.Event | None = None) -> bool:
-        """Republish the present state in lockstep until its command arrives; return False after `stop`."""
+        """Republish the state in lockstep until its command arrives; return False after `stop`."""
         due = self._clock() + REPUBLISH_AFTER
         while not self._answered():
             if stop is not None and stop.is_set():

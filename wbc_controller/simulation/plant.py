@@ -41,7 +41,7 @@ PUSH_LIMIT = 1.0e5
 _LONGEST_PUSH = 86_400.0
 #: Tilt, rad, and share of the initial height above the lowest foot of a fallen base (of the centre of mass, if higher).
 FALLEN_TILT, FALLEN_HEIGHT = math.radians(70.0), 0.5
-#: Height above the floor from which the robot is lowered to the ground at its start, m; accuracy, m, and most steps.
+#: Height from which the robot is lowered to the ground at its start, m; accuracy, m, and most steps.
 _ABOVE, _TOUCHING, _LOWERINGS = 20.0, 1.0e-9, 20
 
 
@@ -123,7 +123,7 @@ class Plant:
             self.grip(name, self.contacts[name].enabled)
 
     def _lowest_base(self) -> float:
-        """Return the height above the lowest foot of the base of a fallen robot, m, from its initial state."""
+        """Return the largest height of a fallen base above the lowest foot, m."""
         model, (q, _) = self._robot, self.state()
         com = pin.centerOfMass(model.pinocchio, model.pinocchio.createData(), q)
         foot, base = self._lowest_foot(), float(q[2])
@@ -134,7 +134,7 @@ class Plant:
         return min((float(self._placement(foot).translation[2]) for foot in self._feet.values()), default=0.0)
 
     def body(self, frame: str) -> int:
-        """Return the index of the MuJoCo body of a URDF frame."""
+        """Return the MuJoCo body of a URDF frame."""
         return self._body_of(frame_on_joint(self._robot, frame)).id
 
     def foot_placement(self, contact: str) -> pin.SE3:
@@ -148,7 +148,7 @@ class Plant:
 
     @property
     def stamp(self) -> int:
-        """Simulated time, ns, counted in steps."""
+        """Simulated time, ns."""
         return round(self._count * self.step_seconds * 1e9)
 
     @property
@@ -208,11 +208,10 @@ class Plant:
         return v_dot
 
     def imu(self, frame: str) -> tuple[Array, Array, Array]:
-        """Measure an ideal IMU in the axes of a frame.
+        """Measure an ideal IMU in a frame.
 
-        The specific force is the mean of the last control period, as of an integrating IMU; the first value, also after
-        `set_state`, is instantaneous. Returns orientation (x, y, z, w), angular velocity in rad/s, and specific force
-        in m/s².
+        Returns orientation (x, y, z, w), angular velocity in rad/s, and specific force in m/s²: the mean of the last
+        control period, at first and after `set_state` the present value.
         """
         if frame not in self._imus:
             self._imus[frame] = self._body_of(frame_on_joint(self._robot, frame))
@@ -249,7 +248,7 @@ class Plant:
         """Return the true force or wrench on the robot at each contact.
 
         Surface and fixed contacts: wrench in the contact frame, (6,), force first. Points and wheels: force, (3,), in
-        world axes, or in the frame `against`. Forces belong to the nearest contact of a link.
+        world axes, or in the frame `against`.
         """
         frames = {name: self._placement(foot) for name, foot in self._feet.items()}
         force, moment = self.contact_forces.forces(self.data, frames)
@@ -295,14 +294,14 @@ class Plant:
             raise InputRefused(f"got torques that are not finite ({', '.join(bad)}); expected finite ones, in N·m")
 
     def damp(self, damping: float) -> None:
-        """Damp every joint instead of applying torques; N·m·s/rad, reduced if unstable."""
+        """Damp every joint, N·m·s/rad, reduced if unstable."""
         if damping != self._wanted_damping:
             D = stable_damping(self._robot, damping, self.step_seconds)
             self._wanted_damping, self._damping_matrix = damping, damping_matrix(self._robot.actuation, D)
         self._damps = self._stale = True
 
     def lock(self, joint: str) -> Callable[[], None]:
-        """Lock a joint at its present position, and return the function that removes this lock."""
+        """Lock a joint at its position; return the function that unlocks it."""
         locked, lock = self.model.joint(joint), object()
         if not self._locks.setdefault(joint, []):
             self._unlocked[joint] = bool(locked.limited[0]), locked.range.copy()
@@ -346,7 +345,7 @@ class Plant:
         self._stale = True
 
     def hold(self, held: bool, ramp: float = RAMP) -> None:
-        """Hold the base at its start, or release it, within `ramp`, s; a displaced base returns at a bounded speed."""
+        """Hold the base at its start, or release it, within `ramp`, s."""
         if self._hoist is None or held == self._hoist.held:
             return
         if held:
@@ -469,7 +468,7 @@ class Plant:
     def _initial_base(self) -> pin.SE3:
         """Return the upright base placement with the robot's lowest point on the ground.
 
-        The base is lowered by the distance to the ground until it vanishes; on an inclined ground by less each time.
+        The base is lowered by the distance to the ground until it vanishes.
         """
         geoms = self.contact_forces.on_the_floor
         if not (self._robot.floating_base and self.contacts and geoms):

@@ -66,7 +66,6 @@ class ImperfectSensors:
     """Sensors with constant errors, drawn once, and noise, drawn in every period."""
 
     def __init__(self, parts: Parts, robot: RobotModel, period: float, seed: int) -> None:
-        """Draw the constant errors; the sample period is in s."""
         self._parts = parts
         self._rng = rng = np.random.default_rng(seed)
         self._gyroscope_bias = parts.gyroscope_bias * rng.standard_normal(3)
@@ -78,7 +77,7 @@ class ImperfectSensors:
         self._per_sample, self._per_step = 1.0 / math.sqrt(period), math.sqrt(period)
 
     def measure(self, measured: Measurement) -> None:
-        """Replace true values by measured ones, reproducibly for each time."""
+        """Replace true values by measured ones, reproducibly."""
         parts, count = self._parts, len(measured.position)
         if measured.true_time != self._drawn:
             self._drawn, self._noise = measured.true_time, self._rng.standard_normal(len(self._noise))

@@ -55,13 +55,13 @@ def read_shapes(
     wheels: Mapping[int, pin.SE3],
     folder: Path | None = None,
 ) -> dict[int, list[Shape]]:
-    """Read the collision shapes of a URDF; return them by Pinocchio joint.
+    """Read the collision shapes by Pinocchio joint.
 
     Args:
         soles: outward normals of soles, by joint, in its frame, (3,) each.
         tips: downward direction of point feet, by joint, in its frame, (3,).
         wheels: placement of wheels in the joint's frame, z along the axle.
-        folder: folder of meshes with relative paths.
+        folder: of meshes with relative paths.
     """
     by_joint: dict[int, list[pin.GeometryObject]] = {}
     for elements in read_collision_elements(model, model.urdf, "robot.urdf", folder).values():

@@ -37,7 +37,7 @@ class Simulation:
         limits: Iterable[Callable[[RobotModel], RowLimit]] = (),
         preflight: bool = True,
     ) -> None:
-        """Build robot, controller and physics in the nominal posture; arguments as for `load` and `Controller`."""
+        """Build all objects in the nominal posture; arguments as for `load` and `Controller`."""
         config = load(config).replace({"safety.activation_ramp": 0.0})
         self.controller = Controller(config, tasks=tasks, contacts=contacts, limits=limits, preflight=preflight)
         self.reset()
@@ -57,7 +57,7 @@ class Simulation:
         return self.plant.time
 
     def run(self, seconds: float, each: Callable[[Simulation], None] = lambda simulation: None) -> list[CycleResult]:
-        """Simulate for a time, s; return the results of the cycles. `each` is called after every cycle.
+        """Simulate for a time, s; return the results. `each` is called after every cycle.
 
         Raises:
             NoSolution: if a cycle has no solution, or the controller is not active.

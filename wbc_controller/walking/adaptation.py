@@ -25,13 +25,13 @@ from wbc_controller.walking.gait import Gait
 from wbc_controller.walking.pendulum import later
 from wbc_controller.walking.swing import SwingFoot
 
-#: Weights of place, in 1/m², offset, in 1/m², and time.
+#: Weights of place and offset, 1/m², and of time.
 W_PLACE, W_OFFSET, W_TIME = 1.0, 200.0, 0.02
 #: Shortest and longest single support, as shares of the nominal one.
 SHORTEST, LONGEST = 0.4, 1.6
 #: Largest rate of change of the step time.
 TIME_RATE = 1.0
-#: Shortest remaining time that an adaptation plans with, s.
+#: Shortest remaining time of an adaptation, s.
 _AHEAD = 0.04
 #: Largest mean speed of the swing foot, m/s.
 FOOT_SPEED = 2.0
@@ -60,12 +60,8 @@ def adapted(
 
     Args:
         before: target of the last cycle.
-        nominal: u* and b*.
-        stance: the stance.
-        gait: T* and limits of the step.
         dcm: ξ, measured.
-        swing: present motion of the swing foot.
-        elapsed: time since the single support began t, s.
+        elapsed: t, since the start of the single support, s.
         dt: time since the last cycle, s.
     """
     earliest = max(SHORTEST * gait.single, elapsed + _AHEAD)
@@ -90,7 +86,7 @@ def _placed(
     swing: SwingFoot,
     elapsed: float,
 ) -> tuple[float, StepTarget]:
-    """Return the cost and the target of the best step with a given duration of the single support."""
+    """Return the cost and the target of the best step with the duration T of the single support."""
     left = time - elapsed
     push = gait.reaction / stance.omega * swing.growing(before, left, stance.omega)
     end = later(dcm, stance.place, stance.omega, left) + push  # ξ_T
@@ -110,7 +106,7 @@ def _placed(
 
 
 def _within_reach(place: complex, stance: Stance, gait: Gait) -> complex:
-    """Return the nearest place within the longest step and between the smallest and largest width."""
+    """Clip a place to the longest step and the smallest and largest width."""
     axes = cmath.rect(1.0, stance.heading)
     local = (place - stance.place) / axes
     x = max(-gait.length, min(gait.length, local.real))

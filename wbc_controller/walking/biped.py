@@ -33,11 +33,11 @@ GAIN = 5.0
 _SOLE_SHARE = (0.8, 0.7)
 #: Time in which the reference of the DCM blends from one phase to the next, s.
 _BLEND = 0.2
-#: Time before touchdown from which on the target of the step stays, s.
+#: Time before touchdown in which the target of the step is constant, s.
 _FREEZE = 0.05
-#: Difference between planned and real touchdown on flat ground, s, and shortest double support, s.
+#: Error of the planned touchdown on flat ground, and shortest double support, s.
 _ON_TIME, _SHORTEST_DOUBLE = 0.03, 0.02
-#: Time constant with which the swing foot turns to the slope of the ground, s.
+#: Time constant of the swing foot's rotation to the slope of the ground, s.
 _LEVELLING = 0.05
 #: Rate at which the heading follows its goal, 1/s.
 _HEADING_RATE = 6.0
@@ -47,12 +47,7 @@ _BESIDE, _SLOW = 0.04, 0.02
 
 @dataclass(frozen=True, slots=True)
 class WalkingTasks:
-    """Names of the tasks that the walker commands.
-
-    Attributes:
-        dcm: task on the DCM (`CapturePointTask`).
-        height: task on the height of the centre of mass.
-    """
+    """Names of the tasks on the DCM (`CapturePointTask`) and on the height of the centre of mass."""
 
     dcm: str
     height: str
@@ -60,12 +55,12 @@ class WalkingTasks:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A single support: its stance, the nominal step, its adaptation, the touchdown, and the swing foot.
+    """A single support.
 
     Attributes:
         ground: plane through the last footholds.
         slope: of the swing foot, dz/dx + i dz/dy.
-        planned: True for one of the planned footsteps.
+        planned: True for a planned footstep.
     """
 
     stance: Stance
@@ -80,22 +75,20 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class _Cycle:
-    """The state of one cycle."""
-
     time: float  # s
     dt: float  # time since the last cycle, s
     dcm: complex  # ξ, x + i y in m
     omega: float  # ω, 1/s
     soles: Mapping[int, Sole]  # by side: 1 left, -1 right
     touching: Mapping[str, bool]  # states of the contact sensors
-    dynamics: Dynamics  # at this state
+    dynamics: Dynamics
 
 
 class BipedWalker(Walker):
     """Walker of a robot with two flat feet.
 
     Attributes:
-        footsteps: planned footsteps that are not begun; meanwhile the command is to step in place.
+        footsteps: planned footsteps that have not begun; meanwhile the command is to step in place.
     """
 
     gait: Gait
@@ -109,7 +102,7 @@ class BipedWalker(Walker):
     def __init__(
         self, gait: Gait, left: Foot, right: Foot, names: WalkingTasks, tasks: TaskSets, gravity: float
     ) -> None:
-        """Make a walker that stands; gravity in m/s²."""
+        """Make a standing walker; gravity in m/s²."""
         self.gait = gait
         self._feet = {1: left, -1: right}
         self._names = names
@@ -120,36 +113,33 @@ class BipedWalker(Walker):
         """Stand, without a command."""
         super().reset()
         self.footsteps: tuple[Footstep, ...] = ()
-        self._since = self._last = 0.0  # begin of the phase, and last cycle, s
-        self._stance = -1  # side of the foot that bears the weight
-        self._clearance = 0.0  # wanted height of the centre of mass above the stance foot, m
+        self._since = self._last = 0.0  # start of the phase, and last cycle, s
+        self._stance = -1  # side of the stance foot
+        self._clearance = 0.0  # of the centre of mass above the stance foot, m
         self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
         # Quaternions (x, y, z, w) of the tasks on orientations at the heading 0.
         self._orientations: dict[str, tuple[float, ...]] = {}
         self._step: Step | None = None
-        self._lifted = False  # True once the contact sensor has shown that the swing foot is in the air
+        self._lifted = False  # True after the contact sensor has shown lift-off
         self._dcm_wanted = 0j
-        self._blend = 0j  # reference of the DCM at the begin of the phase; in a step, less that of the step
+        self._blend = 0j  # reference of the DCM at the start of the phase; in a step, minus the step's reference
         self._touchdown: tuple[complex, ...] = (0j, 0j, 0j)  # DCM, old and new foot at touchdown
         self._early = self._double_support = 0.0  # time until the planned touchdown, and until lift-off after it, s
-        self._footholds: tuple[Ground, ...] = ()  # the last ones, newest first
+        self._footholds: tuple[Ground, ...] = ()  # newest first
         self._captured = math.inf  # last time at which no fall was predicted, s
         self._latest: tuple[_Cycle, complex] | None = None  # last cycle and its centre of pressure, for `plan`
 
     def ask(self, command: Velocity | None, until: float = math.inf) -> None:
-        """Walk at a velocity until a time in s; None to stand; raises `InputRefused` as that of `Walker`."""
+        """Walk at a velocity until a time, s; None to stand; errors as in `Walker`."""
         super().ask(command, until)
         self.footsteps = ()
         if self._step is not None:
             self._step = replace(self._step, planned=False)
 
     def follow(self, poses: Array, dynamics: Dynamics) -> None:
-        """Step on poses of the soles (x, y in m, heading in rad, (n, 3)), then bring the feet side by side, and stop.
+        """Step on poses of the soles (x, y in m, heading in rad, (n, 3)), bring the feet side by side, and stop.
 
-        The feet alternate. A standing robot begins with the foot that is nearer to its pose.
-
-        Raises:
-            InputRefused: as `ask`, or if a step is out of reach.
+        The feet alternate. A standing robot begins with the foot nearer to its pose. Errors as in `Walker`.
         """
         soles = {side: foot.sole(dynamics) for side, foot in self._feet.items()}
         feet, first = {side: (sole.place, sole.heading) for side, sole in soles.items()}, None
@@ -259,7 +249,7 @@ class BipedWalker(Walker):
         self._compare(cycle.time, distance, captured_by_steps(gait, cycle.omega, single + gait.double) + MARGIN)
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
-        """Predict a fall of a robot that stands on the active ones of its feet alone, at the time of a state in s."""
+        """Predict a fall of a robot that is supported by its feet alone, at the time of a state, s."""
         self.watched = time
         soles = [foot.sole(dynamics) for foot in self._feet.values() if foot.contact in active]
         if not soles or len(soles) < len(active):
@@ -275,7 +265,7 @@ class BipedWalker(Walker):
         self._compare(time, abs(dcm - nearest_support(dcm, places, self._feet[1].half)), STANDING * height)
 
     def _compare(self, time: float, distance: float, most: float) -> None:
-        """Predict a fall if the DCM exceeds a distance in m for some time."""
+        """Predict a fall if a distance of the DCM exceeds the largest one, m, for some time."""
         if not distance > most or time < self._captured:
             self._captured = time
         elif time - self._captured > PERSISTS:
@@ -287,7 +277,7 @@ class BipedWalker(Walker):
     def _begin(
         self, height: float, soles: Mapping[int, Sole], orientations: Mapping[str, Array], decision: Decision
     ) -> None:
-        """Start from standing, with the centre of mass at a height in m in the world."""
+        """Start from standing, with the centre of mass at a height in the world, m."""
         ground = 0.5 * float(soles[1].centre[2] + soles[-1].centre[2])
         self._height, self._clearance = height, height - ground - self.gait.lowering
         self._heading = mean_angle(soles[1].heading, soles[-1].heading)
@@ -305,7 +295,7 @@ class BipedWalker(Walker):
         self._begin_tasks(decision)
 
     def _velocity_to(self, goal: Goal, soles: Mapping[int, Sole]) -> Velocity | None:
-        """Return the velocity towards a goal from the middle between the feet; at the goal, drop it and return None.
+        """Return the velocity from the middle between the feet to a goal; at the goal, drop it and return None.
 
         While the robot walks, the middle is beside the stance foot, half of the nominal width away.
         """
@@ -319,7 +309,7 @@ class BipedWalker(Walker):
         return velocity
 
     def _nominal(self, velocity: Velocity, stance: Stance) -> NominalStep:
-        """Return the next step: to the next planned footstep, or at a velocity."""
+        """Return the step to the next planned footstep, or at a velocity."""
         if self.footsteps:
             return step_towards(self.footsteps, stance, self.gait)
         return nominal_step(velocity, stance, self.gait, self.gait.single)
@@ -329,7 +319,7 @@ class BipedWalker(Walker):
         self.phase, self._since, self._blend = phase, cycle.time, cycle.dcm
 
     def _shift(self, cycle: _Cycle, decision: Decision) -> complex:
-        """Move the DCM to the begin of the first step, or for a stop to the middle; return the centre of pressure."""
+        """Move the DCM to the start of the first step, or for a stop to the middle; return the centre of pressure."""
         soles, elapsed, duration = cycle.soles, cycle.time - self._since, self.gait.shift
         foot = soles[self._stance]
         if self.phase is Phase.SHIFT:
@@ -373,7 +363,7 @@ class BipedWalker(Walker):
         self._blend = self._dcm_wanted - self._wanted(nominal, stance, self._step.swing, self.gait.single)
 
     def _wanted(self, nominal: NominalStep, stance: Stance, swing: SwingFoot, left: float) -> complex:
-        """Return the DCM from which the nominal step ends with its offset after the time that is left, s."""
+        """Return the DCM that leads to the nominal offset after the remaining time, s."""
         push = self.gait.reaction / stance.omega * swing.growing(nominal.place, left, stance.omega)
         return before(nominal.place + nominal.offset, stance.place, stance.omega, left, push)
 
@@ -386,7 +376,7 @@ class BipedWalker(Walker):
             target = adapted(step.target, nominal, stance, gait, cycle.dcm, step.swing, elapsed, dt)
             heading = step.swing.heading.position
             heading += math.remainder(nominal.heading - heading, math.tau)
-            sunk = sole.ground.height - self._footholds[0].height  # since the lift-off, also by drift of the estimate
+            sunk = sole.ground.height - self._footholds[0].height  # since lift-off, also by drift of the estimate
             landing = Landing(target.place, step.ground.height_at(target.place) + sunk, heading)
             step = replace(step, nominal=nominal, target=target, landing=landing)
         nominal, target = step.nominal, step.target
@@ -410,7 +400,7 @@ class BipedWalker(Walker):
         return self._corrected(stance.place, cycle, stance.place, stance.place)
 
     def _land(self, step: Step, cycle: _Cycle, late: float, decision: Decision) -> None:
-        """Begin a double support: the swing foot bears weight where it is.
+        """Begin a double support with the swing foot at its present place.
 
         The centre of pressure begins to move later if the foot lands early on higher ground, and arrives sooner if it
         lands late on lower ground: otherwise the DCM would differ from its plan.
@@ -444,7 +434,7 @@ class BipedWalker(Walker):
         return self._corrected(pressure, cycle, old, new)
 
     def _corrected(self, pressure: complex, cycle: _Cycle, first: complex, second: complex) -> complex:
-        """Return the centre of pressure that moves the DCM to its reference, between the feet at two places.
+        """Return the centre of pressure that moves the DCM to its reference, within the support by two feet.
 
         ξ̇ = ω (ξ - p) = ξ̇* - k (ξ - ξ*) needs p = p* + (1 + k / ω) (ξ - ξ*).
         """

@@ -1,8 +1,8 @@
 """Prediction of a fall.
 
-With the centre of pressure at the point p of the support next to the DCM ξ, the DCM is after the time t of the fastest
-step at ξ_t = p + (ξ - p) e^{ωt}. A foot can then be placed within the reach of the leg. From there, steps of the length
-L and the shortest step time T stop the DCM if it is at most
+While the centre of pressure is at p, the point of the support next to the DCM ξ, the DCM moves within the time t of
+the fastest step to ξ_t = p + (ξ - p) e^{ωt}. A foot can then be placed within the reach of the leg. From there, steps
+of the length L and the shortest step time T stop the DCM if it is at most
 
     L e^{-ωT} + L e^{-2ωT} + … = L / (e^{ωT} - 1)
 
@@ -20,7 +20,7 @@ from wbc_controller.walking.gait import Gait
 
 #: Time for which the DCM must be out of reach, s: an impact of a foot changes the velocity for a few cycles.
 PERSISTS = 0.02
-#: Largest distance of the DCM from the support of a robot that stands, as a share of its height.
+#: Largest distance of the DCM from the support of a standing robot, as a share of its height.
 STANDING = 0.22
 #: Margin of the reach, m, for the errors of the estimate and of the model.
 MARGIN = 0.05
@@ -50,7 +50,7 @@ def missed(
 ) -> float:  # fmt: skip
     """Return the distance from the DCM to the nearest foothold at the earliest touchdown, m; other arguments as above.
 
-    Feet may cross each other here, so that an alarm is rather late than false.
+    Crossing feet are allowed: a late alarm is better than a false one.
 
     Args:
         omega: ω, 1/s.
@@ -63,7 +63,7 @@ def missed(
 
 
 def captured_by_steps(gait: Gait, omega: float, step_time: float) -> float:
-    """Return the largest distance of the DCM from a foot that further steps of the shortest time T in s capture, m."""
+    """Return the largest distance of the DCM from a foot, m, for a capture by further steps of the time T, s."""
     return max(gait.length, gait.greatest_width) / math.expm1(omega * step_time)
 
 

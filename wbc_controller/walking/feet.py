@@ -41,13 +41,10 @@ class Sole:
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """One foot.
+    """One foot: its contact, the task on the pose of its frame, and the index of the frame.
 
     Attributes:
-        contact: name of its contact.
-        task: name of the task on the pose of its frame.
-        frame: index of the frame.
-        placement: of the sole in that frame: centre, and axes with z upwards.
+        placement: of the sole in the frame: centre, and axes with z upwards.
         half: half length and half width of the sole, m.
         frame_in_sole: placement of the frame in the sole, (12,).
     """
@@ -60,7 +57,6 @@ class Foot:
     frame_in_sole: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Invert the placement."""
         object.__setattr__(self, "frame_in_sole", placement_numbers(self.placement.inverse()))
 
     def sole(self, dynamics: Dynamics) -> Sole:
@@ -86,7 +82,7 @@ class Foot:
         return Reference(pin.SE3ToXYZQUAT(frame), np.zeros(6), np.zeros(6))
 
     def in_swing(self, swing: SwingFoot, slope: complex) -> Reference:
-        """Return the reference of the frame for a sole in the air, parallel to a plane with a slope."""
+        """Return the reference of the frame for a sole in the air, parallel to a slope."""
         axes = (swing.x, swing.y, swing.z, swing.heading)
         numbers = [number for axis in axes for number in (axis.position, axis.velocity, axis.acceleration)]
         sole, out = parallel_to(slope, swing.heading.position), np.empty(19)

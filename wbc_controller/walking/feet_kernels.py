@@ -19,7 +19,6 @@ def frame_in_swing(rotation: StridedMatrix, axes: Vector, mount: Vector, out: Ou
         rotation: of the sole, (3, 3).
         axes: position, velocity and acceleration of x, y, z and ψ, (12,) in m and rad.
         mount: placement of the frame in the sole, (12,).
-        out: reference.
     """
     if len(axes) != 12 or len(mount) != 12 or len(out) != 19:
         raise ValueError("frame_in_swing: wrong sizes")

@@ -72,13 +72,13 @@ def _check(number: int, count: int, step: Footstep, place: complex, heading: flo
 
 
 def step_towards(steps: Sequence[Footstep], stance: Stance, gait: Gait) -> NominalStep:
-    """Return the nominal step to the first of the planned footsteps; after the last one the robot steps in place.
+    """Return the nominal step to the first planned footstep; after the last one the robot steps in place.
 
     The offset of the DCM follows backwards, from the step in place after the last considered one.
     """
     step, *later = steps[:_AHEAD]
     last = later[-1] if later else step
-    following = -1j * last.side * gait.width * cmath.rect(1.0, last.heading)  # step beside the last foot
+    following = -1j * last.side * gait.width * cmath.rect(1.0, last.heading)
     push = swing_push(gait, stance.omega)
     offset = periodic_offset(0.0, following, stance.omega, gait.single, gait.double, push)
     places = [stance.place, step.place, *(each.place for each in later)]

@@ -8,7 +8,7 @@ from wbc_controller.walking.gait import Gait, SpeedLimits
 from wbc_controller.walking.pendulum import periodic_offset
 from wbc_controller.walking.swing import Axis
 
-#: Largest speed backward, as a share of that forward.
+#: Largest backward speed, as a share of the forward speed.
 BACKWARD = 0.5
 #: Ratio of the largest deceleration to a stop to the largest acceleration.
 _BRAKING = 3.0
@@ -18,7 +18,7 @@ _MARGIN = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """A velocity command: a velocity on the ground in the robot's heading in m/s, and a turning rate in rad/s."""
+    """A velocity command: a velocity in the robot's heading, m/s, and a turning rate, rad/s."""
 
     linear: complex = 0j
     turning: float = 0.0
@@ -40,9 +40,9 @@ class Velocity:
         return Velocity(complex(ahead, _clip(self.linear.imag, sideways)), _clip(self.turning, turning))
 
     def towards(self, wanted: "Velocity", limits: SpeedLimits, time: float) -> "Velocity":
-        """Return the command after a time in s on the way to another one, at the largest acceleration.
+        """Return the command after a time, s, on the way to another one at the largest acceleration.
 
-        The robot brakes to a stop three times as fast, so that it stands after three steps.
+        A stop is three times as fast, for a standstill after three steps.
         """
         faster = _BRAKING if wanted == Velocity() else 1.0
         forward, sideways, turning = (time * faster * each for each in limits.acceleration)
@@ -76,7 +76,7 @@ class Stance:
 
 @dataclass(frozen=True, slots=True)
 class NominalStep:
-    """The step that follows a velocity command in a periodic gait.
+    """Step of a periodic gait at a commanded velocity.
 
     Attributes:
         place: of the new foot, x + i y in m in the world.

@@ -19,8 +19,8 @@ class SpeedLimits:
     """Limits of the velocity command.
 
     Attributes:
-        speed: largest velocity command forward, sideways and turning, m/s and rad/s; backward half of that forward.
-        acceleration: largest rate of the velocity command, forward, sideways and turning, m/s² and rad/s².
+        speed: largest speeds forward (backward: half of it), sideways and turning, m/s and rad/s.
+        acceleration: largest rates of these speeds, m/s² and rad/s².
     """
 
     speed: tuple[float, float, float]
@@ -34,14 +34,14 @@ class Gait(SpeedLimits):
     Attributes:
         single: nominal duration of the single support, s.
         double: duration of the double support, s.
-        shift: duration of the first shift of the weight, and of the last, s.
-        lowering: distance by which the centre of mass is lowered from standing, m: long steps need bent knees.
+        shift: duration of the first and the last shift of the weight, s.
+        lowering: of the centre of mass from standing, m: long steps need bent knees.
         clearance: height of the swing foot above the ground, m.
         width: nominal distance between the feet, m.
         least_width: smallest distance between the feet, m.
         length: longest step forward or backward, m.
         greatest_width: largest distance between the feet, m.
-        reaction: μ, acceleration of the centre of mass by a swing foot that accelerates, c̈ = ω² (c - p) + μ ẍ.
+        reaction: μ of the swing foot's acceleration ẍ, c̈ = ω² (c - p) + μ ẍ.
     """
 
     single: float
@@ -67,11 +67,11 @@ class QuadrupedGait(SpeedLimits):
 
     Attributes:
         groups: contacts of the feet that swing together, in the order of their swings.
-        sway: place of the centre of mass to the left of the middle of the feet during the swing of each group, m.
+        sway: leftward offset of the centre of mass from the middle of the feet during the swing of each group, m.
         swing: duration of a swing, s.
-        pause: duration of the support by all feet before the swing of each group, s.
-        shift: duration of the support by all feet before the first swing, and after the last, s.
-        lowering: distance by which the centre of mass is lowered from standing, m.
+        pause: duration of the support by all feet before each swing, s.
+        shift: the same before the first swing, and after the last, s.
+        lowering: of the centre of mass from standing, m.
         clearance: height of a swing foot above the ground, m.
         length: largest distance of a foot from its nominal place below the body, m.
     """

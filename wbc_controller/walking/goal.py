@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from wbc_controller.walking.footsteps import Velocity
 from wbc_controller.walking.gait import SpeedLimits
 
-#: Distance and angle from which on the robot stops, m and rad: the last steps with their feet apart keep the place.
+#: Distance and angle at which the robot stops, m and rad: the last steps, with the feet apart, keep the place.
 NEAR, NEAR_ANGLE = 0.03, 0.05
-#: Distance from which on the robot faces the goal while it walks, m; nearer, it has the heading of the goal.
+#: Distance above which the robot walks facing the goal, m; nearer, it has the heading of the goal.
 _FAR = 1.0
 #: Steps in which a small error would vanish at its velocity.
 _STEPS = 2.0
@@ -32,7 +32,6 @@ def velocity_to(goal: Goal, place: complex, heading: float, limits: SpeedLimits,
     Args:
         place: of the robot between its feet, x + i y in m.
         heading: of the robot, rad.
-        limits: of the velocity.
         step_time: duration of one step, s.
     """
     way = goal.place - place

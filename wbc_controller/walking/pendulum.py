@@ -21,13 +21,10 @@ def later(dcm: complex, pressure: complex, omega: float, time: float) -> complex
 
 
 def before(dcm: complex, pressure: complex, omega: float, time: float, push: complex) -> complex:
-    """Return the DCM a time in s before: the ξ from which `later` and a push lead to the given one.
+    """Return the DCM a time in s earlier: the inverse of `later` and a push.
 
     Args:
         dcm: at the end.
-        pressure: constant centre of pressure p.
-        omega: ω, 1/s.
-        time: s.
         push: change of the DCM at the end by the swing foot, m.
     """
     return later(dcm - push, pressure, omega, -time)
@@ -43,8 +40,6 @@ def transferred(dcm: complex, start: complex, end: complex, duration: float, ome
         start: p₀.
         end: p₁.
         duration: T, s.
-        omega: ω, 1/s.
-        time: t, s.
     """
     speed = (end - start) / duration
     return start + speed * (time + 1.0 / omega) + (dcm - start - speed / omega) * math.exp(omega * time)
@@ -64,7 +59,6 @@ def periodic_offset(
     Args:
         progress: part of the step that repeats, m.
         width: part that alternates, from the stance foot to the new one, m.
-        omega: ω, 1/s.
         single: T_s, duration of the single support, s.
         double: T_d, duration of the double support, in which the centre of pressure moves linearly, s; may be 0.
         push: ρ, change of the DCM at the end of the step by a swing foot that moves by 1 m.
@@ -76,18 +70,14 @@ def periodic_offset(
 def previous_offset(
     offset: complex, step: complex, following: complex, omega: float, single: float, double: float, push: float
 ) -> complex:
-    """Return the offset b after a step from which the following one ends with the offset b'.
+    """Return the offset b that leads to the offset b' after the following step.
 
     With the factors of `periodic_offset`, b = ((b' + s' - ρ (s + s')) / G - κ s) / E.
 
     Args:
-        offset: b', at the end of the following step, m.
+        offset: b', m.
         step: s, from the stance foot to the new one, m.
         following: s', m.
-        omega: ω, 1/s.
-        single: T_s, s.
-        double: T_d, s.
-        push: ρ.
     """
     E, G, kappa = _factors(omega, single, double)
     return ((offset + following - push * (step + following)) / G - kappa * step) / E

@@ -19,7 +19,6 @@ class WalkingPlan:
     """Plan of one cycle. Points in the world in m, on the ground x + i y.
 
     Attributes:
-        phase: phase of the gait.
         dcm: measured DCM ξ.
         wanted_dcm: its reference ξ*.
         swings: planned path of each foot in the air, from its present reference to the touchdown, (n, 3), by contact.
@@ -38,7 +37,7 @@ class WalkingPlan:
 
 
 def swing_path(swing: SwingFoot, landing: Landing, clearance: float, elapsed: float, duration: float) -> Array:
-    """Return the path from the present reference to a touchdown that stays, (n, 3); arguments of `SwingFoot.moved`."""
+    """Return the path from the present reference to a fixed touchdown, (n, 3); arguments of `SwingFoot.moved`."""
     left, points = max(0.0, duration - elapsed), [swing]
     dt = left / _POINTS
     for i in range(_POINTS):

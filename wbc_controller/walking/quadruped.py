@@ -25,7 +25,7 @@ from wbc_controller.walking.touchdown import lands
 from wbc_controller.walking.trot_placement import SupportLine, middle_of_pair
 from wbc_controller.walking.walker import Decision, TaskSets, Walker
 
-#: Time before touchdown from which on the target of the step stays, s.
+#: Time before touchdown in which the target of the step is constant, s.
 _FREEZE = 0.03
 #: Largest distance of the reference of the centre of mass from the measured one, m.
 _LAG = 0.06
@@ -37,12 +37,7 @@ _NOMINAL, _SLOW = 0.06, 0.02
 
 @dataclass(frozen=True, slots=True)
 class QuadrupedTasks:
-    """Names of the tasks that the walker commands.
-
-    Attributes:
-        com: task on the horizontal position of the centre of mass.
-        height: task on its height.
-    """
+    """Names of the tasks on the horizontal position of the centre of mass, and on its height."""
 
     com: str
     height: str
@@ -50,12 +45,9 @@ class QuadrupedTasks:
 
 @dataclass(frozen=True, slots=True)
 class PointFoot:
-    """One foot; its place is that of the origin of its frame.
+    """One foot at the origin of its frame: its contact, and the task on its position.
 
     Attributes:
-        contact: name of its contact.
-        task: name of the task on the position of its frame.
-        frame: index of the frame.
         nominal: place in the nominal posture relative to the middle of all feet, forward + i left in m.
     """
 
@@ -67,8 +59,6 @@ class PointFoot:
 
 @dataclass(frozen=True, slots=True)
 class _Cycle:
-    """The state of one cycle."""
-
     time: float  # s
     dt: float  # time since the last cycle, s
     dynamics: Dynamics
@@ -99,7 +89,7 @@ class QuadrupedWalker(Walker):
         gravity: float,
         mass: float,
     ) -> None:
-        """Make a walker that stands; gravity in m/s²."""
+        """Make a standing walker; gravity in m/s²."""
         self.gait = gait
         self._feet = {foot.contact: foot for foot in feet}
         self._names = names
@@ -109,7 +99,7 @@ class QuadrupedWalker(Walker):
     def reset(self) -> None:
         """Stand, without a command."""
         super().reset()
-        self._since = self._last = 0.0  # begin of the phase, and last cycle, s
+        self._since = self._last = 0.0  # start of the phase, and last cycle, s
         self._group = 0  # group that swings or swings next
         self._clearance = 0.0  # height of the centre of mass above the ground, m
         self._height = self._heading = 0.0  # references of its height in the world, m, and of the heading, rad
@@ -117,7 +107,7 @@ class QuadrupedWalker(Walker):
         self._body = 0j  # reference of the centre of mass without its sway, x + i y in m
         self._body_velocity = 0j  # its velocity, m/s
         self._sway = Axis(0.0)  # reference of its sway to the left, m
-        self._start = 0j  # reference of the body at the begin of the phase
+        self._start = 0j  # `_body` at the start of the phase
         self._swings: dict[str, SwingFoot] = {}  # feet in the air, by contact
         self._landings: dict[str, Landing] = {}  # their planned touchdowns
         self._places: dict[str, Array] = {}  # last positions of the feet on the ground, by contact, (3,) in m
@@ -125,7 +115,7 @@ class QuadrupedWalker(Walker):
 
     @property
     def contact_sets(self) -> tuple[tuple[str, ...], ...]:
-        """Sets of active contacts of the gait: all feet, then those without a swinging group, or one foot of it."""
+        """Sets of active contacts of the gait: all feet, then without a swinging group, or one foot of it."""
         swinging = {frozenset(group) for group in self.gait.groups} | {frozenset([name]) for name in self._feet}
         sets = [tuple(name for name in self._feet if name not in group) for group in swinging]
         return (tuple(self._feet), *sorted(sets))
@@ -172,7 +162,7 @@ class QuadrupedWalker(Walker):
             self._begin(dynamics, points, orientations, decision)
         self._places |= {name: point for name, point in points.items() if name not in self._swings}
         com, omega = dynamics.com, natural_frequency(self._clearance, self._gravity)
-        # The angular momentum of the swinging legs is taken out of the velocity: ċ + (L_y, -L_x) / (m z).
+        # Without the angular momentum of the swinging legs, the velocity is ċ + (L_y, -L_x) / (m z).
         spin = (dynamics.centroidal_matrix[3:5] @ dynamics.v).tolist()
         place, speed = complex(com[0], com[1]), complex(dynamics.com_velocity[0], dynamics.com_velocity[1])
         speed -= 1j * complex(*spin) / (self._mass * self._clearance)
@@ -215,7 +205,7 @@ class QuadrupedWalker(Walker):
         return decision
 
     def _velocity_to(self, goal: Goal, points: Mapping[str, Array]) -> Velocity | None:
-        """Return the velocity towards a goal from the middle between the feet; at the goal, drop it and return None."""
+        """Return the velocity from the middle between the feet to a goal; at the goal, drop it and return None."""
         middle, heading = self._body, self._heading
         if self.phase is Phase.STAND:
             middle, heading = self._stance(points)
@@ -225,7 +215,7 @@ class QuadrupedWalker(Walker):
         return velocity
 
     def _stance(self, points: Mapping[str, Array]) -> tuple[complex, float]:
-        """Return the middle of the feet, and their heading: the angle from their nominal places to the present ones."""
+        """Return the middle of the feet, and the angle from their nominal places to the present ones."""
         places = {name: complex(point[0], point[1]) for name, point in points.items()}
         middle = sum(places.values()) / len(places)
         return middle, cmath.phase(
@@ -239,7 +229,6 @@ class QuadrupedWalker(Walker):
         orientations: Mapping[str, Array],
         decision: Decision,
     ) -> None:
-        """Start from standing."""
         self._swings, self._landings, self._places = {}, {}, dict(points)
         com = dynamics.com
         self._body = complex(com[0], com[1])
@@ -257,7 +246,7 @@ class QuadrupedWalker(Walker):
         return complex(self._places[contact][0], self._places[contact][1])
 
     def _middle(self) -> complex:
-        """Return the middle of the last places of the feet on the ground, x + i y in m."""
+        """Return the mean of the last places of the feet, x + i y in m."""
         return sum(self._place(name) for name in self._feet) / len(self._feet)
 
     def _enter(self, phase: Phase, cycle: _Cycle) -> None:
@@ -359,7 +348,6 @@ class QuadrupedWalker(Walker):
             self._lift_off(cycle, decision)
 
     def _is_nominal(self) -> bool:
-        """Return whether all feet are near their nominal places."""
         middle, turn = self._middle(), cmath.rect(1.0, self._heading)
         return all(
             abs(self._place(name) - middle - turn * foot.nominal) < _NOMINAL for name, foot in self._feet.items()
@@ -391,7 +379,6 @@ class QuadrupedWalker(Walker):
         self._references[self._names.height] = reference([0.0, 0.0, self._height], [0.0, 0.0, rate])
 
     def _turn(self) -> None:
-        """Turn the tasks on orientations with the heading."""
         turn = about_z(self._heading)
         for name, rotation in self._orientations.items():
             self._references[name] = reference(quaternion_of(turn @ rotation), [0.0, 0.0, self.velocity.turning])

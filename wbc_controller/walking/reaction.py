@@ -16,8 +16,6 @@ def swing_reaction(dynamics: Dynamics, stance: Foot, swing: Foot, height: float)
 
     Args:
         dynamics: in the nominal posture.
-        stance: foot at rest.
-        swing: moving foot.
         height: z of the centre of mass above the ground, m.
     """
     feet = [dynamics.jacobian(foot.frame, pin.LOCAL_WORLD_ALIGNED) for foot in (stance, swing)]

@@ -21,7 +21,7 @@ class Support:
     half: tuple[float, float]
 
     def nearest(self, point: complex) -> complex:
-        """Return the point of the area near to a point: that of the rectangle around the nearest point of the line."""
+        """Return the nearest point of the rectangle around the nearest point of the line."""
         line = self.second - self.first
         length = abs(line) ** 2
         share = ((point - self.first) * line.conjugate()).real / length if length > 0.0 else 0.0

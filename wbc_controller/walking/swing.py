@@ -9,12 +9,12 @@ from wbc_controller.records import Array
 APEX = 0.45
 #: Speed at touchdown, m/s.
 TOUCHDOWN_SPEED = 0.1
-#: Acceleration and speed of a foot that is late, downwards, m/s² and m/s.
+#: Downward acceleration and speed of a late foot, m/s² and m/s.
 _LATE_ACCELERATION, LATE_SPEED = 10.0, 0.5
-#: Time before the apex from which on the foot is planned to the ground, s. In a shorter time to the apex, a change of
-#: the step time or of the ground by a millimetre would need a large acceleration.
+#: Time before the apex at which the plan changes from the apex to the ground, s. In a shorter time to the apex, a
+#: change of the step time or of the ground by a millimetre would need a large acceleration.
 _DESCENT = 0.06
-#: Remaining time below which an axis is no longer replanned, s.
+#: Shortest remaining time of a new plan, s.
 _SHORTEST = 0.0005
 
 
@@ -27,13 +27,11 @@ class Axis:
     acceleration: float = 0.0
 
     def moved(self, goal: float, speed: float, left: float, dt: float) -> "Axis":
-        """Return the coordinate after a time on the quintic to a goal, with zero acceleration there.
+        """Return the coordinate after `dt` on the quintic to a goal; all times in s.
 
         Args:
-            goal: position at the end.
-            speed: velocity at the end.
-            left: time until the end, s.
-            dt: time to move, s.
+            speed: velocity at the goal, without acceleration.
+            left: time until the goal.
         """
         if left <= _SHORTEST:
             return Axis(self.position)
@@ -46,7 +44,7 @@ class Axis:
         )
 
     def growing(self, goal: float, left: float, omega: float) -> float:
-        """Return ∫ e^{ω(T - t)} ẍ(t) dt in m/s over the quintic to rest at a goal, in the time T that is left.
+        """Return ∫ e^{ω(T - t)} ẍ(t) dt in m/s over the quintic to rest at a goal, in the remaining time T.
 
         With I_k = ∫ e^{ω(T - t)} tᵏ dt: I_0 = (e^{ωT} - 1) / ω and I_k = (k I_{k-1} - Tᵏ) / ω.
         """
@@ -93,7 +91,7 @@ class SwingFoot:
         return complex(self.x.position, self.y.position)
 
     def growing(self, place: complex, left: float, omega: float) -> complex:
-        """Return ∫ e^{ω(T - t)} ẍ(t) dt in m/s of the horizontal motion to a place, in the time T that is left."""
+        """Return ∫ e^{ω(T - t)} ẍ(t) dt in m/s of the horizontal motion to a place, in the remaining time T."""
         return complex(self.x.growing(place.real, left, omega), self.y.growing(place.imag, left, omega))
 
     @property
@@ -110,15 +108,13 @@ class SwingFoot:
         dt: float,
         descent: float = _DESCENT,
     ) -> "SwingFoot":
-        """Return the reference after one cycle; a foot that is late moves further down, faster and faster.
+        """Return the reference after one cycle; a late foot accelerates downwards. All times in s.
 
         Args:
-            landing: place, height and heading at touchdown.
-            clearance: height of the foot above the ground at the highest point, m.
-            elapsed: time since it has lifted off, s.
-            duration: of its swing, s.
-            dt: time of a cycle, s.
-            descent: time before the apex from which on the foot is planned to the ground, s.
+            clearance: height of the foot above the ground at the apex, m.
+            elapsed: time since lift-off.
+            duration: of the swing.
+            descent: time before the apex at which the plan changes to the ground.
         """
         left, top = duration - elapsed, APEX * duration
         if top - elapsed > descent:

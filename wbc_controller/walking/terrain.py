@@ -4,7 +4,7 @@ With the place p_i, height z_i and slope g_i of the i-th last foothold, height h
 
     Σ 2^-i (((z_i - h - g · (p_i - p_0)) / σ_z)² + |g_i - g|² / σ_g²)
 
-One foot on a stone or an edge then changes the plane less than the slope of a hill does with two steps.
+A foot on a stone or an edge changes the plane less than two steps on a slope.
 """
 
 import math
@@ -74,7 +74,7 @@ def plane_through(footholds: Sequence[Ground]) -> Ground:
 
 
 def parallel_to(slope: complex, heading: float) -> Array:
-    """Return the rotation of a sole on a plane with a slope, with its x axis in the direction of a heading, (3, 3)."""
+    """Return the rotation of a sole on a slope with a heading, (3, 3)."""
     c, s = math.cos(heading), math.sin(heading)
     x = np.array([c, s, slope.real * c + slope.imag * s])
     z = np.array([-slope.real, -slope.imag, 1.0])

@@ -2,15 +2,15 @@
 
 from wbc_controller.records import Array
 
-#: Share of the planned swing from which on a touchdown counts.
+#: Least share of the planned swing for a touchdown.
 COUNTS = 0.6
 #: Share of the reference's downward speed below which the ground has stopped the foot.
 _STOPPED = 0.5
-#: Downward speed of the reference from which on the motion is compared, m/s; at the end of the swing it is 0.1 m/s.
+#: Least downward speed of the reference for the comparison of the motion, m/s; the swing ends at 0.1 m/s.
 _DESCENDING = 0.07
-#: Largest speed of a foot that the ground has stopped, m/s.
+#: Largest speed of a foot stopped by the ground, m/s.
 _SLOW = 0.2
-#: Time after the planned touchdown at which the foot counts as landed at the latest, s.
+#: Longest time after the planned touchdown until the foot counts as landed, s.
 LATEST = 0.15
 
 

@@ -30,11 +30,7 @@ class SupportLine:
     def later(self, dcm: complex, velocity: complex, omega: float, time: float) -> complex:
         """Return the DCM after a time t in s: ξ + (v·t) t t along the line, p + (ξ - p) e^{ωt} across it.
 
-        Args:
-            dcm: ξ, x + i y in m.
-            velocity: v, commanded velocity, m/s; the controller keeps its part along the line.
-            omega: ω, 1/s.
-            time: t, s.
+        The controller keeps the component of the commanded velocity v, in m/s, along the line.
         """
         across = 1j * self.along
         distance = ((dcm - self.point) * across.conjugate()).real
@@ -48,9 +44,7 @@ def middle_of_pair(dcm: complex, velocity: complex, omega: float, duration: floa
     This is the offset of the gait that repeats the progress v T, without width (`periodic_offset`).
 
     Args:
-        dcm: ξ, x + i y in m.
         velocity: v, commanded velocity in the world during the stance, m/s.
-        omega: ω, 1/s.
         duration: T, from this touchdown to the next, s.
     """
     return dcm - periodic_offset(velocity * duration, 0j, omega, duration, 0.0, 0.0)

@@ -17,12 +17,7 @@ from wbc_controller.walking.plan import WalkingPlan
 
 @dataclass(slots=True)
 class Decision:
-    """Changes and references that the walker requests in one cycle.
-
-    Attributes:
-        changes: changes of tasks and contacts.
-        references: references of tasks in this cycle.
-    """
+    """Changes of tasks and contacts, and references of tasks, requested by the walker in one cycle."""
 
     changes: list[Change] = field(default_factory=list)
     references: dict[str, Reference] = field(default_factory=dict)
@@ -30,12 +25,12 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class TaskSets:
-    """Names of the tasks that a walker switches.
+    """Names of the tasks switched by a walker.
 
     Attributes:
-        own: tasks that are on while it walks.
-        orientations: tasks on orientations that turn with the heading.
-        suspended: tasks with references in the world, which are off while it walks.
+        own: enabled while it walks.
+        orientations: tasks on orientations, turned with the heading.
+        suspended: tasks with references in the world, disabled while it walks.
     """
 
     own: tuple[str, ...]
@@ -49,13 +44,10 @@ class Walker(ABC):
     Call `update` in every cycle with the dynamics at the present state, before the references are sampled.
 
     Attributes:
-        gait: parameters of the gait.
-        tasks: tasks that it switches.
-        phase: phase of the gait.
         command: commanded velocity; None to stand.
         goal: pose to walk to, or None; it commands the velocity.
-        leaving: True if the controller is deactivated as soon as the robot stands; until then no command is taken.
-        velocity: velocity on the way to it.
+        leaving: True if the controller is deactivated as soon as the robot stands; commands are refused.
+        velocity: present velocity, on the way to the command.
         steps: number of steps since the start.
         watched: time of the last prediction of a fall while standing, s.
         fall: sentence about an unavoidable fall; empty without one.
@@ -65,7 +57,7 @@ class Walker(ABC):
     footsteps_left = 0  # planned footsteps without a touchdown
 
     def __init__(self, tasks: TaskSets) -> None:
-        """Make a walker that stands."""
+        """Make a standing walker."""
         self.tasks = tasks
         self.reset()
 
@@ -105,7 +97,7 @@ class Walker(ABC):
         raise InputRefused("footsteps are refused: only bipeds take them; send a velocity or a goal")
 
     def leave(self) -> None:
-        """Stop walking, for the controller to be deactivated when the robot stands."""
+        """Stop walking; the controller is deactivated when the robot stands."""
         self.ask(None)
         self.leaving = True
 
@@ -131,17 +123,15 @@ class Walker(ABC):
 
         Args:
             time: of the state, s.
-            dynamics: at this state.
             orientations: present references of the tasks on orientations, as quaternions (x, y, z, w), by name.
-            touching: states of the contact sensors, by contact; of a foot without one, its motion tells the touchdown.
+            touching: states of the contact sensors, by contact; without one, the foot's motion indicates touchdown.
         """
 
     def watch_standing(self, time: float, dynamics: Dynamics, active: Collection[str]) -> None:
-        """Predict a fall of a robot that stands on its active contacts, at the time of a state in s."""
+        """Predict a fall of a robot that is supported by its active contacts, at the time of a state, s."""
         self.watched = time
 
     def _begin_tasks(self, decision: Decision) -> None:
-        """Switch to the tasks of the walker."""
         decision.changes += [EnableTask(name, False) for name in self.tasks.suspended]
         decision.changes += [EnableTask(name, True) for name in self.tasks.own]
 

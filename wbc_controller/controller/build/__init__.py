@@ -1,4 +1,1 @@
-"""Construction of objects from settings.
-
-Invalid settings raise `ConfigurationError`.
-"""
+"""Construction of objects from settings; invalid settings raise `ConfigurationError`."""

@@ -22,10 +22,10 @@ _MESHES = coal.CachedMeshLoader()
 def read_collision_elements(
     model: RobotModel, urdf: str, key: str, folder: Path | None = None
 ) -> dict[int, list[pin.GeometryObject]]:
-    """Read the collision elements of a URDF and their meshes; `folder` is that of relative paths.
+    """Read the collision elements of a URDF with meshes; `folder` is that of relative paths.
 
     Returns:
-        Elements by frame number of the link, placed in the joint's frame.
+        Elements, placed in the joint's frame, by frame number of the link.
     """
     packages = sorted(set(re.findall(re.escape(PACKAGE_SCHEME) + r"([^/\"']+)/", urdf)))
     folders = [str(share_folder(package).parent) for package in packages] + ([str(folder)] if folder else [])
@@ -43,7 +43,7 @@ def read_collision_elements(
 
 
 def enclosing_points(element: pin.GeometryObject) -> Array:
-    """Return mesh vertices, or corners of the bounding box, of an element, (n, 3) in m in the joint's frame."""
+    """Return mesh vertices or corners of the bounding box, (n, 3) in m in the joint's frame."""
     geometry = element.geometry
     if isinstance(geometry, coal.BVHModelBase):
         points = np.array(geometry.vertices())

@@ -21,7 +21,7 @@ from wbc_controller.records import Array
 
 #: Smallest side of a box in place of a hull, and smallest thickness of a hull, m.
 _THINNEST = 1.0e-4
-#: Number of directions of extreme points; below Coal's largest number of neighbours of a corner.
+#: Directions of extreme points; below Coal's largest number of neighbours of a corner.
 _DIRECTIONS = 250
 #: Largest distance of points outside a simplified hull, m.
 _LARGEST_LOSS = 1.0e-3
@@ -55,9 +55,7 @@ def build_collision_model(
     visual: Sequence[str] = (),
     folder: Path | None = None,
 ) -> CollisionModel:
-    """Build the collision model of a robot.
-
-    docs/limits.md describes the shapes and the default pairs.
+    """Build the collision model of a robot; docs/limits.md describes the shapes and the default pairs.
 
     Args:
         margin: smallest distance, m.
@@ -99,7 +97,7 @@ def with_visuals(urdf: str, links: Sequence[str]) -> str:
     """Return the URDF with visual elements of some links converted to collision elements."""
     if not links:
         return urdf
-    root = ElementTree.fromstring(urdf)  # noqa: S314  # already read by Pinocchio
+    root = ElementTree.fromstring(urdf)  # noqa: S314 - checked
     found = {str(link.get("name")): link.findall("visual") for link in root.iter("link")}
     seen = [name for name, elements in found.items() if elements]
     for name in links:
@@ -123,7 +121,7 @@ def _shapes(
             shape, placement = own[0].geometry, own[0].placement
         else:
             points = np.vstack([enclosing_points(element) for element in own])
-            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))  # the limit expects centred shapes
+            middle = 0.5 * (points.min(axis=0) + points.max(axis=0))  # for centred shapes
             shape, placement = _hull(points - middle), pin.SE3(np.eye(3), middle)
             if shape is None:
                 shape = coal.Box(*np.maximum(np.ptp(points, axis=0), _THINNEST))

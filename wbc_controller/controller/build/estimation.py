@@ -159,7 +159,7 @@ def make_sensing(settings: Settings, model: RobotModel, contacts: Mapping[str, C
 
 
 def contact_normals(model: RobotModel, contacts: Mapping[str, Contact]) -> dict[str, dict[str, Array]]:
-    """Return the normal of each contact, (3,), in the axes of each frame in which its force may be measured.
+    """Return the normal of each contact, (3,), in each frame in which its force may be measured.
 
     Frames: the contact's own (its name, or unnamed); for surface and fixed contacts all frames of the link; for points
     and wheels, which rotate, the world.

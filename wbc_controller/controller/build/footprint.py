@@ -14,13 +14,13 @@ from wbc_controller.controller.build.collision_elements import enclosing_points
 from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array, frozen
 
-#: Thickness of the footprint's layer above the lowest point, m: about the radius of rounded sole edges.
+#: Thickness of the layer above the lowest point, m: about the radius of rounded sole edges.
 LAYER = 0.005
 #: Points on a circle.
 _AROUND = 128
 #: Points around a sphere, and rings between its poles.
 _MERIDIANS, _RINGS = 24, 12
-#: Cosine of the largest angle between a plane and the underside of a body, 45°.
+#: Cosine of the largest angle between plane and underside, 45°.
 _UNDERSIDE = np.cos(np.pi / 4.0)
 #: Cosine of the largest angle between facets of one flat face, 1°.
 _FLAT = np.cos(np.pi / 180.0)
@@ -95,7 +95,7 @@ def footprint(
 def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
     """Return points on an element's surface that span its convex hull, (n, 3) in m in the joint's frame.
 
-    Poles of spheres lie on the third of the axes, (3, 3) as columns, by default the joint's axes.
+    Poles of spheres lie on the third of `axes`, (3, 3), by default the joint's.
     """
     geometry, placement = element.geometry, element.placement
     if isinstance(geometry, coal.Sphere | coal.Capsule):
@@ -110,7 +110,7 @@ def outline(element: pin.GeometryObject, axes: Array | None = None) -> Array:
 
 
 def simplify_polygon(polygon: Array, most: int) -> Array:
-    """Remove corners of a convex polygon, (n, 2) or (n, 3), with the smallest area first, until `most` remain."""
+    """Remove corners of a convex polygon, (n, 2) or (n, 3), smallest area first, until `most` remain."""
     corners = np.pad(polygon, ((0, 0), (0, 3 - polygon.shape[1])))
     while len(corners) > most:
         before, after = np.roll(corners, 1, axis=0) - corners, np.roll(corners, -1, axis=0) - corners
@@ -131,7 +131,7 @@ def fit_sphere(points: Array) -> tuple[Array, float] | None:
 
 
 def _touching(element: pin.GeometryObject, axes: Array) -> Array:
-    """Return outline points that may touch a plane with these axes, (n, 3); of a ball the lowest one only."""
+    """Return outline points that may touch a plane, (n, 3); of a ball the lowest one."""
     geometry = element.geometry
     if not isinstance(geometry, coal.Sphere | coal.Capsule):
         return outline(element, axes)

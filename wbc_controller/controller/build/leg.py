@@ -99,7 +99,7 @@ class Leg:
         return reached
 
     def rates(self, posture: Array, twist: Array) -> Array:
-        """Return the joint velocities, q̇ = J⁺ of a twist of the foot relative to the base, (6,); or accelerations."""
+        """Return joint velocities J⁺ ν for a twist of the foot relative to the base, (6,); likewise accelerations."""
         return np.asarray(np.linalg.lstsq(self._kinematics(posture)[1], twist[: self._rows], rcond=None)[0])
 
     def swing_share(self, swing: Iterable[tuple[Array, Array]], speeds: Array) -> tuple[float, str]:
@@ -120,7 +120,7 @@ class Leg:
         return worst, cause
 
     def _kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
-        """Return the placement of the foot, and its Jacobian by the own joints, (6, k), or (3, k) of a point."""
+        """Return the placement of the foot and its Jacobian, (6, k), or (3, k) of a point."""
         model, q, frame = self._model, self._model.configuration(posture), self._frame
         pin.computeJointJacobians(model.pinocchio, self._data, q)
         pin.updateFramePlacements(model.pinocchio, self._data)
@@ -136,7 +136,7 @@ class Leg:
 def swing_of(
     velocity: Velocity, cycle: float, duration: float, clearance: float, lowering: float = 0.0, beside: float = 0.0
 ) -> Iterator[tuple[Array, Array]]:
-    """Yield offsets, (4,), of a swing foot relative to the base from its nominal place, and their rates, (4,).
+    """Yield offsets of a swing foot, (4,), and their rates, (4,).
 
     The base moves at the velocity v, and in the middle of the swing the foot passes its nominal place. In each cycle,
     the foot moves by v T_c, from -v T_c / 2 to v T_c / 2.
@@ -161,11 +161,9 @@ def swing_of(
 
 
 def largest_speed(share: Callable[[float], tuple[float, str]], most: float) -> FeasibleSpeed:
-    """Return the largest speed, at most `most`, at which a share is at most 1; it rises with the speed.
+    """Return the largest speed, at most `most`, with a share of at most 1; `share` returns it with its cause.
 
-    Args:
-        share: function from a speed to a share and its cause.
-        most: m/s or rad/s.
+    The share rises with the speed, in m/s or rad/s.
     """
     low, high, quantity = 0.0, most, ""
     for number in range(_TRIED_SPEEDS):

@@ -1,4 +1,4 @@
-"""Builds the walker of quadrupeds."""
+"""Construction of the quadruped walker and its tasks."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def make_quadruped_tasks(settings: Settings, model: RobotModel) -> list[Task]:
 
 
 def make_quadruped_walker(settings: Settings, walking: WalkingSettings, qp: WholeBodyQP) -> QuadrupedWalker:
-    """Build the walker, for the tasks of `make_quadruped_tasks` and the dynamics in the nominal posture."""
+    """Build the walker with the tasks of `make_quadruped_tasks`, in the nominal posture."""
     feet = _feet(settings, qp.model)
     orientations, suspended = enabled_tasks(settings, qp)
     tasks = TaskSets((COM, HEIGHT, POSTURE, *(foot.task for foot in feet)), orientations, suspended)

@@ -33,7 +33,7 @@ def make_board(settings: Settings, qp: WholeBodyQP) -> ReferenceBoard:
 
 
 def make_board_plan(settings: Settings, qp: WholeBodyQP) -> BoardPlan:
-    """Return initial values and ramp times of references, weights, contacts, gains and limits.
+    """Return initial values and ramp times.
 
     Values are from the (live) settings; for user objects from their attributes.
     """

@@ -33,8 +33,8 @@ def read_urdf(urdf: str) -> str:
 class Description:
     """Actuators of a robot."""
 
-    name: str  # name of the robot
-    drive: Drive  # actuators
+    name: str
+    drive: Drive
     effort_limits: Array  # usable torque of each actuator, (na,) in N·m
 
 
@@ -47,7 +47,7 @@ def transmissions(robot: RobotSettings) -> dict[str, Transmission]:
 
 
 def joint_limits(robot: RobotSettings) -> dict[str, JointLimits]:
-    """Return the joint limits that replace URDF values, by joint."""
+    """Return the joint limits of the settings."""
     return {
         name: JointLimits(given.effort, given.velocity, given.lower, given.upper)
         for name, given in robot.joint_limits.items()
@@ -81,13 +81,13 @@ def describe(urdf: str, robot: RobotSettings) -> Description:
 
 
 def are_possible_moments(moments: Array) -> bool:
-    """Return True if principal moments of inertia, (3,) in rising order, satisfy the triangle inequality."""
+    """Return True if principal moments, (3,), rising, satisfy the triangle inequality."""
     return bool(moments[2] <= (moments[0] + moments[1]) * (1.0 + 1.0e-9))
 
 
 def impossible_inertias(urdf: str) -> list[str]:
     """Return the links with a physically impossible inertia, which MuJoCo refuses."""
-    links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - checked when the model was made
+    links = ElementTree.fromstring(urdf).findall("link")  # noqa: S314 - checked
     names = []
     for link in links:
         inertia = link.find("inertial/inertia")

@@ -1,4 +1,4 @@
-"""Builds the walker."""
+"""Construction of the walker and its tasks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from wbc_controller.walking.walker import TaskSets, Walker
 #: Names of the walker's tasks.
 DCM, LEFT, RIGHT = "walking_dcm", "walking_left_foot", "walking_right_foot"
 
-#: Highest lift of a sole that is searched, as a share of the height of the centre of mass.
+#: Highest lift of a sole in the search, as a share of the height of the centre of mass.
 _HIGHEST_LIFT = 0.15
 
 
@@ -58,11 +58,7 @@ def make_walking_tasks(settings: Settings, model: RobotModel) -> list[Task]:
 
 
 def make_walker(settings: Settings, qp: WholeBodyQP) -> Walker | None:
-    """Build the walker; None without the section `walking`.
-
-    Args:
-        qp: the quadratic program, with the tasks of `make_walking_tasks` and the dynamics in the nominal posture.
-    """
+    """Build the walker with the tasks of `make_walking_tasks`, in the nominal posture; None without `walking`."""
     if settings.walking is None:
         return None
     if is_quadruped(settings, settings.walking):
@@ -103,7 +99,7 @@ def find_feet(settings: Settings, model: RobotModel) -> tuple[Foot, Foot]:
 
 
 def _foot(name: str, task: str, contact: SurfaceContact, dynamics: Dynamics) -> Foot:
-    """Build one foot; its half length and width are those of the largest rectangle about the contact's origin.
+    """Build one foot with the half sides of the largest rectangle about the contact's origin.
 
     The x axis of its sole is the axis of the contact, or its opposite, that points forward in the nominal posture.
     """

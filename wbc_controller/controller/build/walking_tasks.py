@@ -18,15 +18,12 @@ from wbc_controller.settings import Settings
 
 #: Names of the tasks on height and joints.
 HEIGHT, POSTURE = "walking_height", "walking_posture"
-#: Tasks with references in the world, which a walking robot leaves behind.
+#: Tasks with references in the world.
 _IN_THE_WORLD = (ComTask, CapturePointTask, FramePoseTask, FramePositionTask)
 
 
 def make_disabled(tasks: Mapping[str, tuple[float, Task]], settings: Settings) -> list[Task]:
-    """Give tasks their weights, off until the robot walks.
-
-    Args:
-        tasks: weights and tasks by name.
+    """Give tasks their weights, off until the robot walks; `tasks` has weights and tasks by name.
 
     Raises:
         ConfigurationError: if a configured task has the name of one of these.

@@ -19,7 +19,7 @@ from wbc_controller.settings import Settings
 from wbc_controller.settings import SurfaceContact as SurfaceSettings
 from wbc_controller.settings.resources import locate
 
-#: Largest distance between a contact and the lowest point of its body's shapes, m.
+#: Largest distance of a contact from the lowest point of its shapes, m.
 _HEIGHT = 0.02
 #: Reported distance, m.
 _REPORTED_HEIGHT = 0.005
@@ -35,12 +35,12 @@ _TREAD = 0.002
 _LONGEST = 0.3
 #: Largest horizontal distance of a point contact from the footprint of its body, m.
 _SIDE_OFFSET = 0.03
-#: Cosine of the smallest angle between contact and floor normal of an upside-down contact, 120°.
+#: Cosine of the smallest angle of an upside-down contact, 120°.
 _UPSIDE_DOWN = -0.5
 
 
 def upside_down(qp: WholeBodyQP, active: Sequence[str], normal: Array) -> list[str]:
-    """Return the active surface contacts with normals that point down; `normal` is the floor's, (3,) in the world."""
+    """Return the active surface contacts with normals against the floor's, (3,) in the world."""
     surfaces = {name: contact for name in active if isinstance(contact := qp.contacts[name], SurfaceContact)}
     return [
         name

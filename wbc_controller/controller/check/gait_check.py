@@ -17,7 +17,7 @@ from wbc_controller.inverse_dynamics.whole_body_qp import WholeBodyQP
 from wbc_controller.settings import Settings
 from wbc_controller.settings.resources import locate
 
-#: Of `WAYS`: names, units, the largest speeds that are searched, and the keys of the configured ones.
+#: Of `WAYS`: names, units, largest speeds of the search, and keys of the settings.
 _NAMED = (
     ("forward", "m/s", 2.0, "max_speed"),
     ("sideways", "m/s", 1.0, "max_side_speed"),

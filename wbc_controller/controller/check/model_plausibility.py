@@ -41,7 +41,7 @@ class _Link:
 
 
 def _links(urdf: str) -> Iterator[_Link]:
-    for link in ElementTree.fromstring(urdf).findall("link"):  # noqa: S314 - checked when the model was made
+    for link in ElementTree.fromstring(urdf).findall("link"):  # noqa: S314 - checked
         mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
         tensor = np.zeros((3, 3)) if inertia is None else inertia_tensor(inertia)
         moments = np.asarray(np.linalg.eigvalsh(tensor), dtype=np.float64)
@@ -49,7 +49,7 @@ def _links(urdf: str) -> Iterator[_Link]:
 
 
 def require_inertia(model: RobotModel) -> None:
-    """Refuse moving bodies without mass or inertia except `massless_links`, and implausible distances between joints.
+    """Refuse bodies without mass or inertia except `massless_links`, and implausible distances between joints.
 
     Raises: ConfigurationError: with the bodies or joints.
     """
@@ -166,10 +166,10 @@ def limits(settings: Settings, model: RobotModel, placements: Array) -> list[Fin
 
 
 def motors_without_effort(settings: Settings, urdf: str) -> list[Finding]:
-    """Report motor joints with zero effort in the URDF, as for springs, if other joints have an effort."""
+    """Report motor joints with zero effort, as for springs, if others have an effort."""
     robot = settings.robot
     efforts = {}
-    for joint in ElementTree.fromstring(urdf).findall("joint"):  # noqa: S314 - checked when the model was made
+    for joint in ElementTree.fromstring(urdf).findall("joint"):  # noqa: S314 - checked
         limit = joint.find("limit")
         efforts[str(joint.get("name"))] = 0.0 if limit is None else float(limit.get("effort", "0"))
     driven = [name for name in robot.joints if name not in robot.passive_joints]
@@ -187,7 +187,7 @@ def _first_names(names: list[str]) -> str:
 
 def locked_joints(model: RobotModel) -> list[Finding]:
     """Report locked joints with their positions; a floating joint at the root of a floating base is not reported."""
-    tree = ElementTree.fromstring(model.urdf)  # noqa: S314 - checked when the model was made
+    tree = ElementTree.fromstring(model.urdf)  # noqa: S314 - checked
     moving = set(model.moving_joints)
     texts, zero = [], False
     for joint in tree.findall("joint"):

@@ -43,7 +43,7 @@ from wbc_controller.records import Array, References, RobotState, frozen
 from wbc_controller.settings import Settings
 from wbc_controller.settings.config import Config, load
 
-#: Largest height difference of floor contacts with an upright base, m, and as a share of the centre of mass' height.
+#: Largest height difference of floor contacts, m, and as a share of the centre of mass' height.
 _LEVEL, _LEVEL_SHARE = 0.01, 0.02
 #: Cosine of the largest angle between floor and contact normal, 60°.
 _FLOOR = 0.5
@@ -89,7 +89,7 @@ def _floor_contacts(qp: WholeBodyQP, active: Iterable[str], normal: Array) -> di
 
 
 def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str | None = None) -> list[Finding]:
-    """Build all objects of a configuration, compare it with URDF and meshes, and check that the robot can stand.
+    """Build all objects, compare them with URDF and meshes, and check that the robot can stand.
 
     Raises: ConfigurationError: if one of these fails.
     """
@@ -123,7 +123,7 @@ def check(config: Config | Settings | Mapping[str, Any] | str | Path, urdf: str 
 
 
 def check_qp(settings: Settings, qp: WholeBodyQP, board: ReferenceBoard) -> list[Finding]:
-    """Check that a robot can stand, from its quadratic program, or raise `ConfigurationError`; resets the board."""
+    """Check that a robot can stand, or raise `ConfigurationError`; resets the board."""
     model = qp.model
     active = [name for name, contact in settings.contacts.items() if contact.enabled]
     normal = _floor(settings)

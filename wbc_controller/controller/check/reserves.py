@@ -17,7 +17,7 @@ from wbc_controller.records import Array
 
 #: Directions in the axes of an upright base.
 _DIRECTIONS = {"forward": (1.0, 0.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, 1.0, 0.0), "right": (0.0, -1.0, 0.0)}
-#: Smallest relative sensitivity of the multiple to an effort limit that counts as its cause.
+#: Smallest relative sensitivity to an effort limit that counts as the cause.
 _MATTERS = 1.0e-3
 #: Step of a squat, m, smallest step, m, and deepest squat as a share of the centre of mass' height.
 _STEP, _LEAST_STEP, _DEEPEST = 0.01, 1.0e-6, 0.6
@@ -50,10 +50,9 @@ class ComDistance:
 def reserves(
     qp: WholeBodyQP, active: Sequence[str], q: Array, hanging: Sequence[int], *, level: bool, margin: float = 0.0
 ) -> list[Finding]:
-    """Return the reserves of a standing robot with a floating base in a configuration q, where its dynamics end.
+    """Return the reserves of a standing robot with a floating base; its dynamics end at q.
 
-    A push is a steady horizontal force at the height of the centre of mass; a sway moves the centre of mass with fixed
-    contacts.
+    A push is a steady horizontal force at the height of the centre of mass; a sway moves the centre of mass.
 
     Args:
         hanging: indices of unsupported passive joints.

@@ -42,7 +42,7 @@ class Part:
 
     name: str
     joint: int  # joint number in `RobotModel.pinocchio`; 0 for the world
-    vertices: Array  # corners in the joint's frame, (n, 3) in m
+    vertices: Array  # in the joint's frame, (n, 3) in m
     #: Corners of each triangle, counter-clockwise seen from outside, (m, 3).
     triangles: npt.NDArray[np.intp]
     color: tuple[float, float, float]  # red, green and blue from 0 to 1
@@ -56,7 +56,7 @@ class Visual:
     joint: int  # as in `Part`
     placement: pin.SE3  # shape in the joint's frame
     shape: coal.CollisionGeometry
-    color: tuple[float, float, float] | None  # red, green and blue from 0 to 1; None without a color in the URDF
+    color: tuple[float, float, float] | None  # as in `Part`; None without a color in the URDF
 
 
 def read_visuals(model: RobotModel) -> tuple[tuple[Visual, ...], tuple[int, ...]]:
@@ -104,7 +104,7 @@ def hull_of(visual: Visual) -> Part | None:
 
 
 def convex_hull(points: Array, triangles: int = TRIANGLES) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Approximate the convex hull of points, (n, 3) in m, from extreme points and the points farthest outside.
+    """Approximate the convex hull of points, (n, 3) in m.
 
     Returns:
         Corners, (c, 3), and corner indices of each triangle, counter-clockwise seen from outside.
@@ -182,7 +182,7 @@ def _package_folders(urdf: str) -> list[Path]:
 
 
 def _without_missing_meshes(urdf: str, folders: list[Path]) -> tuple[str, list[str]]:
-    root = ElementTree.fromstring(urdf)  # noqa: S314  # Pinocchio has read this text before
+    root = ElementTree.fromstring(urdf)  # noqa: S314 - checked
     bare = []
     for link in root.iter("link"):
         for visual in link.findall("visual"):

@@ -54,7 +54,7 @@ class PageReport:
     kind: str  # kind of the report, above the title
     verdict: str  # result in one sentence
     passed: bool | None = None  # True for a good result, False for a bad one, None for neither
-    note: str = ""  # text below the verdict
+    note: str = ""  # below the verdict
     facts: Mapping[str, str] = field(default_factory=dict)  # short values by name
     motion: Mapping[str, Any] | None = None  # input of ``replay.js``, or None
     drawing: Drawing | None = None

@@ -37,7 +37,7 @@ _MARGIN = {"l": 74, "r": 16, "t": 8, "b": 46}
 class Line:
     """Line of a panel."""
 
-    name: str  # name in the legend
+    name: str  # in the legend
     x: Array  # (n,)
     y: Array  # (n,); NaN interrupts the line
     color: str = ""  # CSS colour; by default one colour per name
@@ -214,7 +214,7 @@ def polar(lines: Mapping[str, Array], angles: Sequence[float], *, unit: str) -> 
 
 
 def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
-    """Reduce a line to `POINTS` points in single precision: minimum and maximum of each stretch, and gaps (NaN)."""
+    """Reduce a line to `POINTS` points in single precision: extrema of each stretch, and gaps (NaN)."""
     if len(time) <= POINTS:
         return time, values
     keep = []
@@ -229,7 +229,7 @@ def thin_out(time: Array, values: Array) -> tuple[Array, Array]:
 
 
 def plot_cycle(shapes: Sequence[Shape], shares: Mapping[str, float], title: str, binding: Mapping[str, float]) -> Any:
-    """Return a figure of one cycle: shapes (`scene.draw`), largest shares of torque limits, binding constraints."""
+    """Return a figure of one cycle: shapes, largest shares of torque limits, binding constraints."""
     go, make_subplots = _plotly()
     figure = make_subplots(
         cols=2, column_widths=[0.68, 0.32], specs=[[{"type": "scene"}, {"type": "bar"}]], horizontal_spacing=0.12

@@ -114,7 +114,7 @@ def _shapes(
 
 
 def _steps(dynamics: Dynamics, contacts: Mapping[str, Contact], plan: WalkingPlan) -> Iterator[Shape]:
-    """Yield the planned touchdowns as outlines of the contacts, or balls, the paths there, and the wanted DCM."""
+    """Yield planned touchdowns (outlines or balls), the paths there, and the wanted DCM."""
     ground = 0.0
     for i, (name, landing) in enumerate(plan.landings.items()):
         corners, ground = points_of(contacts[name], dynamics), float(landing[2])

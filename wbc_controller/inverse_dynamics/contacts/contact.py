@@ -21,18 +21,17 @@ _TANGENTIAL = (0, 1, 5)
 class Contact(Tunable, ABC):
     """Contact of a link with the environment or with another link.
 
-    An active contact constrains motion by J v̇ + J̇v = -D J v (equation (30) of the note; D damps the contact
-    velocity), and exerts the generalized force Jᵀf with bounds and the cone C f ≤ 0. Between two links, J v is
-    relative, and Jᵀf acts on both.
+    An active contact constrains motion by J v̇ + J̇v = -D J v (equation (30) of the note), and exerts the generalized
+    force Jᵀf with bounds and the cone C f ≤ 0. Between two links, J v is relative, and Jᵀf acts on both.
 
-    Settings override `enabled` and `ramp` for contacts of a configuration file. Constructors raise `ConfigurationError`
-    for unknown frames, masks without held axis, and vectors of zero length.
+    Settings override `enabled` and `ramp`. Constructors raise `ConfigurationError` for unknown frames, masks without
+    held axis, and vectors of zero length.
 
     Attributes:
         basis: orthonormal columns, (6, k): the published wrench [force, moment] is basis f.
         wrench_frame: link with the contact frame of the wrench, or ``world``.
         cone: friction or wrench cone C, (rows, k).
-        damping: D, 1/s.
+        damping: D of the contact velocity, 1/s.
         internal: True between two links.
         metric: diagonal of W in the regularization ½ ε_f fᵀ W f, (k,): 1 for forces, 1/ℓ² for moments, with ℓ the RMS
             lever of the sole's corners (1 m for a point).
@@ -61,7 +60,7 @@ class Contact(Tunable, ABC):
         self.damping = damping
         self.internal = internal
         self.moments: np.ndarray = np.asarray(basis[3:].any(axis=0))  # components of f that are moments, (k,)
-        self.size = basis.shape[1]  # of f, k
+        self.size = basis.shape[1]  # k
         self.metric: Array = np.ones(self.size)
 
     @property
@@ -87,11 +86,11 @@ class Contact(Tunable, ABC):
 
     @abstractmethod
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the force as a wrench about the world origin in world axes, (6,)."""
+        """Return f as a wrench about the world origin in world axes, (6,)."""
 
     @abstractmethod
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Return bounds of f, (k,), not to be modified; the activation from 0 to 1 scales the largest forces."""
+        """Return read-only bounds of f, (k,); the activation from 0 to 1 scales the largest forces."""
 
     def instruction(self) -> Instruction | None:
         """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""
@@ -105,7 +104,7 @@ class Contact(Tunable, ABC):
 class AnchoredContact(Contact):
     """Contact with position feedback to an anchor, its pose at activation.
 
-    With the displacement e to the anchor (see `formulation.anchors`),
+    With the displacement e to the anchor,
 
         J v̇ + J̇v = -D J v + K e
 
@@ -129,7 +128,7 @@ class AnchoredContact(Contact):
 
     @abstractmethod
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Return contact position and link orientation, in the world or relative to the touched link."""
+        """Return contact position and link orientation, in the world or the touched link."""
 
     def anchor(self, dynamics: Dynamics) -> Array:
         """Return the anchor at this state, (7,): position and quaternion of the pose."""
@@ -139,12 +138,12 @@ class AnchoredContact(Contact):
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
         """Return the displacement e to the anchor along the axes of f, (k,) in m and rad.
 
-        To first order, J v = e for one second returns to the anchor; e is 0 along axes without a position.
+        To first order, J v = e returns to the anchor in one second; e is 0 along axes without a position.
         """
 
 
 def evaluate(contact: Contact, dynamics: Dynamics) -> None:
-    """Check the motion methods of a contact (`method_calls`)."""
+    """Check the motion methods (`method_calls`)."""
     k, nv = (contact.size,), dynamics.model.nv
     array_from(contact, "jacobian", (*k, nv), dynamics)
     array_from(contact, "drift", k, dynamics)
@@ -152,7 +151,7 @@ def evaluate(contact: Contact, dynamics: Dynamics) -> None:
 
 
 def motion_of(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
-    """Return J, (k, nv), and the required J v̇ at J v = 0, (k,), checked (`method_calls`)."""
+    """Return J and `Contact.acceleration_at_rest`, checked (`method_calls`)."""
     k = (contact.size,)
     try:
         J = checked(contact, "jacobian", contact.jacobian(dynamics), (*k, dynamics.model.nv))
@@ -167,18 +166,18 @@ def motion_of(contact: Contact, dynamics: Dynamics) -> tuple[Array, Array]:
 
 
 def points_of(contact: Contact, dynamics: Dynamics) -> Array:
-    """Return the corners of the support polygon in the world, (n, 3) in m, checked (`method_calls`)."""
+    """Return `Contact.points`, checked (`method_calls`)."""
     points = call(contact, "points", dynamics)
     return checked(contact, "points", points, (np.shape(points)[0] if np.ndim(points) else 0, 3))
 
 
 def anchor_of(contact: AnchoredContact, dynamics: Dynamics) -> Array:
-    """Return the anchor at this state, (7,), checked (`method_calls`) and read-only."""
+    """Return `AnchoredContact.anchor`, checked (`method_calls`) and read-only."""
     return frozen(array_from(contact, "anchor", (7,), dynamics))
 
 
 def needed_activation(contact: Contact, force: Array) -> float:
-    """Return the smallest activation whose bounds admit a force, (k,), from 0 to 1."""
+    """Return the smallest activation with bounds that admit a force, (k,)."""
     lower, upper = bounds_of(contact, "bounds", call(contact, "bounds", 1.0), contact.size)
     bound = np.where(force > 0.0, upper, -lower)
     bounded = (force != 0.0) & (bound > 0.0)
@@ -223,7 +222,7 @@ class UnilateralContact(AnchoredContact):
             self.bound_groups += (("yaw_moment", 5, 6),)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Return bounds of f, (k,), scaled by the activation; the same arrays until activation or limits change."""
+        """Return bounds of f; the same arrays until activation or limits change."""
         largest = (activation * self.max_normal_force, activation * self.max_yaw_moment, self.min_normal_force)
         if largest == self._largest:
             return self._bounds

@@ -41,12 +41,11 @@ class FixedContact(AnchoredContact):
         """Make a fixed contact.
 
         Args:
-            placement: of the contact in that frame.
+            placement: of the contact in the frame.
             mask: held axes of the contact frame: along x, y, z, about x, y, z.
             against: frame of the holding link; None for the world.
             max_force: along each axis, N.
             max_moment: about each axis, N·m.
-            damping: D, 1/s.
             stiffness: K, 1/s², for holonomic masks only (see `_nonholonomic_axes`).
         """
         self._rows = np.flatnonzero(mask)
@@ -83,7 +82,7 @@ class FixedContact(AnchoredContact):
         return self._mount.placement(dynamics)
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Return the placement of the contact frame in the world, or relative to the holding link."""
+        """Return `placement`, or the placement in the holding link."""
         return self._mount.pose(dynamics)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
@@ -95,15 +94,15 @@ class FixedContact(AnchoredContact):
         return pose_displacement(there, self._hinge)[self._rows]
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code."""
+        """Return the instruction."""
         return self._mount.instruction(self._rows) if type(self) is FixedContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of the contact frame along the held axes, (k, nv)."""
+        """Return J along the held axes of the contact frame, (k, nv)."""
         return self._mount.jacobian(dynamics)[self._rows]
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return the spatial acceleration of the contact frame at v̇ = 0 along the held axes, (k,)."""
+        """Return J̇v along the held axes, (k,)."""
         return self._mount.drift(dynamics)[self._rows]
 
     def points(self, dynamics: Dynamics) -> Array:
@@ -111,11 +110,11 @@ class FixedContact(AnchoredContact):
         return np.array(self.placement(dynamics).translation)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the wrench about the world origin in world axes, (6,)."""
+        """Return the wrench, (6,)."""
         return np.asarray(self.placement(dynamics).act(pin.Force(self.basis @ force)).vector)
 
     def bounds(self, activation: float) -> tuple[Array, Array]:
-        """Return bounds of f, (k,), scaled by the activation."""
+        """Return bounds of f, (k,)."""
         most = activation * np.where(self.moments, self.max_moment, self.max_force)
         return -most, most
 

@@ -66,7 +66,7 @@ class LoopClosure(Contact):
             damping=2.0 * math.sqrt(stiffness),
             internal=True,
         )
-        self.stiffness = stiffness  # 1/s²
+        self.stiffness = stiffness
         self._a = model.frame_id(frames[0], f"loops.{name}.frame_a")
         self._b = model.frame_id(frames[1], f"loops.{name}.frame_b")
         joints = [model.pinocchio.frames[frame].parentJoint for frame in (self._a, self._b)]
@@ -121,7 +121,7 @@ class LoopClosure(Contact):
         return np.array((dynamics.placement(self._a) * self._placements[0]).translation)[None, :]
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the wrench on B about the world origin in world axes, (6,)."""
+        """Return the wrench on B, (6,)."""
         b = dynamics.placement(self._b) * self._placements[1]
         axes = (dynamics.placement(self._a) * self._placements[0]).rotation
         return np.asarray(pin.SE3(axes, b.translation).act(pin.Force(self.basis @ force)).vector)

@@ -105,14 +105,14 @@ class PointContact(UnilateralContact):
         return -self.radius * normal_rate
 
     def _arms(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """Return the vectors from frame origin to centre and from centre to contact point, in world axes, m."""
+        """Return the vectors from frame origin to centre and to contact point from there, world axes, m."""
         centre = dynamics.placement(self._frame_id).rotation @ self._translation
         return centre, self._constant_arm if self._constant_arm is not None else self.arm(
             dynamics, self.axes(dynamics)[:, 2]
         )
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code, for a ball on the world."""
+        """Return the instruction, for a ball on the world."""
         if type(self) is not PointContact or self._constant_arm is None:
             return None
         link, placement = self._on_link
@@ -120,7 +120,7 @@ class PointContact(UnilateralContact):
         return Instruction(BALL, np.arange(3), link, constants=constants)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of the contact point's relative velocity along E, (3, nv)."""
+        """Return J of the contact point's relative velocity along E, (3, nv)."""
         centre, arm = self._arms(dynamics)
         J = dynamics.jacobian(self._frame_id, _WORLD_AXES)
         J_point = J[:3] - pin.skew(centre + arm) @ J[3:]
@@ -138,7 +138,6 @@ class PointContact(UnilateralContact):
         centre, arm = self._arms(dynamics)
         drift = dynamics.drift_world(self._frame_id)
         velocity = dynamics.velocity(self._frame_id, _WORLD_AXES)
-        # The vector to the centre rotates with the link, the vector to the plane does not.
         turning = pin.skew(velocity[3:]) @ centre
         result = drift[:3] + pin.skew(drift[3:]) @ (centre + arm) + pin.skew(velocity[3:]) @ turning
         if self._constant_arm is None:
@@ -159,12 +158,12 @@ class PointContact(UnilateralContact):
         return np.asarray(spin @ rate - drift[:3] - pin.skew(drift[3:]) @ from_other - turn @ (moving + slip))
 
     def points(self, dynamics: Dynamics) -> Array:
-        """Return the contact point in the world, (1, 3) in m."""
+        """Return the contact point, (1, 3) in m."""
         centre, arm = self._arms(dynamics)
         return np.asarray(dynamics.placement(self._frame_id).translation + centre + arm)[None, :]
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Return contact point and link orientation, in the world or relative to the touched link."""
+        """Return contact point and link orientation, in the world or the touched link."""
         here = pin.SE3(dynamics.placement(self._frame_id).rotation, self.points(dynamics)[0])
         return here if self._other is None else dynamics.placement(self._other).actInv(here)
 
@@ -172,7 +171,7 @@ class PointContact(UnilateralContact):
         """Return e = Eᵀ(p_a + radius θ × n - p), (3,) in m: the displacement beyond rolling.
 
         p is the contact point, p_a its anchor, θ the link's rotation vector since activation; errors are of second
-        order in θ, and 0 for rotation about one axis.
+        order in θ.
         """
         present, made = self.pose(dynamics), pin.XYZQUATToSE3(anchor)
         turn = pin.log3(present.rotation @ made.rotation.T)
@@ -180,6 +179,6 @@ class PointContact(UnilateralContact):
         return np.asarray(self._axes.T @ (rolled - present.translation))
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the force as a wrench about the world origin, (6,)."""
+        """Return the wrench, (6,)."""
         along = self.axes(dynamics) @ force
         return np.concatenate([along, pin.skew(self.points(dynamics)[0]) @ along])

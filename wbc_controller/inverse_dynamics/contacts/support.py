@@ -19,7 +19,7 @@ _CORNER = 1.0e-6  # distance of a vertex from the hull of the others, relative t
 def friction_pyramid(friction: float) -> Array:
     """Return a pyramid C, (8, 3), inside the friction cone: C f ≤ 0 implies √(fx² + fy²) ≤ friction fz.
 
-    At least cos(π / 8) = 92 % of the friction is available. With four sides it would depend on the heading by 30 %.
+    At least cos(π / 8) = 92 % of the friction is available.
     """
     sides = 8
     normal = 2.0 * math.pi * (np.arange(sides) + 0.5) / sides

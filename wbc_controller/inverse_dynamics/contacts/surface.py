@@ -60,7 +60,7 @@ class SurfaceContact(UnilateralContact):
         return self._mount.placement(dynamics)
 
     def pose(self, dynamics: Dynamics) -> pin.SE3:
-        """Return the placement of the contact frame in the world, or relative to the touched link."""
+        """Return `placement`, or the placement in the touched link."""
         return self._mount.pose(dynamics)
 
     def displacement(self, dynamics: Dynamics, anchor: Array) -> Array:
@@ -68,22 +68,22 @@ class SurfaceContact(UnilateralContact):
         return pose_displacement(self._mount.anchor_in_contact_frame(dynamics, anchor))
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code."""
+        """Return the instruction."""
         return self._mount.instruction(_ALL) if type(self) is SurfaceContact else None
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of the relative twist in contact axes, (6, nv)."""
+        """Return J of the relative twist in contact axes, (6, nv)."""
         return self._mount.jacobian(dynamics)
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return the relative spatial acceleration at v̇ = 0 in contact axes, (6,)."""
+        """Return its drift, (6,)."""
         return self._mount.drift(dynamics)
 
     def points(self, dynamics: Dynamics) -> Array:
-        """Return the corners of the support polygon in the world, (n, 3) in m."""
+        """Return the corners of the support, (n, 3) in m."""
         placement = self.placement(dynamics)
         return np.asarray(self._corners @ placement.rotation.T + placement.translation)
 
     def wrench_in_world(self, dynamics: Dynamics, force: Array) -> Array:
-        """Return the wrench about the world origin in world axes, (6,)."""
+        """Return the wrench, (6,)."""
         return np.asarray(self.placement(dynamics).act(pin.Force(force)).vector)

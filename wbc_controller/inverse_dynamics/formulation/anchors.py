@@ -16,8 +16,6 @@ def anchor_feedback(
 ) -> Array:
     """Return K e, (nf,) in m/s² and rad/s²; 0 for contacts without an anchor.
 
-    If dependent contacts cannot reach all anchors, `formulation.redundancy` gives the nearest acceleration.
-
     `rows` is nf; `anchored`: contacts with a stiffness, and their rows of J.
 
     Raises:

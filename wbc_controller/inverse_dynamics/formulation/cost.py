@@ -28,8 +28,8 @@ class LevelCost:
 
         ½ w (x - b)² + ½ ε x² = ½ (w + ε) (x - t)² + ½ b² ε w / (w + ε),    t = b w / (w + ε).
 
-    A second posture task on the same joints adds to that in the same way, with w + ε in place of ε and b - t in place
-    of b. Posture tasks have rows only if a lower level must keep them.
+    A second posture task on the same joints adds likewise, with w + ε for ε and b - t for b. Posture tasks have rows
+    only if a lower level must keep them.
 
     Attributes:
         squares: cost with weights w and ε.
@@ -54,7 +54,6 @@ class LevelCost:
         self._rows_of = [(task.name, places[task.name]) for task in with_rows]
         end = sum(task.dimension for task in with_rows)
         count = end + base
-        # The first level precedes the equality constraints; redundant directions are above.
         soft = len(layout.J) if first else 0
         top, bottom = problem.room - count, problem.room + len(problem.b)
         whole = problem.memory[top - soft : bottom] if first else np.zeros((count, n + 1))
@@ -162,7 +161,6 @@ class LevelCost:
 
 
 def _on_diagonal(tasks: Sequence[Task]) -> list[tuple[PostureTask, Instruction]]:
-    """Return the posture tasks with compiled targets."""
     found = []
     for task in tasks:
         instruction = task.instruction() if isinstance(task, PostureTask) and task.tolerance is None else None

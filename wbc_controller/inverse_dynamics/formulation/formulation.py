@@ -37,14 +37,12 @@ from wbc_controller.records import Array, References, RobotState, Tuning
 class Formulation:
     """Quadratic program of a state and references; `inverse_dynamics.whole_body_qp` solves it.
 
-    The structure has the arrays for one set of active contacts and tasks. Parameters (weights, gains, limits) are
-    written after changes, state and references in every cycle.
+    Parameters (weights, gains, limits) are written after changes, state and references in every cycle.
 
     Attributes:
         task_errors: of each level in the last cycle.
         redundancy: active contacts, and True to separate them in every cycle (`formulation.redundancy`).
-        regular: sets of active contacts that were not redundant when they were examined; a solver that fails examines
-            them again.
+        regular: sets of active contacts without redundancy when last examined, as after each failure of a solver.
     """
 
     def __init__(
@@ -102,13 +100,13 @@ class Formulation:
         return self._layouts[names]
 
     def prepare(self, state: RobotState) -> None:
-        """Compute the dynamics of a state before its references are known."""
+        """Compute the dynamics of a state in advance."""
         if self._prepared is not state:
             self.dynamics.update(state.q, state.v)
             self._prepared = state
 
     def build(self, state: RobotState, references: References, tau_before: Array | None = None) -> Layout:
-        """Compute the dynamics and fill the problem of the returned layout; `tau_before` as in `WholeBodyQP.solve`."""
+        """Compute the dynamics and fill the returned layout; `tau_before` as in `WholeBodyQP.solve`."""
         if references.tuning is not None and references.tuning is not self._tuning:
             self._apply_tuning(references.tuning)
         dynamics, q, v = self.dynamics, state.q, state.v
@@ -151,7 +149,7 @@ class Formulation:
         return layout
 
     def find_redundancy(self, layout: Layout) -> bool:
-        """Separate contacts that have become redundant; return True if the problem changes."""
+        """Separate newly redundant contacts; return True if the problem changes."""
         if layout.contact_rows is not None or self._mobility(layout) >= LEAST_MOBILITY:
             return False
         self.redundancy = layout.key, True
@@ -292,7 +290,7 @@ class Formulation:
             layout.relabel(rows, limit.names)
 
     def require_finite_limits(self, layout: Layout) -> None:
-        """Raise `MethodError` for NaN in rows or bounds of the limits at a finite state."""
+        """Raise `MethodError` for NaN in the limits at a finite state."""
         if not (np.isfinite(self.dynamics.q).all() and np.isfinite(self.dynamics.v).all()):
             return
         for limit, (rows, lower, upper) in zip(self.row_limits, layout.limit_parts, strict=True):
@@ -302,7 +300,7 @@ class Formulation:
                     require_finite(limit, "fill", name, bounds)
 
     def effort_bounds(self, references: References) -> tuple[Array, Array]:
-        """Return the bounds of the torque rows without the torque rate limit."""
+        """Return the torque bounds without the rate limit."""
         actuation = self.model.actuation
         lower, upper = self.torque_limit.available(actuation.speeds(self.dynamics.v))
         h = actuation.torques(bias_forces(self.dynamics, references))

@@ -11,15 +11,9 @@ Linear programs over the constraints of the failed problem:
 4. Repeat with the named constraints enforced: other constraints up to `EQUAL_COST_RATIO` times the smallest cost also
   belong to the conflict, e.g. the other foot.
 
-The equations of motion always hold: they never conflict alone. Violations for σ_g = 1:
-
-- forces: weight m g; `CONTACT_SCALE` m g for pulling contacts; moments: m g `MOMENT_LENGTH`,
-- torques and torque rates: effort limit,
-- joint accelerations: g / `MOMENT_LENGTH`,
-- cones: `CONTACT_SCALE` m g; with moments, `CONTACT_SCALE` m g `MOMENT_LENGTH`,
-- contact accelerations: `CONTACT_SCALE` g; angular, `CONTACT_SCALE` g / `MOMENT_LENGTH`.
-
-Slip is therefore named only if no other constraint can be relaxed.
+The equations of motion always hold: they never conflict alone. `named_constraints` has the violations for σ_g = 1:
+multiples of the weight m g, g and the effort limits, smaller ones for contacts. Slip is therefore named only if no
+other constraint can be relaxed.
 """
 
 from collections.abc import Collection, Sequence
@@ -153,7 +147,7 @@ def explain(
 ) -> Infeasibility | None:
     """Find the conflicting constraints; None if they are feasible, or the linear programs fail.
 
-    Constraints of the kinds `held` are enforced and never named.
+    Kinds in `held` are enforced and never named.
     """
     constraints = named_constraints(layout, model, effort)
     question = [constraint for constraint in constraints if constraint.kind not in held]
@@ -246,7 +240,7 @@ class _ConflictSearch:
         best = self._minimize_slack(free)
         if best is None or not (_TOLERANCE < best.total <= cost):
             return None
-        # The total slack grows with the number of enforced constraints, smallest first: bisection.
+        # The slack grows with the number of enforced constraints: bisection.
         order = sorted(best.slack, key=best.slack.__getitem__)
         low, high, found = 0, len(order), best
         while high - low > 1:

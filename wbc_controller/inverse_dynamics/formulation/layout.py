@@ -31,7 +31,7 @@ class ContactPlace:
     cone: slice  # rows in C
     columns: slice  # columns of the force in x
     lower: Array  # of the force, in `FORCE_UNIT`, (k,)
-    upper: Array  # of the force, in `FORCE_UNIT`, (k,)
+    upper: Array  # likewise
 
 
 class Layout:
@@ -99,7 +99,7 @@ class Layout:
         self._friction: Mapping[str, float] = {}
         self.forces = slice(nv, nv + nf)
         self.forces_of = [(place.contact.name, place.motion) for place in self.places]
-        #: Compiled rows of contacts with their first row; contacts evaluated in Python.
+        #: Compiled rows of contacts with their first row; other contacts.
         self.instructions = [
             (instruction, place.motion.start)
             for place in self.places
@@ -172,11 +172,11 @@ class Layout:
 
     @property
     def torque_map(self) -> tuple[Array, Array]:
-        """R (na, n) and r (na,) of τ = R x + r, N·m."""
+        """Map of `Efforts.torque_map`."""
         return self.problem.C[self.torque], self.torque_bias
 
     def force_map(self, contact: str) -> Array | None:
-        """Return R (k, n) of the contact force R x; None for an inactive contact."""
+        """Return the map of `Efforts.force_map`."""
         if contact not in self.key:
             return None
         columns = self.places[self.key.index(contact)].columns
@@ -192,7 +192,7 @@ class Layout:
         return kept
 
     def relabel(self, rows: slice, names: Sequence[str]) -> None:
-        """Rename rows of C in a new list of labels, as earlier solutions keep the old one."""
+        """Rename rows of C in a new list of labels."""
         n = self.problem.n
         if self._named.get(rows.start) == names:
             return

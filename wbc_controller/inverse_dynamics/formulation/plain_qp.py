@@ -61,17 +61,17 @@ class PlainQP:
     columns: dict[str, slice]  # columns of each active contact's force in x
 
     def force_map(self, contact: str) -> Array | None:
-        """Return R (k, n) of the contact force f = R x; None for an inactive contact."""
+        """Return the map of `Efforts.force_map`."""
         return FORCE_UNIT * np.eye(len(self.g))[self.columns[contact]] if contact in self.columns else None
 
 
 def task_rows(
     task: Task, dynamics: Dynamics, efforts: Efforts, reference: Reference, n: int
 ) -> tuple[Array, Array, Array] | None:
-    """Return the rows R x = r of a task, R (k, n) and r (k,), and its error (k,); None for an inactive contact's force.
+    """Return rows R x = r, R (k, n) and r (k,), and the task error (k,); None for an inactive contact's force.
 
-    An acceleration task has rows J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`). The error of an effort task
-    depends on the solution and is NaN here.
+    Acceleration tasks: J v̇ = ẍ_ref + D (ẋ_ref - ẋ) + K e - J̇v (`MotionTask`). The error of an effort task depends on
+    the solution and is NaN here.
     """
     if isinstance(task, EffortTask):
         equation = equation_of(task, efforts, reference, n)
@@ -174,7 +174,7 @@ def plain_qp(
 
 
 def contact_accelerations(dynamics: Dynamics, active: Sequence[Contact], references: References) -> tuple[Array, Array]:
-    """Return J (nf, nv) of the active contacts, and the required J v̇ = -J̇v - D J v + K e, (nf,)."""
+    """Return J (nf, nv), and the required J v̇ = -J̇v - D J v + K e, (nf,)."""
     J, at_rest, D = np.zeros((0, dynamics.model.nv)), np.zeros(0), np.zeros(0)
     anchored = []
     for contact in active:
@@ -187,7 +187,7 @@ def contact_accelerations(dynamics: Dynamics, active: Sequence[Contact], referen
 
 
 def torque_bounds(limits: Limits, speeds: Array, tau_before: Array | None) -> tuple[Array, Array]:
-    """Return bounds of τ, (na,) in N·m: available torques, and |τ - τ_before| ≤ rate τ_max Δt."""
+    """Return bounds of τ, (na,) in N·m, by available torques and rate."""
     lower, upper = limits.torque.available(speeds)
     if tau_before is None:
         return lower, upper

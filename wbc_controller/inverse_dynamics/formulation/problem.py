@@ -108,7 +108,7 @@ class QuadraticProgram:
 
     @classmethod
     def empty(cls, n: int, equalities: int, inequalities: int, room: int = 0, outputs: int = 0) -> QuadraticProgram:
-        """Allocate a problem with infinite bounds, `room` cost rows, and outputs."""
+        """Allocate a problem with infinite bounds."""
         return cls(
             QuadraticCost(np.zeros((n, n)), np.zeros(n)),
             np.repeat([[-np.inf], [np.inf]], n + inequalities, axis=1),
@@ -124,12 +124,12 @@ class QuadraticProgram:
 
     @property
     def H(self) -> Array:
-        """Hessian (n, n), symmetric positive definite."""
+        """Hessian, (n, n)."""
         return self.cost.H
 
     @property
     def g(self) -> Array:
-        """Gradient at 0, (n,)."""
+        """Gradient, (n,)."""
         return self.cost.g
 
     @property
@@ -187,7 +187,7 @@ class Residuals:
 
 @dataclass(frozen=True, slots=True)
 class SoftConstraints:
-    """Soft constraints lower ≤ y + s ≤ upper on entries y of [x; C x], with the cost ½ Σ wᵢ sᵢ²."""
+    """Soft constraints lower ≤ y + s ≤ upper on entries y of [x; C x], cost ½ Σ wᵢ sᵢ²."""
 
     places: np.ndarray  # in [x; C x], (k,)
     bounds: Array  # (2, k)

@@ -1,9 +1,9 @@
 """Redundant contacts: dependent rows become part of the cost.
 
-Feet without ankle roll, or four points under one sole, constrain more directions than the robot can move along;
-rounding, contact velocities (nᵀJ̇ v = -ṅᵀJ v) or anchors make such rows contradictory. The mobility of the contacts
-determines these directions independently of the coordinates (S2). It is the inverse of their operational-space inertia
-(Khatib, IEEE Journal on Robotics and Automation, 1987). With the metric W of the contact forces, and mimic joints,
+Such rows (examples: docs/contacts.md) become contradictory by rounding, contact velocities (nᵀJ̇ v = -ṅᵀJ v) or anchors.
+The mobility of the contacts determines them independently of the coordinates (S2). It is the inverse of their
+operational-space inertia (Khatib, IEEE Journal on Robotics and Automation, 1987). With the metric W of the contact
+forces, and mimic joints,
 
     Λ⁻¹ = W^-½ J (M⁻¹ - M⁻¹Cᵀ (C M⁻¹Cᵀ)⁻¹ C M⁻¹) Jᵀ W^-½ = Σ μᵢ uᵢ uᵢᵀ
 

@@ -36,7 +36,7 @@ class Relaxable:
         cls, layout: Layout, name: str, places: np.ndarray, *, hard: Array | None = None, units: Array | None = None,
         weight: float = _VIOLATION_WEIGHT,
     ) -> Relaxable:  # fmt: skip
-        """Describe limits of a built problem, by default without hard bounds and with units of 1."""
+        """Describe limits of a built problem; units are 1 by default."""
         bounds = layout.problem.bounds[:, places]
         hard = np.repeat([[-np.inf], [np.inf]], len(places), axis=1) if hard is None else hard
         units = np.ones(len(places)) if units is None else units
@@ -52,7 +52,7 @@ class Relaxable:
 
 
 def relaxations(formulation: Formulation, layout: Layout, references: References) -> Iterator[list[Relaxable]]:
-    """Yield the groups of limits to relax together: first the torque rate, then all limits except available torques."""
+    """Yield groups of limits to relax: first the torque rate, then all limits except available torques."""
     n = layout.problem.n
     rate = Relaxable.of(
         layout,
@@ -72,10 +72,9 @@ def relaxations(formulation: Formulation, layout: Layout, references: References
 
 
 def contacts_preventing_stop(formulation: Formulation, layout: Layout, value: Array) -> tuple[str, ...]:
-    """Return the contacts that prevent a joint from stopping at its position limit, from a relaxed [x; C x].
+    """Return the contacts that prevent a stop at a position limit, from a relaxed [x; C x].
 
-    A stance foot determines the motion of its leg: if the robot leaves the ground faster than the leg can extend, only
-    release of the foot stops the knee. Other limbs keep their contacts.
+    If the robot leaves the ground faster than a leg can extend, only release of its foot stops the knee.
     """
     most = formulation.motion_limit.acceleration
     needed, missed = _stopping_demand(formulation, layout, value)
@@ -148,11 +147,7 @@ def soften(layout: Layout, groups: Sequence[Relaxable]) -> SoftConstraints:
 
 
 def widen(layout: Layout, groups: Sequence[Relaxable], value: Array, room: float) -> tuple[str, ...]:
-    """Set the bounds of groups to the original ones, widened to the values [x; C x] plus `room`.
-
-    Returns:
-        The groups with a violated bound.
-    """
+    """Set bounds to the original ones, widened to [x; C x] plus `room`; return the groups with a violated bound."""
     bounds = layout.problem.bounds
     for group in groups:
         at = value[group.places]

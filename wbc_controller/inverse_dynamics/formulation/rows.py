@@ -35,8 +35,7 @@ class CompiledRows:
 
     Attributes:
         arrays: for the kernel.
-        factors: of joint tasks, (2, size): share of the way from the target of earlier tasks to the desired
-            acceleration, and from the square of that way to twice the constant cost.
+        factors: of joint tasks, (2, size), the last `numbers` of `_joint_targets`.
     """
 
     def __init__(self, dynamics: Dynamics, out: Array, target: Array, entries: Sequence[RowEntry]) -> None:

@@ -26,7 +26,7 @@ class Parameters:
 class Structure:
     """Arrays of the problem for one set of active contacts and tasks."""
 
-    version: int  # counter
+    version: int
     layout: Layout  # also of the structures with other tasks
     costs: list[LevelCost]  # of each priority level, highest first
     levels: list[Level]  # of the costs

@@ -21,7 +21,7 @@ _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class _LazyDetails:
-    """`records.Details` from unchanged parts of the layout, computed on first access to save time in the cycle."""
+    """`records.Details` from unchanged parts of the layout, computed on first access."""
 
     _forces: Mapping[str, Array] | None = None
 
@@ -39,7 +39,6 @@ class _LazyDetails:
 
     @property
     def forces(self) -> Mapping[str, Array]:
-        """Force of each contact, (k,) in N and N·m."""
         if self._forces is None:  # `cached_property` would double the time
             forces = FORCE_UNIT * self._residuals.value[self._layout.forces]
             forces.setflags(write=False)
@@ -48,7 +47,7 @@ class _LazyDetails:
 
     @cached_property
     def residuals(self) -> Mapping[str, float]:
-        """Largest violation in each group of constraints, including redundant contact directions."""
+        """Largest violation in each group of constraints, with redundant contact directions."""
         equalities, contact_rows = self._residuals.equalities.tolist(), self._layout.mechanism.start
         rows = self._contact_rows
         if rows is not None:
@@ -64,7 +63,7 @@ class _LazyDetails:
 
     @cached_property
     def task_errors(self) -> Mapping[str, float]:
-        """Norms of the task errors: of the state for acceleration tasks, of the solution for effort tasks."""
+        """Norms of the task errors; of effort tasks at the solution."""
         errors: dict[str, Array] = {}
         for places, values in self._errors:
             errors |= {name: values[place] for name, place in places}
@@ -77,7 +76,6 @@ class _LazyDetails:
 
     @cached_property
     def levels(self) -> Sequence[LevelReport]:
-        """Solved quadratic programs."""
         answer = self._answer
         if answer.levels or answer.cost is None:
             return answer.levels

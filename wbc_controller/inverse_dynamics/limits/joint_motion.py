@@ -35,22 +35,18 @@ class JointMotionLimit(Tunable):
 
     Velocity limit: q̇ + T q̈ ≤ q̇_max for q̇ > 0, mirrored for q̇ < 0, with T ≤ `VELOCITY_HORIZON`. T exceeds one
     period because of the torque delay L: the gain 1 / T is stable for L < π T / 2. For q̇ < 0 a joint may always stop
-    within a period Δt, q̈ ≤ q̇_max / T - q̇ / Δt, so the limit never contradicts braking at a position limit or the
-    return to it.
+    within a period Δt, q̈ ≤ q̇_max / T - q̇ / Δt, as position limits may require.
 
     Acceleration limit: |q̈| ≤ q̈_max clips the other bounds. In viable states their interval is not empty. Otherwise a
-    joint brakes with q̈_max, or reverses at its limit (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))). If it would exceed the
-    limit by more than `STOPPING_DISTANCE`, it brakes harder than q̈_max, at most to a stop within the period. Beyond
-    its limit it returns like a critically damped spring with the time constant `RETURN_TIME` / 2. Position limits
-    precede velocity limits.
+    joint brakes with q̈_max, or reverses at its limit (d < 0: q̈ ≤ -q̇² / (2 (q_max - q))); a stop beyond
+    `STOPPING_DISTANCE` permits harder braking. Beyond its limit it returns like a critically damped spring with the
+    time constant `RETURN_TIME` / 2. Position limits precede velocity limits.
 
     Attributes:
         position_lower, position_upper: (nj,) in rad, or None.
-        position_upper: (nj,) in rad, or None.
         velocity: largest speed, (nj,) in rad/s, or None.
         acceleration: q̈_max, rad/s².
-        horizon: lower bound of T, s. A longer T reduces the effect of measurement noise: near the limit, the bound
-            changes by 1 / T² per rad, and by 1 / T per rad/s.
+        horizon: lower bound of T, s; docs/limits.md has its effect on measurement noise.
     """
 
     def __init__(
@@ -70,7 +66,7 @@ class JointMotionLimit(Tunable):
 
     @classmethod
     def of(cls, model: RobotModel, tuning: Tuning, *, position: bool = True, velocity: bool = True) -> JointMotionLimit:
-        """Make the limit of a robot from its URDF and the tuning.
+        """Make the limit from URDF and tuning.
 
         Raises:
             ConfigurationError: if the margin leaves no range for a joint.
@@ -91,14 +87,14 @@ class JointMotionLimit(Tunable):
         )
 
     def bounds(self, q: Array, v: Array, period: float) -> tuple[Array, Array]:
-        """Return bounds of joint accelerations (nj,) for a period in s, at q and v, (nj,) each."""
+        """Return bounds of q̈ (nj,) for a period in s, at q and v, (nj,) each."""
         lower, upper, each = np.empty(len(q)), np.empty(len(q)), np.arange(len(q))
         table = self.bind(each, each, period, lower, upper)
         acceleration_bounds(table, np.ascontiguousarray(q), np.ascontiguousarray(v))
         return lower, upper
 
     def bind(self, q_index: np.ndarray, v_index: np.ndarray, period: float, lower: Array, upper: Array) -> JointMotion:
-        """Return limits and bounds for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds.
+        """Return the table for `acceleration_bounds`, with joint indices (nj,) in q, and in v and the bounds.
 
         Raises:
             ValueError: for different sizes.
@@ -123,12 +119,9 @@ class JointMotionLimit(Tunable):
         )
 
     def stopping_bounds(self, q: Array, v: Array, bounds: Array, limits: tuple[Array, Array]) -> Array:
-        """Return bounds with which a joint still stops if `bounds` cannot be met.
+        """Return bounds, not tighter than `bounds` (2, nj), for a stop within `STOPPING_DISTANCE` beyond the limit.
 
-        A joint must brake with the constant acceleration that stops it at most `STOPPING_DISTANCE` beyond the limit: q̈
-        ≤ -q̇² / (2 (q_max + STOPPING_DISTANCE - q)).
-
-        The result is not tighter than `bounds`, (2, nj); `limits` are without the margin.
+        q̈ ≤ -q̇² / (2 (q_max + STOPPING_DISTANCE - q)); `limits` are without the margin.
         """
         if self.position_lower is None:
             return np.repeat([[-np.inf], [np.inf]], len(q), axis=1)

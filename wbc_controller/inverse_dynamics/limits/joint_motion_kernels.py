@@ -22,7 +22,7 @@ class JointMotion(Struct):
     return_time: float  # s
     rounding: float  # rad
     lower: OutVector  # out: by index in v, rad/s²
-    upper: OutVector  # out
+    upper: OutVector  # likewise
 
 
 @part

@@ -30,4 +30,4 @@ class RowLimit(ABC):
 
     @abstractmethod
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write the rows G, (k, nv), and bounds, (k,), possibly infinite, for accelerations over a period in s."""
+        """Write G, (k, nv), and bounds, (k,), possibly infinite, for a period in s."""

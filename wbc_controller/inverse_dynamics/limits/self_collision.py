@@ -32,8 +32,8 @@ class SelfCollisionLimit(RowLimit):
 
         ḋ = nᵀ (v₂(p₂) - v₁(p₁)) = J_d v,    d̈ ≥ J_d v̇ + δ.
 
-    v₁, v₂ are the velocities of the links, and δ = nᵀ (a₂ - a₁) at v̇ = 0. Separating centripetal accelerations about a
-    shape's origin are omitted, as the nearest points slide; so is the separating effect of the tangential velocity.
+    v₁, v₂ are the velocities of the links, and δ = nᵀ (a₂ - a₁) at v̇ = 0, without separating centripetal and tangential
+    terms, as the nearest points slide.
 
     The closing speed w = -ḋ after a period must allow a stop before the margin. With the deceleration A, the horizon T
     and the remaining distance r = d - margin - 2 mm - w T,
@@ -44,8 +44,8 @@ class SelfCollisionLimit(RowLimit):
     of e T². For r < 0 the links separate with the speed -r / T, at most `RETURN_SPEED`. Rows require at most
     `_LARGEST_DEMAND` A.
 
-    Distances are computed only if a pair could not brake within a lower bound: the last distance minus possible joint
-    motion, and the distance of enclosing spheres. With more pairs than rows, the largest required d̈ have rows.
+    Distances are computed only if a pair could not brake within a lower bound (`near_pairs`). With more pairs than
+    rows, the largest required d̈ have rows.
 
     Attributes:
         margin: least distance, m.
@@ -119,7 +119,7 @@ class SelfCollisionLimit(RowLimit):
         self.computed = 0
 
     def fill(self, dynamics: Dynamics, period: float, rows: Array, lower: Array, upper: Array) -> None:
-        """Write rows and bounds in the order of the pairs, for the solver's warm start."""
+        """Write rows and bounds in the constant order of the pairs."""
         rows[:], lower[:], upper[:] = 0.0, -np.inf, np.inf
         ahead = max(period, self.horizon)
         near = self._compute_near_distances(dynamics, ahead)
@@ -187,8 +187,8 @@ def _levers(
     """Return `starts`, `components`, `levers` and `ends` of `ShapePairs`.
 
     A joint that moves one link of a pair changes their distance at most by its speed times its largest distance from
-    the shape, `reach` (s, nv). For each shape, these joints are from its link towards the root, up to the first joint
-    that moves both links: a partial sum common to all of its pairs.
+    the shape, `reach` (s, nv). These joints are from the link towards the root, up to the first joint that moves both
+    links: a partial sum for all pairs.
     """
     starts, components, levers, ends = [0], [], [], np.zeros(pairs.shape, dtype=np.int64)
     for shape, link in enumerate(links):

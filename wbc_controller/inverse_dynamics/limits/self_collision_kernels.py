@@ -45,7 +45,7 @@ class ShapePairs(Struct):
     faster: float  # m/s
     normals: Matrix  # unit vectors from the first to the second shape, (k, 3)
     first: Matrix  # nearest points on the first shape, (k, 3) in m
-    second: Matrix  # nearest points on the second shape, (k, 3) in m
+    second: Matrix  # on the second shape, (k, 3) in m
     seen: OutVector  # in place: last configuration, (nq,); initially NaN
     least: OutVector  # in place: lower bounds of distances, (k,) in m, or NaN
     sums: OutMatrix  # out: cumulative largest speed and change since `seen`, (e + 1, 2)
@@ -65,7 +65,7 @@ def _reach(closing: float, A: float, T: float, faster: float, margin: float) -> 
 
 @part
 def _closing_speed(line: Vector3, length: float, radii: float, velocity: Vector3) -> float:
-    """Return the largest speed along any normal in the cone about the line of centres that contains two spheres.
+    """Return the largest speed along normals in the cone about the line of centres around two spheres.
 
     `line` points from the first centre to the second; `velocity` is relative to the first sphere.
     """

@@ -43,7 +43,7 @@ class TorqueLimit(Tunable):
         self.curve = curve
 
     def available(self, v: Array) -> tuple[Array, Array]:
-        """Return read-only bounds of τ without the rate limit, (na,) in N·m, at speeds v in rad/s."""
+        """Return read-only bounds of τ, (na,) in N·m, at speeds v in rad/s."""
         if self.curve is None:
             return -self.effort_limits, self.effort_limits
         return self.curve.available(self.effort_limits, v)

@@ -52,7 +52,7 @@ class ContactPlan:
 
     enabled: bool  # at activation
     ramp: float  # duration of loading or unloading, s
-    anchored: AnchoredContact | None = None  # contact with an anchor
+    anchored: AnchoredContact | None = None
     contact: Contact | None = None  # None: unloading begins at the largest force
     capacity: float = math.inf  # largest normal force on the robot, N
 
@@ -61,8 +61,8 @@ class ContactPlan:
 class BoardPlan:
     """Plans of all tasks and contacts."""
 
-    tasks: Mapping[str, TaskPlan]  # by name
-    contacts: Mapping[str, ContactPlan]  # by name
+    tasks: Mapping[str, TaskPlan]
+    contacts: Mapping[str, ContactPlan]
     weight_ramp: float  # for weights, gains and limits, s
     tuning: Tuning
     robot_weight: float = 0.0  # to be carried by the contacts, N; 0 for a fixed base
@@ -108,7 +108,7 @@ class ReferenceBoard:
         self._settled_ramps: tuple[float, References] | None = None
 
     def reset(self, dynamics: Dynamics, time: float) -> None:
-        """Hold the present state, with contacts as configured and anchored at their present pose."""
+        """Hold the present state, with configured contacts anchored at their present pose."""
         self._discard_samples()
         for name, plan in self.plans.items():
             self._enabled[name] = plan.enabled
@@ -128,7 +128,7 @@ class ReferenceBoard:
         self._tuning = TuningRamp.at(self._tuning.after)
 
     def replan(self, plan: BoardPlan, dynamics: Dynamics, time: float | None) -> None:
-        """Replace the plan for the same tasks and contacts, with ramps; without `time` new values apply at once."""
+        """Replace the plan, with ramps; without `time` at once."""
         self._discard_samples()
         before, contacts_before = self.plans, self.contact_plans
         self.plans, self.contact_plans, self._weight_ramp = plan.tasks, plan.contacts, plan.weight_ramp
@@ -146,7 +146,7 @@ class ReferenceBoard:
                 self._apply(EnableContact(name, contact.enabled), dynamics, time)
 
     def apply(self, changes: Iterable[Change], dynamics: Dynamics, time: float) -> None:
-        """Apply a set of changes at the last snapshot, and at a time, s.
+        """Apply a set of changes at a time, s.
 
         Raises: InputRefused: as `check`, without any change.
         """
@@ -272,7 +272,7 @@ class ReferenceBoard:
         self._trajectories[change.task] = self._joined_trajectory(change, time)
 
     def _enable(self, task: str, enabled: bool, dynamics: Dynamics, time: float) -> None:
-        """Enable or disable a task; an inactive task starts at the present state and moves to its stored goal."""
+        """Enable or disable a task; an inactive one starts at the present state and moves to its goal."""
         if enabled:
             goal = self._goals.pop(task, None)
             if self._is_inactive(task, time):
@@ -299,8 +299,7 @@ class ReferenceBoard:
     def _joined_trajectory(self, goal: SetSetpoint | SetTrajectory, time: float) -> Trajectory:
         """Join the present reference to a setpoint or to the future points of a trajectory.
 
-        Points that require a jump are skipped: past ones, and ones off the reference's path less than `_SHORTEST_JOIN`
-        ahead. A trajectory sent twice has no effect.
+        Points that require a jump are skipped: past ones, and ones off the path less than `_SHORTEST_JOIN` ahead.
         """
         if isinstance(goal, SetSetpoint):
             return self._towards(goal.task, goal.position, time, goal.duration)

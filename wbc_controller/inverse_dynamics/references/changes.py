@@ -12,8 +12,7 @@ from wbc_controller.records import Array
 class SetSetpoint:
     """Move a task's reference to a position and hold it.
 
-    `frame` is one of `relative.own_frames`, or a robot frame at its present pose; by default the frame of the
-    references.
+    `frame`: one of `relative.own_frames`, or a robot frame at its present pose; by default that of the references.
     """
 
     task: str
@@ -58,7 +57,7 @@ class EnableContact:
 
 @dataclass(frozen=True, slots=True)
 class SetSlippingContacts:
-    """Name all contacts that slip; their friction is reduced, and recovers slowly after the slip."""
+    """Name all slipping contacts; their friction is reduced, and recovers slowly."""
 
     contacts: tuple[str, ...]
 
@@ -90,7 +89,7 @@ class WalkTo:
 class WalkFootsteps:
     """Step on poses of alternating soles, then stop; for the walker."""
 
-    poses: Array  # x, y in m and heading in rad in the world, (n, 3)
+    poses: Array  # as `WalkTo.pose`, (n, 3)
 
 
 #: Changes for the walker.

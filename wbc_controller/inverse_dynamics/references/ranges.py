@@ -1,6 +1,6 @@
 """Plausible ranges of references and external wrenches.
 
-Values out of range are mistakes, e.g. in units. Values in range may still be unreachable.
+Values in range may still be unreachable.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class PositionRange:
 
 
 def check_change(change: Change, tasks: Mapping[str, Task], model: RobotModel) -> None:
-    """Check external wrenches and trajectory points, independent of the state; raises `InputRefused`."""
+    """Check external wrenches and trajectory points; raises `InputRefused`."""
     if isinstance(change, SetExternalWrench):
         what = f"the external wrench at {change.frame!r}"
         _require_within(change.wrench, np.zeros(6), _largest_wrench(model), what, "N, N·m")

@@ -20,7 +20,7 @@ def own_frames(task: str) -> tuple[str, str]:
 def in_world(task: str, frame: str, position: Array, goal: Array, form: ReferenceForm, dynamics: Dynamics) -> Array:
     """Transform a setpoint to the frame of the task's references.
 
-    `frame` is one of `own_frames` or a robot frame. In `own_frames`, the setpoint is relative to the target `goal`.
+    In `own_frames`, the setpoint is relative to the target `goal`; else `frame` is a robot frame.
     """
     n = form.vector
     reference, heading = own_frames(task)

@@ -33,7 +33,7 @@ def rest(position: Array, size: int) -> Reference:
 class Trajectory:
     """Quintics between knots, continuous up to the acceleration; at rest before and after.
 
-    Orientations are interpolated by the rotation vector relative to the start of the segment.
+    Orientations: rotation vector relative to the start of the segment.
     """
 
     def __init__(self, knots: Sequence[Knot]) -> None:
@@ -145,7 +145,7 @@ class Ramp:
 
 
 class SoftRamp(Ramp):
-    """Ramp of a non-negative number with a linear cube root, so that it reaches zero without a relative jump."""
+    """Ramp of a non-negative number with a linear cube root: no relative jump at zero."""
 
     __slots__ = ()
 

@@ -42,7 +42,7 @@ class Actuation(Drive):
         self.C = frozen(coupling)
         self.free = nv - na - len(coupling)
         B = np.vstack([self.S, self.C])
-        # Coordinates without entries in B keep unit rows in N; a floating base comes last.
+        # Coordinates without entries in B keep unit rows in N.
         entered = np.flatnonzero(B.any(axis=0))
         untouched = np.setdiff1d(np.arange(nv), entered)
         leading = untouched == np.arange(len(untouched))

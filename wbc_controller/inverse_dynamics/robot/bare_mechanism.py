@@ -16,7 +16,7 @@ _DROPPED = {"link": ("visual", "collision"), "joint": ("dynamics", "mimic", "saf
 def bare_mechanism(
     tree: ElementTree.Element, moving: Collection[str], locked: Mapping[str, float]
 ) -> ElementTree.Element:
-    """Copy a URDF without shapes and extensions; fix joints outside `moving` at their locked position, rad or m."""
+    """Copy a URDF without shapes and extensions; fix joints outside `moving` at locked positions, rad or m."""
     bare = ElementTree.Element(tree.tag, tree.attrib)
     for element in tree:
         if element.tag not in _DROPPED:
@@ -37,7 +37,7 @@ def shapes_only(urdf: str, kind: str) -> str:
 
     ``<collision_checking>`` marks cylinders that Pinocchio reads as capsules.
     """
-    tree = ElementTree.fromstring(urdf)  # noqa: S314 - read by `parse_urdf` before
+    tree = ElementTree.fromstring(urdf)  # noqa: S314 - checked
     for link in tree.findall("link"):
         for element in [element for element in link if element.tag not in (kind, f"{kind}_checking")]:
             link.remove(element)

@@ -45,7 +45,7 @@ class Dynamics:
         self.v: Array
         data = self._data
         self._rotors, self._M = model.actuation.rotors, data.M
-        # A separate array: Pinocchio leaves entries of M between branches untouched, so rotors would accumulate.
+        # Separate: Pinocchio leaves entries of M between branches untouched, so rotors would accumulate.
         self.M: Array = data.M if self._rotors is None else np.zeros_like(data.M)
         self.M_rows: Array = self.M.T  # for compiled code: Pinocchio stores the symmetric M by columns
         self.h: Array = data.nle
@@ -85,10 +85,10 @@ class Dynamics:
         link_terms(self.motion, v)
 
     def compute(self, q: Array, v: Array) -> None:
-        """Compute Pinocchio's terms at a state."""
+        """Compute Pinocchio's terms; `link_terms` adds the others."""
         model, data = self._pin, self._data
         self.q, self.v = q, v
-        # `crba` in the world convention also computes centre of mass, joint Jacobians and centroidal matrix.
+        # Also centre of mass, joint Jacobians and centroidal matrix.
         _crba(model, data, q, _WORLD)
         # At v̇ = 0, its link accelerations contain all drifts.
         _bias_forces(model, data, q, v)

@@ -244,8 +244,7 @@ def _joint_targets(
     """Move targets to the accelerations of a joint task, and write its errors; return the constant cost.
 
     `numbers` (7, count): K, D, position, velocity, acceleration, share of the way from the target of earlier tasks to
-    the desired acceleration, and factor from the square of that way to twice the constant cost. `places` (2, count):
-    indices in q and in v.
+    the desired acceleration, factor from its square to twice the constant cost. `places` (2, count): indices in q, v.
     """
     rest, table, index = 0.0, numbers[: 7 * count].reshape(7, count), places[: 2 * count].reshape(2, count)
     for i in range(count):

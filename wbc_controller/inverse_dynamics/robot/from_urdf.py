@@ -49,13 +49,12 @@ def build_model(
         posture: nominal, rad.
         armature: reflected rotor inertia of each joint with its own motor, kg·m².
         effort_limit_scale: usable share of the effort limits.
-        actuators: in the order of the command: joints with their own motor, and transmissions; empty for one motor per
-            joint that is not passive.
-        transmission: actuators with ratios, by name.
-        passive_joints: springs and dampers of joints without a motor, by name.
+        actuators: joints with their own motor, and transmissions, in the order of the command; empty for all joints
+            that are not passive.
+        passive_joints: springs and dampers of joints without a motor.
         locked_joints: positions, rad; 0 by default, or given by a locked leader.
         joint_limits: replacements by joint.
-        commanded_by_joint: True if the command contains joint torques instead of actuator torques.
+        commanded_by_joint: True for joint torques in the command.
 
     Raises:
         ConfigurationError: for an invalid URDF or joint.

@@ -1,7 +1,6 @@
 """Mimic joints, which follow other joints.
 
-They keep their coordinates, as most algorithms of Pinocchio 4.1 refuse them; the coupling force is eliminated with the
-torques (`Actuation`).
+They keep their coordinates; `Actuation` eliminates the coupling force. Most algorithms of Pinocchio 4.1 refuse them.
 """
 
 from __future__ import annotations

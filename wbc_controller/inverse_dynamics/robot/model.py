@@ -162,7 +162,7 @@ class RobotModel:
     def state(
         self, joint_positions: Array, joint_velocities: Array, pose: Array | None = None, twist: Array | None = None
     ) -> tuple[Array, Array]:
-        """Assemble q and v from joints (nj,), base pose (7,) and local base twist (6,)."""
+        """Assemble q and v from joint states (nj,), base pose (7,) and local base twist (6,)."""
         q, v = np.zeros(self.nq), np.zeros(self.nv)
         if pose is not None and twist is not None:
             q[:7], v[:6] = pose, twist
@@ -185,7 +185,7 @@ class RobotModel:
         return force
 
     def joint_forces(self, force: Array) -> Array:
-        """Return the joint components (nj,) of a generalized force (nv,), with mimic joints acting on their leaders."""
+        """Return the joint components (nj,) of a generalized force (nv,), with mimic joints added to leaders."""
         if self.followers is not None:
             force = np.array(force)
             self.followers.carry(force)

@@ -32,8 +32,7 @@ class Drive:
         driven: True for joints with an actuator, (nj,).
         motors: joint of each actuator, (na,); None with several joints per actuator or ratios other than 1.
         rotor_inertia: of transmissions, (na,) in kg·m²; 0 for motors.
-        by_joint: True if the command contains joint torques instead of actuator torques.
-        command_size: number of torques in the command.
+        by_joint: True for joint torques in the command.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """URDF reader for untrusted text, without Pinocchio.
 
-Other readers ignore invalid content silently, or crash. All functions raise `ConfigurationError` in one sentence.
+All functions raise `ConfigurationError` in one sentence. Other readers ignore invalid content, or crash.
 """
 
 from __future__ import annotations
@@ -70,8 +70,7 @@ def parse_xml(text: str, key: str, kind: str) -> ElementTree.Element:
 def parse_urdf(urdf: str) -> ElementTree.Element:
     """Read and check a URDF.
 
-    Refuses invalid XML, invalid or too large numbers, joint axes of zero length, incomplete inertias, negative masses
-    or principal moments, too many links, and invalid structures (`check_structure`).
+    Refuses invalid XML, numbers, joint axes and inertias, too many links, and invalid structures (`check_structure`).
     """
     tree = parse_xml(urdf, "robot.urdf", "URDF")
     for body in (*tree.findall("link"), *tree.findall("joint")):
@@ -186,7 +185,7 @@ def _require_limits(name: str, limit: ElementTree.Element | None) -> None:
 
 
 def _drop_unusable_visuals(tree: ElementTree.Element) -> bool:
-    """Remove invalid visuals and materials, for which other readers drop the link or robot; return True if any."""
+    """Remove invalid visuals and materials; return True if any."""
     changed, known = False, set()
     for material in tree.findall("material"):
         name = material.get("name")

@@ -23,7 +23,7 @@ _NAMED = 6  # in a message
 def check_structure(tree: ElementTree.Element) -> None:
     """Check names, joints, collision shapes and the tree of links.
 
-    Pinocchio drops invalid parts silently, or does not name the link or joint.
+    Pinocchio drops invalid parts silently.
     """
     _check_expanded(tree)
     if tree.tag != "robot":
@@ -123,7 +123,7 @@ def _check_shape(link: str, element: ElementTree.Element) -> None:
 
 
 def shape_problem(element: ElementTree.Element) -> str | None:
-    """Return the problem of a ``<collision>`` or ``<visual>``; Pinocchio would drop all shapes of the link."""
+    """Return the problem of a ``<collision>`` or ``<visual>``."""
     geometry = element.find("geometry")
     shape = next(iter(geometry), None) if geometry is not None else None
     if shape is None:

@@ -26,7 +26,6 @@ class LevelWorkspace:
             + kept, n + 1 - base).
         above: number of these rows without N.
         multipliers: of the bounds of [x; C x], from the first level in which each is active.
-        residuals: of the last level.
     """
 
     __slots__ = ("above", "multipliers", "residuals", "rows")
@@ -96,7 +95,7 @@ class ActiveSet:
         self._count = int(np.count_nonzero(side))
 
     def solve(self, problem: QuadraticProgram) -> Answer | None:
-        """Solve with the stored active set or one of the next sets; None if all are wrong."""
+        """Solve with the stored active set or the next sets; None if all are wrong."""
         if self._m + self._count > self._n:
             return None
         squares = problem.cost.squares
@@ -120,8 +119,8 @@ class ActiveSet:
         A wrong active set is replaced by the violated constraints and the multipliers of right sign (primal-dual active
         set strategy: Hintermüller, Ito, Kunisch, SIAM J. Optim. 13, 2002).
 
-        `memory` has the kept rows of the levels above, and receives the solution. `kept` is the number of cost rows
-        that lower levels must keep, `tries` the largest number of active sets.
+        `memory` has the kept rows of the levels above, and receives the solution. Lower levels must keep `kept` cost
+        rows; `tries` is the largest number of active sets.
 
         Returns:
             Outcome and number of the last try, and the sum of squares.

@@ -68,7 +68,7 @@ def reduce_rows(rows: Array, base_map: Array, out: Array) -> None:
 
 @part
 def reduce_bound(place: int, sign: int, constraints: Constraints, equalities: int, base_map: Array, out: Array) -> None:
-    """Write an active bound of entry `place` of [x; C x] in terms of z; `sign` is 1 for the upper bound, else -1."""
+    """Write an active bound of entry `place` of [x; C x] in terms of z; `sign` as in `ActiveSet.side`."""
     base, n = len(base_map), constraints.rows.shape[1] - 1
     if place >= n:
         row = equalities + place - n
@@ -184,24 +184,19 @@ def solve_condensed(
 ) -> tuple[int, float, float, float]:
     """Minimize a sum of squares for a given active set.
 
-    With x_base = s - N z,
-
-        z = t + D⁻¹ Bᵀp,    (B D⁻¹ Bᵀ + E) p = β - B t.
-
-    The last column of B is β, and the last entry of z is -1. Dependent rows of B are ignored, but their residuals
-    checked. Strict priorities use one call per level with the same `memory` and results.
+    The system is that of `ActiveSet`; the last column of B is β, and the last entry of z is -1. Dependent rows of B are
+    ignored, but their residuals checked. Strict priorities use one call per level with the same `memory` and results.
 
     Args:
         cost: of the level, with the constraints.
-        sides: active set of [x; C x] as in `ActiveSet.side`; row 1 receives the next set to try, (2, n + m_in).
+        sides: `ActiveSet.side`; row 1 receives the next set, (2, n + m_in).
         memory: as `LevelWorkspace.rows`.
         above: number of rows in `memory` after [N, s]; 0 for the first level.
         kept: number of leading cost rows appended to `memory`.
         value: out: [x; C x], (n + m_in,).
         multipliers: out: of active bounds not set by a higher level, (n + m_in,).
-        room: out: distances of [x; C x] from lower and upper bounds, (2, n + m_in).
-        equalities: out: as the next.
-        outputs: out: C x + r of the first rows, (k,).
+        room: out: as in `Residuals`.
+        equalities: out: as in `Residuals`, like `outputs`.
 
     Returns:
         `SOLVED`, `WRONG_SET`, `NOTHING_FREE` if the levels above determine x, or `NOT_FOUND`; the cost, the smallest
@@ -217,7 +212,6 @@ def solve_condensed(
     base_map, upper_rows = memory[:base], memory[base:]
     if not (memory.shape[1] == width and len(upper_rows) >= (above if above else own) + kept):
         raise ValueError("solve_condensed: memory for the levels is too small")
-    # Eliminate the base.
     if above == 0:
         if not eliminate_base(rows[own:end], base_map):
             return NOT_FOUND, 0.0, 0.0, 0.0
@@ -238,7 +232,6 @@ def solve_condensed(
     z[last] = -1.0
     for j in range(last):
         inverse[j], z[j] = 1.0 / cost.diagonal[base + j], cost.target[base + j]
-    # Factorize.
     K, pivots = system_matrix(B, inverse, hard, weights), np.empty(len(B))
     if not factorize(K, hard, pivots):
         return NOT_FOUND, 0.0, 0.0, 0.0
@@ -260,7 +253,6 @@ def solve_condensed(
         left = residual(B, z, p, hard, weights)
         if largest_of(left) <= PRECISE:
             break
-    # Check.
     lost = largest_of(left[own:top])  # of the kept rows
     for i in range(base):
         value[i] = -dot(base_map[i], z)

@@ -46,8 +46,6 @@ _STATUS = {
 class DaqpSolver(Solver):
     """DAQP, called if the active set of the previous problem is wrong.
 
-    It has no other memory, so recorded cycles can be reproduced exactly.
-
     Source: Arnström, Bemporad, Axehill, IEEE Transactions on Automatic Control, 2022.
     """
 
@@ -92,7 +90,7 @@ class DaqpSolver(Solver):
 def solve_carefully(problem: QuadraticProgram, soft: SoftConstraints | None = None) -> Answer:
     """Solve a problem on which DAQP may fail, without warm start.
 
-    The feasible point nearest to 0 decides about feasibility, independent of H; its active set starts the search.
+    The feasible point nearest to 0 decides about feasibility; its active set starts the search.
 
     Returns:
         The minimizer, with the multipliers of soft constraints added to their places; without x after a failure.

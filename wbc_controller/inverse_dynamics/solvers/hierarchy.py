@@ -33,7 +33,7 @@ class Hierarchy:
     subject to the inequality constraints. Then its rows reduce N, and its rows with a tolerance become inequality
     constraints, widened by the slack s.
 
-    Without tolerances and effort tasks, the active sets of the last problem are tried first (`ActiveSet`).
+    Without tolerances and effort tasks, the last active sets are tried first (`ActiveSet`).
     """
 
     def __init__(self, make_solver: Callable[[QuadraticProgram], Solver], timer: Callable[[], float]) -> None:
@@ -70,7 +70,7 @@ class Hierarchy:
 
         Returns:
             The solution, with multipliers from the first level in which a constraint binds; x is None if the first
-            level fails. A failed lower level, named in `relaxed`, keeps the solution of the levels above.
+            level fails. `relaxed` names a failed lower level.
         """
         answer = self._solve_warm(problem, levels)
         if answer is not None:

@@ -17,7 +17,7 @@ def solve_by_least_distance(problem: QuadraticProgram) -> Answer:
 
     With H = L Lᵀ and y = Lᵀx + L⁻¹g, minimize ‖y‖² subject to G y ≥ h. From min ‖E u - e‖ over u ≥ 0, with E = [Gᵀ;
     hᵀ], e = [0; 1] and r = E u - e, follow y = -r₁…ₙ / rₙ₊₁ and the multipliers -u / rₙ₊₁ (Lawson, Hanson, "Solving
-    least squares problems", 1974, chapter 23). Robust if many constraints meet in a point; slower than DAQP.
+    least squares problems", 1974, chapter 23). Robust; slower than DAQP.
     """
     upper, lower = np.isfinite(problem.upper), np.isfinite(problem.lower)
     try:

@@ -78,7 +78,7 @@ class OsqpSolver(Solver):
                 eps_abs=1.0e-5,
                 eps_rel=1.0e-5,
                 max_iter=4000,
-                polishing=self._equalities > 0,  # prints a line for an empty active set without equalities
+                polishing=self._equalities > 0,  # prints a line without equalities
                 check_termination=5,
             )
         else:

@@ -31,7 +31,7 @@ class Solver(ABC):
         return None
 
     def recall(self, memory: Mapping[str, Any]) -> None:
-        """Restore the result of `memory`; raises `NotImplementedError` if the solver hides its state."""
+        """Restore the result of `memory`; `NotImplementedError` if the state is hidden."""
         raise NotImplementedError(f"{type(self).__name__} cannot restore its state")
 
     @abstractmethod

@@ -48,7 +48,7 @@ class _AlignmentTask(MotionTask):
         stiffness: Gains = 100.0,
         damping: Gains | None = None,
     ) -> None:
-        """Make a task for an axis a, (3,) in the frame, of non-zero length; gains are for b₁ and b₂."""
+        """Make a task for an axis a, (3,) in the frame, with gains for b₁ and b₂."""
         super().__init__(name, [True, True], stiffness=stiffness, damping=damping)
         self.frame = frame
         self._frame_id = model.frame_id(frame, f"tasks.{name}.frame")
@@ -89,19 +89,16 @@ class _AlignmentTask(MotionTask):
         return Reference(position, to_sides @ rate, to_sides @ rate_dot + spinning)
 
     def velocity(self, dynamics: Dynamics) -> Array:
-        """Return T ω, (2,)."""
         return np.asarray(self._sides @ dynamics.velocity(self._frame_id, pin.LOCAL)[3:])
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the Jacobian of T ω, (2, nv)."""
         return np.asarray(self._sides @ dynamics.jacobian(self._frame_id, pin.LOCAL)[3:])
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return T ω̇ at v̇ = 0, (2,)."""
         return np.asarray(self._sides @ dynamics.drift_local(self._frame_id)[3:])
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Return a reference at the present value, with velocity (3,) as for positions."""
+        """Return a reference at the present value, with velocity (3,)."""
         still = np.zeros(3)
         return Reference(self.position(dynamics), still, still)
 
@@ -117,15 +114,15 @@ class AxisAlignmentTask(_AlignmentTask):
     form = ReferenceForm(direction=True)
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Return the axis direction in the world, a unit vector (3,)."""
+        """Return n, (3,)."""
         return self.direction(dynamics)
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Return the rotation from the axis to a direction, (2,) in rad; its norm is the angle."""
+        """Return the rotation from the axis to a direction, (2,) in rad."""
         return self._error_towards(dynamics, position)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Return the rows for a reference direction."""
+        """Return the rows for a direction."""
         r, r_dot, r_ddot = reference.position, reference.velocity, reference.acceleration
         return super().equation(dynamics, self._rate_reference(dynamics, r, r, r_dot, r_ddot))
 
@@ -149,11 +146,11 @@ class GazeTask(_AlignmentTask):
         return np.asarray(dynamics.placement(self._frame_id).translation + _GAZE_DISTANCE * self.direction(dynamics))
 
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Return the rotation from the axis to a point, (2,) in rad; its norm is the angle."""
+        """Return the rotation from the axis to a point, (2,) in rad."""
         return self._error_towards(dynamics, position - dynamics.placement(self._frame_id).translation)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Return the rows for a reference point."""
+        """Return the rows for a point."""
         axes = pin.LOCAL_WORLD_ALIGNED
         placement = dynamics.placement(self._frame_id)
         r = reference.position - placement.translation

@@ -54,12 +54,12 @@ class CapturePointTask(RateTask):
         self.support_height = support_height
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code."""
+        """Return the instruction."""
         return Instruction(CAPTURE_POINT, self.rows, size=self.size) if type(self) is CapturePointTask else None
 
     @property
     def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:
-        """The gain k, and gravity with the height of the support, for compiled code."""
+        """The gain k, and gravity with the height of the support."""
         return self.gain, (self._gravity, self.support_height)
 
     def _height(self, dynamics: Dynamics) -> float:

@@ -18,7 +18,7 @@ class ComTask(MotionTask):
     size = 3
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code."""
+        """Return the instruction."""
         return Instruction(COM, self.rows, size=self.size) if type(self) is ComTask else None
 
     def position(self, dynamics: Dynamics) -> Array:
@@ -38,5 +38,5 @@ class ComTask(MotionTask):
         return dynamics.com_jacobian
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return its acceleration at v̇ = 0, (3,) in m/s²."""
+        """Return its drift, (3,) in m/s²."""
         return dynamics.com_drift

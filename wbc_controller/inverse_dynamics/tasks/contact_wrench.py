@@ -38,6 +38,6 @@ class ContactWrenchTask(EffortTask):
         self.contact = contact.name
 
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
-        """Return R (k, n), from decision variables to the wrench, and the reference wrench (k,)."""
+        """Return R (k, n) of the wrench, and the reference wrench (k,)."""
         force = efforts.force_map(self.contact)
         return None if force is None else (self._basis @ force, reference.position[self.rows])

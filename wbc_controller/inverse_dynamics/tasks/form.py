@@ -44,7 +44,7 @@ class ReferenceForm:
         """Read a position (size,), and normalize its direction or quaternion.
 
         Raises:
-            InputRefused: for a wrong size, values that are not finite, or a wrong norm; `what` names the values.
+            InputRefused: for a wrong size, norm or value; `what` names the values.
         """
         array = np.array(finite(values, what))
         if self.size == 1 and array.shape == ():

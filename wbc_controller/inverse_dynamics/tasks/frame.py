@@ -20,7 +20,7 @@ _WORLD_AXES = pin.LOCAL_WORLD_ALIGNED
 
 
 def orientation_error(rotation: Array, quaternion: Array) -> Array:
-    """Return the rotation vector log(R_ref Rᵀ) from R (3, 3) to a quaternion (x, y, z, w), (3,) in rad, world axes."""
+    """Return log(R_ref Rᵀ) from R (3, 3) to a quaternion (x, y, z, w), (3,) in rad, world axes."""
     error: Array = pin.log3(rotation_of(quaternion).dot(rotation.T))
     return error
 
@@ -44,7 +44,6 @@ class _FrameTask(MotionTask):
         self._on_link = placement_on_link(model, self._frame_id)
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code."""
         if type(self) not in (FramePositionTask, FrameOrientationTask, FramePoseTask):
             return None
         link, placement = self._on_link
@@ -56,11 +55,9 @@ class _FrameTask(MotionTask):
         return dynamics.velocity(self._frame_id, _WORLD_AXES)[self.part]
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the frame's Jacobian in world axes, (size, nv)."""
         return dynamics.jacobian(self._frame_id, _WORLD_AXES)[self.part]
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return the frame's acceleration at v̇ = 0 in world axes, (size,)."""
         return dynamics.drift_world(self._frame_id)[self.part]
 
 

@@ -31,19 +31,16 @@ class _MomentumTask(RateTask):
         super().__init__(name, [True] * 3 if mask is None else mask, gain=damping, key="damping")
 
     def position(self, dynamics: Dynamics) -> Array:
-        """Return the momentum, (3,)."""
         return np.asarray(dynamics.centroidal_matrix[self.part] @ dynamics.v)
 
     def jacobian(self, dynamics: Dynamics) -> Array:
-        """Return the rows of A_G, (3, nv)."""
         return np.asarray(dynamics.centroidal_matrix[self.part])
 
     def drift(self, dynamics: Dynamics) -> Array:
-        """Return Ȧ_G v, (3,)."""
         return np.asarray(dynamics.centroidal_drift[self.part])
 
     def rest(self, dynamics: Dynamics) -> Reference:
-        """Return zero momentum, as another constant momentum would let the robot drift."""
+        """Return zero momentum: another one would let the robot drift."""
         still = np.zeros(3)
         return Reference(still, still, still)
 

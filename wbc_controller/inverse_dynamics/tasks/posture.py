@@ -45,7 +45,7 @@ class PostureTask(MotionTask):
         self._drift = np.zeros(self.size)
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code."""
+        """Return the instruction."""
         return Instruction(JOINTS, self._places, size=self.size) if type(self) is PostureTask else None
 
     def position(self, dynamics: Dynamics) -> Array:

@@ -46,7 +46,7 @@ def gains(values: Gains, size: int, key: str) -> Array:
 class Task(Tunable, ABC):
     """Control objective: rows of a least-squares problem in the decision variables, with weight and priority level.
 
-    An `AccelerationTask` acts on v̇, an `EffortTask` on forces or torques. Settings override `weight`, `enabled` and
+    Settings override `weight`, `enabled` and
     `setpoint_duration`. Set `level` and `tolerance` before the controller is made. Constructors raise
     `ConfigurationError` for unknown names and lists of wrong length.
 
@@ -54,8 +54,8 @@ class Task(Tunable, ABC):
         rows: indices of the components selected by the mask, (k,).
         level: priority level; 0 is the highest.
         tolerance: deviation without cost, in the unit of the error, () or (size,), or None.
-        enabled: True if the task is on at activation.
-        setpoint_duration: duration of the motion to a new setpoint, s.
+        enabled: at activation.
+        setpoint_duration: of the motion to a new setpoint, s.
     """
 
     size: int  # before the mask
@@ -104,11 +104,11 @@ class Task(Tunable, ABC):
 
     @abstractmethod
     def _stiffness_of_rows(self) -> Array:
-        """Return the change of right-hand sides per unit of the task error, () or (size,)."""
+        """Return the change of right-hand sides per unit of error, () or (size,)."""
 
 
 def rest_of(task: Task, dynamics: Dynamics) -> Reference:
-    """Return the default reference of a task, checked (`method_calls`)."""
+    """Return `Task.rest`, checked (`method_calls`)."""
     reference, form = call(task, "rest", dynamics), task.form
     if not isinstance(reference, Reference):
         raise MethodError(
@@ -137,7 +137,7 @@ class AccelerationTask(Task):
 
     @abstractmethod
     def error(self, dynamics: Dynamics, position: Array) -> Array:
-        """Return the task error, the displacement from x to a reference position, (size,)."""
+        """Return the displacement from x to a reference position, (size,)."""
 
     @abstractmethod
     def jacobian(self, dynamics: Dynamics) -> Array:
@@ -149,15 +149,15 @@ class AccelerationTask(Task):
 
     @abstractmethod
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """Return x⁽ⁿ⁾* - δ and the task error, both (size,), before the mask."""
+        """Return x⁽ⁿ⁾* - δ and the error, both (size,)."""
 
     def instruction(self) -> Instruction | None:
-        """Return the instruction for compiled code; None to fill the rows in Python, and for subclasses."""
+        """Return the instruction for compiled code; None to fill the rows in Python."""
         return None
 
     @property
     def parameters(self) -> tuple[npt.ArrayLike, npt.ArrayLike]:
-        """Gains of the compiled rows, two times () or (size,); only for tasks with an instruction."""
+        """Gains of the compiled rows, two times () or (size,)."""
         raise NotImplementedError(f"{type(self).__name__}.parameters: the task has no instruction for compiled code")
 
     def rest(self, dynamics: Dynamics) -> Reference:
@@ -166,7 +166,7 @@ class AccelerationTask(Task):
         return Reference(frozen(array_from(self, "position", (self.form.size,), dynamics)), still, still)
 
     def equation(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-        """Return the masked rows J v̇ = b and the task error as new arrays: J (k, nv), b (k,), error (k,)."""
+        """Return the masked rows J (k, nv), b (k,) of J v̇ = b and the error (k,), as new arrays."""
         size, rows = self.size, self.rows
         right, error = self.right(dynamics, reference)
         right, error = checked(self, "right", right, (size,)), checked(self, "right", error, (size,))
@@ -175,7 +175,7 @@ class AccelerationTask(Task):
 
 
 def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> None:
-    """Check each method of a task, before activation or to name a failed method (`method_calls`)."""
+    """Check each method of a task (`method_calls`)."""
     size, k, nv = (task.size,), (task.dimension,), dynamics.model.nv
     array_from(task, "position", (task.form.size,), dynamics)
     array_from(task, "error", size, dynamics, reference.position)
@@ -188,7 +188,7 @@ def evaluate(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -
 
 
 def motion_of(task: AccelerationTask, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array, Array]:
-    """Return J (k, nv), b (k,) and the task error (k,), checked (`method_calls`)."""
+    """Return `AccelerationTask.equation`, checked (`method_calls`)."""
     k = (task.dimension,)
     try:
         equation = task.equation(dynamics, reference)
@@ -239,12 +239,12 @@ class EffortTask(Task):
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array] | None:
         """Return the rows R x = r in the decision variables x: R (k, n), r (k,).
 
-        None for a missing quantity, e.g. the force of an inactive contact.
+        None for the force of an inactive contact.
         """
 
 
 def equation_of(task: EffortTask, efforts: Efforts, reference: Reference, n: int) -> tuple[Array, Array] | None:
-    """Return the rows of an effort task, checked (`method_calls`)."""
+    """Return `EffortTask.equation`, checked (`method_calls`)."""
     equation = call(task, "equation", efforts, reference)
     if equation is None:
         return None
@@ -276,7 +276,7 @@ class MotionTask(AccelerationTask):
     def __init__(
         self, name: str, mask: Sequence[bool], *, stiffness: Gains = 100.0, damping: Gains | None = None
     ) -> None:
-        """Make a task with a mask of axes, (size,), and gains; the default damping is critical, 2√K."""
+        """Make a task with a mask, (size,), and gains; the default damping is critical, 2√K."""
         super().__init__(name, mask)
         self.stiffness = gains(stiffness, len(mask), f"tasks.{name}.stiffness")
         self.damping = (
@@ -298,7 +298,7 @@ class MotionTask(AccelerationTask):
         """Return ẋ, (size,)."""
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """Return ẍ* - J̇v and the task error, both (size,)."""
+        """Return ẍ* - J̇v and the error."""
         shape = (self.size,)
         error = checked(self, "error", self.error(dynamics, reference.position), shape)
         velocity = checked(self, "velocity", self.velocity(dynamics), shape)
@@ -332,7 +332,7 @@ class RateTask(AccelerationTask):
         return position - checked(self, "position", self.position(dynamics), (self.form.size,))
 
     def right(self, dynamics: Dynamics, reference: Reference) -> tuple[Array, Array]:
-        """Return ẋ* - δ and the task error, both (size,)."""
+        """Return ẋ* - δ and the error."""
         shape = (self.size,)
         error = checked(self, "error", self.error(dynamics, reference.position), shape)
         return reference.velocity + self.gain * error - checked(self, "drift", self.drift(dynamics), shape), error

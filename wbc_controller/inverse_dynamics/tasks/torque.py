@@ -18,7 +18,7 @@ class TorqueTask(EffortTask):
     unit = "N·m"
 
     def __init__(self, name: str, model: RobotModel, joints: Sequence[str], target: Sequence[float]) -> None:
-        """Make a task; defaults are all actuated joints, and a target of 0."""
+        """Make a task, by default for all actuated joints, with the target 0."""
         key = f"tasks.{name}.joints"
         columns = model.joint_columns(joints or model.driven_joints, key)
         for joint in joints:
@@ -37,7 +37,7 @@ class TorqueTask(EffortTask):
         self._rows = model.actuation.motors_of(columns)
 
     def equation(self, efforts: Efforts, reference: Reference) -> tuple[Array, Array]:
-        """Return the rows of the joint torques, (k, n), and the reference minus constant torques, (k,)."""
+        """Return the rows of the joint torques, (k, n), and their right-hand sides, (k,)."""
         rows, offset = efforts.torque_map
         if self._rows is not None:
             return rows[self._rows], reference.position - offset[self._rows]

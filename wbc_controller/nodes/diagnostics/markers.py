@@ -1,7 +1,6 @@
 """Shapes as visualization_msgs/MarkerArray, for RViz and Foxglove.
 
-Each kind of shape has its own namespace, and one marker with many points if possible. Markers expire after their
-lifetime, also after the death of the controller.
+Each kind of shape has its own namespace. Markers expire, also after the death of the controller.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ class MarkerScene:
         """Create a scene with markers that expire after `lifetime`, s (inf: never)."""
         self._tasks, self._contacts = tasks, contacts
         self._lifetime = _duration(lifetime)
-        # Separate from the controller's dynamics, which belong to its last solution.
+        # The controller's dynamics belong to its last solution.
         self._dynamics = Dynamics(model)
 
     def compose(
@@ -44,7 +43,7 @@ class MarkerScene:
         solution: Solution | None,
         plan: WalkingPlan | None = None,
     ) -> Generator[None, None, Any]:
-        """Compose the message of a cycle: yield None after each piece, and return the message."""
+        """Compose and return the message of a cycle; yield after each piece."""
         self._dynamics.update(state.q, state.v)
         yield
         forces = solution.forces if solution is not None else {}

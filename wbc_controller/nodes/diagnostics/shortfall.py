@@ -14,14 +14,14 @@ from wbc_controller.records import Array, References, Solution
 
 _MIN_ERROR = {"m": 0.01, "rad": 0.05}  # by unit of position and orientation
 _MIN_NORM = min(_MIN_ERROR.values())  # of a task near its reference, in any unit
-#: Largest change of the error of a task at rest, as a share of it, and duration of the rest, s.
+#: Largest relative change of the error of a task at rest, and duration of the rest, s.
 _MAX_CHANGE, _TIMEOUT = 0.02, 1.0
-_MINOR_WEIGHT = 0.01  # share of the largest weight; lighter tasks, such as a posture, are ignored
+_MINOR_WEIGHT = 0.01  # share of the largest weight; lighter tasks are ignored
 _MAX_CONSTRAINTS = 3  # largest number of named constraints
 #: Names of the constraints of joints and actuators, and of contacts.
 _LIMITS = {"motion": "limit of motion", "torque": "torque limit"}
 _FORCES = {"normal_force": "normal force", "yaw_moment": "yaw moment", "force": "force", "moment": "moment"}
-_NEGLIGIBLE = 1.0e-3  # share of the largest multiplier; smaller ones are ignored
+_NEGLIGIBLE = 1.0e-3  # share of the largest multiplier
 
 
 class Shortfall:

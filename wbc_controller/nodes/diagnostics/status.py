@@ -29,7 +29,7 @@ _LEVELS = {
 
 
 class _ReportWindow:
-    """Summary of the reports since the last message, without old reports: freeing many takes longer than a cycle."""
+    """Summary of the reports since the last message; to free the reports themselves takes longer than a cycle."""
 
     def __init__(self, first: CycleReport) -> None:
         self.last = first
@@ -42,7 +42,6 @@ class _ReportWindow:
         self.refused: list[str] = []  # a sentence for each refused message
 
     def times(self, stage: str) -> Array:
-        """Return the times of a stage in all cycles, s."""
         return np.concatenate(
             [np.frombuffer(seconds)[names.index(stage) :: len(names)] for names, seconds in self.runs if stage in names]
         )
@@ -94,7 +93,7 @@ class StatusSummary:
         self._taken += report.inputs.requests.total
 
     def compose(self, wall: int, shortfalls: Sequence[str] = ()) -> Generator[None, None, Any]:
-        """Compose and return the message of the reports with a header time, ns, and restart: yield after each piece.
+        """Compose and return the message with a header time, ns, and restart; yield after each piece.
 
         `shortfalls` contains a sentence for each task with a persistent error. The message is None without reports.
         """

@@ -29,7 +29,7 @@ class TaskStates:
             self._remaining.extend(name for name in self._tasks if name in names)
 
     def next(self, stamp: int, dynamics: Dynamics, references: References) -> tuple[str, dict[str, bytes]] | None:
-        """Return name and messages of the next task of the round, with the stamp of the state, ns; None at its end.
+        """Return name and messages of the next task, with the stamp of the state, ns; None at the end of the round.
 
         Rows of the topic table are ``task_reference``, and ``task_value`` for a motion task.
         """

@@ -32,5 +32,4 @@ def walk_values(walker: Walker | None) -> dict[str, str]:
 
 
 def _text(velocity: Velocity) -> str:
-    """Return forward and sideways velocity, and turning rate."""
     return f"{velocity.linear.real:.3f} {velocity.linear.imag:.3f} m/s, {velocity.turning:.3f} rad/s"

@@ -57,7 +57,7 @@ _PARAMETERS: dict[str, tuple[Any, str]] = {
 class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
     """The controller as a managed node.
 
-    Transitions: docs/ros2.md. `leave` receives the exit status of a failed autostart.
+    Transitions: docs/ros2.md. `leave` receives the status of a failed autostart.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class ControllerNode(LifecycleNode):  # type: ignore[misc]  # rclpy has no types
             self._leave(2)
 
     def finish(self) -> None:
-        """Shut down from any state, on the executor's thread or after its end. A second call does nothing."""
+        """Shut down once from any state, on the executor's thread or after its end."""
         if not self._finalized:
             self.trigger_shutdown()
 

@@ -68,6 +68,5 @@ class _GatedStream:
         self.wait, self.wake = stream.wait, stream.wake
 
     def take(self) -> list[bytes]:
-        """Take the serialized messages, oldest first."""
         taken = self._stream.take()
         return taken if self._gate.open else []

@@ -43,8 +43,8 @@ def values(node: Any) -> dict[str, Any]:
 class LiveParameters:
     """Synchronization of a node's parameters with the settings of its controller.
 
-    With a controller, a new value is checked against the schema and adopted by the loop between two cycles. Without a
-    controller any value may be set; configuring the node checks it.
+    The loop of a controller adopts a valid value between two cycles. Without a controller, configuring the node checks
+    the values.
     """
 
     def __init__(self, node: Any, own: Sequence[str]) -> None:

@@ -63,7 +63,6 @@ def _serve(
     Args:
         start_message: log message with ``{source}`` of the settings and full name ``{node}``.
         service: called with settings, transport, `stop`, namespace and the values of `parameters`.
-        parameters: defaults and descriptions.
     """
     node = Node(name, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True)
     own, full_name = declare(node, parameters), node.get_fully_qualified_name()

@@ -30,7 +30,7 @@ _PAUSE = 0.02  # between two waits, s
 class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
     """Pause of a node's executor between two waits.
 
-    rclpy visits all entities of the node before each wait, and blocks the control loop for half a millisecond.
+    rclpy visits all entities before each wait, and blocks the control loop for half a millisecond.
     """
 
     def __init__(self) -> None:
@@ -58,7 +58,7 @@ class Pacer(Waitable):  # type: ignore[misc]  # rclpy has no types
 
 
 def run(serve: Callable[[Any, threading.Event], int]) -> int:
-    """Start ROS 2, run a service with an executor and a stop event set by signals, and return its exit status."""
+    """Run a service with an executor and a stop event set by signals; return its exit status."""
     stop = threading.Event()
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

@@ -27,11 +27,11 @@ def state_from_joints(
 
     Args:
         positions: of every joint in ``robot.joints``, rad (m).
-        velocities: rad/s (m/s); default zero.
-        base_position: in the world, (3,) in m.
+        velocities: rad/s (m/s).
+        base_position: in the world, m.
         base_quaternion: in the world, (x, y, z, w).
-        base_linear_velocity: in base axes, (3,) in m/s.
-        base_angular_velocity: in base axes, (3,) in rad/s.
+        base_linear_velocity: in base axes, m/s.
+        base_angular_velocity: in base axes, rad/s.
     """
     if not isinstance(model, RobotModel):
         raise InputRefused(f"model is {reprlib.repr(model)}; it must be a RobotModel, such as controller.model")

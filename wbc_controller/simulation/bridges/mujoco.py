@@ -22,7 +22,6 @@ class MujocoInterface:
     """
 
     def __init__(self, model: RobotModel, mujoco_model: Any) -> None:
-        """Find the joints of ``robot.joints`` by name in an ``mujoco.MjModel``."""
         if not isinstance(model, RobotModel) or not hasattr(mujoco_model, "jnt_qposadr"):
             raise ConfigurationError(
                 "expected a RobotModel, such as controller.model, and a mujoco.MjModel, "
@@ -61,7 +60,7 @@ class MujocoInterface:
         return model.state(*joints, pose, twist)
 
     def place(self, data: Any, q: Array, v: Array | None = None) -> None:
-        """Write q, (nq,), and v, (nv,) (default zero), into an ``mujoco.MjData``."""
+        """Write q, (nq,), and v, (nv,), into an ``mujoco.MjData``."""
         model = self._model
         q = finite(sized(q, model.nq, "q"), "q")
         v = np.zeros(model.nv) if v is None else finite(sized(v, model.nv, "v"), "v")

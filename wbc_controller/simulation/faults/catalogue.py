@@ -28,7 +28,7 @@ COMMON = ("start", "duration", "seed")
 
 
 def read_faults(text: str, source: str, *, script: bool = False) -> list[Fault]:
-    """Read one fault, or a list; entries of a script have ``at``, the simulated time in s, instead of ``start``."""
+    """Read one fault, or a list; a script has ``at``, the simulated time in s, instead of ``start``."""
     content = read_yaml(text, source)
     entries = content if isinstance(content, list) else [content]
     if len(entries) > _MOST:

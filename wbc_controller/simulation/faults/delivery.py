@@ -18,7 +18,6 @@ _MOST_KEPT = 1000
 
 class _DeliveryFault(Fault):
     def begin(self, context: FaultContext) -> Effect:
-        """Start the fault on each stream."""
         return Effect(posted={stream: self._post(context) for stream in self._streams()})
 
     def _streams(self) -> tuple[str, ...]:

@@ -46,8 +46,8 @@ class FaultContext:
     robot: RobotModel
     plant: Plant
     period: float  # control period, s
-    began: float  # simulated start, s
-    end: float  # simulated end, s
+    began: float  # simulated, s
+    end: float  # simulated, s
     rng: np.random.Generator
 
     @property
@@ -122,7 +122,7 @@ class MeasurementFault(Fault):
     """Fault of measurements: `_start` once, then `_distort` for each measurement."""
 
     def begin(self, context: FaultContext) -> Effect:
-        """Start the fault and return its effect."""
+        """Start the fault."""
         state = self._start(context)
         return Effect(measured=lambda measured: self._distort(measured, context, state))
 
@@ -138,7 +138,7 @@ class TorqueFault(Fault):
     """Fault of actuator torques: `_start` once, then `_change` for each command."""
 
     def begin(self, context: FaultContext) -> Effect:
-        """Start the fault and return its effect."""
+        """Start the fault."""
         state = self._start(context)
         return Effect(torques=lambda tau: self._change(tau, context, state))
 

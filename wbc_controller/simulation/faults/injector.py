@@ -33,7 +33,7 @@ class Injector:
         self._count = itertools.count()  # keeps the order of simultaneous messages
 
     def plan(self, faults: Sequence[Fault], since: float) -> None:
-        """Plan all faults, or none (InputRefused); their starts count from the simulated time `since`, s."""
+        """Plan all faults, or none (InputRefused), relative to the simulated time `since`, s."""
         if len(self._planned) + len(self._acting) + len(faults) > MOST:
             raise InputRefused(f"{len(faults)} more faults are too many; at most {MOST} may be planned or active")
         for fault in faults:

@@ -34,7 +34,6 @@ class _FloorFault(NamedFault):
     place = "world and model"
 
     def begin(self, context: FaultContext) -> Effect:
-        """Start the fault and return its effect."""
         return self._begin(context) if context.plant.contacts else Effect()
 
     def _begin(self, context: FaultContext) -> Effect:
