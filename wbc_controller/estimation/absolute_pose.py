@@ -149,7 +149,7 @@ class AbsolutePoses:
         )
 
     def correct(self, samples: list[PoseSample], *, controlled: bool) -> list[str]:
-        """Correct the filter by each pose up to the IMU's stamp, and return the refusals; newer poses wait.
+        """Correct the filter by poses up to the IMU's stamp, and return the refusals; newer ones wait.
 
         If `controlled`, contradicting poses do not move the world.
         """

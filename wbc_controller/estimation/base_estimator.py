@@ -115,7 +115,7 @@ class BaseEstimator:
 
     @property
     def odometry(self) -> tuple[Array, Array] | None:
-        """Pose and twist like `base`, in a drifting world that no absolute pose moves."""
+        """Pose and twist in a world that no absolute pose moves."""
         return self._running.base(self._running.odometry) if self._running is not None else None
 
     @property
@@ -125,7 +125,7 @@ class BaseEstimator:
 
     @property
     def poses(self) -> AbsolutePoses | None:
-        """Correction by absolute poses; None if unused, or without an estimate."""
+        """Correction by absolute poses, or None."""
         return self._running.poses if self._running is not None else None
 
     @property

@@ -26,7 +26,7 @@ class ContactSensing:
 
 
 class ContactDetector:
-    """Detector of active contacts: by fresh force, else by the last switch message of any age, else as planned.
+    """Detector of active contacts: by fresh force, else by the last switch message, else as planned.
 
     Attributes:
         silent: contacts with a stale force.
@@ -55,7 +55,7 @@ class ContactDetector:
         self.measured = dict(self._by_switch)
 
     def active(self, planned: Collection[str], ages: Mapping[str, float]) -> frozenset[str]:
-        """Return the active contacts from the planned ones and the age of each force, s."""
+        """Return the active contacts from the planned ones and the forces' ages, s."""
         fresh = {name: active for name, active in self._by_force.items() if ages[name] <= self.limits.timeout}
         self.silent = tuple(name for name in self._by_force if name not in fresh)
         self.measured = measured = {**self._by_switch, **fresh}

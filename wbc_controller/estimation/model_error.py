@@ -51,7 +51,7 @@ class ModelErrorCompensation:
 
     @property
     def is_idle(self) -> bool:
-        """True if the forces are zero and stay zero; a cycle then skips `update` and `record_command`."""
+        """True if the forces are zero and stay zero."""
         return self._friction is None and self.observer.is_idle
 
     def update(self, state: RobotState) -> Disturbance | None:

@@ -125,7 +125,7 @@ def _frame_of_setpoint(vocabulary: Vocabulary, task: str, frame: str, what: str 
 def setpoint_frames(kind: str, task: str) -> tuple[str, ...]:
     """Return the valid frames of relative setpoints (`relative.own_frames`).
 
-    Relative poses, contact wrenches and joints have no heading; two directions have no displacement.
+    Relative poses, contact wrenches and joints have no heading; directions have no displacement.
     """
     reference, heading = own_frames(task)
     if kind == "axis_alignment":

@@ -46,7 +46,7 @@ class MessageLayout:
         return len(payload) == self._size and [payload[piece] for piece in self._pieces] == self._constant
 
     def index_of(self, *paths: str) -> np.ndarray:
-        """Return the index of each number of fields such as ``pose.pose.position.x`` in the array of `span`, (k,).
+        """Return the index in `span` of each number of fields such as ``pose.pose.position.x``, (k,).
 
         A timestamp counts as one number. A field without numbers raises `KeyError`.
         """
@@ -57,7 +57,7 @@ class Template:
     """Serializer of messages with variable timestamp and numbers.
 
     Args:
-        content: message with the constant values of other fields.
+        content: message with the other values.
         fields: groups of numbers for `write`, each with the paths of consecutive fields.
     """
 

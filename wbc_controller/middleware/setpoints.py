@@ -76,13 +76,13 @@ class SetpointTemplate:
 
 
 def wrench_stamped(wrench: Array, frame: str, stamp: int = 0) -> Any:
-    """Make a geometry_msgs/WrenchStamped from a wrench, (6,) in N and N·m, or a force, (3,)."""
+    """Make a geometry_msgs/WrenchStamped from a wrench, (6,), or a force, (3,); N, N·m."""
     parts = message("geometry_msgs/msg/Wrench", force=_xyz("Vector3", wrench[:3]), torque=_xyz("Vector3", wrench[3:]))
     return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, frame), wrench=parts)
 
 
 def velocity_message(velocity: Sequence[float]) -> Any:
-    """Make a geometry_msgs/Twist from a velocity forward and to the left, m/s, and a turning rate, rad/s."""
+    """Make a geometry_msgs/Twist, m/s and rad/s."""
     forward, left, turning = velocity
     linear, angular = vector(np.array([forward, left, 0.0])), vector(np.array([0.0, 0.0, turning]))
     return message("geometry_msgs/msg/Twist", linear=linear, angular=angular)

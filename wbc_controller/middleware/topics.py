@@ -22,7 +22,7 @@ class Direction(str, enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """Quality of service: reliability, durability (latched: transient local) and history depth."""
+    """Quality of service; latched: transient local."""
 
     reliable: bool
     latched: bool
@@ -76,7 +76,7 @@ TASK_TYPES: Mapping[str, Mapping[str, str]] = {
     "torque": {"setpoint": _JOINTS},
 }
 
-#: Task-dependent types: keys of `TASK_TYPES`, and ``value`` of motion tasks in the setpoint's type.
+#: Task-dependent types; ``value`` of motion tasks has the setpoint's type.
 BY_TASK = ("setpoint", "trajectory", "value")
 
 _IN, _OUT = Direction.IN, Direction.OUT
@@ -273,7 +273,7 @@ def endpoints(
     namespace: str = "/",
     remappings: Mapping[str, str] | None = None,
 ) -> Iterator[Endpoint]:
-    """Yield the endpoints of a table, such as `CONTROLLER_TOPICS`, for one robot.
+    """Yield the endpoints of a table for one robot.
 
     Args:
         task_kinds: kind by task.
@@ -297,13 +297,13 @@ def endpoints(
 
 
 def counterpart(endpoint: Endpoint) -> Endpoint:
-    """Return the endpoint with the reversed direction, for a peer of its node."""
+    """Return the endpoint with the reversed direction."""
     turned = Direction.OUT if endpoint.direction is Direction.IN else Direction.IN
     return dataclasses.replace(endpoint, direction=turned)
 
 
 def parse_remapping(text: str) -> tuple[str, str]:
-    """Parse a remapping ``from:=to``; raises `ConfigurationError` for another form."""
+    """Parse ``from:=to``; raises `ConfigurationError` otherwise."""
     source, separator, target = text.partition(":=")
     if not (source and separator and target):
         raise ConfigurationError(f"invalid remapping {text!r}; valid: from:=to, such as odom:=/estimator/odom")

@@ -91,7 +91,7 @@ class CycleRow:
 
         Args:
             report: None for a cycle that was repeated before its command was sent.
-            same: True if the state is the object of the previous cycle.
+            same: True if the state is that of the previous cycle.
             event: True if an event follows, which a killed process may not record.
         """
         result, inputs = taped.result, taped.inputs

@@ -135,7 +135,7 @@ class Recorder:
         self._yaml: list[tuple[Settings, str]] = []  # of the start, and the newest
 
     def wrap(self, transport: Transport, stamp: Callable[[], int]) -> Transport:
-        """Return a transport that records its messages with times from `stamp`, ns."""
+        """Return a recording transport with times from `stamp`, ns."""
         self._stamp = stamp
         return RecordingTransport(
             transport, self.channel, self.record_incoming, self.record_outgoing, whole_run=self._whole_run
@@ -225,7 +225,7 @@ class Recorder:
         self._trigger = frame(TRIGGER, 0, reason.encode())
 
     def observe(self, report: CycleReport) -> None:
-        """Record the cycles since the last call, as an observer of the loop."""
+        """Record the cycles since the last call."""
         try:
             self._observe(report)
         except Exception:  # must not end the run

@@ -76,7 +76,7 @@ class Recording:
         self.path = path
         self.events: dict[int, dict[str, Any]] = {}  # by cycle
         self.memories: dict[int, str] = {}  # memory before a cycle as JSON, by cycle
-        self.about: dict[str, Any] = {}  # topic ``start``: ``robot``, ``node``, ``software``, ``layout``, …
+        self.about: dict[str, Any] = {}  # topic ``start``
         self.counts: dict[int, int] = {}  # messages by number of the topic
         self.first = self.last = -1  # cycles
         self.start = self.end = self.count = 0  # times of first and last cycle, ns; number of cycles
@@ -172,7 +172,7 @@ class Recording:
         return iter(McapMessages(self.path))
 
     def parse_configuration(self, text: str, urdf: str | None = None) -> Config:
-        """Parse a configuration of the recording (empty: that of the start); errors as for `parse_settings`."""
+        """Parse a configuration of the recording (empty: that of the start)."""
         if not text:
             return self.config
         source = f"the configuration in {self.path}"
@@ -238,7 +238,7 @@ class Recording:
         return found
 
     def message_counts(self) -> Sequence[tuple[str, str, int]]:
-        """Return name, type and number of messages of each used topic."""
+        """Return name, type and number of messages of the used topics."""
         return [(topic.name, topic.type, self.counts[number]) for number, topic in self.topics.items()
                 if number in self.counts]  # fmt: skip
 

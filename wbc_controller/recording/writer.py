@@ -94,11 +94,11 @@ class FileSink:
 
 
 class Writer:
-    """Collector of chunks, with a buffer of the last ones and a thread that writes files.
+    """Collector of chunks, with a buffer and a thread that writes files.
 
     Args:
-        plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the
-            robot, and largest number of ``files`` in the folder.
+        plan: ``file`` for the whole run or None, ``folder`` for the last ``seconds`` or None, ``name`` of the robot,
+            and largest number of ``files``.
     """
 
     def __init__(self, plan: dict[str, Any], report: Callable[[str], None]) -> None:
@@ -230,7 +230,7 @@ class Writer:
 
 
 def frames(read: Callable[[], bytes | None], idle: Callable[[], None]) -> Iterator[tuple[int, int, bytes]]:
-    """Yield code, time in ns, and content of the frames of a pipe up to its end.
+    """Yield code, time in ns, and content of the frames of a pipe.
 
     `read` returns new data, None, or no bytes at the end; `idle` is called after each read.
     """

@@ -54,7 +54,7 @@ class SampleCheck:
         return cls(AXES, ("max_base_speed",) * 3 + ("max_base_turn",) * 3, memory)
 
     def check(self, stamp: int, position: Array, velocity: Array) -> str:
-        """Return the reason to reject a sample at a stamp, ns, or ""; velocities are empty if not measured."""
+        """Return the reason to reject a sample, or ""; stamp in ns; velocities are empty if not measured."""
         elapsed = 1.0e-9 * (stamp - self._stamp) if self._stamp else math.nan
         found = compare_sample(self._memory, position, velocity, elapsed)
         if found < 0:

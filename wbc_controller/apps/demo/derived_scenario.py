@@ -19,7 +19,7 @@ from wbc_controller.inverse_dynamics.robot.model import RobotModel
 from wbc_controller.records import Array
 from wbc_controller.settings import FramePoseTask, Settings
 
-#: Amplitude of the sway: share of the distance from the centre of mass to the edge of the support, and maximum, m.
+#: Amplitude of the sway: share of the distance to the support's edge, and maximum, m.
 _SWAY, _LARGEST_SWAY = 0.4, 0.04
 _SQUAT = 0.12  # depth of the squat: share of the height of the centre of mass
 #: Impulse of a push: share of m ω d, which moves the capture point to the support's edge; and maximum speed change,

@@ -113,7 +113,7 @@ class Director:
             report_phase: receives the name of each phase.
         """
         self.log = Log()
-        self.phases: list[tuple[float, str]] = []  # start in simulated time, s, and name
+        self.phases: list[tuple[float, str]] = []  # simulated time, s, and name
         self.windows: dict[str, Window] = {}
         #: Start, s, and trajectory of the centre of mass; None while the robot walks.
         self.references: list[tuple[float, Trajectory | None]] = []
@@ -318,7 +318,7 @@ class Director:
         self.windows[walk.name] = Window(start + walk.acceleration, self.time)
 
     def _stop(self, duration: float) -> None:
-        """Let the velocity command time out, until the robot stands."""
+        """Let the command time out until the robot stands."""
         self._begin("stop")
         self._run(duration)
         start = self.time

@@ -36,7 +36,7 @@ class Hand:
         self.easiest_direction = np.linalg.eigh(ways @ ways.T)[1][:, 2]
 
     def _kinematics(self, posture: Array) -> tuple[pin.SE3, Array]:
-        """Return placement and Jacobian of the own joints, (6, k), in a posture, (nj,) in rad."""
+        """Return placement and Jacobian of the own joints, (6, k), in a posture, (nj,)."""
         model = self._model
         q = model.configuration(posture)
         pin.computeJointJacobians(model.pinocchio, self._data, q)

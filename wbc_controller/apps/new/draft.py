@@ -73,7 +73,7 @@ def new_configuration(
 def _feet(
     source: UrdfSource, postures: Mapping[str, Mapping[str, float]], feet: Sequence[str], carrying: Sequence[str]
 ) -> tuple[Draft, Body, list[Foot]]:
-    """Begin a draft, and return the named feet or search for them; joints that move `carrying` are kept."""
+    """Begin a draft, and return the feet; joints that move `carrying` are kept."""
     draft = Draft()
     draft.put("robot.urdf", source.address)
     draft.put("robot.base", "floating")

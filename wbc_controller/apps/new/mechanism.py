@@ -45,7 +45,7 @@ class UrdfSource:
 
     @property
     def has_floating_base(self) -> bool:
-        """True if joints of the URDF represent a floating base."""
+        """True if URDF joints represent a floating base."""
         return bool(virtual_joints(self.tree))
 
     @property

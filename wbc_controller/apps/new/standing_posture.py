@@ -148,7 +148,7 @@ class Legs:
         return FeetPlacement(np.array(bottoms), np.array(middles), np.array(tilts), np.array(yaw), np.array(com))
 
     def solve(self) -> Array | None:
-        """Return the standing posture nearest to the reference, (nj,) in rad; None without a solution."""
+        """Return the nearest standing posture, (nj,) in rad, or None."""
         rng = np.random.default_rng(0)
         middle = np.clip(self.reference[self._columns], *self._bounds.T)
         starts = [middle, *(middle + rng.uniform(-_SPREAD, _SPREAD, (_STARTS, len(middle))))]
@@ -167,7 +167,7 @@ class Legs:
         return min(found, key=lambda posture: self._cost(posture[self._columns]), default=None)
 
     def _search(self, start: Array, height: float | None) -> Array | None:
-        """Search with the base at a height above the ground, m; None maximizes the height."""
+        """Search at a base height, m; None maximizes it."""
 
         def objective(x: Array) -> float:
             bottom = 0.0 if height is not None else float(self.place_feet(self._expand(x)).bottoms.mean()) / self._size
@@ -202,7 +202,7 @@ class Legs:
         posture = self._expand(x)
         placement = self.place_feet(posture)
         offsets = (placement.middles[:, :2] - self._targets) / self._size
-        offsets[:, 0] -= offsets[:, 0].mean()  # all feet may shift forward: the centre of mass decides
+        offsets[:, 0] -= offsets[:, 0].mean()
         offset = (placement.com - placement.middles.mean(axis=0))[:2] / self._size
         change = float(((posture - self.reference) ** 2).sum())
         return (

@@ -24,7 +24,7 @@ from wbc_controller.settings import LimitSettings
 
 #: Stiffness of the centre of mass in units of the squared pendulum frequency g/h, and its range, 1/s².
 _COM, _COM_RANGE = 7.0, (60.0, 250.0)
-_MAX_LOAD = 3.0  # largest normal force of a contact, in weights of the robot
+_MAX_LOAD = 3.0  # largest normal force, in weights
 _FRICTION = {"surface": 0.7, "point": 0.6, "rolling": 0.6}  # assumed friction of soles, and of small feet and wheels
 #: Joint damping in emergencies, as a share of m g h, N·m·s/rad, and its maximum, the value of G1.
 _DAMPING, _MOST_DAMPING = 0.009, 2.0
@@ -178,7 +178,7 @@ def _feet_move_freely(qp: WholeBodyQP) -> bool:
 
 
 def put_damping(model: RobotModel, height: float, draft: Draft) -> None:
-    """Write the damping of a robot smaller than G1; `height` of the centre of mass in m."""
+    """Write the damping of a robot smaller than G1; `height` of the centre of mass, m."""
     damping = float(f"{_DAMPING * model.mass * model.gravity * height:.1g}")
     if damping < _MOST_DAMPING:
         draft.put("safety.damping", damping, "In proportion to mass and size; G1 has 2 N·m·s/rad.", "guess")

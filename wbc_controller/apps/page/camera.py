@@ -15,9 +15,9 @@ from wbc_controller.records import Array
 _ANGLE = 0.75  # vertical angle of view, rad
 _DIRECTION = np.array([1.7, -1.5, 0.65])  # from the robot to the camera
 _FILLED = 0.92  # largest part of the view that the robot fills
-_ASPECT = 0.5  # smallest width of the canvas, as a share of its height, that shows the whole robot
+_ASPECT = 0.5  # smallest width of the canvas as a share of its height
 _NEAREST = 0.3  # smallest distance of the camera, m
-_TRAILING = 0.3  # horizontal distance by which the camera trails the robot, m
+_TRAILING = 0.3  # distance behind the robot, m
 
 
 def camera(robot: Robot, meshes: Sequence[Mesh]) -> tuple[Array, Array, float]:

@@ -14,8 +14,7 @@ from wbc_controller.apps.page.page_messages import AllowList
 
 _log = logging.getLogger(__name__)
 
-#: Rate limit, messages per second, and burst of one browser; the page sends at most 50 of the camera, 20 of a control
-#: and 20 of a handle or link per second.
+#: Rate limit, messages per second, and burst; a page sends at most 90 per second.
 RATE, BURST = 300.0, 300.0
 
 

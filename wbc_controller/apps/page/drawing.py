@@ -30,8 +30,7 @@ _SWITCH_OF = {
     "contacts": "support",
     "swing_paths": "steps",
 }  # groups that share the switch of another group
-#: Motion below which a joint or a shape is not redrawn, m or the sine of half an angle. A robot at rest is not redrawn,
-#: which saves processor time without a GPU.
+#: Motion below which nothing is redrawn, m or the sine of half an angle: saves processor time without a GPU.
 _STILL_JOINT, _STILL_SHAPE = 1.0e-4, 1.0e-3
 #: Darkest and brightest grey of a link, so that white and black links show their shape.
 _DARKEST, _BRIGHTEST = 0.16, 0.86
@@ -73,7 +72,7 @@ class Drawing:
         robot.dynamics.update(snapshot.q, snapshot.v)
         shapes = list(draw(robot.dynamics, robot.tasks, robot.contacts, snapshot.references, snapshot.forces))
         shapes += snapshot.steps
-        with self._server.atomic():  # a page must not show a part of a snapshot
+        with self._server.atomic():
             self._tree.move(self._data)
             self._draw(shapes)
 

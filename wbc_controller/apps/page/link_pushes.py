@@ -38,7 +38,7 @@ class LinkPushes:
             client = int(event.client_id)
             start, end = np.array(event.start_position), np.array(event.end_position)
             force = self.force(end - start)
-            # viser also ends the drags of a closed page; they must not push.
+            # viser also ends the drags of a closed page
             closed = client not in self._server.get_clients()
             if event.phase == "end" or closed or not self.enabled:
                 self.end_drags(client)

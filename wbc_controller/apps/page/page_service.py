@@ -47,7 +47,7 @@ def serve(
     commands: bool = False,
     ready: Callable[[str], None] = lambda address: None,
 ) -> None:
-    """Serve the page until the event is set; `ready` receives the page's address.
+    """Serve the page until the event is set; `ready` receives its address.
 
     Raises:
         ConfigurationError: if the robot cannot be drawn, or `host` is not an address of this computer.

@@ -187,7 +187,7 @@ def _short(error: float) -> str:
 
 
 def _plain(name: str) -> str:
-    """Return a name without underscores: ``left_knee_joint's upper torque limit`` becomes ``left knee's …``."""
+    """Shorten ``left_knee_joint's upper torque limit`` to ``left knee's …``."""
     return name.replace("_joint", "").replace("_", " ")
 
 

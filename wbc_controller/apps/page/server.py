@@ -1,7 +1,7 @@
 """Viser's server behind a check of every request.
 
-viser serves its page and connections on one port with `websockets`, without checks. `websockets` calls `Gate` before it
-answers a request, and `PageConnection` drops messages that are not on the allow-list.
+viser serves its page and connections on one port with `websockets`, which calls `Gate` before it answers a request;
+`PageConnection` drops messages that are not on the allow-list.
 """
 
 from __future__ import annotations

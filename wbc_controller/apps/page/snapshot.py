@@ -42,10 +42,10 @@ class Snapshot:
     """State of robot and controller at one moment."""
 
     stamp: int  # ns; initially 0
-    age: float  # wall time since the last state, s; initially infinite
+    age: float  # wall time since the last state, s
     q: Array  # (nq,)
     v: Array  # (nv,)
-    mode: str = ""  # mode of the controller, in a fault with code and sentence; empty without a controller
+    mode: str = ""  # of the controller, in a fault with code and sentence; or empty
     #: Joint torques, (nj,) in N·m, in the order of the model's joints; None without commands.
     torques: Array | None = None
     #: Contact forces of the solution by contact, in the form of `Solution.forces`.
@@ -53,8 +53,8 @@ class Snapshot:
     references: References | None = None  # None in modes without references
     steps: Sequence[Shape] = ()  # planned steps and swing paths
     status: RobotStatus | None = None  # None before the first message
-    silence: float = math.inf  # wall time since the last status, s; initially infinite
-    base_measured: bool = True  # False if the robot is drawn standing on its contacts, without a measured base
+    silence: float = math.inf  # wall time since the last status, s
+    base_measured: bool = True  # False if drawn standing on its contacts
 
     @property
     def following(self) -> bool:

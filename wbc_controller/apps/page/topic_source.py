@@ -145,7 +145,7 @@ class _Stream:
             try:
                 self.newest = self._reader.read(payload)
             except InputRefused:
-                return  # the controller reports this refusal in its diagnostics
+                return
             self._arrival = time.monotonic()
 
     def age(self) -> float:

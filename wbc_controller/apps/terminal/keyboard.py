@@ -53,7 +53,7 @@ class Drive:
 
     @property
     def velocity(self) -> tuple[float, float, float]:
-        """Commanded velocity forward and to the left, m/s, and turning rate, rad/s."""
+        """Velocity forward and to the left, m/s, and turning rate, rad/s."""
         forward, left, turning = self.direction
         return self.speed * forward, self.speed * left, self.turn_rate * turning
 

@@ -67,7 +67,7 @@ class StatusListener:
                 time.sleep(0.02)
 
     def read_statuses(self) -> list[Any]:
-        """Return the controller's statuses since the last call, oldest first."""
+        """Return the new statuses, oldest first."""
         now, statuses = time.monotonic(), list(self._session.statuses())
         for status in statuses:
             self._status = status

@@ -55,7 +55,7 @@ class Answer:
 def topics_of(
     settings: Settings, namespace: str = "/", remappings: Mapping[str, str] | None = None
 ) -> dict[tuple[str, str, str], Endpoint]:
-    """Return the topics of all nodes, by node, key and subject."""
+    """Return the topics of all nodes."""
     kinds = {name: task.type for name, task in settings.tasks.items()}
     tables = {
         "controller": (CONTROLLER_TOPICS, NODE_NAME),
@@ -207,10 +207,7 @@ class Session:
         publication(encode(content))
 
     def _stop_before(self, request: Request) -> None:
-        """Let a walking robot stand before the hoist lifts it.
-
-        Without a status of an active controller nothing is sent.
-        """
+        """Let a walking robot stand before the hoist lifts it; without a status nothing is sent."""
         lifts = request.key == "hold" and request.make(self.wait_for_message).data
         if not lifts or self._settings.walking is None:
             return
@@ -315,7 +312,7 @@ class Session:
 
     def follow(self, topic: Endpoint) -> Callable[[float], list[Any]]:
         """Subscribe; return a function that waits up to a time, s, and returns the new messages."""
-        # Outputs of a node keep their quality of service; inputs accept publishers of any quality.
+        # Inputs accept publishers of any quality of service.
         endpoint = dataclasses.replace(topic, qos=STATE_IN) if topic.direction is Direction.IN else counterpart(topic)
         payloads = self._subscribe(
             dataclasses.replace(endpoint, qos=dataclasses.replace(endpoint.qos, depth=1000)), 1000

@@ -20,7 +20,7 @@ from wbc_controller.middleware.transports.transport import UNNAMED
 
 _TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _DISCOVERY = "ros_discovery_info"
-_HEADER, _GID = 4, 16  # bytes of header and participant's identifier in an announcement
+_HEADER, _GID = 4, 16  # bytes of header and participant in an announcement
 _ANNOUNCEMENTS = 1000  # queue length: a starting controller sends one for each of its 150 endpoints
 _CHANGES = 10_000  # graph changes per update
 

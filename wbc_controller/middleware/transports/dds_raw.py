@@ -49,10 +49,10 @@ def writers_reader(participant: Any) -> Any:
 
 
 def take_writers(reader: Any, limit: int) -> list[tuple[bytes, bytes, str | None]]:
-    """Take the changes of the domain's writers without their QoS (4 µs each); raises `DDSException` on a failure.
+    """Take the changes of the domain's writers (4 µs each); raises `DDSException` on a failure.
 
     Returns:
-        GUID of the writer, GUID of its participant, and the topic's name or None for a removed writer.
+        GUIDs of the writer and its participant, and the topic's name or None for a removed writer.
     """
     samples = ddspy_take_endpoint(reader._ref, limit, lambda *values: values, lambda qos: None)
     if isinstance(samples, int):
@@ -64,7 +64,7 @@ def take_writers(reader: Any, limit: int) -> list[tuple[bytes, bytes, str | None
 
 
 def delete(entity: Any) -> None:
-    """Delete an entity before its Python object. A second call does nothing."""
+    """Delete an entity, once."""
     entity.__del__()
 
 
@@ -107,7 +107,7 @@ class Triggers:
             delete(condition)
 
     def _attach(self, condition: Any) -> int:
-        # Appended first, because the number may trigger at once. Numbers start at 1: 0 is a null pointer in C.
+        # The number may trigger at once; 0 is a null pointer in C.
         self._attached.append(condition)
         number = len(self._attached)
         self._numbers = (dds_c_t.attach * number)()  # a waiting thread keeps the old array

@@ -31,7 +31,7 @@ _OPTIONAL_PACKAGES = ("tf2_msgs",)  # message packages without wheels on PyPI
 
 
 class Ros2Transport:
-    """Topics with serialized messages on an existing plain or lifecycle node, in all lifecycle states.
+    """Topics with serialized messages on an existing node, in all lifecycle states.
 
     Callbacks run one at a time on the transport's thread (`Reader`). Node parameters ``qos_overrides.<topic>.…``
     override the quality of service. Topics of missing optional packages are not published.

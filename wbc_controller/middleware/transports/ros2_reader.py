@@ -94,7 +94,7 @@ class Reader:
 
 
 class RawStream:
-    """Subscription with the newest `depth` messages taken by hand, and a wait without the interpreter's lock.
+    """Subscription with the newest `depth` messages taken by hand.
 
     After the shutdown of the context no more messages arrive.
     """

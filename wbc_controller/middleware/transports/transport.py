@@ -25,10 +25,7 @@ class Stream(Protocol):
         ...
 
     def wait(self, seconds: float) -> bool:
-        """Wait for a message or `wake`, at most `seconds` of wall time; return True if one arrived.
-
-        Other threads may run meanwhile.
-        """
+        """Wait for a message or `wake`, at most `seconds` of wall time; return True if one arrived."""
         ...
 
     def wake(self) -> None:
@@ -74,7 +71,7 @@ class Transport(Protocol):
 
 @contextlib.contextmanager
 def translated_errors(attempt: str, *kinds: type[Exception]) -> Iterator[None]:
-    """Translate middleware errors of some kinds into a `TransportError` with the attempt."""
+    """Translate middleware errors into a `TransportError` with the attempt."""
     try:
         yield
     except TransportError:
@@ -90,7 +87,7 @@ class TopicTypes:
         self._type_of: dict[str, str] = {}
 
     def check(self, topic: str, type_name: str) -> None:
-        """Record the type of an opened topic; another type raises `TransportError`."""
+        """Record a topic's type; another type raises `TransportError`."""
         known = self._type_of.setdefault(topic, type_name)
         if known != type_name:
             raise TransportError(f"topic {topic} is already open with type {known}, not {type_name}")

@@ -50,7 +50,7 @@ class ReplayedCycle:
 
 
 class Replay:
-    """Run of a controller on the inputs of a recording, optionally with another configuration of the same joints.
+    """Run of a controller on a recording, optionally with another configuration of the same joints.
 
     An invalid configuration or layout raises `ConfigurationError`.
     """

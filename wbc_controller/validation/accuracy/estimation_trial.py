@@ -35,7 +35,7 @@ class EstimationTrial(Lockstep):
     report: CycleReport
 
     def __init__(self, robot: str | Config, changes: Mapping[str, Any], *, force_sensors: bool = False) -> None:
-        """Build a robot on its hoist; raise `ConfigurationError` if it cannot be controlled or simulated."""
+        """Build a robot on its hoist; raise `ConfigurationError` if this fails."""
         values = {"control.markers_rate": 0.0, "safety.bring_up_time": 0.0, **changes}
         settings = load(robot).replace(values).settings
         model = make_model(settings)
@@ -83,7 +83,7 @@ class EstimationTrial(Lockstep):
             self.cycle()
 
     def stand(self) -> None:
-        """Wait for the estimate, activate, and release the base; raise `NoSolution` if this fails."""
+        """Wait for the estimate, activate and release; raise `NoSolution` if this fails."""
         self.settle()
         deadline = self.time + _TIMEOUT
         while self.report.mode is not Mode.ACTIVE:
@@ -105,5 +105,5 @@ class EstimationTrial(Lockstep):
         return np.array(self.controller.board.present(self._com, 1.0e-9 * self.mock.stamp).position)
 
     def follow(self, times: Sequence[float], points: Sequence[Array]) -> None:
-        """Send a trajectory of the centre of mass through points at rest, (3,) in m in the estimate's world."""
+        """Send a trajectory of the centre of mass through points at rest in the estimate's world, (3,) in m."""
         self.user.send("trajectory", com_trajectory(times, np.array(points)), self._com)

@@ -25,10 +25,9 @@ _SWAY, _BEAT = 0.03, 0.5  # amplitude of the sway, m, and time between points, s
 _DURATION = 2.0  # duration after the mishap, s
 _LIFT_TIME, _TIMEOUT = 4.0, 5.0  # time for lifting a fallen robot, and timeout of the reactivation, s
 _PULL, _PULL_TIME = 1.5, 0.1  # multiple of the foot's share of the weight, and duration, s
-#: Sliding distance of a foot, m, and largest duration, s. The force is proportional to the missing momentum, 1/s, up to
-#: a share of the weight.
+#: Sliding distance of a foot, m, and largest duration, s.
 _SLIDE, _SLIDE_TIME = 0.05, 0.5
-_DRAG, _MOST_DRAG = 20.0, 0.5
+_DRAG, _MOST_DRAG = 20.0, 0.5  # force per missing momentum, 1/s, and its bound, share of the weight
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +92,13 @@ MISHAPS = (
 class Outcome:
     """Outcome of one mishap."""
 
-    error: float  # largest error of the base velocity during control, m/s
+    error: float  # largest error of the base velocity, m/s
     undetected: float  # longest time above `WRONG` without a fault, s
     left_out: tuple[str, ...]  # contacts excluded from the estimate
     fault_texts: tuple[str, ...] = ()  # one text per fault, in order
     ended: bool = False  # True if the controller damped the robot
     fell: bool = False  # True if the robot fell before
-    # time from 'reset' on the hoist to an active controller, s; infinite if refused, NaN without damping
+    # from 'reset' to an active controller, s; inf if refused, NaN without damping
     recovery: float = math.nan
 
     @property

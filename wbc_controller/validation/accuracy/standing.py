@@ -82,7 +82,6 @@ def stand(robot: str, sensors: SensorQuality, seed: int, seconds: float) -> Stan
     since = found - found[0]
     minutes = max(len(found) - 1, 1) * _SAMPLING_PERIOD / 60.0
     observable, drifting = [0, 1, 3, 4, 5], [2, 6, 7, 8]
-    # The covariance of the drift is the growth since the start.
     grown = [P - covariances[0] for P in covariances[1:]]
     return StandingErrors(
         seed,

@@ -11,7 +11,7 @@ from wbc_controller.walking.gait import Phase
 
 #: Frequency above which torques are chatter, Hz.
 CHATTER = 25.0
-#: Time after a touchdown in which the torque rate counts, and in which the foot settles before its slip counts, s.
+#: Time after a touchdown for the torque rate, and until slip counts, s.
 _AT_TOUCHDOWN, _SETTLING = 0.01, 0.05
 
 
@@ -36,7 +36,7 @@ class WalkMeter:
         self._torques: list[Array] = []
         self._since = np.inf  # cycles since the last touchdown
         self._phase: Phase | None = None
-        self._placed: dict[str, tuple[int, Array]] = {}  # cycles in contact, and place after settling, by contact
+        self._placed: dict[str, tuple[int, Array]] = {}
         self._rate = self._slip = self._outside = 0.0
 
     def update(self) -> None:

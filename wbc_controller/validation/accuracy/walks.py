@@ -40,9 +40,9 @@ class Walk:
     """Figures of one walk."""
 
     seed: int
-    speed: Array  # mean velocity forward, to the left and turning, (3,) in m/s and rad/s; NaN if it is random or ended
-    distance: float  # length of the way of the base, m
-    drift: float  # horizontal error of the estimated position at the end, m
+    speed: Array  # mean, forward, to the left and turning, (3,) in m/s and rad/s; NaN if random or ended
+    distance: float  # path of the base, m
+    drift: float  # horizontal error at the end, m
     relaxed: int  # cycles with a relaxed limit
     ended: str = ""  # time and reason of an early end
     figures: WalkFigures = field(default_factory=WalkFigures)
@@ -60,7 +60,7 @@ class WalkTrial(EstimationTrial):
     def __init__(
         self, robot: str, sensors: SensorQuality, seed: int, changes: Mapping[str, Any] = MappingProxyType({})
     ) -> None:
-        """Build a robot; raise `ConfigurationError` if it cannot be controlled or simulated."""
+        """Build a robot; raise `ConfigurationError` if this fails."""
         self.fastest = np.max([np.abs(each) for each in COMMANDS[robot].values()], axis=0)
         own = {"estimation.base_state": "imu", "mock.sensors": sensors, "mock.sensor_seed": seed}
         limits = {"walking.max_speed": float(self.fastest[0])}
@@ -123,7 +123,6 @@ def walk(
     Args:
         command: a name of `COMMANDS`, `DIAGONAL` or `RANDOM`.
         scale: factor of the velocities.
-        changes: settings by dotted key.
 
     Raises:
         ConfigurationError: if the robot cannot be controlled or simulated.

@@ -44,7 +44,7 @@ class OutputMonitor:
     def __init__(
         self, model: RobotModel, settings: Settings, names: Mapping[str, str], *, stamps_lie: bool = False
     ) -> None:
-        """Start the monitor; `names` are the topics of the state's streams, `stamps_lie` permits advanced stamps."""
+        """Start; `names` are the topics of the state's streams, `stamps_lie` permits advanced stamps."""
         self.now = 0.0
         self.violations: dict[str, str] = {}
         self.mode: Mode | None = None
@@ -143,7 +143,7 @@ class OutputMonitor:
 
 
 class _AcceptedMessage:
-    """Newest accepted message of a stream; `hidden_latency` looks like a clock offset or a slow clock, s."""
+    """Newest accepted message; `hidden_latency` looks like a clock offset or a slow clock, s."""
 
     def __init__(self) -> None:
         self.measured_at = -math.inf

@@ -178,7 +178,7 @@ class _Standing(Lockstep):
             self._trial.result = self._monitor.deactivation[1]
         violations = dict(self._monitor.violations)
         if any(fault.place == "stamps and clock" for fault in self._faults):
-            violations.pop("stale", None)  # a controller with a false clock cannot know the true age
+            violations.pop("stale", None)
         if violations:
             name, sentence = next(iter(violations.items()))
             self._trial.why = f"{name}: {sentence}"

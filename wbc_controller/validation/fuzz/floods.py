@@ -82,7 +82,7 @@ class StopTrial:
 
     flood: str
     stop: Stop
-    # cycles from the newest state known to the sender to the first with zero torques and the fault, including
+    # cycles from that state to the first with zero torques and the fault
     # unrecorded ones
     cycles: int
     slowest: float  # s
@@ -190,7 +190,7 @@ def _compared(
     after = stamps > stop.known
     obeyed = np.flatnonzero(after & ~record["tau"].any(axis=1) & (record["mode"] == "fault"))
     cycles = most = math.ceil(stop.delay / period) + 1  # upper bound from the sender's waiting time
-    if len(obeyed):  # otherwise the following cycles are not in the record
+    if len(obeyed):
         missing = sum(count for start, end, count in gaps if end > stop.known and start < stamps[obeyed[0]])
         cycles = int(after[: obeyed[0] + 1].sum()) + min(missing, most)
     slowest = record["seconds/total"][(stamps >= stop.began) & (stamps <= stop.ended)].max(initial=0.0)

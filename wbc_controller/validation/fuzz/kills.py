@@ -34,7 +34,7 @@ class KillTrial:
     stopped: float  # duration of a stop, s; 0 for an end
     gap: float  # longest time of constant nonzero torques, s
     bound: float  # bound from the guard or the controller, s
-    # largest age of a state used for later torques, s, except one message in transit at the stop
+    # largest age of a later state, s, except one in transit
     stale: float
     timeout: float  # largest configured age, s
     late: float  # s

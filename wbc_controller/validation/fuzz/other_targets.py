@@ -159,7 +159,7 @@ class MockTarget(Target):
         for robot in self._robots:
             try:
                 robot.advance()
-            except WbcError:  # a valid push can make the physics diverge
+            except WbcError:  # valid pushes may diverge
                 self.alive = False
                 return
             q, v = robot.plant.state()

@@ -92,7 +92,7 @@ def random_problem(
     """Return a random state, references, and previous torques.
 
     A quarter of the joints is 0.1 to 100 mrad from a limit. Odd seeds scale the weights by 10^-2 to 10^2; half of the
-    seeds have previous torques. `standing` is q of the standing robot, (nq,).
+    seeds have previous torques. `standing` is q, (nq,).
     """
     rng = np.random.default_rng(seed)
     lower, upper = model.position_lower + 0.02, model.position_upper - 0.02
@@ -137,7 +137,7 @@ def relaxation_error(
 def feasibility_margin(problem: QuadraticProgram) -> float:
     """Return the largest distance of a solution x from all bounds, at most 1, by a linear program.
 
-    It has the problem's units, and is negative for infeasible problems.
+    It is negative for infeasible problems.
     """
     n, (lower, upper) = problem.n, problem.bounds
     rows = np.vstack([np.eye(n), problem.C])

@@ -98,7 +98,7 @@ class RobotProcesses(Processes):
             self.until(self.messages[topics[name]].__len__, f"the first message of {name}")
 
     def newest(self, name: str) -> Any:
-        """Return the newest message of a topic such as ``mock/odom``; None before the first."""
+        """Return the newest message of a topic such as ``mock/odom``, or None."""
         messages = self.messages[name]
         return decode(messages[-1][1], self._types[name]) if messages else None
 
@@ -108,12 +108,12 @@ class RobotProcesses(Processes):
         return "" if newest is None else str(newest.data)
 
     def stamp(self) -> int:
-        """Return the stamp of the robot's newest state, ns; 0 before the first."""
+        """Return the stamp of the newest state, ns; initially 0."""
         newest = self.newest("mock/joint_states")
         return 0 if newest is None else nanoseconds(newest.header.stamp)
 
     def centre_of_mass(self) -> Array:
-        """Return the robot's centre of mass in its newest state, (3,) in m."""
+        """Return the newest centre of mass, (3,) in m."""
         joints, base = (self.messages[f"mock/{key}"][-1][1] for key in ("joint_states", "odom"))
         q = np.zeros(self.model.nq)
         q[self.model.q_index] = JointStateReader(self.model.joints).read(joints).position
@@ -121,7 +121,7 @@ class RobotProcesses(Processes):
         return np.array(pin.centerOfMass(self.model.pinocchio, self.model.pinocchio.createData(), q))
 
     def messages_since(self, name: str, since: float = 0.0) -> list[tuple[float, Any]]:
-        """Return the messages of a topic after a time, with arrival times, oldest first."""
+        """Return the messages of a topic after a time, with arrival times."""
         recent = [each for each in list(self.messages[name]) if each[0] > since]
         return [(when, decode(payload, self._types[name])) for when, payload in recent]
 

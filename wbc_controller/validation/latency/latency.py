@@ -130,7 +130,7 @@ class _Bench:
         self._start("controller")
         self._start("guard")
         apply_realtime(RealtimeSettings(scheduling=realtime.scheduling, priority=realtime.priority, affinity=others))
-        self._echo_realtime = RealtimeSettings(affinity=realtime.affinity)  # its scheduling class is inherited
+        self._echo_realtime = RealtimeSettings(affinity=realtime.affinity)
 
     def _start(self, name: str) -> None:
         if self._kind == "dds":

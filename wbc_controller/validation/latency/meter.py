@@ -73,7 +73,7 @@ def round_trips(
     for when, stamp in commands:
         newest = int(np.searchsorted(times, when, side="right")) - 1
         at = times[newest] if newest >= 0 and times[newest] > max(before, send_times.get(stamp, -np.inf)) else when
-        arrivals.setdefault(stamp, float(at))  # a command may repeat the stamp of a stale state
+        arrivals.setdefault(stamp, float(at))
         before = when
     sent = np.array([when for when, _ in states])
     answered = np.array([arrivals.get(stamp, np.inf) for _, stamp in states])
