@@ -29,6 +29,9 @@ _LARGEST_BIAS = 0.5
 _FALSE_SLIP = 1.0e-5
 #: Largest motion, m, and its duration, s, after which a slipping contact is at rest.
 _MOVED, _RESTED = 0.004, 0.04
+#: Ratio of the creep of contacts of a stepping robot to that of a standing one, and the time since the last touchdown
+#: for which a robot counts as stepping, s: soles of fast steps tilt and roll off.
+_STEPPING, _STEPPING_TIME = 10.0, 1.0
 #: Share of the settling time that the samples must span.
 _SETTLED = 0.9
 #: Variance of the initial velocity, (m/s)².
@@ -285,6 +288,7 @@ class _RunningEstimate:
         self.poses = poses
         self._moving: dict[str, tuple[float, Array]] = {}  # slipping contacts: stamp and points, (k, 3) in m
         self._last = last
+        self._landed = -np.inf  # last touchdown beside another contact, s
         self._interval = np.inf  # between the last two samples, s
         self._kinematics = kinematics
         self._sensors = sensors
@@ -408,7 +412,8 @@ class _RunningEstimate:
     def _propagate(self, sample: ImuSample, dt: float) -> None:
         last, self._last, self._interval = self._last, sample, dt
         turning = 0.5 * (sample.angular_velocity + last.angular_velocity)
-        self.filter.propagate(turning, 0.5 * (sample.specific_force + last.specific_force), dt)
+        creep = _STEPPING if sample.stamp - self._landed < _STEPPING_TIME else 1.0
+        self.filter.propagate(turning, 0.5 * (sample.specific_force + last.specific_force), dt, creep)
         self._turned += dt * (turning - self._bias)
         if self._rolling.names:
             self._roll_balls(dt)
@@ -445,8 +450,11 @@ class _RunningEstimate:
                 contact_points = legs.contact_points((name,))
                 if name in slipping and not alone:
                     self._moving[name] = (self.stamp, self._points_of(contact_points))
-                elif self._is_at_rest(name, contact_points):
+                    continue
+                steps = name not in self._moving and not alone
+                if self._is_at_rest(name, contact_points):
                     self._add_contact(name, contact_points)
+                    self._landed = self.stamp if steps else self._landed
 
     def _try_correction(self, contacts: tuple[str, ...]) -> np.ndarray:
         """Correct unless a contact contradicts; return a flag per consistent contact, (c,)."""

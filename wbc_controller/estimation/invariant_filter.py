@@ -79,12 +79,13 @@ class InvariantFilter:
         """Return the position of a contact point in the world, (3,) in m."""
         return self.columns[:, 2 + self.names.index(name)]
 
-    def propagate(self, angular_velocity: Array, specific_force: Array, dt: float) -> None:
+    def propagate(self, angular_velocity: Array, specific_force: Array, dt: float, creep: float = 1.0) -> None:
         """Propagate by dt, s: strapdown integration and linear error dynamics.
 
         Ṙ = R (ω - b_g)ₓ, v̇ = R (a - b_a) + g, ṗ = v, ḋ = 0, ξ̇ = A ξ + Ad_X w. A contains gₓ (rotation to velocity), I
-        (velocity to position), and -R, -xₓ R (biases).
+        (velocity to position), and -R, -xₓ R (biases). `creep` multiplies the noise of the contact points.
         """
+        self._densities[4] = creep * self.noise.contact
         before = self.rotation, self.columns, self.gyroscope_bias, self.accelerometer_bias, self.P
         self.rotation, self.columns, self.P = np.empty((3, 3)), np.empty(before[1].shape), np.empty(before[4].shape)
         kernel.propagate(

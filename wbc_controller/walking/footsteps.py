@@ -11,7 +11,7 @@ from wbc_controller.walking.swing import Axis
 #: Largest backward speed, as a share of the forward speed.
 BACKWARD = 0.5
 #: Ratio of the largest deceleration to a stop to the largest acceleration.
-_BRAKING = 3.0
+_BRAKING = 2.0
 #: Margin of the nominal width over the smallest one, m.
 _MARGIN = 0.01
 
@@ -42,7 +42,7 @@ class Velocity:
     def towards(self, wanted: "Velocity", limits: SpeedLimits, time: float) -> "Velocity":
         """Return the command after a time, s, on the way to another one at the largest acceleration.
 
-        A stop is three times as fast, for a standstill after three steps.
+        A stop is twice as fast.
         """
         faster = _BRAKING if wanted == Velocity() else 1.0
         forward, sideways, turning = (time * faster * each for each in limits.acceleration)

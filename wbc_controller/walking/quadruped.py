@@ -29,8 +29,6 @@ from wbc_controller.walking.walker import Decision, TaskSets, Walker
 _FREEZE = 0.03
 #: Largest distance of the reference of the centre of mass from the measured one, m.
 _LAG = 0.06
-#: Deceleration of a stop, as a multiple of the largest acceleration.
-_BRAKING = 2.0
 #: Largest distance of a foot from its nominal place for a stop, m, and largest commanded speed, m/s and rad/s.
 _NOMINAL, _SLOW = 0.06, 0.02
 
@@ -177,7 +175,7 @@ class QuadrupedWalker(Walker):
             touching=touching,
         )
         if self.command is None:
-            self.velocity = self.velocity.towards(Velocity(), self.gait, _BRAKING * dt)
+            self.velocity = self.velocity.towards(Velocity(), self.gait, dt)
         elif self.phase in (Phase.SINGLE, Phase.DOUBLE):
             self.velocity = self.velocity.towards(_together(self.command.clipped(self.gait), self.gait), self.gait, dt)
         if self.phase is Phase.STAND:
