@@ -69,17 +69,13 @@ class _DemoSetup:
 def run_demo(
     robot: str, folder: Path, *, lockstep: bool = False, real_time_factor: float = 1.0, sensors: str | None = None
 ) -> bool:
-    """Run the demo of a robot, print a table, and write the recording and the report.
+    """Run the demo of a robot, and write the recording and the report; return True if all targets were met.
 
     Args:
         robot: a configuration, or "walk" for the walk of G1; robots without a scenario get a derived one.
-        folder: folder of the recording and the report.
         lockstep: run in one process without real time.
         real_time_factor: simulated seconds per second.
         sensors: quality of the sensors for base estimation; None for exact sensors and odometry.
-
-    Returns:
-        True if all targets were met.
 
     Raises:
         ConfigurationError: if the robot is unknown, refused by the pre-flight check, or has no possible scenario.

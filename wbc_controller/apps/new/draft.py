@@ -39,8 +39,7 @@ def new_configuration(
     """Return the draft of a configuration.
 
     Args:
-        urdf: path or ``package://`` address of the URDF.
-        srdf: path or address of the SRDF with postures.
+        urdf: path or ``package://`` address; srdf likewise.
         base: attachment of the root link to the world; None for a choice by the feet.
         feet: links to stand on; empty for a search.
 

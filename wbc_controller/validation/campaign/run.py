@@ -49,7 +49,6 @@ def run_campaign(
     Args:
         jobs: -1 for one per processor.
         address: of the scheduler or cluster.
-        recordings: folder of checked fault recordings.
 
     Raises:
         ConfigurationError: if a name is unknown, a file cannot be used, or the backend is not installed.

@@ -70,10 +70,10 @@ def measure_latency(
     """Measure the controller and the echo in turn, in blocks.
 
     Args:
-        rate: states and cycles per second; by default as configured.
+        rate: states per second; by default as configured.
         seconds: for each, s.
         transport: ``dds`` or ``rclpy``.
-        mock: use the mock robot with its physics, in one block.
+        mock: use the mock robot, in one block.
         progress: receives the measured time, s, and the round trips of each block.
 
     Raises:
